@@ -1,0 +1,155 @@
+//! Axis names (ISO 841) and positions of several axes at once.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A machine axis; `S` is the orientation of the spindle about its own axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+    A,
+    B,
+    C,
+    S,
+}
+
+impl Axis {
+    pub const LINEAR: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+    pub const ALL: [Axis; 7] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C, Axis::S];
+
+    pub fn is_linear(self) -> bool {
+        matches!(self, Axis::X | Axis::Y | Axis::Z)
+    }
+
+    pub fn letter(self) -> char {
+        match self {
+            Axis::X => 'X',
+            Axis::Y => 'Y',
+            Axis::Z => 'Z',
+            Axis::A => 'A',
+            Axis::B => 'B',
+            Axis::C => 'C',
+            Axis::S => 'S',
+        }
+    }
+
+    /// Internal value (mm or rad) from an edge value (mm or degrees).
+    pub fn from_edge(self, edge: f64) -> f64 {
+        if self.is_linear() { edge } else { edge * PI / 180.0 }
+    }
+
+    /// Edge value (mm or degrees) from an internal one (mm or rad). Degrees are rounded to 1e-9,
+    /// far below any machine's resolution, so that 120° prints as 120 and not 119.99999999999999.
+    pub fn to_edge(self, value: f64) -> f64 {
+        if self.is_linear() { value } else { (value * 180.0 / PI * 1e9).round() / 1e9 }
+    }
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.letter())
+    }
+}
+
+impl FromStr for Axis {
+    type Err = UnknownAxis;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Axis::ALL
+            .into_iter()
+            .find(|axis| text.len() == 1 && text.starts_with(axis.letter()))
+            .ok_or_else(|| UnknownAxis(text.to_owned()))
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown axis `{0}`; the axes are X, Y, Z, A, B, C and S")]
+pub struct UnknownAxis(pub String);
+
+/// Positions of some axes: mm for X, Y, Z; rad for A, B, C, S. Serialized as `{"X":..,"C":..}` in
+/// mm and degrees.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Position(BTreeMap<Axis, f64>);
+
+impl Position {
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    pub fn with(mut self, axis: Axis, value: f64) -> Self {
+        self.0.insert(axis, value);
+        self
+    }
+
+    pub fn set(&mut self, axis: Axis, value: f64) {
+        self.0.insert(axis, value);
+    }
+
+    pub fn get(&self, axis: Axis) -> Option<f64> {
+        self.0.get(&axis).copied()
+    }
+
+    /// The axis position, 0 where the axis is not named.
+    pub fn at(&self, axis: Axis) -> f64 {
+        self.get(axis).unwrap_or(0.0)
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (Axis, f64)> + '_ {
+        self.0.iter().map(|(axis, value)| (*axis, *value))
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// This position with every axis that `other` names taken from `other`.
+    pub fn updated_by(&self, other: &Position) -> Position {
+        let mut merged = self.clone();
+        merged.0.extend(other.iter());
+        merged
+    }
+
+    /// Only the axes for which `keep` holds.
+    pub fn only(&self, keep: impl Fn(Axis) -> bool) -> Position {
+        Position(self.iter().filter(|(axis, _)| keep(*axis)).collect())
+    }
+}
+
+impl FromIterator<(Axis, f64)> for Position {
+    fn from_iter<I: IntoIterator<Item = (Axis, f64)>>(iter: I) -> Self {
+        Position(iter.into_iter().collect())
+    }
+}
+
+impl Serialize for Position {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.iter().map(|(axis, value)| (axis, axis.to_edge(value))))
+    }
+}
+
+impl<'de> Deserialize<'de> for Position {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let edge = BTreeMap::<Axis, f64>::deserialize(deserializer)?;
+        Ok(edge.into_iter().map(|(axis, value)| (axis, axis.from_edge(value))).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_position_travels_in_degrees() {
+        let position = Position::new().with(Axis::X, 1.5).with(Axis::C, 2.0 * PI / 3.0);
+        let json = serde_json::to_string(&position).unwrap();
+        assert_eq!(json, r#"{"X":1.5,"C":120.0}"#);
+        let back: Position = serde_json::from_str(&json).unwrap();
+        assert!((back.at(Axis::C) - 2.0 * PI / 3.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,71 @@
+//! What can go wrong at a control, and what a person should do next.
+
+use crate::link::LinkError;
+
+#[derive(Debug, thiserror::Error)]
+pub enum ControllerError {
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    #[error("no answer to `{line}` within {seconds} s")]
+    NoAnswer { line: String, seconds: f64 },
+    #[error("the control answered `{reply}` to `{line}`: {meaning}")]
+    Refused { line: String, reply: String, meaning: String },
+    #[error("alarm {code}: {meaning}")]
+    Alarm { code: u32, meaning: String },
+    #[error("the control is not ready: {state}")]
+    NotReady { state: String, remedy: String },
+    #[error("this control cannot do it: {what}")]
+    Unsupported { what: String, remedy: String },
+    #[error("step {step}: no contact up to the end of the touch")]
+    NoContact { step: u32 },
+    #[error("step {step}: the probe touched something during a move that should be free")]
+    UnexpectedContact { step: u32 },
+    #[error("step {step}: the probe reads closed although the stylus should be free")]
+    StillTripped { step: u32 },
+    #[error("the control reset itself in mid-job: {banner}")]
+    Reset { banner: String },
+    #[error("held on request")]
+    Halted,
+    #[error("the program for step {step} cannot be written: {why}")]
+    Render { step: u32, why: String },
+    #[error("the control said something that cannot be understood: `{text}`")]
+    Garbled { text: String },
+    #[error("the driver's task has ended")]
+    DriverGone,
+}
+
+impl ControllerError {
+    /// What to do next, for the person at the machine.
+    pub fn remedy(&self) -> String {
+        let text = match self {
+            Self::Link(error) => return error.remedy(),
+            Self::NotReady { remedy, .. } | Self::Unsupported { remedy, .. } => {
+                return remedy.clone();
+            }
+            Self::NoAnswer { .. } => {
+                "the state of the machine is unknown: look at it, then check cable, power and speed"
+            }
+            Self::Refused { .. } => {
+                "check the dialect and the control's settings named in the message"
+            }
+            Self::Alarm { .. } => {
+                "look at the machine, clear the alarm there, home it if it asks, start again"
+            }
+            Self::NoContact { .. } => {
+                "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
+            }
+            Self::UnexpectedContact { .. } => {
+                "the stylus may be pressed: retract by hand, then check the part's position and the fixtures"
+            }
+            Self::StillTripped { .. } => {
+                "retract by hand; check the probe's battery, cable and polarity"
+            }
+            Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
+            Self::Halted => "nothing moves until a person starts a run again",
+            Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {
+                "please report this with the run's export"
+            }
+        };
+        text.to_owned()
+    }
+}

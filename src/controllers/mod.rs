@@ -1,0 +1,120 @@
+//! Floor 5: the seam to machine controls. A driver executes neutral blocks, a touch at a time; its
+//! task owns the link, and no future of it is ever dropped half-way: callers send messages.
+//!
+//! Stop = hold and stay. Nothing here is an emergency stop.
+
+use std::future::Future;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::{mpsc, oneshot};
+
+use crate::record::motion::{Block, Outcome};
+
+mod error;
+
+pub use error::ControllerError;
+
+/// What a control says of itself once it is ready to move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// Name and version as reported, for the record.
+    pub identity: String,
+    /// How this control stops on a halt, and its worst-case travel, in words.
+    pub stop: String,
+}
+
+/// What each control implements. One call at a time, each runs to its end.
+pub trait Driver: Send + 'static {
+    /// Shake hands, refuse what cannot measure, set all modal state.
+    fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
+    /// Execute one block; return when the machine stands still and the result is known.
+    fn execute(
+        &mut self,
+        block: &Block,
+    ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
+    /// Restore the modal state found.
+    fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
+}
+
+/// Holds the machine where it stands, whatever else waits. Cloneable; works from any thread.
+#[derive(Clone)]
+pub struct Halt {
+    halted: Arc<AtomicBool>,
+    act: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Halt {
+    /// `act` puts the hold on the wire at once and must not block.
+    pub fn new(act: impl Fn() + Send + Sync + 'static) -> Self {
+        Self { halted: Arc::new(AtomicBool::new(false)), act: Arc::new(act) }
+    }
+
+    pub fn now(&self) {
+        self.halted.store(true, Ordering::SeqCst);
+        (self.act)();
+    }
+
+    /// Drivers ask this before every line that could move the machine.
+    pub fn is_halted(&self) -> bool {
+        self.halted.load(Ordering::SeqCst)
+    }
+}
+
+enum Request {
+    Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
+    Execute(Block, oneshot::Sender<Result<Outcome, ControllerError>>),
+    Finish(oneshot::Sender<Result<(), ControllerError>>),
+}
+
+/// The handle that the run holds: messages to the driver's task.
+pub struct Controller {
+    requests: mpsc::Sender<Request>,
+    halt: Halt,
+}
+
+impl Controller {
+    /// Start the task that owns `driver`. Call inside a tokio runtime.
+    pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
+        let (requests, inbox) = mpsc::channel(1);
+        tokio::spawn(serve(driver, inbox));
+        Self { requests, halt }
+    }
+
+    pub fn halt(&self) -> Halt {
+        self.halt.clone()
+    }
+
+    pub async fn prepare(&self) -> Result<Prepared, ControllerError> {
+        self.ask(Request::Prepare).await
+    }
+
+    pub async fn execute(&self, block: Block) -> Result<Outcome, ControllerError> {
+        self.ask(|answer| Request::Execute(block, answer)).await
+    }
+
+    pub async fn finish(&self) -> Result<(), ControllerError> {
+        self.ask(Request::Finish).await
+    }
+
+    async fn ask<T>(
+        &self,
+        request: impl FnOnce(oneshot::Sender<Result<T, ControllerError>>) -> Request,
+    ) -> Result<T, ControllerError> {
+        let (answer, result) = oneshot::channel();
+        self.requests.send(request(answer)).await.map_err(|_| ControllerError::DriverGone)?;
+        result.await.map_err(|_| ControllerError::DriverGone)?
+    }
+}
+
+/// The driver's task: requests one after the other until the handle is dropped. An answer nobody
+/// waits for any more is dropped; the work it stands for was still done to its end.
+async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
+    while let Some(request) = inbox.recv().await {
+        match request {
+            Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
+            Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
+            Request::Finish(answer) => drop(answer.send(driver.finish().await)),
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! Floor 2: ports. Today the byte stream (serial, TCP, pty, in-process); knows no device.
+
+use std::io;
+
+/// What can go wrong on a link.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    #[error("{address} does not exist")]
+    Missing { address: String },
+    #[error("{address} is in use by another program")]
+    Busy { address: String },
+    #[error("{address} may not be opened: permission denied")]
+    Denied { address: String },
+    #[error("{address} could not be opened: {source}")]
+    Open { address: String, source: io::Error },
+    #[error("the link to {address} is lost: {why}")]
+    Lost { address: String, why: String },
+}
+
+impl LinkError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Missing { .. } => {
+                "check the cable and [controller] in the machine file".to_owned()
+            }
+            Self::Busy { .. } => {
+                "close the other program (a sender, a terminal), then start again".to_owned()
+            }
+            Self::Denied { .. } => "give this user the device's group (often dialout)".to_owned(),
+            Self::Open { .. } => "check [controller] in the machine file".to_owned(),
+            Self::Lost { .. } => {
+                "the state of the machine is unknown: look at it, then mend the link".to_owned()
+            }
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Floor 4: the measuring methods. Each is one folder and one line in [`configure`]; each is pure:
+//! no IO, no clock, no unseeded random.
+
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Stage, Step};
+use crate::record::reading::Reading;
+
+/// What a method wants next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// Run these new steps (already numbered on from the plan's last) in this order; `stage.steps`
+    /// may also name steps of the plan, to repeat them.
+    Stage {
+        stage: Stage,
+        new_steps: Vec<Step>,
+    },
+    Done,
+}
+
+/// A request that cannot be met, and what would work instead.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{why}; {instead}")]
+pub struct Refused {
+    pub why: String,
+    pub instead: String,
+}
+
+/// Readings that cannot be turned into an estimate.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum IdentifyError {
+    #[error("the readings lack step {step} ({label}); measure it again or give a plan without it")]
+    Missing { step: u32, label: String },
+    #[error("step {step} does not stand in the plan; are plan and readings of the same run?")]
+    UnknownStep { step: u32 },
+    #[error("step {step} repeat {repeat} stands twice; number repeated readings in `repeat`")]
+    Duplicate { step: u32, repeat: u32 },
+    #[error("rank {rank} of {unknowns}: {}", what.join("; "))]
+    RankDeficient { rank: usize, unknowns: usize, what: Vec<String> },
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    #[error("the identification failed: {0}")]
+    Numerical(String),
+}
+
+/// A pure stepper. `plan` carries machine, probe, artefact, settings and the steps so far.
+pub trait Method: Send + Sync {
+    /// The settings in full, as they go into the plan.
+    fn settings(&self) -> serde_json::Value;
+
+    /// The next stage after the `done` stages and their readings. With `nominal`, no readings are
+    /// needed: positions are taken from the plan's nominal artefact.
+    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
+
+    /// Plan + readings + priors → estimate. A pure function: same input, same output.
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError>;
+}
+
+/// Where a method takes the positions of later stages from.
+#[derive(Debug, Clone, Copy)]
+pub enum Source<'a> {
+    /// The readings so far.
+    Measured(&'a [Reading]),
+    /// No readings: print the whole plan from nominal positions.
+    Nominal,
+}

@@ -1,0 +1,129 @@
+//! The estimate: the result as it leaves the house, values in the units that stand beside them.
+
+use serde::{Deserialize, Serialize};
+
+pub const ESTIMATE_VERSION: u32 = 1;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Unit {
+    #[serde(rename = "um")]
+    Um,
+    #[serde(rename = "urad")]
+    Urad,
+    #[serde(rename = "um/m")]
+    UmPerM,
+    #[serde(rename = "mm")]
+    Mm,
+}
+
+impl Unit {
+    /// Edge value from an internal one (mm, rad, mm/mm).
+    pub fn from_internal(self, value: f64) -> f64 {
+        match self {
+            Unit::Um => value * 1e3,
+            Unit::Urad | Unit::UmPerM => value * 1e6,
+            Unit::Mm => value,
+        }
+    }
+}
+
+/// GUM: `u` standard uncertainty, `U = k·u` expanded, `dof` effective degrees of freedom
+/// (`null`: infinitely many).
+#[allow(non_snake_case)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    pub symbol: String,
+    pub value: f64,
+    pub unit: Unit,
+    pub u: f64,
+    #[serde(rename = "U")]
+    pub expanded: f64,
+    pub k: f64,
+    pub dof: Option<f64>,
+    pub identifiable: bool,
+    /// Standard uncertainty by source, same unit.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub budget: Vec<BudgetLine>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BudgetLine {
+    pub source: String,
+    pub u: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Function {
+    pub symbol: String,
+    pub argument: String,
+    pub argument_unit: String,
+    pub x: Vec<f64>,
+    pub unit: Unit,
+    pub y: Vec<f64>,
+    pub u: Vec<f64>,
+    /// How to draw it: `curve` or `polar`.
+    #[serde(default)]
+    pub figure: FigureKind,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FigureKind {
+    #[default]
+    Curve,
+    Polar,
+}
+
+/// Points in a plane with the circle fitted through them: the axis position and its wander.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CircleFigure {
+    pub symbol: String,
+    pub unit: Unit,
+    pub x: Vec<f64>,
+    pub y: Vec<f64>,
+    pub centre: [f64; 2],
+    pub radius: f64,
+    /// Expanded uncertainty of the centre in x and y.
+    pub centre_expanded: [f64; 2],
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Covariance {
+    pub symbols: Vec<String>,
+    /// Square, in the products of the parameters' units.
+    pub rows: Vec<Vec<f64>>,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    Pass,
+    Fail,
+    Undecided,
+    #[default]
+    None,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    pub trued_estimate: u32,
+    pub method: String,
+    pub parameters: Vec<Parameter>,
+    pub functions: Vec<Function>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub circles: Vec<CircleFigure>,
+    pub covariance: Covariance,
+    pub rank: usize,
+    pub unknowns: usize,
+    pub condition: f64,
+    /// What was fixed by convention.
+    pub gauge: Vec<String>,
+    pub not_identifiable: Vec<String>,
+    pub residual_rms_um: f64,
+    pub degrees_of_freedom: usize,
+    pub chi2_per_dof: f64,
+    pub verdict: Verdict,
+    pub warnings: Vec<String>,
+    /// Hashes of the estimates taken as known.
+    pub priors: Vec<String>,
+}

@@ -1,0 +1,160 @@
+//! The machine, its probe and its artefact, as the machine file and the plan state them.
+//!
+//! Keys carry their units (`_mm`, `_um`, `_deg`); `min`, `max` and the speeds of an axis are in mm
+//! for X, Y, Z and in degrees for A, B, C, S.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::Axis;
+
+/// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sense {
+    #[default]
+    Iso,
+    Reversed,
+}
+
+impl Sense {
+    pub fn sign(self) -> f64 {
+        match self {
+            Sense::Iso => 1.0,
+            Sense::Reversed => -1.0,
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    pub name: String,
+    /// e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791).
+    pub topology: String,
+    #[serde(default)]
+    pub axes: BTreeMap<Axis, AxisSpec>,
+    /// Stylus-ball centre from the spindle datum.
+    #[serde(default)]
+    pub tool_mm: [f64; 3],
+    /// Declared thermal drift of the table against the spindle (standard deviation of its rate in
+    /// each of X and Y, and of the artefact's radius).
+    #[serde(default)]
+    pub drift_um_per_h: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisSpec {
+    #[serde(default)]
+    pub positive: Sense,
+    /// A point on a rotary axis, all axes at zero.
+    #[serde(default)]
+    pub point_mm: [f64; 3],
+    /// Direction; `[0,0,0]` stands for the axis' nominal direction after ISO 841.
+    #[serde(default)]
+    pub direction: [f64; 3],
+    pub min: f64,
+    pub max: f64,
+    /// Rapid speed, mm/min or deg/min.
+    #[serde(default = "default_rapid")]
+    pub rapid_per_min: f64,
+    /// Acceleration, mm/s² or deg/s².
+    #[serde(default = "default_acceleration")]
+    pub acceleration_per_s2: f64,
+    /// Width of one step of the displayed position, um (linear axes).
+    #[serde(default)]
+    pub resolution_um: f64,
+    /// Declared error motions of a linear axis (positioning and straightness in the plane):
+    /// standard deviation of the deviation anywhere on the axis, um.
+    #[serde(default)]
+    pub error_motion_um: f64,
+    /// Distance over which error motions of a linear axis change, mm.
+    #[serde(default = "default_wavelength")]
+    pub error_wavelength_mm: f64,
+}
+
+fn default_rapid() -> f64 {
+    10_000.0
+}
+
+fn default_acceleration() -> f64 {
+    1_000.0
+}
+
+fn default_wavelength() -> f64 {
+    200.0
+}
+
+/// The touch probe and what is declared about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Probe {
+    pub ball_radius_mm: f64,
+    /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: judged
+    /// from the residuals alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeatability_um: Option<f64>,
+    /// Standard deviation of the direction-dependent pre-travel (lobing), um.
+    #[serde(default)]
+    pub lobing_um: f64,
+    /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
+    #[serde(default)]
+    pub stylus_offset_um: f64,
+    /// Farthest the stylus may be pressed beyond contact.
+    #[serde(default = "default_overtravel")]
+    pub overtravel_mm: f64,
+    /// Feed of a measuring touch.
+    #[serde(default = "default_touch_feed")]
+    pub feed_mm_min: f64,
+    /// Feed of a search touch and of guarded moves near the artefact.
+    #[serde(default = "default_search_feed")]
+    pub search_feed_mm_min: f64,
+}
+
+fn default_overtravel() -> f64 {
+    4.0
+}
+
+fn default_touch_feed() -> f64 {
+    30.0
+}
+
+fn default_search_feed() -> f64 {
+    300.0
+}
+
+/// The artefact, standing in the table frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Artefact {
+    /// A round part: foot of its axis, direction, radius, height of the touchable flank.
+    Cylinder {
+        centre_mm: [f64; 3],
+        axis: [f64; 3],
+        radius_mm: f64,
+        #[serde(default = "default_height")]
+        height_mm: f64,
+        /// How far the true centre may lie from the stated one.
+        #[serde(default = "default_uncertainty")]
+        uncertainty_mm: f64,
+    },
+}
+
+fn default_height() -> f64 {
+    100.0
+}
+
+fn default_uncertainty() -> f64 {
+    2.0
+}
+
+/// A box that nothing may enter, machine frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Keepout {
+    pub name: String,
+    pub min_mm: [f64; 3],
+    pub max_mm: [f64; 3],
+}

@@ -1,0 +1,8 @@
+//! Floor 1: the nouns that travel between the rooms. They are data; nothing here acts.
+
+pub mod estimate;
+pub mod event;
+pub mod machine;
+pub mod motion;
+pub mod plan;
+pub mod reading;

@@ -1,0 +1,65 @@
+//! The plan: what is measured, on which machine, step by step. It is written stage by stage while
+//! a run goes on, and it alone is enough for somebody else's program to play the machine.
+
+use serde::{Deserialize, Serialize};
+
+use super::machine::{Artefact, Keepout, Machine, Probe};
+use crate::base::Position;
+
+/// Version of the plan format, the value of the key `trued_plan`.
+pub const PLAN_VERSION: u32 = 1;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    pub trued_plan: u32,
+    pub method: String,
+    /// The method's own settings, complete (defaults filled in).
+    pub settings: serde_json::Value,
+    pub machine: Machine,
+    pub probe: Probe,
+    #[serde(default)]
+    pub keepout: Vec<Keepout>,
+    pub artefact: Artefact,
+    #[serde(default)]
+    pub steps: Vec<Step>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StepKind {
+    Index,
+    Touch,
+    Scan,
+    /// A touch whose only purpose is to see drift.
+    Reference,
+    Prompt,
+}
+
+/// One step. A touch is the straight line `from` → `to`, linear axes alone moving; rotary axes and
+/// spindle stand as `from` says. Machine coordinates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    pub id: u32,
+    pub stage: u32,
+    pub kind: StepKind,
+    /// e.g. `1a/C045`: test and angle.
+    pub label: String,
+    pub from: Position,
+    pub to: Position,
+    pub feed_mm_min: f64,
+    pub sensor: String,
+    /// Outward surface normal where contact is expected, machine frame.
+    pub normal: [f64; 3],
+}
+
+/// A part of the plan that is proven and run as a whole; the method sees its readings before it
+/// writes the next.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    pub id: u32,
+    pub name: String,
+    /// How often each step has been measured before: 0 in the first pass.
+    pub repeat: u32,
+    /// Ids of the steps to run, in order. They stand in the plan.
+    pub steps: Vec<u32>,
+}
