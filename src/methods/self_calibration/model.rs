@@ -1,0 +1,163 @@
+//! The measurement equation and its unknowns (paper 1, section 2.3, with the errata of METHODS
+//! section 1).
+//!
+//! A touch with table index c and probe index φ reads the radius (mm, along the ray at φ, ball
+//! centre, machine frame)
+//!
+//! r = R + E(C)·n(φ) + W(φ+C) − E_r(φ) + drift,  n = (cos φ, sin φ),
+//!
+//! with E the displacement of the table (E_XC,total, E_YC,total), W the flank of the part, E_r the
+//! radial error of the linear axes. R holds the ball's radius too.
+
+use faer::Mat;
+
+use super::design::Design;
+
+/// One reading, reduced to the grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    pub height: usize,
+    pub c: usize,
+    pub phi: usize,
+    /// Ball centre along the ray, mm.
+    pub radius: f64,
+    /// Ball centre across the ray (counter-clockwise positive), mm.
+    pub lateral: f64,
+    /// Time, scaled so that the cycle spans −1 … 1.
+    pub time: f64,
+}
+
+/// Where each unknown stands in the vector. Each height has its own R, E, E_r and W; drift is
+/// common to all.
+#[derive(Debug, Clone)]
+pub struct Layout {
+    pub design: Design,
+    pub heights: usize,
+    pub drift_order: usize,
+}
+
+/// The three things that drift: the table against the spindle in X and Y, and the radius.
+const DRIFTING: usize = 3;
+
+impl Layout {
+    fn block(&self) -> usize {
+        4 * self.design.n + 1
+    }
+
+    pub fn unknowns(&self) -> usize {
+        self.heights * self.block() + DRIFTING * self.drift_order
+    }
+
+    pub fn radius(&self, height: usize) -> usize {
+        height * self.block()
+    }
+
+    pub fn ex(&self, height: usize, c: usize) -> usize {
+        self.radius(height) + 1 + c
+    }
+
+    pub fn ey(&self, height: usize, c: usize) -> usize {
+        self.ex(height, c) + self.design.n
+    }
+
+    pub fn er(&self, height: usize, phi: usize) -> usize {
+        self.ey(height, phi) + self.design.n
+    }
+
+    pub fn w(&self, height: usize, theta: usize) -> usize {
+        self.er(height, theta) + self.design.n
+    }
+
+    fn drift(&self, what: usize, power: usize) -> usize {
+        self.heights * self.block() + what * self.drift_order + power - 1
+    }
+
+    pub fn names(&self) -> Vec<String> {
+        let mut names = vec![String::new(); self.unknowns()];
+        for height in 0..self.heights {
+            let at = if self.heights > 1 { format!(" at height {height}") } else { String::new() };
+            names[self.radius(height)] = format!("R{at}");
+            for i in 0..self.design.n {
+                let deg = (self.design.angle(i).to_degrees() * 1e6).round() / 1e6;
+                names[self.ex(height, i)] = format!("EXC_total({deg}°){at}");
+                names[self.ey(height, i)] = format!("EYC_total({deg}°){at}");
+                names[self.er(height, i)] = format!("E_radial({deg}°){at}");
+                names[self.w(height, i)] = format!("W_radial({deg}°){at}");
+            }
+        }
+        for power in 1..=self.drift_order {
+            for (what, name) in ["X", "Y", "radius"].into_iter().enumerate() {
+                names[self.drift(what, power)] = format!("drift of {name}, power {power}");
+            }
+        }
+        names
+    }
+
+    /// Rows × unknowns: the derivative of each radius by each unknown.
+    pub fn matrix(&self, observations: &[Observation]) -> Mat<f64> {
+        let mut a = Mat::zeros(observations.len(), self.unknowns());
+        for (row, seen) in observations.iter().enumerate() {
+            let (sin, cos) = self.design.angle(seen.phi).sin_cos();
+            let theta = self.design.theta(seen.c, seen.phi);
+            a[(row, self.radius(seen.height))] = 1.0;
+            a[(row, self.ex(seen.height, seen.c))] = cos;
+            a[(row, self.ey(seen.height, seen.c))] = sin;
+            a[(row, self.er(seen.height, seen.phi))] = -1.0;
+            a[(row, self.w(seen.height, theta))] = 1.0;
+            for power in 1..=self.drift_order {
+                let t = seen.time.powi(power as i32);
+                a[(row, self.drift(0, power))] = t * cos;
+                a[(row, self.drift(1, power))] = t * sin;
+                a[(row, self.drift(2, power))] = t;
+            }
+        }
+        a
+    }
+
+    /// The six conventions per height that the cycle cannot replace (paper 1, boundary conditions
+    /// 1–3), as rows of C·x = 0.
+    pub fn gauge(&self) -> Mat<f64> {
+        let per_height = 6;
+        let n = self.design.n;
+        let mut rows = Mat::zeros(per_height * self.heights, self.unknowns());
+        for height in 0..self.heights {
+            let row = per_height * height;
+            rows[(row, self.ex(height, 0))] = 1.0;
+            rows[(row + 1, self.ey(height, 0))] = 1.0;
+            rows[(row + 2, self.w(height, 0))] = 1.0;
+            rows[(row + 3, self.er(height, 0))] = 1.0;
+            if self.has_quarters() {
+                rows[(row + 4, self.er(height, 0))] = 1.0;
+                rows[(row + 4, self.er(height, n / 2))] = -1.0;
+                rows[(row + 5, self.er(height, n / 4))] = 1.0;
+                rows[(row + 5, self.er(height, 3 * n / 4))] = -1.0;
+            } else {
+                for i in 0..n {
+                    let (sin, cos) = self.design.angle(i).sin_cos();
+                    rows[(row + 4, self.er(height, i))] = cos;
+                    rows[(row + 5, self.er(height, i))] = sin;
+                }
+            }
+        }
+        rows
+    }
+
+    /// Whether the grid has 90°, 180° and 270°, where the paper fixes the machine's origin.
+    fn has_quarters(&self) -> bool {
+        self.design.n.is_multiple_of(4)
+    }
+
+    /// The gauge in words.
+    pub fn gauge_in_words(&self) -> Vec<String> {
+        let origin = if self.has_quarters() {
+            "machine origin: E_radial(0°) = E_radial(180°) and E_radial(90°) = E_radial(-90°)"
+        } else {
+            "machine origin: E_radial has no first harmonic"
+        };
+        vec![
+            "EXC_total(0°) = EYC_total(0°) = 0: displacements are relative to C = 0".to_owned(),
+            "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale go into R".to_owned(),
+            origin.to_owned(),
+        ]
+    }
+}

@@ -1,0 +1,124 @@
+//! What is reported, as linear combinations of the unknowns: axis position, tilts, scale
+//! difference, squareness, and the functions of angle.
+
+use super::fit::scale_and_squareness;
+use super::model::Layout;
+use crate::record::estimate::{FigureKind, Unit};
+
+/// One reported number: `value = coefficients · unknowns` (mm, rad).
+pub struct Output {
+    pub symbol: String,
+    pub unit: Unit,
+    pub coefficients: Vec<f64>,
+}
+
+/// One reported function of angle; one output a grid angle.
+pub struct OutputFunction {
+    pub symbol: String,
+    pub argument: &'static str,
+    pub figure: FigureKind,
+    pub points: Vec<Vec<f64>>,
+}
+
+/// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
+/// frame, `radius` the mean R, mm.
+pub fn parameters(layout: &Layout, z: &[f64], radius: f64) -> Vec<Output> {
+    let heights = layout.heights as f64;
+    let mut list = vec![
+        output("EX0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).0, 1.0 / heights))),
+        output("EY0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).1, 1.0 / heights))),
+    ];
+    let mean = z.iter().sum::<f64>() / heights;
+    let spread: f64 = z.iter().map(|value| (value - mean).powi(2)).sum();
+    if layout.heights > 1 && spread > 0.0 {
+        // A tilt a about X moves the axis by −a·z in Y, a tilt b about Y by +b·z in X.
+        let a = sum(layout, |h| (axis_position(layout, h).1, -(z[h] - mean) / spread));
+        let b = sum(layout, |h| (axis_position(layout, h).0, (z[h] - mean) / spread));
+        list.push(output("EA0C", Unit::Urad, a));
+        list.push(output("EB0C", Unit::Urad, b));
+    }
+    let scale = sum(layout, |h| (scale_and_squareness(layout, h, radius).0, 1.0 / heights));
+    let square = sum(layout, |h| (scale_and_squareness(layout, h, radius).1, 1.0 / heights));
+    list.push(output("EYY1-EXX1", Unit::UmPerM, scale));
+    list.push(output("EC0Y", Unit::Urad, square));
+    list
+}
+
+/// The functions of one height.
+pub fn functions(layout: &Layout, height: usize, suffix: &str) -> Vec<OutputFunction> {
+    let n = layout.design.n;
+    let unit_vector = |index: usize| {
+        let mut coefficients = vec![0.0; layout.unknowns()];
+        coefficients[index] = 1.0;
+        coefficients
+    };
+    let (cx, cy) = axis_position(layout, height);
+    let motion = |i: usize, along_y: bool| {
+        let (sin, cos) = layout.design.angle(i).sin_cos();
+        let own = if along_y { layout.ey(height, i) } else { layout.ex(height, i) };
+        let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
+        let mut coefficients = unit_vector(own);
+        for (k, c) in coefficients.iter_mut().enumerate() {
+            *c += turn * far[k] - (1.0 - cos) * near[k];
+        }
+        coefficients
+    };
+    let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
+        OutputFunction {
+            symbol: format!("{symbol}{suffix}"),
+            argument,
+            figure,
+            points: (0..n).map(point).collect(),
+        }
+    };
+    use FigureKind::{Curve, Polar};
+    vec![
+        function("EXC_total", "C", Curve, &|i| unit_vector(layout.ex(height, i))),
+        function("EYC_total", "C", Curve, &|i| unit_vector(layout.ey(height, i))),
+        function("EXC", "C", Curve, &|i| motion(i, false)),
+        function("EYC", "C", Curve, &|i| motion(i, true)),
+        function("E_radial_XY", "phi", Curve, &|i| unit_vector(layout.er(height, i))),
+        function("W_radial", "theta", Polar, &|i| unit_vector(layout.w(height, i))),
+        function("W_form", "theta", Polar, &|i| form(layout, height, i)),
+    ]
+}
+
+/// Mean of E_total over C: the axis position, unbiased for zero-mean error motion (METHODS
+/// section 1). Coefficients for x and y.
+pub fn axis_position(layout: &Layout, height: usize) -> (Vec<f64>, Vec<f64>) {
+    let mut x = vec![0.0; layout.unknowns()];
+    let mut y = vec![0.0; layout.unknowns()];
+    for i in 0..layout.design.n {
+        x[layout.ex(height, i)] = 1.0 / layout.design.n as f64;
+        y[layout.ey(height, i)] = 1.0 / layout.design.n as f64;
+    }
+    (x, y)
+}
+
+/// W without its mean and first harmonic: the part's form without its set-up error.
+fn form(layout: &Layout, height: usize, i: usize) -> Vec<f64> {
+    let n = layout.design.n;
+    let mut coefficients = vec![0.0; layout.unknowns()];
+    for j in 0..n {
+        let angle = layout.design.angle(i) - layout.design.angle(j);
+        coefficients[layout.w(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
+    }
+    coefficients[layout.w(height, i)] += 1.0;
+    coefficients
+}
+
+fn output(symbol: &str, unit: Unit, coefficients: Vec<f64>) -> Output {
+    Output { symbol: symbol.to_owned(), unit, coefficients }
+}
+
+/// Weighted sum over the heights of coefficient vectors.
+fn sum(layout: &Layout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
+    let mut total = vec![0.0; layout.unknowns()];
+    for height in 0..layout.heights {
+        let (coefficients, weight) = part(height);
+        for (t, c) in total.iter_mut().zip(&coefficients) {
+            *t += weight * c;
+        }
+    }
+    total
+}

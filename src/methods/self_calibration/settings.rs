@@ -1,0 +1,64 @@
+//! Settings of the method, the table `[method.self-calibration]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+/// What the spindle does while the probe goes round the part.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Spindle {
+    /// It keeps its orientation: stylus offset and lobing stand in the budget.
+    #[default]
+    Fixed,
+    /// It turns with the probe angle, so that the same point of the stylus always touches.
+    Follow,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Number N of equispaced angles.
+    pub positions: usize,
+    /// Where the probe stands in Tests 1a, 1b, 1c…: multiples of 360°/N, the first 0. Absent:
+    /// `[0, 360/N, 90]` where 90° is a multiple, else `[0, 360/N]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe_angles_deg: Option<Vec<f64>>,
+    /// Heights of the touches above the foot of the part. Empty: half the part's height. Two or
+    /// more heights give the tilts E_A0C and E_B0C.
+    pub heights_mm: Vec<f64>,
+    pub spindle: Spindle,
+    /// Find the part first, by four slow touches.
+    pub locate: bool,
+    /// Touch the part at 0°, 90° and 180° between the tests, to see drift.
+    pub references: bool,
+    /// Order of the drift polynomial in X, Y and radius; 0 fits none.
+    pub drift_order: usize,
+    /// Correct for the touches being off the radial line (METHODS section 1, second order).
+    pub second_order: bool,
+    /// How many times the whole cycle is measured.
+    pub repeats: u32,
+    /// Clear distance before the expected contact.
+    pub standoff_mm: f64,
+    /// How far beyond the expected contact a touch may go.
+    pub search_mm: f64,
+    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    pub monte_carlo_trials: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            positions: 8,
+            probe_angles_deg: None,
+            heights_mm: Vec::new(),
+            spindle: Spindle::Fixed,
+            locate: true,
+            references: true,
+            drift_order: 1,
+            second_order: true,
+            repeats: 1,
+            standoff_mm: 0.5,
+            search_mm: 1.0,
+            monte_carlo_trials: 0,
+        }
+    }
+}
