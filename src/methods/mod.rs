@@ -1,6 +1,11 @@
 //! Floor 4: the measuring methods. Each is one folder and one line in [`configure`]; each is pure:
 //! no IO, no clock, no unseeded random.
 
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+pub mod self_calibration;
+
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
@@ -67,4 +72,28 @@ pub enum Source<'a> {
     Measured(&'a [Reading]),
     /// No readings: print the whole plan from nominal positions.
     Nominal,
+}
+
+/// The names of all methods.
+pub const NAMES: [&str; 1] = [self_calibration::NAME];
+
+/// The method `name` with its settings, from the machine file or from a plan. The list: a new
+/// method is one line here.
+///
+/// # Errors
+/// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
+pub fn configure<'de, D: Deserializer<'de>>(
+    name: &str,
+    settings: D,
+) -> Result<Box<dyn Method>, D::Error> {
+    use self_calibration::{SelfCalibration, Settings};
+    match name {
+        self_calibration::NAME => {
+            Ok(Box::new(SelfCalibration::new(Settings::deserialize(settings)?)))
+        }
+        unknown => Err(D::Error::custom(format!(
+            "there is no method `{unknown}`; there are {}",
+            NAMES.join(", ")
+        ))),
+    }
 }

@@ -25,6 +25,16 @@ impl Unit {
             Unit::Mm => value,
         }
     }
+
+    /// As a reader expects it.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Unit::Um => "µm",
+            Unit::Urad => "µrad",
+            Unit::UmPerM => "µm/m",
+            Unit::Mm => "mm",
+        }
+    }
 }
 
 /// GUM: `u` standard uncertainty, `U = k·u` expanded, `dof` effective degrees of freedom
@@ -41,6 +51,9 @@ pub struct Parameter {
     pub k: f64,
     pub dof: Option<f64>,
     pub identifiable: bool,
+    /// Standard uncertainty by Monte Carlo (JCGM 101), beside the first-order `u`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_monte_carlo: Option<f64>,
     /// Standard uncertainty by source, same unit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetLine>,

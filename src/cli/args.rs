@@ -1,0 +1,128 @@
+//! What can be typed.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
+#[derive(Debug, Parser)]
+#[command(name = "trued", version, about)]
+pub struct Cli {
+    /// Where journal and locks are kept [default: $STATE_DIRECTORY, then the user's state folder].
+    #[arg(long, global = true, value_name = "DIR")]
+    pub state: Option<PathBuf>,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Measure, identify, judge and store.
+    Run(RunArgs),
+    /// Print what would be measured; nothing moves.
+    Plan(PlanArgs),
+    /// Turn readings into an estimate.
+    Identify(IdentifyArgs),
+    /// Serve the simulated machine on a pseudo-terminal, for any program to drive.
+    Simulate(SimulateArgs),
+    /// List the stored runs.
+    Runs(RunsArgs),
+    /// Show one stored run.
+    Show(ShowArgs),
+    /// Write plan, readings, estimate and report of a stored run to files.
+    Export(ExportArgs),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Speed {
+    /// The simulated machine takes the time that a real one would.
+    Real,
+    /// Simulated time passes as fast as it can be computed.
+    Fast,
+}
+
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// e.g. self-calibration
+    pub method: String,
+    /// The machine file; without one, the embedded simulated machine measures itself.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// Estimates that are taken as known.
+    #[arg(long = "with", value_name = "EST.json")]
+    pub with: Vec<PathBuf>,
+    /// Measure the whole cycle this many times.
+    #[arg(long, value_name = "N")]
+    pub repeat: Option<u32>,
+    /// Print the estimate as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Write the report here.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Pace of the simulated machine; a real one has its own.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    pub method: String,
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// Print the plan as JSON.
+    #[arg(long, conflicts_with = "gcode")]
+    pub json: bool,
+    /// Print the program of this dialect.
+    #[arg(long, value_name = "DIALECT")]
+    pub gcode: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct IdentifyArgs {
+    pub method: String,
+    #[arg(long, value_name = "FILE.csv")]
+    pub readings: PathBuf,
+    /// The plan that was measured; without it, the plan of the machine file.
+    #[arg(long, value_name = "FILE.json")]
+    pub plan: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    #[arg(long = "with", value_name = "EST.json")]
+    pub with: Vec<PathBuf>,
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct RunsArgs {
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// Number of the run, as `trued runs` lists it.
+    pub run: i64,
+    #[arg(long)]
+    pub json: bool,
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// Number of the run, as `trued runs` lists it.
+    pub run: i64,
+    /// Folder to write to; made if missing.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub to: PathBuf,
+}

@@ -1,0 +1,69 @@
+//! Errors at the edge: what happened, what to do next, and the exit code. Inner layers know none
+//! of this.
+
+use std::path::Path;
+
+use super::Exit;
+use crate::methods::{IdentifyError, Refused};
+use crate::run::RunError;
+use crate::setup::SetupError;
+use crate::store::{LockError, StoreError};
+
+#[derive(Debug)]
+pub struct Failure {
+    pub what: String,
+    pub remedy: Option<String>,
+    pub exit: Exit,
+}
+
+impl Failure {
+    pub fn new(what: impl ToString, remedy: impl Into<String>) -> Self {
+        Self { what: what.to_string(), remedy: Some(remedy.into()), exit: Exit::Error }
+    }
+
+    pub fn plain(what: impl ToString) -> Self {
+        Self { what: what.to_string(), remedy: None, exit: Exit::Error }
+    }
+
+    /// A file that cannot be read or written.
+    pub fn file(path: &Path, error: &std::io::Error) -> Self {
+        Self::plain(format!("{}: {error}", path.display()))
+    }
+}
+
+impl From<SetupError> for Failure {
+    fn from(error: SetupError) -> Self {
+        Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
+impl From<LockError> for Failure {
+    fn from(error: LockError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
+impl From<IdentifyError> for Failure {
+    fn from(error: IdentifyError) -> Self {
+        Self::plain(error)
+    }
+}
+
+impl From<Refused> for Failure {
+    fn from(refused: Refused) -> Self {
+        Self::new(refused.why, refused.instead)
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        let exit = if error.has_moved() { Exit::Stopped } else { Exit::Error };
+        Self { what: error.to_string(), remedy: Some(error.remedy()), exit }
+    }
+}

@@ -1,0 +1,68 @@
+//! Floor 9: the commands. They read files, build the parts, show progress and choose the exit
+//! code; they compute nothing.
+
+mod args;
+mod failure;
+mod identify;
+mod plan;
+mod progress;
+mod run;
+mod runs;
+mod show;
+mod simulate;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use self::args::{Cli, Command};
+use self::failure::Failure;
+use crate::record::estimate::Verdict;
+
+/// How a command ended (DESIGN, contracts).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Exit {
+    Pass = 0,
+    Error = 1,
+    Fail = 3,
+    Undecided = 4,
+    Stopped = 5,
+}
+
+impl From<Verdict> for Exit {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Pass | Verdict::None => Exit::Pass,
+            Verdict::Fail => Exit::Fail,
+            Verdict::Undecided => Exit::Undecided,
+        }
+    }
+}
+
+/// Run the program with the arguments of this process. Usage errors end it with code 2.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match dispatch(cli) {
+        Ok(exit) => ExitCode::from(exit as u8),
+        Err(failure) => {
+            eprintln!("error: {}", failure.what);
+            if let Some(remedy) = &failure.remedy {
+                eprintln!("  → {remedy}");
+            }
+            ExitCode::from(failure.exit as u8)
+        }
+    }
+}
+
+fn dispatch(cli: Cli) -> Result<Exit, Failure> {
+    let state = cli.state.as_deref();
+    match cli.command {
+        Command::Run(args) => run::run(&args, state),
+        Command::Plan(args) => plan::plan(&args),
+        Command::Identify(args) => identify::identify(&args),
+        Command::Simulate(args) => simulate::simulate(&args),
+        Command::Runs(args) => runs::list(&args, state),
+        Command::Show(args) => runs::show(&args, state),
+        Command::Export(args) => runs::export(&args, state),
+    }
+}

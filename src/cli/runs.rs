@@ -1,0 +1,88 @@
+//! `trued runs`, `show`, `export`.
+
+use std::path::Path;
+
+use super::args::{ExportArgs, RunsArgs, ShowArgs};
+use super::failure::Failure;
+use super::run::state_folder;
+use super::{Exit, show};
+use crate::report::readings_csv;
+use crate::store::{Journal, RunId};
+
+pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let runs = Journal::open(&state_folder(state)?)?.runs()?;
+    if args.json {
+        show::print_json(&runs)?;
+        return Ok(Exit::Pass);
+    }
+    if runs.is_empty() {
+        println!("no runs yet: `trued run self-calibration` makes one");
+    }
+    for run in runs {
+        println!(
+            "{:>5}  {:.0}  {:<18} {:<12} {}",
+            run.id.to_string(),
+            run.started,
+            run.method,
+            run.state.as_str(),
+            run.machine
+        );
+    }
+    Ok(Exit::Pass)
+}
+
+pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let journal = Journal::open(&state_folder(state)?)?;
+    let run = RunId(args.run);
+    let stored = journal.load(run)?;
+    if let Some(file) = &args.report {
+        show::write_report(&journal, run, file)?;
+        eprintln!("written: {}", file.display());
+    }
+    let last = stored.estimates.last().map(|stored| &stored.estimate);
+    if args.json {
+        show::print_json(&last)?;
+        return Ok(Exit::Pass);
+    }
+    println!(
+        "run {run}: {} on {}, started {:.0}, {}, {} readings",
+        stored.summary.method,
+        stored.summary.machine,
+        stored.summary.started,
+        stored.summary.state.as_str(),
+        stored.readings.len()
+    );
+    match last {
+        Some(estimate) => show::print_estimate(estimate),
+        None => println!("no estimate: `trued export {run}` gives its readings"),
+    }
+    Ok(Exit::Pass)
+}
+
+pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let journal = Journal::open(&state_folder(state)?)?;
+    let run = RunId(args.run);
+    let stored = journal.load(run)?;
+    std::fs::create_dir_all(&args.to).map_err(|error| Failure::file(&args.to, &error))?;
+    let write = |name: String, text: String| {
+        let file = args.to.join(name);
+        std::fs::write(&file, text).map_err(|error| Failure::file(&file, &error))?;
+        println!("{}", file.display());
+        Ok::<(), Failure>(())
+    };
+    write(format!("run-{run}-plan.json"), pretty(&stored.plan)?)?;
+    write(
+        format!("run-{run}-readings.csv"),
+        readings_csv::write(&stored.readings).map_err(Failure::plain)?,
+    )?;
+    write(format!("run-{run}-machine.toml"), stored.config.clone())?;
+    if let Some(last) = stored.estimates.last() {
+        write(format!("run-{run}-estimate.json"), pretty(&last.estimate)?)?;
+        show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
+    }
+    Ok(Exit::Pass)
+}
+
+fn pretty(value: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string_pretty(value).map_err(Failure::plain)
+}

@@ -1,0 +1,87 @@
+//! Estimates on the terminal and in files.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use crate::record::estimate::{Estimate, Verdict};
+use crate::report::page;
+use crate::store::{Journal, RunId};
+
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::plain)?;
+    println!("{text}");
+    Ok(())
+}
+
+pub fn print_estimate(estimate: &Estimate) {
+    println!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit", "parameter", "value", "u", "U", "k");
+    for p in &estimate.parameters {
+        println!(
+            "{:<12} {:>12.3} {:>9.3} {:>9.3} {:>6.2}  {}",
+            p.symbol,
+            p.value,
+            p.u,
+            p.expanded,
+            p.k,
+            p.unit.symbol()
+        );
+    }
+    println!(
+        "residuals {:.2} µm rms, {} degrees of freedom, χ²/dof {:.2}; rank {} of {}, condition {:.1}",
+        estimate.residual_rms_um,
+        estimate.degrees_of_freedom,
+        estimate.chi2_per_dof,
+        estimate.rank,
+        estimate.unknowns,
+        estimate.condition
+    );
+    for line in &estimate.gauge {
+        println!("convention: {line}");
+    }
+    for line in &estimate.not_identifiable {
+        println!("cannot know: {line}");
+    }
+    for line in &estimate.warnings {
+        println!("warning: {line}");
+    }
+    println!("verdict: {}", in_words(estimate.verdict));
+}
+
+pub fn in_words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Pass => "pass (inside tolerance with its uncertainty)",
+        Verdict::Fail => "fail (outside tolerance beyond its uncertainty)",
+        Verdict::Undecided => "undecided (the uncertainty reaches across the tolerance)",
+        Verdict::None => "none (no tolerance is stated)",
+    }
+}
+
+/// The report of a stored run's last estimate.
+pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
+    let html = report(journal, run)?;
+    std::fs::write(file, html).map_err(|error| Failure::file(file, &error))
+}
+
+fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
+    let stored = journal.load(run)?;
+    let Some(last) = stored.estimates.last() else {
+        return Err(Failure::new(
+            format!("run {run} has no estimate"),
+            "export its readings and use `trued identify`",
+        ));
+    };
+    let facts = page::Facts {
+        run: run.to_string(),
+        started: stored.summary.started.to_string(),
+        program_version: last.program_version.clone(),
+        hashes: vec![
+            ("machine file".to_owned(), stored.summary.config_sha256.clone()),
+            ("plan".to_owned(), stored.summary.plan_sha256.clone()),
+            ("estimate".to_owned(), last.sha256.clone()),
+        ],
+        readings: stored.readings.len(),
+    };
+    page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)
+}

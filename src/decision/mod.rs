@@ -1,0 +1,72 @@
+//! Floor 3: decision rules.
+
+use std::collections::BTreeMap;
+
+use crate::record::estimate::{Estimate, Parameter, Verdict};
+
+/// Largest permitted magnitude by symbol, in the unit in which the estimate states it.
+pub type Tolerances = BTreeMap<String, f64>;
+
+/// Judge every parameter that has a tolerance, with the expanded uncertainty as guard band on both
+/// sides (ISO 14253-1): pass only if the whole interval lies inside, fail only if it lies outside,
+/// otherwise undecided. The worst parameter decides; without any tolerance there is no verdict.
+pub fn judge(estimate: &Estimate, tolerances: &Tolerances) -> Verdict {
+    let verdicts: Vec<Verdict> = estimate
+        .parameters
+        .iter()
+        .filter_map(|p| tolerances.get(&p.symbol).map(|limit| judge_one(p, *limit)))
+        .collect();
+    let any = |wanted| verdicts.contains(&wanted);
+    if verdicts.is_empty() {
+        Verdict::None
+    } else if any(Verdict::Fail) {
+        Verdict::Fail
+    } else if any(Verdict::Undecided) {
+        Verdict::Undecided
+    } else {
+        Verdict::Pass
+    }
+}
+
+fn judge_one(parameter: &Parameter, limit: f64) -> Verdict {
+    let magnitude = parameter.value.abs();
+    if !parameter.identifiable || !magnitude.is_finite() || !parameter.expanded.is_finite() {
+        Verdict::Undecided
+    } else if magnitude + parameter.expanded <= limit {
+        Verdict::Pass
+    } else if magnitude - parameter.expanded > limit {
+        Verdict::Fail
+    } else {
+        Verdict::Undecided
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::estimate::Unit;
+
+    fn one(value: f64, expanded: f64) -> Parameter {
+        Parameter {
+            symbol: "EX0C".to_owned(),
+            value,
+            unit: Unit::Um,
+            u: expanded / 2.0,
+            expanded,
+            k: 2.0,
+            dof: None,
+            identifiable: true,
+            u_monte_carlo: None,
+            budget: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_guard_band_makes_a_third_state() {
+        assert_eq!(judge_one(&one(-7.9, 2.0), 10.0), Verdict::Pass);
+        assert_eq!(judge_one(&one(-8.1, 2.0), 10.0), Verdict::Undecided);
+        assert_eq!(judge_one(&one(11.9, 2.0), 10.0), Verdict::Undecided);
+        assert_eq!(judge_one(&one(12.1, 2.0), 10.0), Verdict::Fail);
+        assert_eq!(judge_one(&one(f64::NAN, 2.0), 10.0), Verdict::Undecided);
+    }
+}

@@ -1,0 +1,309 @@
+//! The estimate in the words and units of the contract.
+
+use faer::Mat;
+
+use super::fit::{Fit, Solved, dot};
+use super::identify::Sense;
+use super::observe::Observed;
+use super::outputs::{self, Output, OutputFunction};
+use super::paper::PaperForm;
+use super::settings::{Settings, Spindle};
+use super::uncertainty::{Propagated, TouchScale};
+use crate::estimation::monte_carlo::Summary;
+use crate::estimation::{circle, coverage};
+use crate::record::estimate::{
+    BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
+    Verdict,
+};
+use crate::record::plan::Plan;
+
+/// Everything that the estimate is written from.
+pub struct Parts<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub observed: &'a Observed,
+    pub fit: &'a Fit,
+    pub solved: &'a Solved,
+    pub chi2: f64,
+    pub scale: TouchScale,
+    pub parameters: &'a [Output],
+    pub functions: &'a [OutputFunction],
+    pub propagated: &'a Propagated,
+    pub monte_carlo: &'a Summary,
+    pub sense: Sense,
+    pub timed: bool,
+}
+
+pub fn estimate(parts: &Parts<'_>) -> Estimate {
+    let solution = &parts.fit.solution;
+    let residuals = &parts.solved.residuals;
+    let mean_square = residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len().max(1) as f64;
+    let axis = axis_circle(parts);
+    let mut parameters = reported_parameters(parts);
+    parameters.extend(axis.iter().flat_map(|(lsc, _)| lsc.clone()));
+    Estimate {
+        trued_estimate: ESTIMATE_VERSION,
+        method: super::NAME.to_owned(),
+        parameters,
+        functions: reported_functions(parts),
+        circles: axis.into_iter().map(|(_, figure)| figure).collect(),
+        covariance: covariance(parts),
+        rank: solution.rank,
+        unknowns: parts.fit.layout.unknowns() - parts.fit.layout.gauge().nrows(),
+        condition: solution.condition,
+        gauge: gauge(parts),
+        not_identifiable: not_identifiable(parts),
+        residual_rms_um: mean_square.sqrt() * 1e3,
+        degrees_of_freedom: solution.dof,
+        chi2_per_dof: if solution.dof > 0 { parts.chi2 / solution.dof as f64 } else { 0.0 },
+        verdict: Verdict::None,
+        warnings: warnings(parts),
+        priors: Vec::new(),
+    }
+}
+
+fn reported_parameters(parts: &Parts<'_>) -> Vec<Parameter> {
+    parts
+        .parameters
+        .iter()
+        .enumerate()
+        .map(|(i, output)| {
+            let value = dot(&output.coefficients, &parts.solved.x);
+            let dof = parts.propagated.dof(i, parts.scale);
+            let budget = parts
+                .propagated
+                .budget
+                .iter()
+                .map(|(source, u)| BudgetLine {
+                    source: (*source).to_owned(),
+                    u: output.unit.from_internal(u[i]),
+                })
+                .collect();
+            Parameter {
+                u_monte_carlo: Some(output.unit.from_internal(parts.monte_carlo.standard_deviation[i])),
+                budget,
+                ..parameter(&output.symbol, output.unit, value, parts.propagated.u(i), dof)
+            }
+        })
+        .collect()
+}
+
+/// A parameter from internal value and standard uncertainty.
+fn parameter(symbol: &str, unit: Unit, value: f64, u: f64, dof: Option<f64>) -> Parameter {
+    let k = coverage::factor(dof);
+    Parameter {
+        symbol: symbol.to_owned(),
+        value: unit.from_internal(value),
+        unit,
+        u: unit.from_internal(u),
+        expanded: unit.from_internal(k * u),
+        k,
+        dof,
+        identifiable: true,
+        u_monte_carlo: None,
+        budget: Vec::new(),
+    }
+}
+
+fn reported_functions(parts: &Parts<'_>) -> Vec<Function> {
+    let design = &parts.fit.layout.design;
+    let mut index = parts.parameters.len();
+    parts
+        .functions
+        .iter()
+        .map(|function| {
+            let first = index;
+            index += function.points.len();
+            Function {
+                symbol: function.symbol.clone(),
+                argument: function.argument.to_owned(),
+                argument_unit: "deg".to_owned(),
+                x: (0..design.n).map(|i| round_deg(design.angle(i))).collect(),
+                unit: Unit::Um,
+                y: function.points.iter().map(|p| dot(p, &parts.solved.x) * 1e3).collect(),
+                u: (first..index).map(|i| parts.propagated.u(i) * 1e3).collect(),
+                figure: function.figure,
+            }
+        })
+        .collect()
+}
+
+fn round_deg(angle: f64) -> f64 {
+    (angle.to_degrees() * 1e9).round() / 1e9
+}
+
+fn covariance(parts: &Parts<'_>) -> Covariance {
+    let factor: Vec<f64> = parts.parameters.iter().map(|p| p.unit.from_internal(1.0)).collect();
+    let full: &Mat<f64> = &parts.propagated.covariance;
+    let rows = (0..factor.len())
+        .map(|i| (0..factor.len()).map(|j| full[(i, j)] * factor[i] * factor[j]).collect())
+        .collect();
+    Covariance { symbols: parts.parameters.iter().map(|p| p.symbol.clone()).collect(), rows }
+}
+
+/// The least-squares circle of ISO 230-7 through the positions of E_total (first height), beside
+/// the mean: its centre as parameters and as a figure. `None` where no circle can be fitted.
+fn axis_circle(parts: &Parts<'_>) -> Option<(Vec<Parameter>, CircleFigure)> {
+    let layout = &parts.fit.layout;
+    let n = layout.design.n;
+    let x: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ex(0, i)]).collect();
+    let y: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ey(0, i)]).collect();
+    let points: Vec<[f64; 2]> = x.iter().zip(&y).map(|(x, y)| [*x, *y]).collect();
+    let fitted = circle::fit(&points).ok()?;
+    let u = circle_uncertainty(parts, &points)?;
+    let mut lsc = Vec::new();
+    for (i, symbol) in ["EX0C_lsc", "EY0C_lsc"].into_iter().enumerate() {
+        let dof = parts.propagated.dof(i, parts.scale);
+        lsc.push(parameter(symbol, Unit::Um, fitted.centre[i], u[i], dof));
+    }
+    let figure = CircleFigure {
+        symbol: "axis of C: E_total and its least-squares circle".to_owned(),
+        unit: Unit::Um,
+        x: x.iter().map(|v| v * 1e3).collect(),
+        y: y.iter().map(|v| v * 1e3).collect(),
+        centre: fitted.centre.map(|v| v * 1e3),
+        radius: fitted.radius * 1e3,
+        centre_expanded: [lsc[0].expanded, lsc[1].expanded],
+    };
+    Some((lsc, figure))
+}
+
+/// Standard uncertainty of the circle's centre by first-order propagation of the covariance of its
+/// points (numerical derivative of the fit).
+fn circle_uncertainty(parts: &Parts<'_>, points: &[[f64; 2]]) -> Option<[f64; 2]> {
+    let n = points.len();
+    let start = |symbol: &str| {
+        let before = parts.functions.iter().take_while(|f| f.symbol != symbol);
+        parts.parameters.len() + before.map(|f| f.points.len()).sum::<usize>()
+    };
+    let suffix = parts.functions.first()?.symbol.strip_prefix("EXC_total")?;
+    let (first_x, first_y) =
+        (start(&format!("EXC_total{suffix}")), start(&format!("EYC_total{suffix}")));
+    let step = 1e-6;
+    let mut slopes = Mat::<f64>::zeros(2, 2 * n);
+    for j in 0..2 * n {
+        let moved = |by: f64| {
+            let mut moved = points.to_vec();
+            moved[j % n][j / n] += by;
+            circle::fit(&moved).ok()
+        };
+        let (up, down) = (moved(step)?, moved(-step)?);
+        for i in 0..2 {
+            slopes[(i, j)] = (up.centre[i] - down.centre[i]) / (2.0 * step);
+        }
+    }
+    let place = |j: usize| if j < n { first_x + j } else { first_y + j - n };
+    let of_points =
+        Mat::from_fn(2 * n, 2 * n, |i, j| parts.propagated.covariance[(place(i), place(j))]);
+    let variance = &slopes * of_points * slopes.transpose();
+    Some([variance[(0, 0)].max(0.0).sqrt(), variance[(1, 1)].max(0.0).sqrt()])
+}
+
+fn gauge(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = parts.fit.layout.gauge_in_words();
+    let heights: Vec<String> = parts.observed.heights.iter().map(|z| format!("{z:.3}")).collect();
+    lines.push(match heights.len() {
+        1 => format!("EX0C and EY0C hold at Z = {} mm only", heights[0]),
+        _ => format!(
+            "EX0C and EY0C hold at the mean of Z = {} mm; EA0C and EB0C are relative to the Z axis",
+            heights.join(", ")
+        ),
+    });
+    if parts.fit.layout.drift_order > 0 {
+        lines.push(format!(
+            "drift of X, Y and radius fitted (order {}) and removed; values hold at the middle of \
+             the cycle",
+            parts.fit.layout.drift_order
+        ));
+    }
+    lines
+}
+
+fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = vec![
+        "common scale of X and Y: inseparable from the radius R".to_owned(),
+        "machine origin: fixed by the gauge".to_owned(),
+        "co-rotating first harmonic of the error motion: inseparable from the part's set-up"
+            .to_owned(),
+    ];
+    if parts.settings.spindle == Spindle::Fixed {
+        lines.push(
+            "stylus offset and odd lobes of the probe: inseparable from EX0C and EY0C with a fixed \
+             spindle (they stand in the budget; spindle = \"follow\" removes them)"
+                .to_owned(),
+        );
+    }
+    if parts.fit.layout.heights == 1 {
+        lines.push("EA0C and EB0C: need two heights (heights_mm)".to_owned());
+    }
+    lines
+}
+
+fn warnings(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = Vec::new();
+    match parts.sense {
+        Sense::Confirmed => {}
+        Sense::NotConfirmed => lines.push(
+            "sense of C not confirmed: the part is too round and centred to show it".to_owned(),
+        ),
+        Sense::Contradicted => lines.push(
+            "the readings contradict the stated sense of C: check [axes.C] positive".to_owned(),
+        ),
+    }
+    if parts.scale.dof.is_some() && parts.plan.probe.repeatability_um.is_some() {
+        lines.push(format!(
+            "the touches scatter {:.1} times more than declared; the uncertainty follows the \
+             residuals",
+            parts.scale.factor
+        ));
+    }
+    if !parts.timed && parts.settings.drift_order > 0 {
+        lines.push("the readings carry no times: drift was not fitted".to_owned());
+    }
+    lines.extend(disagreement(parts));
+    lines.extend(paper_comparison(parts));
+    lines
+}
+
+/// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical
+/// tolerance of a u stated with two digits, and by more than the trials' own scatter.
+fn disagreement(parts: &Parts<'_>) -> Vec<String> {
+    let scatter = 4.0 / (2.0 * parts.monte_carlo.trials as f64).sqrt();
+    parts
+        .parameters
+        .iter()
+        .enumerate()
+        .filter_map(|(i, output)| {
+            let (first_order, trials) =
+                (parts.propagated.u(i), parts.monte_carlo.standard_deviation[i]);
+            let off = (first_order - trials).abs();
+            (off > coverage::tolerance(first_order, 2) && off > scatter * first_order).then(|| {
+                format!(
+                    "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
+                    output.symbol,
+                    output.unit.from_internal(first_order),
+                    output.unit.from_internal(trials),
+                    output.unit.symbol()
+                )
+            })
+        })
+        .collect()
+}
+
+/// The paper's own identification of the first pass beside ours, where it is far off: more than
+/// four times the product's u.
+fn paper_comparison(parts: &Parts<'_>) -> Vec<String> {
+    let mut design = parts.fit.layout.design.clone();
+    design.probes.truncate(2);
+    let form = PaperForm::new(&design);
+    let Some(paper) = form.axis_position(&parts.fit.observations) else { return Vec::new() };
+    let (x, y) = outputs::axis_position(&parts.fit.layout, 0);
+    let own = [dot(&x, &parts.solved.x), dot(&y, &parts.solved.x)];
+    let far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * parts.propagated.u(i));
+    let told = format!(
+        "the paper's form (differences, no drift, first order) gives EX0C {:.2}, EY0C {:.2} um",
+        paper[0] * 1e3,
+        paper[1] * 1e3
+    );
+    if far { vec![told] } else { Vec::new() }
+}

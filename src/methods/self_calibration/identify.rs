@@ -1,0 +1,206 @@
+//! Plan + readings → estimate.
+
+use faer::Mat;
+
+use super::design::Design;
+use super::assemble::{self, Parts};
+use super::fit::{Fit, Solved, dot};
+use super::model::{Layout, Observation};
+use super::observe::observe;
+use super::outputs::{self, Output, OutputFunction};
+use super::settings::Settings;
+use super::sources::{UncertaintySource, sources, touch_sigma};
+use super::uncertainty::{Propagated, TouchScale, disturb};
+use crate::estimation::linear::LinearError;
+use crate::estimation::monte_carlo::{self, Summary, Trials};
+use crate::estimation::null_names;
+use crate::methods::IdentifyError;
+use crate::record::estimate::Estimate;
+use crate::record::plan::Plan;
+use crate::record::reading::Reading;
+
+/// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
+const MONTE_CARLO_SEED: u64 = 0x7275_6564;
+
+/// The whole identification of one plan's readings.
+pub fn identify(
+    plan: &Plan,
+    settings: &Settings,
+    heights: &[f64],
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let design = Design::new(settings)?;
+    let observed = observe(plan, &design, heights, readings)?;
+    let timed = observed.half_duration_s > 0.0;
+    let layout = Layout {
+        design,
+        heights: heights.len(),
+        drift_order: if timed { settings.drift_order } else { 0 },
+    };
+    let sources =
+        sources(plan, &layout, &observed.observations, settings.spindle, observed.half_duration_s);
+    let fit = fit(&layout, &observed.observations, &sources, settings)?;
+    let radii: Vec<f64> = observed.observations.iter().map(|seen| seen.radius).collect();
+    let solved = fit.solve(&radii);
+
+    let chi2 = chi2(&solved, &touch_sigma(&sources, radii.len()));
+    let scale =
+        TouchScale::judge(plan.probe.repeatability_um.is_some(), chi2, fit.solution.dof);
+    let radius = (0..layout.heights).map(|h| solved.x[layout.radius(h)]).sum::<f64>()
+        / layout.heights as f64;
+    let parameters = outputs::parameters(&layout, heights, radius);
+    let functions = all_functions(&layout, heights);
+    let matrix = output_matrix(&layout, &parameters, &functions);
+    let propagated = Propagated::new(&fit, &matrix, &sources, scale);
+    let monte_carlo =
+        propagate_by_trials(&fit, &radii, &parameters, &sources, scale, settings)?;
+    Ok(assemble::estimate(&Parts {
+        plan,
+        settings,
+        observed: &observed,
+        fit: &fit,
+        solved: &solved,
+        chi2,
+        scale,
+        parameters: &parameters,
+        functions: &functions,
+        propagated: &propagated,
+        monte_carlo: &monte_carlo,
+        sense: judge_sense(&fit, settings, &sources, &solved),
+        timed,
+    }))
+}
+
+fn fit(
+    layout: &Layout,
+    observations: &[Observation],
+    sources: &[UncertaintySource],
+    settings: &Settings,
+) -> Result<Fit, IdentifyError> {
+    let sigma = touch_sigma(sources, observations.len());
+    Fit::new(layout.clone(), observations.to_vec(), &sigma, settings.second_order).map_err(|error| {
+        match error {
+            LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
+                rank: survey.rank,
+                unknowns: layout.unknowns(),
+                what: null_names::in_words(survey.null_space.as_ref(), &layout.names()),
+            },
+            other => IdentifyError::Numerical(other.to_string()),
+        }
+    })
+}
+
+fn chi2(solved: &Solved, sigma: &[f64]) -> f64 {
+    solved.residuals.iter().zip(sigma).map(|(r, s)| (r / s).powi(2)).sum()
+}
+
+fn all_functions(layout: &Layout, heights: &[f64]) -> Vec<OutputFunction> {
+    (0..layout.heights)
+        .flat_map(|h| {
+            let suffix =
+                if heights.len() > 1 { format!("@Z{:.1}", heights[h]) } else { String::new() };
+            outputs::functions(layout, h, &suffix)
+        })
+        .collect()
+}
+
+/// Outputs × unknowns: the parameters first, then the functions' points in order.
+fn output_matrix(layout: &Layout, parameters: &[Output], functions: &[OutputFunction]) -> Mat<f64> {
+    let rows: Vec<&Vec<f64>> = parameters
+        .iter()
+        .map(|p| &p.coefficients)
+        .chain(functions.iter().flat_map(|f| &f.points))
+        .collect();
+    Mat::from_fn(rows.len(), layout.unknowns(), |i, j| rows[i][j])
+}
+
+/// Monte Carlo through the whole identification, second order included.
+fn propagate_by_trials(
+    fit: &Fit,
+    radii: &[f64],
+    parameters: &[Output],
+    sources: &[UncertaintySource],
+    scale: TouchScale,
+    settings: &Settings,
+) -> Result<Summary, IdentifyError> {
+    use rand::RngExt;
+    use rand_distr::{Distribution, StandardNormal};
+    let trials = match settings.monte_carlo_trials {
+        0 => Trials::default(),
+        count => Trials::Fixed(count),
+    };
+    monte_carlo::run(trials, MONTE_CARLO_SEED, parameters.len(), |rng, out| {
+        let generator = std::cell::RefCell::new(rng);
+        let disturbed = disturb(
+            radii,
+            sources,
+            scale,
+            || StandardNormal.sample(&mut *generator.borrow_mut()),
+            || generator.borrow_mut().random::<f64>() - 0.5,
+        );
+        let x = fit.solve(&disturbed).x;
+        for (value, parameter) in out.iter_mut().zip(parameters) {
+            *value = dot(&parameter.coefficients, &x);
+        }
+    })
+    .map_err(|error| IdentifyError::Numerical(error.to_string()))
+}
+
+/// Whether the readings confirm the stated sense of C.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sense {
+    Confirmed,
+    /// The part is too round and centred to tell.
+    NotConfirmed,
+    /// The opposite sense explains the readings far better.
+    Contradicted,
+}
+
+/// Solve with the opposite sense as well. Under the wrong one an eccentric part looks like an
+/// error motion of twice its eccentricity; under the right one the error motion is small.
+fn judge_sense(
+    fit: &Fit,
+    settings: &Settings,
+    sources: &[UncertaintySource],
+    solved: &Solved,
+) -> Sense {
+    let n = fit.layout.design.n;
+    let turned: Vec<Observation> =
+        fit.observations.iter().map(|seen| Observation { c: (n - seen.c) % n, ..*seen }).collect();
+    let radii: Vec<f64> = turned.iter().map(|seen| seen.radius).collect();
+    let linear = Settings { second_order: false, ..settings.clone() };
+    let Ok(other) = self::fit(&fit.layout, &turned, sources, &linear) else {
+        return Sense::NotConfirmed;
+    };
+    let stated = error_motion_rms(&fit.layout, &solved.x);
+    let opposite = error_motion_rms(&fit.layout, &other.solve(&radii).x);
+    // A factor of five is far beyond what scatter does to either figure.
+    if opposite > 5.0 * stated {
+        Sense::Confirmed
+    } else if stated > 5.0 * opposite {
+        Sense::Contradicted
+    } else {
+        Sense::NotConfirmed
+    }
+}
+
+fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
+    let functions = outputs::functions(layout, 0, "");
+    let squares: f64 = functions
+        .iter()
+        .filter(|f| f.symbol == "EXC" || f.symbol == "EYC")
+        .flat_map(|f| &f.points)
+        .map(|point| dot(point, x).powi(2))
+        .sum();
+    squares.sqrt()
+}
+
+/// Values of all outputs (parameters, then functions).
+pub fn values(parameters: &[Output], functions: &[OutputFunction], x: &[f64]) -> Vec<f64> {
+    parameters
+        .iter()
+        .map(|p| &p.coefficients)
+        .chain(functions.iter().flat_map(|f| &f.points))
+        .map(|coefficients| dot(coefficients, x))
+        .collect()
+}

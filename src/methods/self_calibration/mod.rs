@@ -1,0 +1,134 @@
+//! Self-calibration of a rotary axis by Tests 1a, 1b, (1c,) 2 and 3 (paper 1: Zimmermann and
+//! Ibaraki 2020; corrected and extended as in METHODS section 1): axis position, error motion,
+//! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
+
+mod assemble;
+mod design;
+mod fit;
+mod identify;
+mod model;
+mod observe;
+mod outputs;
+mod paper;
+mod plan;
+mod settings;
+mod sources;
+mod uncertainty;
+
+#[cfg(test)]
+mod tests;
+
+pub use settings::Settings;
+
+use self::plan::{Part, Planner};
+use super::{IdentifyError, Method, Next, Refused, Source};
+use crate::estimation::circle;
+use crate::record::estimate::Estimate;
+use crate::record::machine::Artefact;
+use crate::record::plan::{Plan, Stage, Step};
+use crate::record::reading::Reading;
+
+pub const NAME: &str = "self-calibration";
+
+pub struct SelfCalibration {
+    settings: Settings,
+}
+
+impl SelfCalibration {
+    pub fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+
+    fn stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
+        let id = plan.steps.last().map_or(0, |step| step.stage + 1);
+        Stage { id: if repeat == 0 { id } else { id + repeat - 1 }, name, repeat, steps }
+    }
+
+    fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
+        let new_steps = planner.cycle_steps(part)?;
+        let ids = new_steps.iter().map(|step| step.id).collect();
+        let stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        Ok(Next::Stage { stage, new_steps })
+    }
+}
+
+impl Method for SelfCalibration {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        let planner = Planner::new(plan, &self.settings)?;
+        let located = usize::from(self.settings.locate);
+        if self.settings.locate && done.is_empty() {
+            // Everything that can be refused is refused before the first move.
+            planner.cycle_steps(planner.nominal_part())?;
+            let new_steps = planner.locating_steps()?;
+            let ids = new_steps.iter().map(|step| step.id).collect();
+            let stage = self.stage(plan, "locate the part".to_owned(), 0, ids);
+            return Ok(Next::Stage { stage, new_steps });
+        }
+        let pass = (done.len() - located) as u32;
+        if pass >= self.settings.repeats.max(1) {
+            return Ok(Next::Done);
+        }
+        if let Some(first) = done.get(located) {
+            let name = format!("Tests 1a to 3, pass {}", pass + 1);
+            let stage = self.stage(plan, name, pass, first.steps.clone());
+            return Ok(Next::Stage { stage, new_steps: Vec::new() });
+        }
+        let part = match source {
+            Source::Measured(readings) if self.settings.locate => located_part(plan, readings)?,
+            _ => planner.nominal_part(),
+        };
+        self.cycle(plan, &planner, part)
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        if let Some(prior) = priors.first() {
+            return Err(IdentifyError::Refused(Refused {
+                why: format!("self-calibration takes no prior yet (given: {})", prior.method),
+                instead: "leave out --with".to_owned(),
+            }));
+        }
+        let heights = Planner::new(plan, &self.settings)?.heights();
+        identify::identify(plan, &self.settings, &heights, readings)
+    }
+}
+
+/// Centre and radius of the ball centres from the locating touches.
+fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
+    let refused = |why: String| Refused {
+        why,
+        instead: "check that the part of [artefact] stands on the table, then start again".to_owned(),
+    };
+    let chain = crate::kinematics::Chain::new(&plan.machine)
+        .map_err(|error| refused(error.to_string()))?;
+    let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
+    let centres: Vec<[f64; 2]> = plan
+        .steps
+        .iter()
+        .filter(is_locating)
+        .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
+        .map(|(step, reading)| observe::ball_centre(plan, &chain, step, reading))
+        .map(|centre| [centre.x, centre.y])
+        .collect();
+    let found = circle::fit(&centres)
+        .map_err(|error| refused(format!("the part could not be located: {error}")))?;
+    let Artefact::Cylinder { centre_mm, radius_mm, uncertainty_mm, .. } = plan.artefact;
+    let reach = radius_mm + plan.probe.ball_radius_mm;
+    let away = (found.centre[0] - centre_mm[0]).hypot(found.centre[1] - centre_mm[1]);
+    if away > uncertainty_mm || (found.radius - reach).abs() > uncertainty_mm {
+        return Err(refused(format!(
+            "the part was found {away:.3} mm from its stated place and {:.3} mm larger in radius, \
+             beyond uncertainty_mm = {uncertainty_mm}",
+            found.radius - reach
+        )));
+    }
+    Ok(Part { centre: found.centre, reach: found.radius })
+}

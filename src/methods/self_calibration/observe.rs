@@ -1,0 +1,150 @@
+//! From readings to observations on the grid: the ball centre along and across each ray.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::design::Design;
+use super::model::Observation;
+use super::plan::LOCATE_LABEL;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::Chain;
+use crate::methods::{IdentifyError, Refused};
+use crate::record::plan::{Plan, Step};
+use crate::record::reading::{Flag, Reading};
+
+/// The observations of one cycle and what belongs to all of them.
+pub struct Observed {
+    pub observations: Vec<Observation>,
+    /// Which pass each observation belongs to.
+    pub repeats: Vec<u32>,
+    /// Which step each observation belongs to.
+    pub steps: Vec<u32>,
+    /// Heights in the machine frame, mm.
+    pub heights: Vec<f64>,
+    /// Half the duration of the cycle, s: the unit of `Observation::time`. 0 without times.
+    pub half_duration_s: f64,
+}
+
+/// How far the table may stand from where the plan puts it, rad (0.1°): more is a skipped index.
+const INDEX_TOLERANCE: f64 = 1.8e-3;
+
+/// # Errors
+/// Missing and unknown steps, duplicates, a table that stood elsewhere than planned.
+pub fn observe(
+    plan: &Plan,
+    design: &Design,
+    heights: &[f64],
+    readings: &[Reading],
+) -> Result<Observed, IdentifyError> {
+    let chain = Chain::new(&plan.machine).map_err(|error| {
+        IdentifyError::Refused(Refused {
+            why: error.to_string(),
+            instead: "correct `machine` in the plan".to_owned(),
+        })
+    })?;
+    let by_step = sort_by_step(plan, readings)?;
+    let mut observed = Observed {
+        observations: Vec::new(),
+        repeats: Vec::new(),
+        steps: Vec::new(),
+        heights: heights.to_vec(),
+        half_duration_s: 0.0,
+    };
+    for step in plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL)) {
+        let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
+            return Err(IdentifyError::Missing { step: step.id, label: step.label.clone() });
+        };
+        for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
+            observed.observations.push(reduce(plan, design, heights, &chain, step, reading)?);
+            observed.repeats.push(reading.repeat);
+            observed.steps.push(step.id);
+        }
+    }
+    observed.half_duration_s = scale_times(&mut observed.observations);
+    Ok(observed)
+}
+
+/// Ball centre of a reading in the table frame at C = 0, mm: what the linear axes alone say.
+pub fn ball_centre(plan: &Plan, chain: &Chain, step: &Step, reading: &Reading) -> DVec3 {
+    let position = step
+        .from
+        .updated_by(&reading.position)
+        .updated_by(&Position::new().with(Axis::C, 0.0));
+    let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+    chain.tip_in_table(&position, tip, &[]).mm
+}
+
+fn sort_by_step<'a>(
+    plan: &Plan,
+    readings: &'a [Reading],
+) -> Result<BTreeMap<u32, Vec<&'a Reading>>, IdentifyError> {
+    let mut by_step: BTreeMap<u32, Vec<&Reading>> =
+        plan.steps.iter().map(|step| (step.id, Vec::new())).collect();
+    for reading in readings {
+        let Some(list) = by_step.get_mut(&reading.step) else {
+            return Err(IdentifyError::UnknownStep { step: reading.step });
+        };
+        if list.iter().any(|other| other.repeat == reading.repeat) {
+            let Reading { step, repeat, .. } = *reading;
+            return Err(IdentifyError::Duplicate { step, repeat });
+        }
+        list.push(reading);
+    }
+    Ok(by_step)
+}
+
+fn reduce(
+    plan: &Plan,
+    design: &Design,
+    heights: &[f64],
+    chain: &Chain,
+    step: &Step,
+    reading: &Reading,
+) -> Result<Observation, IdentifyError> {
+    let planned = step.from.at(Axis::C);
+    let stood = reading.position.get(Axis::C).unwrap_or(planned);
+    if (stood - planned).abs() > INDEX_TOLERANCE {
+        return Err(IdentifyError::Numerical(format!(
+            "step {} ({}): C stood at {:.4}° instead of {:.4}°; was an index skipped?",
+            step.id,
+            step.label,
+            stood.to_degrees(),
+            planned.to_degrees()
+        )));
+    }
+    let sense = plan.machine.axes.get(&Axis::C).map_or(1.0, |axis| axis.positive.sign());
+    let [nx, ny, _] = step.normal;
+    let centre = ball_centre(plan, chain, step, reading);
+    let height = nearest(heights, centre.z);
+    Ok(Observation {
+        height,
+        c: grid_index(design, planned * sense),
+        phi: grid_index(design, ny.atan2(nx)),
+        radius: centre.x * nx + centre.y * ny,
+        lateral: -centre.x * ny + centre.y * nx,
+        time: reading.t_s,
+    })
+}
+
+fn grid_index(design: &Design, angle: f64) -> usize {
+    let index = (angle / std::f64::consts::TAU * design.n as f64).round() as i64;
+    index.rem_euclid(design.n as i64) as usize
+}
+
+fn nearest(heights: &[f64], z: f64) -> usize {
+    let distance = |i: &usize| (heights[*i] - z).abs();
+    (0..heights.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+}
+
+/// Times to −1 … 1 about the middle of the cycle; returns half its duration, s.
+fn scale_times(observations: &mut [Observation]) -> f64 {
+    let times = || observations.iter().map(|seen| seen.time);
+    let first = times().fold(f64::INFINITY, f64::min);
+    let last = times().fold(f64::NEG_INFINITY, f64::max);
+    let half = if last > first { (last - first) / 2.0 } else { 0.0 };
+    for seen in observations.iter_mut() {
+        seen.time = if half > 0.0 { (seen.time - first - half) / half } else { 0.0 };
+    }
+    half
+}

@@ -1,0 +1,315 @@
+//! Gate G1 (METHODS section 1), against paper 1's tables and against exact geometry that shares
+//! nothing with the model.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::design::Design;
+use super::fit::{Fit, RANK_THRESHOLD, dot};
+use super::model::{Layout, Observation};
+use super::outputs;
+use super::paper::PaperForm;
+use super::settings::Settings;
+use crate::base::random::stream;
+use crate::estimation::linear::survey;
+use crate::estimation::{circle, linear};
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+fn paper_design(n: usize, k_b: usize) -> PaperForm {
+    PaperForm::new(&Design { n, probes: vec![0, k_b] })
+}
+
+/// Greatest standard uncertainty of any unknown for unit differences.
+fn worst_sigma(form: &PaperForm) -> f64 {
+    let solution = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
+    let variance = &solution.covariance;
+    (0..variance.nrows()).map(|i| variance[(i, i)]).fold(0.0, f64::max).sqrt()
+}
+
+#[test]
+fn paper_rank_and_condition_of_the_design_of_section_2_3() {
+    let form = paper_design(8, 1);
+    let free = survey(form.a.as_ref(), None, RANK_THRESHOLD).unwrap();
+    assert_eq!((free.rank, free.nullity), (26, 6));
+    let fixed = survey(form.a.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD).unwrap();
+    assert_eq!((fixed.rank, fixed.nullity), (26, 0));
+    assert!((fixed.condition - 21.88).abs() < 0.01, "{}", fixed.condition);
+}
+
+#[test]
+fn regress_rank_deficiency_is_gcd_minus_one() {
+    for n in 4..=36 {
+        for k_b in 1..n {
+            let form = paper_design(n, k_b);
+            let nullity = survey(form.a.as_ref(), None, RANK_THRESHOLD).unwrap().nullity;
+            assert_eq!(nullity - 6, gcd(k_b, n) - 1, "N = {n}, k_b = {k_b}");
+        }
+    }
+}
+
+#[test]
+fn regress_45_degrees_works_for_8_positions_only() {
+    for n in [8, 16, 24, 32] {
+        let settings = Settings {
+            positions: n,
+            probe_angles_deg: Some(vec![0.0, 45.0]),
+            ..Settings::default()
+        };
+        match Design::new(&settings) {
+            Ok(_) => assert_eq!(n, 8),
+            Err(refused) => {
+                assert_ne!(n, 8);
+                let better = format!("[0, {}]", 360.0 / n as f64);
+                assert!(refused.to_string().contains(&better), "{refused}");
+            }
+        }
+    }
+}
+
+/// Paper 1, Table 5; W(180°) is the one exception that METHODS lists (1.63 against 1.94).
+#[test]
+fn paper_table_5_uncertainties() {
+    let form = paper_design(8, 1);
+    let solution = form.solve(&[0.0; 32], 1.0).unwrap();
+    let expanded = |with_r: usize| 2.0 * solution.covariance[(with_r - 1, with_r - 1)].sqrt();
+    let layout = &form.layout;
+    let mut squares = Vec::new();
+    for line in include_str!("../../../tests/data/paper1-table5.csv").lines().skip(2) {
+        let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let i = ((row[0] / 45.0).round() as i64).rem_euclid(8) as usize;
+        let own = [layout.ex(0, i), layout.ey(0, i), layout.er(0, i), layout.w(0, i)];
+        for (column, index) in own.into_iter().enumerate() {
+            let printed = row[column + 1];
+            let excepted = i == 4 && column == 3;
+            if printed > 0.0 && !excepted {
+                squares.push((expanded(index) / printed).ln().powi(2));
+            } else if printed == 0.0 {
+                assert!(expanded(index) < 1e-6);
+            }
+        }
+    }
+    assert_eq!(squares.len(), 7 * 4 - 2);
+    let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    assert!(rms <= 0.04, "rms log-ratio {rms}");
+}
+
+/// METHODS section 1: u = 0.97/1.06 um for the mean of E_total.
+#[test]
+fn regress_uncertainty_of_the_mean_axis_position() {
+    let form = paper_design(8, 1);
+    let solution = form.solve(&[0.0; 32], 1.0).unwrap();
+    let (x, y) = outputs::axis_position(&form.layout, 0);
+    let u = |c: &[f64]| {
+        let product = super::fit::multiply(&solution.covariance, &c[1..]);
+        dot(&c[1..], &product).sqrt()
+    };
+    assert!((u(&x) - 0.97).abs() < 0.006, "{}", u(&x));
+    assert!((u(&y) - 1.06).abs() < 0.006, "{}", u(&y));
+}
+
+#[test]
+fn regress_a_third_probe_angle_tames_the_noise() {
+    for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
+        let with = PaperForm::new(&Design { n, probes: vec![0, 1, n / 4] });
+        let worst = worst_sigma(&with);
+        assert!((worst - third).abs() < 0.006, "N = {n}: {worst}");
+        if paper.is_finite() {
+            let worst = worst_sigma(&paper_design(n, 1));
+            assert!((worst / paper - 1.0).abs() < 0.005, "N = {n}: {worst}");
+        }
+    }
+}
+
+/// Any E, E_r, W that keep the gauge come back from the equation itself.
+#[test]
+fn regress_noise_free_linear_recovery() {
+    let form = paper_design(8, 3);
+    let mut rng = stream(7, &[1]);
+    let mut truth: Vec<f64> =
+        (0..form.a.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
+    let l = &form.layout;
+    for zero in [l.ex(0, 0), l.ey(0, 0), l.er(0, 0), l.w(0, 0), l.er(0, 4)] {
+        truth[zero - 1] = 0.0;
+    }
+    truth[l.er(0, 6) - 1] = truth[l.er(0, 2) - 1];
+    let differences = super::fit::multiply(&form.a, &truth);
+    let found = form.solve(&differences, 1.0).unwrap().x;
+    let worst = found.iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-9, "{worst}");
+}
+
+/// Exact contact of a ball, led along the ray at φ through the machine's origin, with a round part
+/// standing off-centre on a table whose true axis stands at c: an intersection of line and circle.
+struct RoundPart {
+    reach: f64,
+    /// Centre at C = 0.
+    centre: [f64; 2],
+    axis: [f64; 2],
+}
+
+impl RoundPart {
+    fn radius(&self, c: f64, phi: f64) -> f64 {
+        let from_axis = [self.centre[0] - self.axis[0], self.centre[1] - self.axis[1]];
+        let (sin, cos) = (-c).sin_cos();
+        let x = self.axis[0] + cos * from_axis[0] - sin * from_axis[1];
+        let y = self.axis[1] + sin * from_axis[0] + cos * from_axis[1];
+        let (sin, cos) = phi.sin_cos();
+        let across = -x * sin + y * cos;
+        x * cos + y * sin + (self.reach * self.reach - across * across).sqrt()
+    }
+}
+
+fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
+    let design = Design { n, probes: vec![0, 1, n / 4] };
+    let observations: Vec<Observation> = design
+        .cycle(false)
+        .into_iter()
+        .map(|t| Observation {
+            height: 0,
+            c: t.c,
+            phi: t.phi,
+            radius: part.radius(design.angle(t.c), design.angle(t.phi)),
+            lateral: 0.0,
+            time: 0.0,
+        })
+        .collect();
+    let layout = Layout { design, heights: 1, drift_order: 0 };
+    let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
+    let sigma = vec![1e-3; radii.len()];
+    let fit = Fit::new(layout, observations, &sigma, second_order).unwrap();
+    let x = fit.solve(&radii).x;
+    let (cx, cy) = outputs::axis_position(&fit.layout, 0);
+    [dot(&cx, &x), dot(&cy, &x)]
+}
+
+/// METHODS section 1: e = 1.5 mm, c = (50, −30) um, R = 45, r_ball = 3.
+#[test]
+fn regress_second_order_correction_on_exact_geometry() {
+    let mut worst = [0.0f64; 2];
+    for turn in 0..16 {
+        let (sin, cos) = (TAU * f64::from(turn) / 16.0).sin_cos();
+        let axis = [0.050, -0.030];
+        let part =
+            RoundPart { reach: 48.0, centre: [axis[0] + 1.5 * cos, axis[1] + 1.5 * sin], axis };
+        for (i, second_order) in [false, true].into_iter().enumerate() {
+            let found = identified_axis(&part, 8, second_order);
+            let off = (found[0] - axis[0]).hypot(found[1] - axis[1]);
+            worst[i] = worst[i].max(off);
+        }
+    }
+    assert!(worst[1] <= 0.20e-3, "corrected: {} mm", worst[1]);
+    assert!(worst[0] > 1e-3, "the test must need the correction: {} mm", worst[0]);
+}
+
+/// The pattern of paper 1, Table 9: the machine's origin shifted by ±20 um, the centre comes back
+/// as c0 − shift.
+#[test]
+fn paper_table_9_shifted_origins() {
+    let axis = [0.003, 0.005];
+    let centre = [0.4, -0.3];
+    for shift in [[0.0, 0.02], [0.0, -0.02], [0.02, 0.0], [-0.02, 0.0], [0.02, -0.02]] {
+        let moved = |p: [f64; 2]| [p[0] - shift[0], p[1] - shift[1]];
+        let part = RoundPart { reach: 48.0, centre: moved(centre), axis: moved(axis) };
+        let found = identified_axis(&part, 8, true);
+        let expected = moved(axis);
+        for i in 0..2 {
+            assert!((found[i] - expected[i]).abs() < 0.03e-3, "{found:?} for {expected:?}");
+        }
+    }
+}
+
+/// The Gauss circle through the paper's design, c = (3, 5.1) um: METHODS gives 2.93/3.11 at k = 2
+/// (paper 1, Table 6 prints 3.68/3.10; its X is no gate).
+#[test]
+fn paper_table_6_circle_centre() {
+    let form = paper_design(8, 1);
+    let layout = &form.layout;
+    let truth = |i: usize| {
+        let (sin, cos) = layout.design.angle(i).sin_cos();
+        let c = [3.0, 5.1];
+        [c[0] - cos * c[0] - sin * c[1], c[1] + sin * c[0] - cos * c[1]]
+    };
+    let solution = form.solve(&[0.0; 32], 1.0).unwrap();
+    let mut rng = stream(11, &[6]);
+    let trials = 100_000;
+    let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
+    for _ in 0..trials {
+        let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();
+        let x = super::fit::multiply(&solution.gain, &noise);
+        let points: Vec<[f64; 2]> = (0..8)
+            .map(|i| [truth(i)[0] + x[layout.ex(0, i) - 1], truth(i)[1] + x[layout.ey(0, i) - 1]])
+            .collect();
+        let centre = circle::fit(&points).unwrap().centre;
+        for i in 0..2 {
+            sum[i] += centre[i];
+            squares[i] += centre[i] * centre[i];
+        }
+    }
+    let expanded = |i: usize| {
+        let mean: f64 = sum[i] / f64::from(trials);
+        2.0 * (squares[i] / f64::from(trials) - mean * mean).sqrt()
+    };
+    assert!((expanded(0) - 2.93).abs() < 0.06, "{}", expanded(0));
+    assert!((expanded(1) - 3.11).abs() < 0.06, "{}", expanded(1));
+}
+
+#[test]
+fn regress_drift_needs_references_only_where_it_says_so() {
+    // Random drift in X, Y and radius is taken out exactly when it is linear in time.
+    let design = Design { n: 8, probes: vec![0, 1, 2] };
+    let part = RoundPart { reach: 48.0, centre: [0.3, 0.2], axis: [0.02, -0.01] };
+    let touches = design.cycle(true);
+    let mut rng = stream(3, &[9]);
+    let rate: [f64; 3] = std::array::from_fn(|_| 0.01 * (rng.random::<f64>() - 0.5));
+    let last = (touches.len() - 1) as f64;
+    let observations: Vec<Observation> = touches
+        .iter()
+        .enumerate()
+        .map(|(i, t)| {
+            let time = 2.0 * i as f64 / last - 1.0;
+            let (sin, cos) = design.angle(t.phi).sin_cos();
+            let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
+            let radius = part.radius(design.angle(t.c), design.angle(t.phi)) + drift;
+            Observation { height: 0, c: t.c, phi: t.phi, radius, lateral: 0.0, time }
+        })
+        .collect();
+    let layout = Layout { design, heights: 1, drift_order: 1 };
+    let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
+    let fit = Fit::new(layout, observations, &vec![1e-3; radii.len()], true).unwrap();
+    let x = fit.solve(&radii).x;
+    let (cx, cy) = outputs::axis_position(&fit.layout, 0);
+    assert!((dot(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot(&cx, &x));
+    assert!((dot(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot(&cy, &x));
+}
+
+#[test]
+fn regress_the_default_design_is_well_posed_for_any_n() {
+    for n in 5..=36 {
+        let design =
+            Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
+        let layout = Layout { design, heights: 1, drift_order: 1 };
+        let touches = layout.design.cycle(true);
+        let last = touches.len() as f64;
+        let seen: Vec<Observation> = touches
+            .iter()
+            .enumerate()
+            .map(|(i, t)| Observation {
+                height: 0,
+                c: t.c,
+                phi: t.phi,
+                radius: 0.0,
+                lateral: 0.0,
+                time: 2.0 * i as f64 / last - 1.0,
+            })
+            .collect();
+        let a = layout.matrix(&seen);
+        let gauge = layout.gauge();
+        let found = linear::survey(a.as_ref(), Some(gauge.as_ref()), RANK_THRESHOLD).unwrap();
+        assert_eq!(found.nullity, 0, "N = {n}");
+    }
+}

@@ -1,0 +1,106 @@
+//! Propagation of the sources through the identification: by covariance and by Monte Carlo
+//! (JCGM 100 and JCGM 101; METHODS section 6).
+
+use faer::Mat;
+
+use super::fit::{Fit, multiply};
+use super::sources::{Shape, UncertaintySource, is_touch_by_touch};
+use crate::estimation::coverage;
+
+/// First-order propagation to linear outputs (outputs × unknowns coefficients).
+pub struct Propagated {
+    /// Outputs × outputs.
+    pub covariance: Mat<f64>,
+    /// Per source: standard uncertainty of each output.
+    pub budget: Vec<(&'static str, Vec<f64>)>,
+    /// Per output: variance from the sources that the residuals show.
+    pub touch_variance: Vec<f64>,
+}
+
+/// How the touches' own scatter was judged.
+#[derive(Debug, Clone, Copy)]
+pub struct TouchScale {
+    /// Factor on the declared (or assumed) standard uncertainty of a touch.
+    pub factor: f64,
+    /// Degrees of freedom behind the factor; `None` where the declared value stands.
+    pub dof: Option<f64>,
+}
+
+impl TouchScale {
+    /// Declared repeatability stands unless the residuals contradict it (χ² above its 99.9 %
+    /// bound); without a declaration the residuals judge.
+    pub fn judge(declared: bool, chi2: f64, dof: usize) -> Self {
+        let nu = dof as f64;
+        let contradicted = dof > 0 && chi2 > coverage::chi_square_bounds(dof, 0.998).1;
+        match (declared && !contradicted) || dof == 0 {
+            true => Self { factor: 1.0, dof: None },
+            false => Self { factor: (chi2 / nu).sqrt(), dof: Some(nu) },
+        }
+    }
+}
+
+impl Propagated {
+    pub fn new(
+        fit: &Fit,
+        outputs: &Mat<f64>,
+        sources: &[UncertaintySource],
+        scale: TouchScale,
+    ) -> Self {
+        let sensitivity = outputs * &fit.solution.gain;
+        let count = outputs.nrows();
+        let mut covariance = Mat::zeros(count, count);
+        let mut touch_variance = vec![0.0; count];
+        let mut budget = Vec::new();
+        for source in sources {
+            let mut effect = &sensitivity * &source.factor;
+            if is_touch_by_touch(source) {
+                effect *= faer::Scale(scale.factor);
+            }
+            let share = &effect * effect.transpose();
+            let variance: Vec<f64> = (0..count).map(|i| share[(i, i)]).collect();
+            if is_touch_by_touch(source) {
+                touch_variance.iter_mut().zip(&variance).for_each(|(sum, v)| *sum += v);
+            }
+            budget.push((source.name, variance.into_iter().map(f64::sqrt).collect()));
+            covariance += share;
+        }
+        Self { covariance, budget, touch_variance }
+    }
+
+    pub fn u(&self, output: usize) -> f64 {
+        self.covariance[(output, output)].max(0.0).sqrt()
+    }
+
+    /// Effective degrees of freedom (Welch–Satterthwaite, JCGM 100 G.4); `None`: infinitely many.
+    pub fn dof(&self, output: usize, scale: TouchScale) -> Option<f64> {
+        let nu = scale.dof?;
+        let total = self.covariance[(output, output)];
+        let touch = self.touch_variance[output];
+        (touch > 0.0).then(|| nu * (total / touch).powi(2))
+    }
+}
+
+/// Radii disturbed by one draw of every source. `normal` and `uniform` give independent numbers of
+/// unit variance and of unit width about zero.
+pub fn disturb(
+    radii: &[f64],
+    sources: &[UncertaintySource],
+    scale: TouchScale,
+    mut normal: impl FnMut() -> f64,
+    mut uniform: impl FnMut() -> f64,
+) -> Vec<f64> {
+    let mut disturbed = radii.to_vec();
+    for source in sources {
+        let draws: Vec<f64> = (0..source.factor.ncols())
+            .map(|_| match source.shape {
+                Shape::Normal => normal(),
+                Shape::Rectangular => uniform() * 12f64.sqrt(),
+            })
+            .collect();
+        let factor = if is_touch_by_touch(source) { scale.factor } else { 1.0 };
+        for (r, change) in disturbed.iter_mut().zip(multiply(&source.factor, &draws)) {
+            *r += factor * change;
+        }
+    }
+    disturbed
+}

@@ -1,0 +1,112 @@
+//! One stage: check all of its blocks, then execute them.
+
+use super::{Run, RunError};
+use crate::base::{Axis, Position};
+use crate::gcode::Program;
+use crate::planning::{Clearance, machine_time_s, touch_block};
+use crate::record::event::Event;
+use crate::record::motion::{Block, Motion, Outcome};
+use crate::record::plan::{Stage, Step};
+use crate::record::reading::{Flag, Reading};
+
+/// A block with what belongs to it.
+struct Task {
+    step: Step,
+    block: Block,
+    /// Machine time from here to the end of the stage, s.
+    remaining_s: f64,
+    /// Where the machine stands afterwards.
+    ends: Position,
+}
+
+impl Run<'_> {
+    /// Returns where the machine stands at the end.
+    pub(super) async fn run_stage(
+        &mut self,
+        stage: &Stage,
+        stands: Option<Position>,
+    ) -> Result<Option<Position>, RunError> {
+        let tasks = self.tasks(stage, stands)?;
+        self.prove(stage, &tasks)?;
+        let mut stands = None;
+        for task in tasks {
+            let Task { step, block, remaining_s, ends } = task;
+            let (id, repeat) = (step.id, stage.repeat);
+            (self.tell)(&Event::StepStarted {
+                step: id,
+                repeat,
+                label: step.label.clone(),
+                remaining_s,
+            });
+            let outcome = self.devices.controller.execute(block).await?;
+            let reading = self.reading(&step, repeat, outcome)?;
+            self.journal.reading(self.id, &reading).await?;
+            self.readings.push(reading.clone());
+            (self.tell)(&Event::ReadingStored { reading });
+            stands = Some(ends);
+        }
+        Ok(stands)
+    }
+
+    fn tasks(&self, stage: &Stage, stands: Option<Position>) -> Result<Vec<Task>, RunError> {
+        let clearance = Clearance::above(&self.plan)?;
+        let mut stands = stands;
+        let mut tasks = Vec::new();
+        for step in self.plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+            let block =
+                touch_block(&self.plan, step, stage.repeat, stands.as_ref(), &clearance)?;
+            let begins = stands.clone().unwrap_or_else(|| step.from.clone());
+            let seconds = machine_time_s(&block, &begins, &self.plan.machine);
+            let ends = end_of(&block, &begins);
+            stands = Some(ends.clone());
+            tasks.push(Task { step: step.clone(), block, remaining_s: seconds, ends });
+        }
+        let mut left = 0.0;
+        for task in tasks.iter_mut().rev() {
+            left += task.remaining_s;
+            task.remaining_s = left;
+        }
+        Ok(tasks)
+    }
+
+    /// Render the whole stage for this control and read it back: what the text says must be what
+    /// the blocks mean.
+    fn prove(&self, stage: &Stage, tasks: &[Task]) -> Result<(), RunError> {
+        let axes: Vec<Axis> = self.plan.machine.axes.keys().copied().collect();
+        let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
+        let program = Program { title: &stage.name, axes: &axes, log: None };
+        let dialect = &self.devices.dialect;
+        let text = dialect.program(&program, &blocks).map_err(|error| RunError::Unwritable {
+            stage: stage.name.clone(),
+            why: error.to_string(),
+        })?;
+        dialect
+            .proves(&text, &blocks)
+            .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })
+    }
+
+    fn reading(&self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
+        Ok(Reading {
+            step: step.id,
+            repeat,
+            position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
+            value_mm: None,
+            sensor: step.sensor.clone(),
+            t_s: outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s()),
+            flag: Flag::None,
+            temperatures_c: Default::default(),
+        })
+    }
+}
+
+/// Where the axes stand after a block: the last target named for each.
+fn end_of(block: &Block, begins: &Position) -> Position {
+    block.motions.iter().fold(begins.clone(), |stands, motion| match motion {
+        Motion::Rapid { to }
+        | Motion::BackOff { to, .. }
+        | Motion::Guarded { to, .. }
+        | Motion::Probe { to, .. } => stands.updated_by(to),
+        Motion::Orient { s } => stands.with(Axis::S, *s),
+        Motion::Dwell { .. } => stands,
+    })
+}
