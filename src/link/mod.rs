@@ -2,6 +2,16 @@
 
 use std::io;
 
+mod address;
+mod lines;
+mod stream;
+#[cfg(test)]
+mod tests;
+
+pub use address::{Address, Pty, open, pty};
+pub use lines::Received;
+pub use stream::{Link, Urgent};
+
 /// What can go wrong on a link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {

@@ -1,0 +1,41 @@
+//! What can go wrong between motion and text.
+
+use super::rs274::ReadError;
+use crate::base::Axis;
+
+/// A dialect that is not there or not whole.
+#[derive(Debug, thiserror::Error)]
+pub enum DialectError {
+    #[error("no dialect is called `{name}`; there are {}", known.join(", "))]
+    Unknown { name: String, known: Vec<String> },
+    #[error("gcode-templates/{folder}: {why}")]
+    Broken { folder: String, why: String },
+}
+
+/// A block that has no text in this dialect.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RenderError {
+    #[error("a value is {0}, not a number that a control can be given")]
+    NotFinite(f64),
+    #[error("the dialect {dialect} has no template `{what}`: this control cannot do it")]
+    Unsupported { dialect: String, what: &'static str },
+    #[error("the dialect {dialect} has no word for the axis {axis}")]
+    NoWord { dialect: String, axis: Axis },
+    #[error("step {0} does not fit into an N word (at most 99999)")]
+    StepTooLarge(u32),
+    #[error("a motion without an axis to move")]
+    NoTarget,
+    #[error("template `{template}`: {why}")]
+    Template { template: String, why: String },
+}
+
+/// The text does not say what was meant.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Disagreement {
+    #[error("the program cannot be read back: {0}")]
+    Unreadable(#[from] ReadError),
+    #[error("{meant} motions were meant, {read} are read back")]
+    Count { meant: usize, read: usize },
+    #[error("line {line} of the program does not say what step {step} means: {why}")]
+    Motion { step: u32, line: usize, why: String },
+}

@@ -1,0 +1,16 @@
+//! Floor 3: neutral motion to the text of a control, and back.
+//!
+//! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); adding one needs no Rust. A
+//! *language* is a reader ([`rs274`]); what a dialect rendered can be read back and compared with
+//! the motion that was meant ([`Dialect::proves`]).
+
+mod dialect;
+mod error;
+mod proof;
+mod render;
+pub mod rs274;
+#[cfg(test)]
+mod tests;
+
+pub use dialect::{Dialect, Program};
+pub use error::{DialectError, Disagreement, RenderError};

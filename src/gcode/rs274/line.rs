@@ -1,0 +1,138 @@
+//! One line of text to its words.
+
+use std::collections::BTreeMap;
+
+/// A line without its blanks and comments.
+#[derive(Debug, PartialEq)]
+pub(super) enum Line {
+    /// `%` at the start or end of the program.
+    Percent,
+    /// `o<..> if [..]`
+    If(String),
+    /// `o<..> endif`
+    EndIf(String),
+    Words(Words),
+}
+
+/// Words by letter; G and M may stand several times.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Words {
+    /// Ten times the G words: G38.2 is 382.
+    pub g: Vec<u32>,
+    pub m: Vec<u32>,
+    values: BTreeMap<char, f64>,
+    /// A comment `(ABORT, ..)` stands in the line.
+    pub aborts: bool,
+}
+
+impl Words {
+    /// The value of a word, which then counts as understood.
+    pub fn take(&mut self, letter: char) -> Option<f64> {
+        self.values.remove(&letter)
+    }
+
+    /// Is this G word (times ten) here? It then counts as understood.
+    pub fn take_g(&mut self, tenfold: u32) -> bool {
+        let before = self.g.len();
+        self.g.retain(|g| *g != tenfold);
+        self.g.len() < before
+    }
+
+    pub fn take_m(&mut self, code: u32) -> bool {
+        let before = self.m.len();
+        self.m.retain(|m| *m != code);
+        self.m.len() < before
+    }
+
+    /// A G or M word that nobody understood.
+    pub fn left_over_code(&self) -> Option<String> {
+        let g = self.g.first().map(|g| format!("G{}", f64::from(*g) / 10.0));
+        g.or_else(|| self.m.first().map(|m| format!("M{m}")))
+    }
+
+    /// A word that nobody understood.
+    pub fn left_over(&self) -> Option<String> {
+        let value = || self.values.iter().next().map(|(letter, value)| format!("{letter}{value}"));
+        self.left_over_code().or_else(value)
+    }
+
+    fn put(&mut self, letter: char, value: f64) -> Result<(), String> {
+        match letter {
+            'G' => self.g.push(code(value * 10.0, letter)?),
+            'M' => self.m.push(code(value, letter)?),
+            _ => {
+                if self.values.insert(letter, value).is_some() {
+                    return Err(format!("two {letter} words"));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn code(value: f64, letter: char) -> Result<u32, String> {
+    let whole = value.round();
+    if (value - whole).abs() < 1e-6 && (0.0..10_000.0).contains(&whole) {
+        return Ok(whole as u32);
+    }
+    Err(format!("a {letter} word that does not exist"))
+}
+
+impl Line {
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (plain, aborts) = without_comments(text)?;
+        if plain == "%" {
+            return Ok(Self::Percent);
+        }
+        if let Some(rest) = plain.strip_prefix('O') {
+            return condition(rest);
+        }
+        let mut words = Words { aborts, ..Words::default() };
+        let mut rest = plain.as_str();
+        while let Some(letter) = rest.chars().next() {
+            if !letter.is_ascii_uppercase() {
+                return Err(format!("`{rest}` is not understood"));
+            }
+            let after = &rest[1..];
+            let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+');
+            let end = after.find(|c| !is_number(c)).unwrap_or(after.len());
+            let (number, next) = after.split_at(end);
+            let value = number.parse().map_err(|_| format!("`{rest}` is not a word"))?;
+            words.put(letter, value)?;
+            rest = next;
+        }
+        Ok(Self::Words(words))
+    }
+}
+
+/// Upper case, no blanks, no comments; and whether a comment aborts the program.
+fn without_comments(text: &str) -> Result<(String, bool), String> {
+    let (mut plain, mut comment, mut depth, mut aborts) = (String::new(), String::new(), 0, false);
+    for c in text.chars() {
+        match c {
+            '(' if depth == 0 => depth = 1,
+            ')' if depth == 1 => {
+                depth = 0;
+                aborts |= comment.trim_start().to_ascii_uppercase().starts_with("ABORT,");
+                comment.clear();
+            }
+            _ if depth == 1 => comment.push(c),
+            ';' => break,
+            c if c.is_whitespace() => {}
+            c => plain.push(c.to_ascii_uppercase()),
+        }
+    }
+    if depth == 1 { Err("a comment without its end".to_owned()) } else { Ok((plain, aborts)) }
+}
+
+/// What follows the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
+fn condition(rest: &str) -> Result<Line, String> {
+    let refused = || format!("`O{rest}` is not understood: only conditions that stop are");
+    let (name, what) =
+        rest.strip_prefix('<').and_then(|r| r.split_once('>')).ok_or_else(refused)?;
+    match what {
+        "ENDIF" => Ok(Line::EndIf(name.to_owned())),
+        _ if what.starts_with("IF[") && what.ends_with(']') => Ok(Line::If(name.to_owned())),
+        _ => Err(refused()),
+    }
+}

@@ -1,0 +1,208 @@
+//! A byte stream and the one task that owns it. The handles are channels: a dropped or timed-out
+//! wait never drops an IO operation half-way.
+
+use std::collections::VecDeque;
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, timeout, timeout_at};
+
+use super::LinkError;
+use super::lines::{Assembler, Received};
+
+/// Lines that may wait for their reader. A peer that floods more is the wrong peer.
+const WAITING_LINES: usize = 4096;
+/// How long the last words may take once the handle is gone.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// The handle: lines in, bytes out.
+pub struct Link {
+    name: String,
+    incoming: mpsc::Receiver<Result<Received, String>>,
+    outgoing: mpsc::UnboundedSender<Vec<u8>>,
+    urgent: Urgent,
+    lost: Option<String>,
+}
+
+/// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a
+/// message whose first byte is on its way.
+#[derive(Clone)]
+pub struct Urgent(mpsc::UnboundedSender<Vec<u8>>);
+
+impl Urgent {
+    /// On a lost link there is nothing to hold any more: the error comes to whoever reads.
+    pub fn send(&self, bytes: &[u8]) {
+        let _ = self.0.send(bytes.to_vec());
+    }
+}
+
+impl Link {
+    /// Start the owning task for `stream`; `name` is how errors call it. Call inside a tokio
+    /// runtime.
+    pub fn over(
+        name: impl Into<String>,
+        stream: impl AsyncRead + AsyncWrite + Send + 'static,
+    ) -> Self {
+        let (lines, incoming) = mpsc::channel(WAITING_LINES);
+        let (outgoing, queued) = mpsc::unbounded_channel();
+        let (urgent, urgent_queue) = mpsc::unbounded_channel();
+        let (reader, writer) = tokio::io::split(stream);
+        let owner = Owner { reader, writer, lines, queued, urgent_queue, pending: VecDeque::new() };
+        tokio::spawn(owner.run());
+        Self { name: name.into(), incoming, outgoing, urgent: Urgent(urgent), lost: None }
+    }
+
+    /// Queue one message; it is written whole, in order.
+    pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
+    }
+
+    /// Queue `line` and a line feed.
+    pub fn send_line(&self, line: &str) -> Result<(), LinkError> {
+        self.send(format!("{line}\n").as_bytes())
+    }
+
+    pub fn urgent(&self) -> Urgent {
+        self.urgent.clone()
+    }
+
+    /// The next line, or noise. Once lost, a link stays lost.
+    pub async fn recv(&mut self) -> Result<Received, LinkError> {
+        match self.incoming.recv().await {
+            Some(Ok(received)) => Ok(received),
+            Some(Err(why)) => {
+                self.lost = Some(why);
+                Err(self.gone())
+            }
+            None => Err(self.gone()),
+        }
+    }
+
+    /// The next line, or `None` when `deadline` has passed without one.
+    pub async fn recv_deadline(
+        &mut self,
+        deadline: Instant,
+    ) -> Result<Option<Received>, LinkError> {
+        // What is dropped here waits on a channel, not on the device.
+        timeout_at(deadline, self.recv()).await.ok().transpose()
+    }
+
+    fn gone(&self) -> LinkError {
+        let why = self.lost.clone().unwrap_or_else(|| "it was closed".to_owned());
+        LinkError::Lost { address: self.name.clone(), why }
+    }
+}
+
+/// What the task owns.
+struct Owner<S> {
+    reader: ReadHalf<S>,
+    writer: WriteHalf<S>,
+    lines: mpsc::Sender<Result<Received, String>>,
+    queued: mpsc::UnboundedReceiver<Vec<u8>>,
+    urgent_queue: mpsc::UnboundedReceiver<Vec<u8>>,
+    /// Messages to be written; of the first, some bytes may be gone already.
+    pending: VecDeque<Message>,
+}
+
+struct Message {
+    bytes: Vec<u8>,
+    written: usize,
+}
+
+impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
+    async fn run(mut self) {
+        let end = self.pump().await;
+        let why = match end {
+            Ok(()) => {
+                self.say_last_words().await;
+                return;
+            }
+            Err(error) => error.to_string(),
+        };
+        let _ = self.lines.send(Err(why)).await;
+    }
+
+    /// Read and write until the handle is dropped (`Ok`) or the link is lost.
+    async fn pump(&mut self) -> io::Result<()> {
+        let mut assembler = Assembler::default();
+        let mut buffer = [0; 4096];
+        loop {
+            // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
+            tokio::select! {
+                biased;
+                Some(bytes) = self.urgent_queue.recv() => insert_urgent(&mut self.pending, bytes),
+                written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
+                    advance(&mut self.pending, written?);
+                }
+                message = self.queued.recv(), if self.pending.is_empty() => match message {
+                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0 }),
+                    None => return Ok(()),
+                },
+                read = self.reader.read(&mut buffer) => {
+                    let count = read?;
+                    if count == 0 {
+                        return Err(io::Error::other("the other side closed it"));
+                    }
+                    self.pass_on(assembler.take(&buffer[..count]))?;
+                }
+            }
+        }
+    }
+
+    fn pass_on(&self, received: Vec<Received>) -> io::Result<()> {
+        for item in received {
+            match self.lines.try_send(Ok(item)) {
+                Err(mpsc::error::TrySendError::Full(_)) => {
+                    return Err(io::Error::other("the other side floods it with lines"));
+                }
+                Ok(()) | Err(mpsc::error::TrySendError::Closed(_)) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// A hold that was asked for in the last moment still goes out.
+    async fn say_last_words(&mut self) {
+        while let Ok(bytes) = self.urgent_queue.try_recv() {
+            insert_urgent(&mut self.pending, bytes);
+        }
+        let write = async {
+            while !self.pending.is_empty() {
+                match write_some(&mut self.writer, &self.pending).await {
+                    Ok(count) => advance(&mut self.pending, count),
+                    Err(_) => return,
+                }
+            }
+        };
+        // The stream is closed afterwards in any case.
+        let _ = timeout(LAST_WORDS, write).await;
+    }
+}
+
+/// Behind a message that has begun, ahead of all that have not.
+fn insert_urgent(pending: &mut VecDeque<Message>, bytes: Vec<u8>) {
+    let begun = pending.front().is_some_and(|message| message.written > 0);
+    pending.insert(usize::from(begun), Message { bytes, written: 0 });
+}
+
+async fn write_some<S: AsyncWrite>(
+    writer: &mut WriteHalf<S>,
+    pending: &VecDeque<Message>,
+) -> io::Result<usize> {
+    let Some(message) = pending.front() else { return Ok(0) };
+    let count = writer.write(&message.bytes[message.written..]).await?;
+    if count == 0 && !message.bytes.is_empty() {
+        return Err(io::ErrorKind::WriteZero.into());
+    }
+    Ok(count)
+}
+
+fn advance(pending: &mut VecDeque<Message>, count: usize) {
+    let Some(message) = pending.front_mut() else { return };
+    message.written += count;
+    if message.written >= message.bytes.len() {
+        pending.pop_front();
+    }
+}

@@ -1,0 +1,87 @@
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::time::Instant;
+
+use super::*;
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(5)
+}
+
+fn line(text: &str) -> Option<Received> {
+    Some(Received::Line(text.to_owned()))
+}
+
+#[tokio::test]
+async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
+    let (ours, mut theirs) = tokio::io::duplex(64);
+    let mut link = Link::over("peer", ours);
+    link.send_line("?").unwrap();
+    let mut bytes = [0; 2];
+    theirs.read_exact(&mut bytes).await.unwrap();
+    assert_eq!(&bytes, b"?\n");
+    theirs.write_all(b"ok\r\n").await.unwrap();
+    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("ok"));
+    let passed = link.recv_deadline(Instant::now()).await.unwrap();
+    assert_eq!(passed, None);
+    drop(theirs);
+    for _ in 0..2 {
+        let error = link.recv_deadline(soon()).await.unwrap_err();
+        assert_eq!(error.to_string(), "the link to peer is lost: the other side closed it");
+    }
+}
+
+#[tokio::test]
+async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
+    let (ours, mut theirs) = tokio::io::duplex(4);
+    let link = Link::over("peer", ours);
+    link.send(b"first line\n").unwrap();
+    let mut start = [0; 1];
+    theirs.read_exact(&mut start).await.unwrap();
+    for _ in 0..100 {
+        link.send(b"later\n").unwrap();
+    }
+    link.urgent().send(b"!");
+    let mut rest = [0; 16];
+    theirs.read_exact(&mut rest).await.unwrap();
+    assert_eq!(&rest, b"irst line\n!later");
+}
+
+#[tokio::test]
+async fn a_hold_goes_out_although_the_handle_is_dropped() {
+    let (ours, mut theirs) = tokio::io::duplex(64);
+    let link = Link::over("peer", ours);
+    link.urgent().send(b"!");
+    drop(link);
+    let mut bytes = Vec::new();
+    theirs.read_to_end(&mut bytes).await.unwrap();
+    assert_eq!(bytes, b"!");
+}
+
+#[tokio::test]
+async fn a_pty_is_opened_by_one_client_at_a_time() {
+    let mut pty = pty().unwrap();
+    let address = Address::Serial { path: pty.path.clone(), baud: 115_200 };
+    let mut link = open(&address).await.unwrap();
+    assert!(matches!(open(&address).await, Err(LinkError::Busy { .. })));
+    link.send_line("$I").unwrap();
+    let mut bytes = [0; 3];
+    pty.device.read_exact(&mut bytes).await.unwrap();
+    assert_eq!(&bytes, b"$I\n");
+    pty.device.write_all(b"[AXS:5:XYZBC]\r\nok\r\n").await.unwrap();
+    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("[AXS:5:XYZBC]"));
+    assert_eq!(link.recv_deadline(soon()).await.unwrap(), line("ok"));
+}
+
+#[tokio::test]
+async fn a_port_that_is_not_there_is_missing() {
+    let path = "/dev/no-such-port".to_owned();
+    let serial = open(&Address::Serial { path, baud: 115_200 }).await;
+    assert!(matches!(serial, Err(LinkError::Missing { .. })));
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    drop(listener);
+    let tcp = open(&Address::Tcp { host: "127.0.0.1".to_owned(), port }).await;
+    assert!(matches!(tcp, Err(LinkError::Missing { .. })));
+}

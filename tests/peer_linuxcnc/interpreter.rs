@@ -1,0 +1,205 @@
+//! LinuxCNC's own interpreter, alone (`rs274 -g`): its canonical moves against our reading of the
+//! same text.
+
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::process::Command;
+
+use libtest_mimic::Failed;
+use rand::RngExt;
+use trued::base::random::stream;
+use trued::base::{Axis, Position};
+use trued::gcode::rs274::{Kind, ReadMotion, read};
+use trued::gcode::{Dialect, Program};
+use trued::record::motion::{Block, Motion};
+
+const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+/// Half a unit of the last decimal that it prints.
+const PRINTED: f64 = 0.000_051;
+/// It backs off by a hundredth of an inch after a probe move that touched nothing.
+const PROBE_BACK_OFF: f64 = 0.255;
+
+/// A canonical call: name and numbers.
+type Canonical = (String, Vec<f64>);
+
+fn canonical(text: &str) -> Result<Vec<Canonical>, Failed> {
+    let mut file = tempfile::Builder::new().suffix(".ngc").tempfile()?;
+    file.write_all(text.as_bytes())?;
+    let output = Command::new("rs274").arg("-g").arg(file.path()).output()?;
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    if !said.contains("FINISH()") {
+        let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
+        return Err(format!("rs274 does not end the program:\n{said}{complaint}").into());
+    }
+    Ok(said.lines().filter_map(call).collect())
+}
+
+/// `   22 N17    STRAIGHT_TRAVERSE(10.0000, ..)`
+fn call(line: &str) -> Option<Canonical> {
+    let (before, arguments) = line.split_once('(')?;
+    let name = before.split_whitespace().last()?;
+    if name == "USE_LENGTH_UNITS" {
+        return Some((format!("{name}:{}", arguments.trim_end_matches(')')), Vec::new()));
+    }
+    let numbers = arguments.trim_end_matches(')').split([',', ' ']).filter(|s| !s.is_empty());
+    Some((name.to_owned(), numbers.filter_map(|number| number.parse().ok()).collect()))
+}
+
+/// LinuxCNC's calls so far: what stands when the next move comes.
+#[derive(Default)]
+struct Standing {
+    feed: f64,
+    /// Whatever moves work coordinates away from machine coordinates.
+    offsets: BTreeMap<String, Vec<f64>>,
+    inches: bool,
+}
+
+impl Standing {
+    /// The next move, dwell or orientation.
+    fn next(&mut self, calls: &mut impl Iterator<Item = Canonical>) -> Option<Canonical> {
+        calls.find(|(name, numbers)| {
+            match name.as_str() {
+                "SET_FEED_RATE" => self.feed = numbers[0],
+                // The first number is the slot's.
+                "SET_G5X_OFFSET" => drop(self.offsets.insert(name.clone(), numbers[1..].to_vec())),
+                "SET_G92_OFFSET" | "SET_XY_ROTATION" | "USE_TOOL_LENGTH_OFFSET" => {
+                    self.offsets.insert(name.clone(), numbers.clone());
+                }
+                "USE_LENGTH_UNITS:CANON_UNITS_MM" => self.inches = false,
+                "USE_LENGTH_UNITS:CANON_UNITS_INCHES" => self.inches = true,
+                _ => {}
+            }
+            name.starts_with("STRAIGHT") || name == "DWELL" || name == "ORIENT_SPINDLE"
+        })
+    }
+}
+
+/// Does LinuxCNC mean by `theirs` the motions that we read in `ours`? Their number.
+fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
+    let ours = read(ours, Some("G59.3"))?;
+    let mut calls = canonical(theirs)?.into_iter();
+    let (mut at, mut slack) = (vec![0.0; 6], vec![PRINTED; 6]);
+    let mut standing = Standing::default();
+    for motion in &ours {
+        let (name, numbers) = standing.next(&mut calls).ok_or("LinuxCNC ends before us")?;
+        let differ = |why: String| Failed::from(format!("{motion:?}: {name} {numbers:?}: {why}"));
+        let expected = match motion.kind {
+            Kind::Rapid => "STRAIGHT_TRAVERSE",
+            Kind::Feed => "STRAIGHT_FEED",
+            Kind::Probe { .. } => "STRAIGHT_PROBE",
+            Kind::Dwell { .. } => "DWELL",
+            Kind::Orient { .. } => "ORIENT_SPINDLE",
+        };
+        if name != expected {
+            return Err(differ(format!("{expected} was expected")));
+        }
+        if standing.inches || standing.offsets.values().flatten().any(|offset| *offset != 0.0) {
+            return Err(differ("not in machine coordinates and mm".to_owned()));
+        }
+        if motion.feed_mm_min.is_some_and(|ours| (ours - standing.feed).abs() > PRINTED) {
+            return Err(differ(format!("their feed is {}", standing.feed)));
+        }
+        same_numbers(motion, &numbers, &mut at, &mut slack).map_err(differ)?;
+    }
+    match standing.next(&mut calls) {
+        Some(more) => Err(format!("LinuxCNC moves on: {more:?}").into()),
+        None => Ok(ours.len()),
+    }
+}
+
+/// `at` and `slack`: where it stood before, and how well that is known, by axis.
+fn same_numbers(
+    motion: &ReadMotion,
+    numbers: &[f64],
+    at: &mut [f64],
+    slack: &mut [f64],
+) -> Result<(), String> {
+    let near = |ours: f64, theirs: f64, tolerance: f64| (ours - theirs).abs() <= tolerance;
+    match motion.kind {
+        Kind::Dwell { seconds } => {
+            return if near(seconds, numbers[0], PRINTED) { Ok(()) } else { Err("dwell".into()) };
+        }
+        Kind::Orient { s } => {
+            let same = near(Axis::S.to_edge(s), numbers[1], PRINTED);
+            return if same { Ok(()) } else { Err("orientation".into()) };
+        }
+        _ => {}
+    }
+    for (i, axis) in AXES.into_iter().enumerate() {
+        let named = motion.target.get(axis).map(|value| axis.to_edge(value));
+        let (expected, tolerance) = named.map_or((at[i], slack[i]), |value| (value, PRINTED));
+        if !near(expected, numbers[i], tolerance) {
+            return Err(format!("{axis} should be {expected}"));
+        }
+        let probing = matches!(motion.kind, Kind::Probe { .. });
+        slack[i] = if probing && named.is_some() { PROBE_BACK_OFF } else { PRINTED };
+        at[i] = numbers[i];
+    }
+    Ok(())
+}
+
+fn some(rng: &mut impl RngExt, axes: &[Axis]) -> Position {
+    axes.iter().map(|axis| (*axis, axis.from_edge(rng.random_range(-150.0..150.0)))).collect()
+}
+
+/// A touch as the cycle does it, with arbitrary numbers.
+fn block(step: u32) -> Block {
+    use Axis::*;
+    let rng = &mut stream(7, &[u64::from(step)]);
+    let mut feed = |high: f64| rng.random_range(1.0..high);
+    let feeds = [feed(3000.0), feed(60.0), feed(1000.0)];
+    let motions = vec![
+        Motion::Rapid { to: some(rng, &[Z]) },
+        Motion::Orient { s: rng.random_range(0.0..6.28) },
+        Motion::Rapid { to: some(rng, &[A, B, C]) },
+        Motion::Guarded { to: some(rng, &[X, Y]), feed_mm_min: feeds[0] },
+        Motion::Guarded { to: some(rng, &[Z]), feed_mm_min: feeds[0] },
+        Motion::Probe { to: some(rng, &[X, Y, Z]), feed_mm_min: feeds[1] },
+        Motion::BackOff { to: some(rng, &[X, Y]), feed_mm_min: feeds[2] },
+        Motion::Dwell { seconds: rng.random_range(0.01..2.0) },
+    ];
+    Block { step, repeat: step % 3, motions }
+}
+
+fn program(blocks: &[Block]) -> Result<String, Failed> {
+    let dialect = Dialect::named("linuxcnc")?;
+    let program = Program { title: "peer test", axes: &AXES, log: Some("/var/tmp/none.log") };
+    let text = dialect.program(&program, blocks)?;
+    dialect.proves(&text, blocks)?;
+    Ok(text)
+}
+
+pub fn reads_as_we_do() -> Result<(), Failed> {
+    let all: Vec<Block> = (0..40).map(block).collect();
+    let whole = program(&all)?;
+    let read = agree(&whole, &whole)?;
+    if read != 40 * 8 {
+        return Err(format!("only {read} motions").into());
+    }
+    for one in &all[..3] {
+        let text = program(std::slice::from_ref(one))?;
+        agree(&text, &text)?;
+    }
+    Ok(())
+}
+
+/// The comparison above can fail: LinuxCNC is given another text than we read.
+pub fn another_disagrees() -> Result<(), Failed> {
+    let text = program(&[block(1)])?;
+    for (from, to) in [
+        ("G21 ", "G20 "),
+        ("G59.3\n", "G10 L2 P1 X1\nG54\n"),
+        ("G92.2\n", "G92 X1\n"),
+        ("G92.2\n", "G92.2\nG43.1 Z1\n"),
+        ("G53 G0 Z", "G53 G0 Z1"),
+        ("G38.3 Z", "G1 Z"),
+        ("(LOG,END)\n", "G0 X0\n"),
+        ("G4 P", "G4 P1"),
+    ] {
+        let other = text.replacen(from, to, 1);
+        if other == text || agree(&text, &other).is_ok() {
+            return Err(format!("{from} -> {to} is not seen").into());
+        }
+    }
+    Ok(())
+}
