@@ -8,3 +8,5 @@ pub mod controllers;
 pub mod link;
 pub mod methods;
 pub mod record;
+pub mod report;
+pub mod store;

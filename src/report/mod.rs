@@ -1,0 +1,1 @@
+//! Floor 5: files and pages for people and programs; knows kinds of figure, never methods.
