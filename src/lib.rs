@@ -11,3 +11,5 @@ pub mod kinematics;
 pub mod link;
 pub mod methods;
 pub mod record;
+pub mod report;
+pub mod store;

@@ -1,6 +1,7 @@
 //! A reading: what came back from one step.
 
 use std::collections::BTreeMap;
+use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,38 @@ pub enum Flag {
     Gap,
     Excluded,
 }
+
+impl Flag {
+    pub const ALL: [Flag; 6] =
+        [Self::None, Self::Range, Self::Saturated, Self::Stale, Self::Gap, Self::Excluded];
+
+    /// As it stands in files: empty for none.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Range => "range",
+            Self::Saturated => "saturated",
+            Self::Stale => "stale",
+            Self::Gap => "gap",
+            Self::Excluded => "excluded",
+        }
+    }
+}
+
+impl FromStr for Flag {
+    type Err = UnknownFlag;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|flag| flag.as_str() == text)
+            .ok_or_else(|| UnknownFlag(text.to_owned()))
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown flag `{0}`; the flags are range, saturated, stale, gap and excluded, or nothing")]
+pub struct UnknownFlag(pub String);
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reading {

@@ -1,0 +1,105 @@
+//! The readings file: CSV in UTF-8, first line `# trued-readings 1`, further `#` comments, one row
+//! a touch or a scan sample. Linear axes in mm, rotary axes and spindle in degrees, machine
+//! coordinates; columns in any order, optional ones may be missing. The last line, too, has a line
+//! end, so that a file cut off anywhere is noticed.
+
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+
+use crate::base::Axis;
+use crate::record::reading::Reading;
+
+mod error;
+mod read;
+#[cfg(test)]
+mod tests;
+
+pub use error::{Problem, ReadingsError};
+pub use read::read;
+
+const FIRST_LINE: &str = "# trued-readings 1";
+
+/// What one column holds.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Column {
+    Step,
+    Repeat,
+    Position(Axis),
+    Value,
+    Sensor,
+    Time,
+    Flag,
+    Temperature(String),
+}
+
+impl Column {
+    /// All columns except the temperatures, in the order in which they are written.
+    fn standard() -> impl Iterator<Item = Column> {
+        let head = [Column::Step, Column::Repeat].into_iter();
+        let tail = [Column::Value, Column::Sensor, Column::Time, Column::Flag];
+        head.chain(Axis::ALL.into_iter().map(Column::Position)).chain(tail)
+    }
+
+    fn name(&self) -> String {
+        match self {
+            Column::Step => "step".to_owned(),
+            Column::Repeat => "repeat".to_owned(),
+            Column::Position(axis) => {
+                let unit = if axis.is_linear() { "mm" } else { "deg" };
+                format!("{}_{unit}", axis.letter().to_ascii_lowercase())
+            }
+            Column::Value => "value_mm".to_owned(),
+            Column::Sensor => "sensor".to_owned(),
+            Column::Time => "t_s".to_owned(),
+            Column::Flag => "flag".to_owned(),
+            Column::Temperature(sensor) => format!("temp_{sensor}_c"),
+        }
+    }
+}
+
+/// Write `readings` with `comments` (a line each) below the first line. Numbers are printed in the
+/// shortest form that reads back to the same number; degrees are rounded as by [`Axis::to_edge`].
+///
+/// # Errors
+/// When `out` fails, or when a number is not finite (`InvalidData`).
+pub fn write(readings: &[Reading], comments: &[String], mut out: impl Write) -> io::Result<()> {
+    writeln!(out, "{FIRST_LINE}")?;
+    for line in comments.iter().flat_map(|comment| comment.lines()) {
+        writeln!(out, "# {line}")?;
+    }
+    let sensors: BTreeSet<_> = readings.iter().flat_map(|row| row.temperatures_c.keys()).collect();
+    let temperatures = sensors.into_iter().cloned().map(Column::Temperature);
+    let columns: Vec<Column> = Column::standard().chain(temperatures).collect();
+    let mut csv = csv::Writer::from_writer(out);
+    csv.write_record(columns.iter().map(Column::name))?;
+    for reading in readings {
+        let fields: io::Result<Vec<String>> =
+            columns.iter().map(|column| field(reading, column)).collect();
+        csv.write_record(fields?)?;
+    }
+    csv.flush()
+}
+
+fn field(reading: &Reading, column: &Column) -> io::Result<String> {
+    let number = |value: Option<f64>| match value {
+        None => Ok(String::new()),
+        // The sum turns -0 into 0.
+        Some(value) if value.is_finite() => Ok((value + 0.0).to_string()),
+        Some(_) => Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("step {}: {} is not finite", reading.step, column.name()),
+        )),
+    };
+    match column {
+        Column::Step => Ok(reading.step.to_string()),
+        Column::Repeat => Ok(reading.repeat.to_string()),
+        Column::Position(axis) => {
+            number(reading.position.get(*axis).map(|value| axis.to_edge(value)))
+        }
+        Column::Value => number(reading.value_mm),
+        Column::Sensor => Ok(reading.sensor.clone()),
+        Column::Time => number(Some(reading.t_s)),
+        Column::Flag => Ok(reading.flag.as_str().to_owned()),
+        Column::Temperature(sensor) => number(reading.temperatures_c.get(sensor).copied()),
+    }
+}

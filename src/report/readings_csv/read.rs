@@ -1,0 +1,171 @@
+//! Reading a readings file, strictly: what is not understood is an error that says where.
+
+use std::collections::BTreeMap;
+
+use csv::StringRecord;
+
+use super::{Column, FIRST_LINE, Problem, ReadingsError};
+use crate::base::{Axis, Position};
+use crate::record::reading::{Flag, Reading};
+
+/// Read a whole file. Missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
+/// `value_mm` none (a touch), other axes not named.
+///
+/// # Errors
+/// The first problem in the file, with its line.
+pub fn read(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
+    let text = text(bytes)?;
+    let mut rows = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    let Some((line, names)) = next(&mut rows)? else {
+        return Err(at(text.lines().count() as u64, Problem::NoHeader));
+    };
+    let columns = header(&names).map_err(|problem| at(line, problem))?;
+    let mut touches = BTreeMap::new();
+    let mut readings = Vec::new();
+    while let Some((line, record)) = next(&mut rows)? {
+        let reading = row(&columns, &record).map_err(|problem| at(line, problem))?;
+        let (step, repeat) = (reading.step, reading.repeat);
+        if reading.value_mm.is_none()
+            && let Some(first) = touches.insert((step, repeat), line)
+        {
+            return Err(at(line, Problem::Duplicate { step, repeat, first }));
+        }
+        readings.push(reading);
+    }
+    Ok(readings)
+}
+
+fn at(line: u64, problem: Problem) -> ReadingsError {
+    ReadingsError { line, problem }
+}
+
+/// The file as text, after the checks that concern it as a whole.
+fn text(bytes: &[u8]) -> Result<&str, ReadingsError> {
+    let text = std::str::from_utf8(bytes).map_err(|error| {
+        let before = bytes.iter().take(error.valid_up_to());
+        at(1 + before.filter(|byte| **byte == b'\n').count() as u64, Problem::NotUtf8)
+    })?;
+    // Spreadsheets put a byte order mark before UTF-8.
+    let text = text.trim_start_matches('\u{feff}');
+    let first = text.lines().next().unwrap_or_default().trim_end();
+    if first != FIRST_LINE {
+        let found = first.chars().take(60).collect();
+        return Err(at(1, Problem::FirstLine { found }));
+    }
+    // 12.3 might have been 12.345, and an empty flag `excluded`: a cut line can look whole.
+    if !text.ends_with('\n') {
+        return Err(at(text.lines().count() as u64, Problem::CutOff));
+    }
+    Ok(text)
+}
+
+/// The next record and the line on which it ends.
+fn next(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
+    let mut record = StringRecord::new();
+    let more = rows.read_record(&mut record);
+    // The position of a record counts the comments before it as its own; that of the reader
+    // stands behind the line end.
+    let ended = rows.position().line();
+    match more {
+        Ok(true) => Ok(Some((ended.saturating_sub(1), record))),
+        Ok(false) => Ok(None),
+        Err(error) => Err(at(ended, Problem::Csv(error.to_string()))),
+    }
+}
+
+fn header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
+    let mut columns = Vec::new();
+    for name in names.iter().map(str::trim) {
+        let column = column(name).ok_or_else(|| Problem::UnknownColumn {
+            name: name.to_owned(),
+            nearest: nearest(name),
+        })?;
+        if columns.contains(&column) {
+            return Err(Problem::RepeatedColumn { name: name.to_owned() });
+        }
+        columns.push(column);
+    }
+    let needed = [Column::Step].into_iter().chain(Axis::LINEAR.map(Column::Position));
+    match needed.into_iter().find(|column| !columns.contains(column)) {
+        Some(missing) => Err(Problem::MissingColumn { name: missing.name() }),
+        None => Ok(columns),
+    }
+}
+
+fn column(name: &str) -> Option<Column> {
+    let temperature = || name.strip_prefix("temp_")?.strip_suffix("_c");
+    let temperature = || temperature().filter(|sensor| !sensor.is_empty());
+    Column::standard()
+        .find(|column| column.name() == name)
+        .or_else(|| temperature().map(|sensor| Column::Temperature(sensor.to_owned())))
+}
+
+fn nearest(name: &str) -> String {
+    let known = Column::standard().chain([Column::Temperature("NAME".to_owned())]);
+    let likeness = |candidate: &String| strsim::normalized_damerau_levenshtein(name, candidate);
+    known
+        .map(|column| column.name())
+        .max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
+        .unwrap_or_default()
+}
+
+fn row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
+    if record.len() != columns.len() {
+        return Err(Problem::FieldCount { found: record.len(), expected: columns.len() });
+    }
+    let mut reading = Reading {
+        step: 0,
+        repeat: 0,
+        position: Position::new(),
+        value_mm: None,
+        sensor: String::new(),
+        t_s: 0.0,
+        flag: Flag::None,
+        temperatures_c: BTreeMap::new(),
+    };
+    for (column, text) in columns.iter().zip(record) {
+        set(&mut reading, column, text)?;
+    }
+    Ok(reading)
+}
+
+fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem> {
+    let empty = text.trim().is_empty();
+    match column {
+        Column::Step => reading.step = count(column, text)?,
+        Column::Repeat => reading.repeat = if empty { 0 } else { count(column, text)? },
+        Column::Position(axis) if axis.is_linear() && empty => {
+            return Err(Problem::Empty { name: column.name() });
+        }
+        Column::Sensor => reading.sensor = text.to_owned(),
+        Column::Flag => reading.flag = text.trim().parse()?,
+        _ if empty => {}
+        Column::Position(axis) => {
+            reading.position.set(*axis, axis.from_edge(number(column, text)?));
+        }
+        Column::Value => reading.value_mm = Some(number(column, text)?),
+        Column::Time => reading.t_s = number(column, text)?,
+        Column::Temperature(sensor) => {
+            reading.temperatures_c.insert(sensor.clone(), number(column, text)?);
+        }
+    }
+    Ok(())
+}
+
+fn count(column: &Column, text: &str) -> Result<u32, Problem> {
+    let problem = || Problem::NotACount { name: column.name(), text: text.to_owned() };
+    text.trim().parse().map_err(|_| problem())
+}
+
+fn number(column: &Column, text: &str) -> Result<f64, Problem> {
+    let (name, text) = (column.name(), text.trim().to_owned());
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(Problem::NotFinite { name, text }),
+        Err(_) => Err(Problem::NotANumber { name, text }),
+    }
+}

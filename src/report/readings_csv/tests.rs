@@ -1,0 +1,181 @@
+use rand::RngExt;
+
+use super::*;
+use crate::base::Position;
+use crate::base::random::stream;
+use crate::record::reading::Flag;
+
+fn text(readings: &[Reading]) -> String {
+    let mut bytes = Vec::new();
+    write(readings, &[], &mut bytes).unwrap();
+    String::from_utf8(bytes).unwrap()
+}
+
+fn problem(rows: &str) -> (u64, Problem) {
+    let error = read(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
+    (error.line, error.problem)
+}
+
+/// Anything a machine could say, with numbers of every size.
+fn any(step: u32, random: &mut impl RngExt) -> Reading {
+    let mut number = |scale: i32| {
+        random.random_range(-1.0..1.0) * 10f64.powi(random.random_range(-scale..scale))
+    };
+    let mut position = Position::new();
+    for axis in Axis::LINEAR {
+        position.set(axis, number(6));
+    }
+    let (c, value, t_s, table) = (number(1), number(3), number(5), number(2));
+    let mut temperatures_c = std::collections::BTreeMap::new();
+    if random.random_bool(0.5) {
+        position.set(Axis::C, Axis::C.from_edge(Axis::C.to_edge(c)));
+        temperatures_c.insert("table left".to_owned(), table);
+    }
+    Reading {
+        step,
+        repeat: random.random_range(0..3),
+        position,
+        value_mm: random.random_bool(0.5).then_some(value),
+        sensor: ["probe", "", "laser, \"red\"", " # 2"][random.random_range(0..4)].to_owned(),
+        t_s,
+        flag: Flag::ALL[random.random_range(0..Flag::ALL.len())],
+        temperatures_c,
+    }
+}
+
+#[test]
+fn what_is_written_is_read_back_bit_for_bit() {
+    let mut random = stream(7, &[]);
+    for _ in 0..200 {
+        let readings: Vec<_> = (0..6).map(|step| any(step, &mut random)).collect();
+        let text = text(&readings);
+        let back = read(text.as_bytes()).unwrap();
+        assert_eq!(back, readings, "{text}");
+        assert_eq!(self::text(&back), text);
+    }
+}
+
+#[test]
+fn angles_stand_in_degrees() {
+    let third = std::f64::consts::TAU / 3.0;
+    let position = Position::new().with(Axis::X, 1.5).with(Axis::Y, -0.0).with(Axis::Z, 1e-7);
+    let reading = Reading {
+        step: 4,
+        repeat: 1,
+        position: position.with(Axis::C, third).with(Axis::S, -third / 4.0),
+        value_mm: None,
+        sensor: "probe".to_owned(),
+        t_s: 0.1 + 0.2,
+        flag: Flag::Excluded,
+        temperatures_c: [("table".to_owned(), 20.5)].into(),
+    };
+    let mut bytes = Vec::new();
+    write(&[reading], &["run 3\nof the mill".to_owned()], &mut bytes).unwrap();
+    assert_eq!(
+        String::from_utf8(bytes).unwrap(),
+        "# trued-readings 1\n# run 3\n# of the mill\n\
+         step,repeat,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg,value_mm,sensor,t_s,flag,temp_table_c\n\
+         4,1,1.5,0,0.0000001,,,120,-30,,probe,0.30000000000000004,excluded,20.5\n"
+    );
+}
+
+#[test]
+fn other_orders_and_fewer_columns_will_do() {
+    let file = "\u{feff}# trued-readings 1\r\n# by hand\r\nz_mm, step ,y_mm,x_mm,b_deg\r\n\
+                # in between\r\n\r\n3,7,2,1,90\r\n";
+    let readings = read(file.as_bytes()).unwrap();
+    let [reading] = readings.as_slice() else { panic!("{readings:?}") };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let expected = Position::new()
+        .with(Axis::X, 1.0)
+        .with(Axis::Y, 2.0)
+        .with(Axis::Z, 3.0)
+        .with(Axis::B, quarter);
+    assert_eq!((reading.step, reading.repeat, &reading.position), (7, 0, &expected));
+    assert_eq!((reading.value_mm, reading.t_s, reading.flag), (None, 0.0, Flag::None));
+}
+
+#[test]
+fn samples_of_a_scan_share_their_step() {
+    let rows = "step,x_mm,y_mm,z_mm,value_mm\n1,0,0,0,0.5\n1,1,0,0,0.6\n";
+    assert_eq!(read(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap().len(), 2);
+}
+
+#[test]
+fn an_unknown_column_is_named_with_the_nearest_one() {
+    let (line, problem) = problem("# note\nstep,x_mm,y_mm,zmm\n");
+    assert_eq!(line, 3);
+    assert_eq!(problem.to_string(), "unknown column `zmm`; the nearest known one is `z_mm`");
+    for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
+        let (_, problem) = self::problem(&format!("{name},x_mm,y_mm,z_mm\n"));
+        let expected =
+            Problem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
+        assert_eq!(problem, expected);
+    }
+}
+
+#[test]
+fn a_bad_line_is_said_with_its_number() {
+    let header = "# a comment\nstep,repeat,x_mm,y_mm,z_mm,flag\n0,0,1,2,3,\n# another\n";
+    for (row, expected) in [
+        ("1,0,1,2,3,", Problem::CutOff),
+        ("1,0,1,2,\n", Problem::FieldCount { found: 5, expected: 6 }),
+        ("1,0,1,2,,\n", Problem::Empty { name: "z_mm".to_owned() }),
+        ("1,0,NaN,2,3,\n", not_finite("NaN")),
+        ("1,0,-inf,2,3,\n", not_finite("-inf")),
+        ("1,0,1e999,2,3,\n", not_finite("1e999")),
+        ("1,0,1.2.3,2,3,\n", number("1.2.3")),
+        ("-1,0,1,2,3,\n", Problem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
+        ("1,0,1,2,3,range!\n", "range!".parse::<Flag>().unwrap_err().into()),
+        ("0,0,1,2,3,\n", Problem::Duplicate { step: 0, repeat: 0, first: 4 }),
+    ] {
+        assert_eq!(problem(&format!("{header}{row}")), (6, expected), "{row}");
+    }
+}
+
+fn not_finite(text: &str) -> Problem {
+    Problem::NotFinite { name: "x_mm".to_owned(), text: text.to_owned() }
+}
+
+fn number(text: &str) -> Problem {
+    Problem::NotANumber { name: "x_mm".to_owned(), text: text.to_owned() }
+}
+
+#[test]
+fn a_cut_anywhere_but_between_lines_is_noticed() {
+    let mut random = stream(11, &[]);
+    let readings: Vec<_> = (0..4).map(|step| any(step, &mut random)).collect();
+    let whole = text(&readings);
+    for cut in 0..whole.len() {
+        let cut = &whole.as_bytes()[..cut];
+        match read(cut) {
+            Ok(read) => assert!(cut.ends_with(b"\n") && read == readings[..read.len()]),
+            Err(error) => assert!(!cut.ends_with(b"\n") || error.line == 1, "{error}"),
+        }
+    }
+}
+
+#[test]
+fn a_file_that_is_something_else_is_refused() {
+    for first in ["", "step,x_mm,y_mm,z_mm\n1,2,3,4\n", "# trued-readings 2\n"] {
+        let error = read(first.as_bytes()).unwrap_err();
+        assert!(matches!(error.problem, Problem::FirstLine { .. }), "{error}");
+        assert_eq!(error.line, 1);
+    }
+    let latin1 = [FIRST_LINE.as_bytes(), b"\n# M\xfcller\nstep\n"].concat();
+    let error = read(&latin1).unwrap_err();
+    assert_eq!((error.line, error.problem), (2, Problem::NotUtf8));
+    assert_eq!(problem("# nothing else\n"), (2, Problem::NoHeader));
+    let missing = Problem::MissingColumn { name: "y_mm".to_owned() };
+    assert_eq!(problem("step,x_mm,z_mm\n"), (2, missing));
+    let twice = Problem::RepeatedColumn { name: "x_mm".to_owned() };
+    assert_eq!(problem("step,x_mm,x_mm\n"), (2, twice));
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_not_written() {
+    let mut reading = any(0, &mut stream(1, &[]));
+    reading.t_s = f64::NAN;
+    let error = write(&[reading], &[], Vec::new()).unwrap_err();
+    assert!(error.to_string().contains("t_s"), "{error}");
+}

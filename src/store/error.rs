@@ -1,0 +1,111 @@
+//! What can go wrong with the journal, and what a person should do next.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use rusqlite::ErrorCode;
+use rusqlite::ffi::SQLITE_CONSTRAINT_FOREIGNKEY;
+
+use super::RunId;
+
+/// A fault with the journal it concerns. Whatever was acknowledged before stays.
+#[derive(Debug, thiserror::Error)]
+#[error("journal {}: {fault}", path.display())]
+pub struct StoreError {
+    pub path: PathBuf,
+    #[source]
+    pub fault: Fault,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    #[error("the disk is full")]
+    Full,
+    #[error("it may not be written")]
+    ReadOnly,
+    #[error("another program keeps it locked")]
+    Busy,
+    #[error("the disk reports an error: {0}")]
+    Disk(String),
+    #[error("it is damaged: {0}")]
+    Damaged(String),
+    #[error("it was written by a newer trued (format {found}; this one knows {known})")]
+    Newer { found: i64, known: i64 },
+    #[error("its disk cannot hold a write-ahead log (SQLite chose `{mode}`)")]
+    NoLog { mode: String },
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    #[error("there is no run {0}")]
+    NoRun(RunId),
+    #[error("{what} holds a number that is not finite and cannot be kept")]
+    NotFinite { what: String },
+    #[error("its writer has ended")]
+    WriterGone,
+    #[error("SQLite: {0}")]
+    Sql(rusqlite::Error),
+}
+
+impl StoreError {
+    pub(super) fn at(path: &Path) -> impl Fn(Fault) -> StoreError + '_ {
+        move |fault| StoreError { path: path.to_owned(), fault }
+    }
+
+    /// What to do next.
+    pub fn remedy(&self) -> &'static str {
+        match &self.fault {
+            Fault::Full => {
+                "make room on that disk, then resume the run: what was acknowledged is safe"
+            }
+            Fault::ReadOnly | Fault::Io(_) => {
+                "give this user the right to write there, or choose another place with --state"
+            }
+            Fault::Busy => "close the other program that works on this journal, then start again",
+            Fault::Disk(_) => "copy the journal to another disk and check this one",
+            Fault::Damaged(_) => {
+                "keep the file, and start a new journal elsewhere with --state; `sqlite3 FILE .recover` may save its rows"
+            }
+            Fault::Newer { .. } => "use the newer trued, or another place with --state",
+            Fault::NoLog { .. } => "put the journal on a local disk with --state",
+            Fault::NoRun(_) => "`trued runs` lists them",
+            Fault::NotFinite { .. } | Fault::WriterGone | Fault::Sql(_) => {
+                "please report this with the run's export"
+            }
+        }
+    }
+}
+
+impl Fault {
+    /// The same, where a broken foreign key can only mean that `run` does not exist.
+    pub(super) fn of_run(run: RunId) -> impl Fn(rusqlite::Error) -> Fault {
+        move |error| match &error {
+            rusqlite::Error::SqliteFailure(code, _)
+                if code.extended_code == SQLITE_CONSTRAINT_FOREIGNKEY =>
+            {
+                Fault::NoRun(run)
+            }
+            _ => error.into(),
+        }
+    }
+}
+
+impl From<rusqlite::Error> for Fault {
+    fn from(error: rusqlite::Error) -> Self {
+        match error.sqlite_error_code() {
+            Some(ErrorCode::DiskFull) => Fault::Full,
+            Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied | ErrorCode::CannotOpen) => {
+                Fault::ReadOnly
+            }
+            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => Fault::Busy,
+            Some(ErrorCode::SystemIoFailure) => Fault::Disk(error.to_string()),
+            Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => {
+                Fault::Damaged(error.to_string())
+            }
+            _ => match error {
+                rusqlite::Error::FromSqlConversionFailure(..)
+                | rusqlite::Error::InvalidColumnType(..)
+                | rusqlite::Error::IntegralValueOutOfRange(..) => Fault::Damaged(error.to_string()),
+                other => Fault::Sql(other),
+            },
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The journal: one thread writes, one job after the other; whoever asked gets the answer after
+//! the commit is on the disk. Readers look through connections of their own and never wait.
+
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::mpsc;
+use std::task::{Context, Poll};
+use std::thread::{self, JoinHandle};
+
+use rusqlite::Connection;
+use tokio::sync::oneshot;
+
+use super::{Fault, MachineLock, RunId, RunState, RunSummary, StoreError, StoredRun};
+use super::{read, schema, write};
+use crate::record::estimate::Estimate;
+use crate::record::event::Event;
+use crate::record::plan::{Plan, Stage, Step};
+use crate::record::reading::Reading;
+
+/// What is known of a run when it begins.
+#[derive(Debug, Clone)]
+pub struct NewRun {
+    /// The machine file as it was read.
+    pub config: String,
+    /// With the steps known so far; usually none.
+    pub plan: Plan,
+}
+
+type Job = Box<dyn FnOnce(&mut Connection) + Send>;
+
+/// The journal of one state directory. Dropping it first ends what was asked for.
+pub struct Journal {
+    path: PathBuf,
+    jobs: Option<mpsc::Sender<Job>>,
+    writer: Option<JoinHandle<()>>,
+}
+
+/// An answer that comes once the work is durable (or has failed): `.await` it in async code,
+/// [`Pending::wait`] elsewhere. The work is done even if nobody waits.
+#[must_use = "nothing is known to be durable before the answer is here"]
+pub struct Pending<T> {
+    path: PathBuf,
+    answer: oneshot::Receiver<Result<T, Fault>>,
+}
+
+impl<T> Pending<T> {
+    /// Block this thread until the answer is here. Not for async code: there, await it.
+    pub fn wait(self) -> Result<T, StoreError> {
+        let answer = self.answer.blocking_recv();
+        answer.unwrap_or(Err(Fault::WriterGone)).map_err(StoreError::at(&self.path))
+    }
+}
+
+impl<T> Future for Pending<T> {
+    type Output = Result<T, StoreError>;
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let answer = Pin::new(&mut self.answer).poll(context);
+        answer.map(|answer| {
+            answer.unwrap_or(Err(Fault::WriterGone)).map_err(StoreError::at(&self.path))
+        })
+    }
+}
+
+impl Journal {
+    /// Open or make the journal in `dir` (made as well if missing), and bring its tables up to date.
+    pub fn open(dir: &Path) -> Result<Self, StoreError> {
+        let path = dir.join("journal.sqlite");
+        Self::start(dir, &path).map_err(StoreError::at(&path))
+    }
+
+    fn start(dir: &Path, path: &Path) -> Result<Self, Fault> {
+        std::fs::create_dir_all(dir)?;
+        let connection = schema::open_writer(path)?;
+        let (jobs, inbox) = mpsc::channel();
+        let writer = thread::Builder::new()
+            .name("journal".to_owned())
+            .spawn(move || work(connection, &inbox))?;
+        Ok(Self { path: path.to_owned(), jobs: Some(jobs), writer: Some(writer) })
+    }
+
+    /// Begin a run in state `running`, with this program's version and the hashes of its inputs.
+    pub fn begin(&self, new: &NewRun) -> Pending<RunId> {
+        let new = new.clone();
+        self.submit(move |connection| write::begin(connection, &new))
+    }
+
+    /// A stage is about to run; its new steps join the plan.
+    pub fn stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> Pending<()> {
+        let (stage, steps) = (stage.clone(), new_steps.to_vec());
+        self.submit(move |connection| write::stage(connection, run, &stage, &steps))
+    }
+
+    pub fn reading(&self, run: RunId, reading: &Reading) -> Pending<()> {
+        let reading = reading.clone();
+        self.submit(move |connection| write::reading(connection, run, &reading))
+    }
+
+    pub fn event(&self, run: RunId, event: &Event) -> Pending<()> {
+        let event = event.clone();
+        self.submit(move |connection| write::event(connection, run, &event))
+    }
+
+    /// Add an estimate; earlier ones of the run stay. Answers with its [`super::sha256`].
+    pub fn estimate(&self, run: RunId, estimate: &Estimate) -> Pending<String> {
+        let estimate = estimate.clone();
+        self.submit(move |connection| write::estimate(connection, run, &estimate))
+    }
+
+    /// The run is now in `state`: ended, held, or running again.
+    pub fn set_state(&self, run: RunId, state: RunState) -> Pending<()> {
+        self.submit(move |connection| write::set_state(connection, run, state))
+    }
+
+    /// Mark what a dead process left `running`. Holding the machine's lock proves that it is dead.
+    pub fn mark_interrupted(&self, lock: &MachineLock) -> Pending<Vec<RunId>> {
+        let machine = lock.machine().to_owned();
+        self.submit(move |connection| write::mark_interrupted(connection, &machine))
+    }
+
+    /// All runs, oldest first.
+    pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
+        self.look(|connection| read::runs(connection))
+    }
+
+    /// Everything of one run, as of one instant.
+    pub fn load(&self, run: RunId) -> Result<StoredRun, StoreError> {
+        self.look(|connection| read::run(connection, run))
+    }
+
+    fn look<T>(
+        &self,
+        read: impl FnOnce(&mut Connection) -> Result<T, Fault>,
+    ) -> Result<T, StoreError> {
+        schema::open_reader(&self.path)
+            .and_then(|mut connection| read(&mut connection))
+            .map_err(StoreError::at(&self.path))
+    }
+
+    pub(super) fn submit<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&mut Connection) -> Result<T, Fault> + Send + 'static,
+    ) -> Pending<T> {
+        let (answer, pending) = oneshot::channel();
+        let job: Job = Box::new(move |connection| drop(answer.send(job(connection))));
+        // A refused job drops its sender, which the asker sees as `WriterGone`.
+        if let Some(jobs) = &self.jobs {
+            let _ = jobs.send(job);
+        }
+        Pending { path: self.path.clone(), answer: pending }
+    }
+}
+
+impl Drop for Journal {
+    fn drop(&mut self) {
+        drop(self.jobs.take());
+        if let Some(writer) = self.writer.take() {
+            let _ = writer.join();
+        }
+    }
+}
+
+fn work(mut connection: Connection, inbox: &mpsc::Receiver<Job>) {
+    while let Ok(job) = inbox.recv() {
+        job(&mut connection);
+    }
+}

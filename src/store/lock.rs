@@ -1,0 +1,112 @@
+//! One owner of a machine across processes: a locked file per machine. The system frees the lock
+//! when the process ends, however it ends.
+
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::sha256_text;
+
+/// Who holds a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Holder {
+    pub machine: String,
+    pub pid: u32,
+    pub since: Timestamp,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    #[error("machine `{machine}` is in use{}", by(holder.as_ref()))]
+    Held {
+        machine: String,
+        /// `None` in the instant before the other process has written its name.
+        holder: Option<Holder>,
+    },
+    #[error("the lock {path} of the machine cannot be taken: {source}", path = path.display())]
+    Unavailable { path: PathBuf, source: io::Error },
+}
+
+fn by(holder: Option<&Holder>) -> String {
+    holder.map(|who| format!(" by process {} since {}", who.pid, who.since)).unwrap_or_default()
+}
+
+impl LockError {
+    /// What to do next.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Held { .. } => "wait for that run to end, or stop it, then start again",
+            Self::Unavailable { .. } => {
+                "give this user the right to write there, or choose another place with --state"
+            }
+        }
+    }
+}
+
+/// Held as long as this value lives.
+#[derive(Debug)]
+pub struct MachineLock {
+    file: File,
+    machine: String,
+}
+
+impl MachineLock {
+    /// Take the machine named `machine` for this process; never waits.
+    ///
+    /// # Errors
+    /// [`LockError::Held`] with who holds it.
+    pub fn acquire(state_dir: &Path, machine: &str) -> Result<Self, LockError> {
+        let path = state_dir.join("locks").join(file_name(machine));
+        let unavailable = |source| LockError::Unavailable { path: path.clone(), source };
+        let file = open(&path).map_err(unavailable)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let said = fs::read(&path).map_err(unavailable)?;
+                let holder = serde_json::from_slice(&said).ok();
+                return Err(LockError::Held { machine: machine.to_owned(), holder });
+            }
+            Err(TryLockError::Error(source)) => return Err(unavailable(source)),
+        }
+        let lock = Self { file, machine: machine.to_owned() };
+        lock.sign().map_err(unavailable)?;
+        Ok(lock)
+    }
+
+    /// The name of the machine that this lock holds.
+    pub fn machine(&self) -> &str {
+        &self.machine
+    }
+
+    fn sign(&self) -> io::Result<()> {
+        let machine = self.machine.clone();
+        let holder = Holder { machine, pid: std::process::id(), since: Timestamp::now() };
+        self.file.set_len(0)?;
+        (&self.file).write_all(&serde_json::to_vec(&holder)?)
+    }
+}
+
+impl Drop for MachineLock {
+    fn drop(&mut self) {
+        // Only so that a later holder is not taken for this one; the lock itself ends with the file.
+        let _ = self.file.set_len(0);
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent)?;
+    }
+    File::options().read(true).write(true).create(true).truncate(false).open(path)
+}
+
+/// Readable, safe as a file name whatever the machine is called, and different for different names.
+fn file_name(machine: &str) -> String {
+    let readable: String =
+        machine.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(40).collect();
+    let digest: String = sha256_text(machine).chars().take(16).collect();
+    format!("{readable}-{digest}.lock")
+}

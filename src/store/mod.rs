@@ -1,0 +1,121 @@
+//! Floor 5: the one journal (SQLite, write-ahead log, every commit synced) and the machine lock.
+//! Nothing is acknowledged that is not durable; nothing here interprets a result.
+
+use jiff::Timestamp;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::record::estimate::Estimate;
+use crate::record::event::Event;
+use crate::record::plan::{Plan, Stage};
+use crate::record::reading::Reading;
+
+mod error;
+mod journal;
+mod lock;
+mod read;
+mod schema;
+mod state_dir;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use error::{Fault, StoreError};
+pub use journal::{Journal, NewRun, Pending};
+pub use lock::{Holder, LockError, MachineLock};
+pub use state_dir::state_dir;
+
+/// Number of a run in its journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+pub struct RunId(pub i64);
+
+impl std::fmt::Display for RunId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// Where a run stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RunState {
+    Running,
+    /// Stopped safely; a person may resume it.
+    Held,
+    Finished,
+    Failed,
+    /// Its process died; a person looks at the machine before anything else.
+    Interrupted,
+}
+
+impl RunState {
+    const ALL: [RunState; 5] =
+        [Self::Running, Self::Held, Self::Finished, Self::Failed, Self::Interrupted];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Running => "running",
+            Self::Held => "held",
+            Self::Finished => "finished",
+            Self::Failed => "failed",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == text)
+    }
+}
+
+/// The head of a run: what a list of runs shows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunSummary {
+    pub id: RunId,
+    pub started: Timestamp,
+    /// When the run came to its present state; `None` while it runs.
+    pub ended: Option<Timestamp>,
+    pub method: String,
+    pub machine: String,
+    pub state: RunState,
+    pub program_version: String,
+    pub config_sha256: String,
+    /// Of the plan as far as it is written, see [`sha256`].
+    pub plan_sha256: String,
+}
+
+/// Everything the journal holds of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredRun {
+    pub summary: RunSummary,
+    /// The machine file as it was read.
+    pub config: String,
+    pub plan: Plan,
+    /// In the order in which they were started.
+    pub stages: Vec<Stage>,
+    /// In the order in which they were acknowledged.
+    pub readings: Vec<Reading>,
+    pub events: Vec<(Timestamp, Event)>,
+    /// Oldest first; the last one counts.
+    pub estimates: Vec<StoredEstimate>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredEstimate {
+    pub made: Timestamp,
+    pub estimate: Estimate,
+    pub sha256: String,
+    pub program_version: String,
+}
+
+/// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that
+/// holds it was laid out.
+///
+/// # Errors
+/// When `value` cannot be written as JSON.
+pub fn sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    serde_json::to_string(value).map(|text| sha256_text(&text))
+}
+
+fn sha256_text(text: &str) -> String {
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,137 @@
+//! Reading the journal back.
+
+use std::str::FromStr;
+
+use rusqlite::types::Type;
+use rusqlite::{Connection, OptionalExtension, Row, params};
+use serde::de::DeserializeOwned;
+
+use super::{Fault, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
+use crate::base::Axis;
+use crate::record::plan::Plan;
+use crate::record::reading::Reading;
+
+const SUMMARY: &str = "SELECT id, started, ended, method, machine, state, program_version,
+                              config_sha256, plan_sha256, config FROM runs";
+
+pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
+    let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
+    let rows = statement.query_map([], summary)?.collect::<Result<Vec<_>, _>>()?;
+    Ok(rows)
+}
+
+/// All of one run, in one transaction: another process may be writing it.
+pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, Fault> {
+    let snapshot = connection.transaction()?;
+    let (summary, config) = snapshot
+        .query_row(&format!("{SUMMARY} WHERE id = ?1"), [run.0], |row| {
+            Ok((summary(row)?, row.get(9)?))
+        })
+        .optional()?
+        .ok_or(Fault::NoRun(run))?;
+    Ok(StoredRun {
+        summary,
+        config,
+        plan: plan(&snapshot, run)?,
+        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
+        readings: rows(
+            &snapshot,
+            "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
+                    x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad FROM readings",
+            run,
+            reading,
+        )?,
+        events: rows(&snapshot, "SELECT at, event FROM events", run, |row| {
+            Ok((parsed(row, 0)?, json(row, 1)?))
+        })?,
+        estimates: rows(
+            &snapshot,
+            "SELECT made, estimate, sha256, program_version FROM estimates",
+            run,
+            estimate,
+        )?,
+    })
+}
+
+/// The plan as far as it is written.
+pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
+    let mut plan: Plan = connection
+        .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| json(row, 0))
+        .optional()?
+        .ok_or(Fault::NoRun(run))?;
+    let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
+    plan.steps = statement.query_map([run.0], |row| json(row, 0))?.collect::<Result<_, _>>()?;
+    Ok(plan)
+}
+
+fn rows<T>(
+    connection: &Connection,
+    select: &str,
+    run: RunId,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>, Fault> {
+    let mut statement = connection.prepare(&format!("{select} WHERE run = ?1 ORDER BY seq"))?;
+    let rows = statement.query_map(params![run.0], read)?.collect::<Result<Vec<_>, _>>()?;
+    Ok(rows)
+}
+
+fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
+    let state: String = row.get(5)?;
+    Ok(RunSummary {
+        id: RunId(row.get(0)?),
+        started: parsed(row, 1)?,
+        ended: row.get::<_, Option<String>>(2)?.map(|_| parsed(row, 2)).transpose()?,
+        method: row.get(3)?,
+        machine: row.get(4)?,
+        state: RunState::parse(&state)
+            .ok_or_else(|| damaged(5, format!("unknown state `{state}`").into()))?,
+        program_version: row.get(6)?,
+        config_sha256: row.get(7)?,
+        plan_sha256: row.get(8)?,
+    })
+}
+
+fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
+    let mut reading = Reading {
+        step: row.get(0)?,
+        repeat: row.get(1)?,
+        position: Default::default(),
+        value_mm: row.get(2)?,
+        sensor: row.get(3)?,
+        t_s: row.get(4)?,
+        flag: parsed(row, 5)?,
+        temperatures_c: json(row, 6)?,
+    };
+    for (column, axis) in (7..).zip(Axis::ALL) {
+        if let Some(value) = row.get(column)? {
+            reading.position.set(axis, value);
+        }
+    }
+    Ok(reading)
+}
+
+fn estimate(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
+    Ok(StoredEstimate {
+        made: parsed(row, 0)?,
+        estimate: json(row, 1)?,
+        sha256: row.get(2)?,
+        program_version: row.get(3)?,
+    })
+}
+
+fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
+    let text: String = row.get(column)?;
+    serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
+}
+
+fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
+    row: &Row<'_>,
+    column: usize,
+) -> rusqlite::Result<T> {
+    let text: String = row.get(column)?;
+    text.parse().map_err(|error: T::Err| damaged(column, error.into()))
+}
+
+fn damaged(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
+    rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
+}

@@ -1,0 +1,116 @@
+//! The journal's tables, and how a connection is opened.
+//!
+//! Positions of readings are kept bit for bit, in internal units (mm, rad), so that a stored
+//! reading gives the same estimate as the live one. Plans, stages, events and estimates are JSON.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rusqlite::{Connection, OpenFlags, TransactionBehavior};
+
+use super::Fault;
+
+/// One entry a version; never change one that was released, add another.
+const MIGRATIONS: [&str; 1] = ["
+CREATE TABLE runs (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    started TEXT NOT NULL,
+    ended TEXT,
+    method TEXT NOT NULL,
+    machine TEXT NOT NULL,
+    state TEXT NOT NULL
+        CHECK (state IN ('running', 'held', 'finished', 'failed', 'interrupted')),
+    program_version TEXT NOT NULL,
+    config TEXT NOT NULL,
+    config_sha256 TEXT NOT NULL,
+    plan_head TEXT NOT NULL,
+    plan_sha256 TEXT NOT NULL
+) STRICT;
+CREATE TABLE steps (
+    run INTEGER NOT NULL REFERENCES runs (id),
+    id INTEGER NOT NULL,
+    step TEXT NOT NULL,
+    PRIMARY KEY (run, id)
+) STRICT;
+CREATE TABLE stages (
+    seq INTEGER PRIMARY KEY,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    stage TEXT NOT NULL
+) STRICT;
+CREATE TABLE readings (
+    seq INTEGER PRIMARY KEY,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    step INTEGER NOT NULL,
+    repeat INTEGER NOT NULL,
+    x_mm REAL, y_mm REAL, z_mm REAL, a_rad REAL, b_rad REAL, c_rad REAL, s_rad REAL,
+    value_mm REAL,
+    sensor TEXT NOT NULL,
+    t_s REAL NOT NULL,
+    flag TEXT NOT NULL,
+    temperatures_c TEXT NOT NULL
+) STRICT;
+CREATE TABLE events (
+    seq INTEGER PRIMARY KEY,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    at TEXT NOT NULL,
+    event TEXT NOT NULL
+) STRICT;
+CREATE TABLE estimates (
+    seq INTEGER PRIMARY KEY,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    made TEXT NOT NULL,
+    estimate TEXT NOT NULL,
+    sha256 TEXT NOT NULL,
+    program_version TEXT NOT NULL
+) STRICT;
+CREATE INDEX stages_of ON stages (run);
+CREATE INDEX readings_of ON readings (run);
+CREATE INDEX events_of ON events (run);
+CREATE INDEX estimates_of ON estimates (run);
+"];
+
+/// How long a writer waits for another process that writes.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The writing connection: write-ahead log, synced at every commit, foreign keys, tables as known.
+pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
+    let mut connection = Connection::open(path)?;
+    connection.busy_timeout(PATIENCE)?;
+    let mode: String =
+        connection.pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0))?;
+    if mode != "wal" {
+        return Err(Fault::NoLog { mode });
+    }
+    connection.pragma_update(None, "synchronous", "FULL")?;
+    connection.pragma_update(None, "foreign_keys", true)?;
+    migrate(&mut connection)?;
+    Ok(connection)
+}
+
+/// A reading connection, for one look.
+pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags)?;
+    connection.busy_timeout(PATIENCE)?;
+    Ok(connection)
+}
+
+/// Bring the tables up to date in one transaction, also when several processes try at once.
+fn migrate(connection: &mut Connection) -> Result<(), Fault> {
+    let known = MIGRATIONS.len() as i64;
+    if version(connection)? == known {
+        return Ok(());
+    }
+    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    let found = version(&transaction)?;
+    let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
+    for migration in missing.ok_or(Fault::Newer { found, known })? {
+        transaction.execute_batch(migration)?;
+    }
+    transaction.pragma_update(None, "user_version", known)?;
+    Ok(transaction.commit()?)
+}
+
+fn version(connection: &Connection) -> Result<i64, Fault> {
+    Ok(connection.pragma_query_value(None, "user_version", |row| row.get(0))?)
+}

@@ -1,0 +1,48 @@
+//! Where the journal and the locks live.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// `given` (from `--state`), else the first directory of `$STATE_DIRECTORY` (systemd), else
+/// `$XDG_STATE_HOME/trued`, else `~/.local/state/trued` (XDG base directories). `None`: none of
+/// these is known, and `--state` must be given.
+pub fn state_dir(given: Option<&Path>) -> Option<PathBuf> {
+    resolve(given, |name| std::env::var_os(name))
+}
+
+fn resolve(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    // The XDG specification: a path that is not absolute is to be ignored.
+    let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let systemd = || std::env::split_paths(&variable("STATE_DIRECTORY")?).next();
+    given
+        .map(Path::to_owned)
+        .or_else(|| systemd().filter(|path| path.is_absolute()))
+        .or_else(|| Some(absolute("XDG_STATE_HOME")?.join("trued")))
+        .or_else(|| Some(absolute("HOME")?.join(".local/state/trued")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
+        let lookup = |name: &str| {
+            variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value))
+        };
+        resolve(given.map(Path::new), lookup).map(|path| path.display().to_string())
+    }
+
+    #[test]
+    fn the_nearest_wish_wins() {
+        let all = [("STATE_DIRECTORY", "/s:/t"), ("XDG_STATE_HOME", "/x"), ("HOME", "/h")];
+        assert_eq!(with(Some("here"), &all).unwrap(), "here");
+        assert_eq!(with(None, &all).unwrap(), "/s");
+        assert_eq!(with(None, &all[1..]).unwrap(), "/x/trued");
+        assert_eq!(with(None, &all[2..]).unwrap(), "/h/.local/state/trued");
+        assert_eq!(
+            with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(),
+            "/h/.local/state/trued"
+        );
+        assert_eq!(with(None, &[("STATE_DIRECTORY", "")]), None);
+    }
+}

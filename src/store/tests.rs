@@ -1,0 +1,318 @@
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use rusqlite::Connection;
+
+use super::*;
+use crate::base::{Axis, Position};
+use crate::record::estimate::Parameter;
+use crate::record::plan::{Step, StepKind};
+use crate::record::reading::Flag;
+
+fn plan() -> Plan {
+    serde_json::from_value(serde_json::json!({
+        "trued_plan": 1,
+        "method": "self-calibration",
+        "settings": {"n": 8},
+        "machine": {"name": "mill", "topology": "w-C-B-X-F-Z-Y-S-t"},
+        "probe": {"ball_radius_mm": 3.0},
+        "artefact": {"kind": "cylinder", "centre_mm": [0.3, 0.1, 50.0], "axis": [0, 0, 1],
+                     "radius_mm": 45.0},
+    }))
+    .unwrap()
+}
+
+fn new_run() -> NewRun {
+    NewRun { config: "[machine]\nname = \"mill\"\n".to_owned(), plan: plan() }
+}
+
+fn step(id: u32) -> Step {
+    let angle = f64::from(id) * std::f64::consts::TAU / 7.0;
+    Step {
+        id,
+        stage: 0,
+        kind: StepKind::Touch,
+        label: format!("1a/{id}"),
+        from: Position::new().with(Axis::X, 50.1).with(Axis::C, Axis::C.from_edge(45.0)),
+        to: Position::new().with(Axis::X, 44.0),
+        feed_mm_min: 30.0,
+        sensor: "probe".to_owned(),
+        normal: [angle.cos(), angle.sin(), 0.0],
+    }
+}
+
+/// No number in it is short in decimal or in degrees.
+fn reading(step: u32) -> Reading {
+    let angle = f64::from(step) * std::f64::consts::TAU / 7.0;
+    Reading {
+        step,
+        repeat: 1,
+        position: Position::new()
+            .with(Axis::X, 48.0 * angle.cos())
+            .with(Axis::Y, 48.0 * angle.sin())
+            .with(Axis::C, angle),
+        value_mm: (step % 2 == 1).then_some(angle.sqrt()),
+        sensor: "probe".to_owned(),
+        t_s: angle.exp(),
+        flag: Flag::ALL[step as usize % Flag::ALL.len()],
+        temperatures_c: BTreeMap::from([("table".to_owned(), 20.0 + angle / 3.0)]),
+    }
+}
+
+fn estimate(value: f64) -> Estimate {
+    let mut estimate: Estimate = serde_json::from_value(serde_json::json!({
+        "trued_estimate": 1, "method": "self-calibration", "parameters": [], "functions": [],
+        "covariance": {"symbols": ["EX0C"], "rows": [[0.1]]}, "rank": 1, "unknowns": 1,
+        "condition": 1.0, "gauge": ["mean of W is zero"], "not_identifiable": [],
+        "residual_rms_um": 0.3, "degrees_of_freedom": 5, "chi2_per_dof": 1.1, "verdict": "none",
+        "warnings": [], "priors": [],
+    }))
+    .unwrap();
+    estimate.parameters.push(Parameter {
+        symbol: "EX0C".to_owned(),
+        value,
+        unit: crate::record::estimate::Unit::Um,
+        u: 1.0 / 3.0,
+        expanded: 2.0 / 3.0,
+        k: 2.0,
+        dof: None,
+        identifiable: true,
+        budget: Vec::new(),
+    });
+    estimate
+}
+
+fn stage(id: u32, steps: Vec<u32>) -> Stage {
+    Stage { id, name: format!("Test {id}"), repeat: 0, steps }
+}
+
+#[test]
+fn everything_comes_back_after_reopening() {
+    let dir = tempfile::tempdir().unwrap();
+    let events = [
+        Event::StageStarted { stage: stage(0, vec![0, 1]) },
+        Event::Held { reason: "Ctrl-C".to_owned() },
+    ];
+    let stages = [stage(0, vec![0, 1]), stage(1, vec![2, 0])];
+    let readings: Vec<_> = (0..9).map(reading).collect();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    journal.stage(run, &stages[0], &[step(0), step(1)]).wait().unwrap();
+    journal.stage(run, &stages[1], &[step(2)]).wait().unwrap();
+    for reading in &readings {
+        journal.reading(run, reading).wait().unwrap();
+    }
+    for event in &events {
+        journal.event(run, event).wait().unwrap();
+    }
+    let hash = journal.estimate(run, &estimate(0.1 + 0.2)).wait().unwrap();
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+    drop(journal);
+
+    let stored = Journal::open(dir.path()).unwrap().load(run).unwrap();
+    assert_eq!(stored.config, new_run().config);
+    assert_eq!(stored.plan.steps, [step(0), step(1), step(2)]);
+    assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, plan());
+    assert_eq!(stored.stages, stages);
+    assert_eq!(stored.readings, readings);
+    assert_eq!(stored.events.iter().map(|(_, event)| event.clone()).collect::<Vec<_>>(), events);
+    assert_eq!(stored.estimates[0].estimate, estimate(0.1 + 0.2));
+    assert_eq!(stored.estimates[0].sha256, hash);
+    assert_eq!(hash, sha256(&estimate(0.1 + 0.2)).unwrap());
+    let head = &stored.summary;
+    assert_eq!((head.method.as_str(), head.machine.as_str()), ("self-calibration", "mill"));
+    assert_eq!(head.state, RunState::Finished);
+    assert!(head.started <= head.ended.unwrap());
+    assert_eq!(head.plan_sha256, sha256(&stored.plan).unwrap());
+    assert_eq!(head.program_version, env!("CARGO_PKG_VERSION"));
+}
+
+/// NIST FIPS 180-4, example "abc".
+#[test]
+fn paper_sha256_of_abc() {
+    assert_eq!(
+        sha256_text("abc"),
+        "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    );
+}
+
+#[test]
+fn a_new_identification_adds_a_row() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let first = journal.estimate(run, &estimate(1.0)).wait().unwrap();
+    let second = journal.estimate(run, &estimate(2.0)).wait().unwrap();
+    let stored = journal.load(run).unwrap().estimates;
+    let hashes: Vec<_> = stored.iter().map(|row| row.sha256.clone()).collect();
+    assert_eq!(hashes, [first, second]);
+    assert_eq!(stored[0].estimate, estimate(1.0));
+}
+
+#[tokio::test(flavor = "current_thread")]
+async fn an_acknowledged_reading_is_seen_by_others() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).await.unwrap();
+    let other = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    for id in 0..5 {
+        journal.reading(run, &reading(id)).await.unwrap();
+        let last: u32 =
+            other.query_row("SELECT max(step) FROM readings", [], |row| row.get(0)).unwrap();
+        assert_eq!(last, id);
+    }
+}
+
+#[test]
+fn every_commit_is_synced_to_a_write_ahead_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let pragmas = journal.submit(|connection| {
+        let synchronous: i64 =
+            connection.pragma_query_value(None, "synchronous", |row| row.get(0))?;
+        let mode: String = connection.pragma_query_value(None, "journal_mode", |row| row.get(0))?;
+        let keys: bool = connection.pragma_query_value(None, "foreign_keys", |row| row.get(0))?;
+        Ok((synchronous, mode, keys))
+    });
+    assert_eq!(pragmas.wait().unwrap(), (2, "wal".to_owned(), true));
+}
+
+#[test]
+fn a_full_disk_is_said_and_loses_nothing_acknowledged() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    limit_pages(&journal, "SELECT page_count FROM pragma_page_count");
+    let mut acknowledged = Vec::new();
+    let full = loop {
+        let next = reading(acknowledged.len() as u32);
+        match journal.reading(run, &next).wait() {
+            Ok(()) => acknowledged.push(next),
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(full.fault, Fault::Full), "{full}");
+    assert!(full.to_string().contains("full") && full.remedy().contains("make room"));
+    assert!(!acknowledged.is_empty(), "the limit must bite in mid-run");
+    assert_eq!(journal.load(run).unwrap().readings, acknowledged);
+
+    limit_pages(&journal, "SELECT 1000000");
+    acknowledged.push(reading(acknowledged.len() as u32));
+    journal.reading(run, acknowledged.last().unwrap()).wait().unwrap();
+    assert_eq!(journal.load(run).unwrap().readings, acknowledged);
+}
+
+fn limit_pages(journal: &Journal, select: &'static str) {
+    let limited = journal.submit(move |connection| {
+        let pages: i64 = connection.query_row(select, [], |row| row.get(0))?;
+        connection.pragma_update_and_check(None, "max_page_count", pages, |row| {
+            assert_eq!(row.get::<_, i64>(0)?, pages);
+            Ok(())
+        })?;
+        Ok(())
+    });
+    limited.wait().unwrap();
+}
+
+#[test]
+fn what_cannot_be_kept_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let nan = Reading { value_mm: Some(f64::NAN), ..reading(0) };
+    let hot = Reading {
+        temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]),
+        ..reading(0)
+    };
+    for bad in [nan, hot] {
+        let error = journal.reading(run, &bad).wait().unwrap_err();
+        assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+    }
+    let error = journal.estimate(run, &estimate(f64::NAN)).wait().unwrap_err();
+    assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+    let nobody = RunId(77);
+    for error in [
+        journal.reading(nobody, &reading(0)).wait().unwrap_err(),
+        journal.stage(nobody, &stage(0, vec![]), &[]).wait().unwrap_err(),
+        journal.set_state(nobody, RunState::Held).wait().unwrap_err(),
+        journal.load(nobody).unwrap_err(),
+    ] {
+        assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
+    }
+    // A step of the plan is never overwritten, and the stage that tried leaves no trace.
+    journal.stage(run, &stage(0, vec![0]), &[step(0)]).wait().unwrap();
+    journal.stage(run, &stage(1, vec![0]), &[step(0)]).wait().unwrap_err();
+    let stored = journal.load(run).unwrap();
+    assert_eq!((stored.stages.len(), stored.readings.len(), stored.estimates.len()), (1, 0, 0));
+}
+
+#[test]
+fn the_lock_says_who_and_proves_that_a_run_is_dead() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let mill = journal.begin(&new_run()).wait().unwrap();
+    let held = journal.begin(&new_run()).wait().unwrap();
+    journal.set_state(held, RunState::Held).wait().unwrap();
+    let mut other = new_run();
+    other.plan.machine.name = "lathe".to_owned();
+    let lathe = journal.begin(&other).wait().unwrap();
+
+    let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
+    let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
+    let LockError::Held { holder: Some(holder), .. } = &refused else { panic!("{refused}") };
+    assert_eq!((holder.pid, holder.machine.as_str()), (std::process::id(), "mill"));
+    assert!(refused.to_string().contains(&format!("by process {}", std::process::id())));
+
+    assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [mill]);
+    let states: Vec<_> = journal.runs().unwrap().iter().map(|run| (run.id, run.state)).collect();
+    assert_eq!(
+        states,
+        [(mill, RunState::Interrupted), (held, RunState::Held), (lathe, RunState::Running)]
+    );
+    drop(lock);
+    MachineLock::acquire(dir.path(), "mill").unwrap();
+}
+
+#[test]
+fn names_of_machines_cannot_leave_the_lock_directory() {
+    let dir = tempfile::tempdir().unwrap();
+    let names = ["../../mill", "..", "", "a/b", "a-b", "ä".repeat(300).as_str()].map(str::to_owned);
+    let locks: Vec<_> = names.iter().map(|name| MachineLock::acquire(dir.path(), name)).collect();
+    assert!(locks.iter().all(Result::is_ok), "{locks:?}");
+    let files = std::fs::read_dir(dir.path().join("locks")).unwrap().count();
+    assert_eq!(files, names.len());
+}
+
+#[test]
+fn many_may_open_a_new_journal_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let opened: Vec<_> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..8)
+            .map(|_| scope.spawn(|| Journal::open(dir.path())?.begin(&new_run()).wait()))
+            .collect();
+        handles.into_iter().map(|handle| handle.join().unwrap()).collect()
+    });
+    for run in &opened {
+        assert!(run.is_ok(), "{run:?}");
+    }
+    assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 8);
+}
+
+#[test]
+fn a_strange_file_is_left_as_it_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("journal.sqlite");
+    std::fs::write(&path, "not a database, but a shopping list of some length").unwrap();
+    let before = std::fs::read(&path).unwrap();
+    assert!(matches!(fault(dir.path()), Fault::Damaged(_)));
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+
+    std::fs::remove_file(&path).unwrap();
+    drop(Journal::open(dir.path()).unwrap());
+    Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
+    assert!(matches!(fault(dir.path()), Fault::Newer { found: 99, .. }));
+}
+
+fn fault(dir: &Path) -> Fault {
+    Journal::open(dir).map(drop).unwrap_err().fault
+}

@@ -1,0 +1,182 @@
+//! What the writer's thread does: each function is one transaction, committed when it returns.
+
+use jiff::Timestamp;
+use rusqlite::{Connection, Transaction, TransactionBehavior, params};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::journal::NewRun;
+use super::{Fault, RunId, RunState, read, sha256_text};
+use crate::base::Axis;
+use crate::record::estimate::Estimate;
+use crate::record::event::Event;
+use crate::record::plan::{Plan, Stage, Step};
+use crate::record::reading::Reading;
+
+const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
+
+pub(super) fn begin(connection: &mut Connection, new: &NewRun) -> Result<RunId, Fault> {
+    let head = Plan { steps: Vec::new(), ..new.plan.clone() };
+    let transaction = begin_writing(connection)?;
+    transaction.execute(
+        "INSERT INTO runs (started, method, machine, state, program_version, config, config_sha256,
+                           plan_head, plan_sha256)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, '')",
+        params![
+            now(),
+            head.method,
+            head.machine.name,
+            RunState::Running.as_str(),
+            PROGRAM_VERSION,
+            new.config,
+            sha256_text(&new.config),
+            json("the plan", &head)?,
+        ],
+    )?;
+    let run = RunId(transaction.last_insert_rowid());
+    add_steps(&transaction, run, &new.plan.steps)?;
+    transaction.commit()?;
+    Ok(run)
+}
+
+pub(super) fn stage(
+    connection: &mut Connection,
+    run: RunId,
+    stage: &Stage,
+    new_steps: &[Step],
+) -> Result<(), Fault> {
+    let transaction = begin_writing(connection)?;
+    transaction
+        .execute(
+            "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
+            params![run.0, json("the stage", stage)?],
+        )
+        .map_err(Fault::of_run(run))?;
+    add_steps(&transaction, run, new_steps)?;
+    Ok(transaction.commit()?)
+}
+
+/// The plan grows: new steps, and the hash of the plan as it stands now.
+fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), Fault> {
+    for step in steps {
+        let text = json(&format!("step {}", step.id), step)?;
+        transaction.execute(
+            "INSERT INTO steps (run, id, step) VALUES (?1, ?2, ?3)",
+            params![run.0, step.id, text],
+        )?;
+    }
+    let hash = sha256_text(&json("the plan", &read::plan(transaction, run)?)?);
+    transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
+    Ok(())
+}
+
+pub(super) fn reading(
+    connection: &mut Connection,
+    run: RunId,
+    reading: &Reading,
+) -> Result<(), Fault> {
+    // SQLite would keep a NaN as NULL, and JSON knows no infinity: refuse both.
+    let what = || format!("the reading of step {}", reading.step);
+    let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
+    if !numbers.chain([reading.t_s]).all(f64::is_finite) {
+        return Err(Fault::NotFinite { what: what() });
+    }
+    let at = |axis| reading.position.get(axis);
+    connection
+        .execute(
+            "INSERT INTO readings (run, step, repeat, x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad,
+                                   value_mm, sensor, t_s, flag, temperatures_c)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
+            params![
+                run.0,
+                reading.step,
+                reading.repeat,
+                at(Axis::X),
+                at(Axis::Y),
+                at(Axis::Z),
+                at(Axis::A),
+                at(Axis::B),
+                at(Axis::C),
+                at(Axis::S),
+                reading.value_mm,
+                reading.sensor,
+                reading.t_s,
+                reading.flag.as_str(),
+                json(&what(), &reading.temperatures_c)?,
+            ],
+        )
+        .map_err(Fault::of_run(run))?;
+    Ok(())
+}
+
+pub(super) fn event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), Fault> {
+    let text = json("an event", event)?;
+    connection
+        .execute(
+            "INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)",
+            params![run.0, now(), text],
+        )
+        .map_err(Fault::of_run(run))?;
+    Ok(())
+}
+
+pub(super) fn estimate(
+    connection: &mut Connection,
+    run: RunId,
+    estimate: &Estimate,
+) -> Result<String, Fault> {
+    let text = json("the estimate", estimate)?;
+    let hash = sha256_text(&text);
+    connection
+        .execute(
+            "INSERT INTO estimates (run, made, estimate, sha256, program_version)
+             VALUES (?1, ?2, ?3, ?4, ?5)",
+            params![run.0, now(), text, hash, PROGRAM_VERSION],
+        )
+        .map_err(Fault::of_run(run))?;
+    Ok(hash)
+}
+
+pub(super) fn set_state(
+    connection: &mut Connection,
+    run: RunId,
+    state: RunState,
+) -> Result<(), Fault> {
+    let ended = (state != RunState::Running).then(now);
+    let changed = connection.execute(
+        "UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1",
+        params![run.0, state.as_str(), ended],
+    )?;
+    if changed == 1 { Ok(()) } else { Err(Fault::NoRun(run)) }
+}
+
+pub(super) fn mark_interrupted(
+    connection: &mut Connection,
+    machine: &str,
+) -> Result<Vec<RunId>, Fault> {
+    let mut statement = connection.prepare(
+        "UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id",
+    )?;
+    let (dead, alive) = (RunState::Interrupted.as_str(), RunState::Running.as_str());
+    let marked = statement
+        .query_map(params![dead, now(), machine, alive], |row| row.get(0).map(RunId))?
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(marked)
+}
+
+/// Immediate, so that two processes that write never fail half-way into a transaction.
+fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
+    Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
+}
+
+fn now() -> String {
+    Timestamp::now().to_string()
+}
+
+/// JSON that can be read back: a number that is not finite becomes `null`, which no number reads.
+fn json<T: Serialize + DeserializeOwned>(what: &str, value: &T) -> Result<String, Fault> {
+    let not_finite = |_| Fault::NotFinite { what: what.to_owned() };
+    let text = serde_json::to_string(value).map_err(not_finite)?;
+    serde_json::from_str::<T>(&text).map_err(not_finite)?;
+    Ok(text)
+}
