@@ -6,6 +6,7 @@
 pub mod base;
 pub mod controllers;
 pub mod decision;
+pub mod estimation;
 pub mod gcode;
 pub mod kinematics;
 pub mod link;

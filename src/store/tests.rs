@@ -77,6 +77,7 @@ fn estimate(value: f64) -> Estimate {
         k: 2.0,
         dof: None,
         identifiable: true,
+        u_monte_carlo: None,
         budget: Vec::new(),
     });
     estimate

@@ -80,7 +80,9 @@ fn reported_parameters(parts: &Parts<'_>) -> Vec<Parameter> {
                 })
                 .collect();
             Parameter {
-                u_monte_carlo: Some(output.unit.from_internal(parts.monte_carlo.standard_deviation[i])),
+                u_monte_carlo: Some(
+                    output.unit.from_internal(parts.monte_carlo.standard_deviation[i]),
+                ),
                 budget,
                 ..parameter(&output.symbol, output.unit, value, parts.propagated.u(i), dof)
             }

@@ -4,7 +4,7 @@
 use faer::Mat;
 
 use super::model::{Layout, Observation};
-use crate::estimation::linear::{self, LinearProblem, LinearSolution, RankDeficient};
+use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 use crate::estimation::trigonometric::Interpolant;
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
@@ -34,7 +34,7 @@ impl Fit {
         observations: Vec<Observation>,
         sigma: &[f64],
         second_order: bool,
-    ) -> Result<Self, RankDeficient> {
+    ) -> Result<Self, LinearError> {
         let a = layout.matrix(&observations);
         let radii: Vec<f64> = observations.iter().map(|seen| seen.radius).collect();
         let gauge = layout.gauge();
@@ -110,12 +110,7 @@ impl HeightTerms {
         let slope = (0..n).map(|i| interpolant.derivative(layout.design.angle(i))).collect();
         let radius = x[layout.radius(height)];
         let (scale, square) = scale_and_squareness(layout, height, radius);
-        Self {
-            radius,
-            slope,
-            scale_difference: dot(&scale, x),
-            squareness: dot(&square, x),
-        }
+        Self { radius, slope, scale_difference: dot(&scale, x), squareness: dot(&square, x) }
     }
 
     /// E_lin·t from the scale difference and the squareness, mm.

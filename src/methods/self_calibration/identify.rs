@@ -2,8 +2,8 @@
 
 use faer::Mat;
 
-use super::design::Design;
 use super::assemble::{self, Parts};
+use super::design::Design;
 use super::fit::{Fit, Solved, dot};
 use super::model::{Layout, Observation};
 use super::observe::observe;
@@ -44,16 +44,14 @@ pub fn identify(
     let solved = fit.solve(&radii);
 
     let chi2 = chi2(&solved, &touch_sigma(&sources, radii.len()));
-    let scale =
-        TouchScale::judge(plan.probe.repeatability_um.is_some(), chi2, fit.solution.dof);
+    let scale = TouchScale::judge(plan.probe.repeatability_um.is_some(), chi2, fit.solution.dof);
     let radius = (0..layout.heights).map(|h| solved.x[layout.radius(h)]).sum::<f64>()
         / layout.heights as f64;
     let parameters = outputs::parameters(&layout, heights, radius);
     let functions = all_functions(&layout, heights);
     let matrix = output_matrix(&layout, &parameters, &functions);
     let propagated = Propagated::new(&fit, &matrix, &sources, scale);
-    let monte_carlo =
-        propagate_by_trials(&fit, &radii, &parameters, &sources, scale, settings)?;
+    let monte_carlo = propagate_by_trials(&fit, &radii, &parameters, &sources, scale, settings)?;
     Ok(assemble::estimate(&Parts {
         plan,
         settings,
@@ -78,16 +76,16 @@ fn fit(
     settings: &Settings,
 ) -> Result<Fit, IdentifyError> {
     let sigma = touch_sigma(sources, observations.len());
-    Fit::new(layout.clone(), observations.to_vec(), &sigma, settings.second_order).map_err(|error| {
-        match error {
+    Fit::new(layout.clone(), observations.to_vec(), &sigma, settings.second_order).map_err(
+        |error| match error {
             LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
                 rank: survey.rank,
                 unknowns: layout.unknowns(),
                 what: null_names::in_words(survey.null_space.as_ref(), &layout.names()),
             },
             other => IdentifyError::Numerical(other.to_string()),
-        }
-    })
+        },
+    )
 }
 
 fn chi2(solved: &Solved, sigma: &[f64]) -> f64 {

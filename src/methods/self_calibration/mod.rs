@@ -105,10 +105,11 @@ impl Method for SelfCalibration {
 fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
     let refused = |why: String| Refused {
         why,
-        instead: "check that the part of [artefact] stands on the table, then start again".to_owned(),
+        instead: "check that the part of [artefact] stands on the table, then start again"
+            .to_owned(),
     };
-    let chain = crate::kinematics::Chain::new(&plan.machine)
-        .map_err(|error| refused(error.to_string()))?;
+    let chain =
+        crate::kinematics::Chain::new(&plan.machine).map_err(|error| refused(error.to_string()))?;
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
     let centres: Vec<[f64; 2]> = plan
         .steps

@@ -156,7 +156,8 @@ impl Layout {
         };
         vec![
             "EXC_total(0°) = EYC_total(0°) = 0: displacements are relative to C = 0".to_owned(),
-            "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale go into R".to_owned(),
+            "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale go into R"
+                .to_owned(),
             origin.to_owned(),
         ]
     }

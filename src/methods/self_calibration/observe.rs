@@ -67,10 +67,8 @@ pub fn observe(
 
 /// Ball centre of a reading in the table frame at C = 0, mm: what the linear axes alone say.
 pub fn ball_centre(plan: &Plan, chain: &Chain, step: &Step, reading: &Reading) -> DVec3 {
-    let position = step
-        .from
-        .updated_by(&reading.position)
-        .updated_by(&Position::new().with(Axis::C, 0.0));
+    let position =
+        step.from.updated_by(&reading.position).updated_by(&Position::new().with(Axis::C, 0.0));
     let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
     chain.tip_in_table(&position, tip, &[]).mm
 }

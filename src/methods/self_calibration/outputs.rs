@@ -63,14 +63,13 @@ pub fn functions(layout: &Layout, height: usize, suffix: &str) -> Vec<OutputFunc
         }
         coefficients
     };
-    let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
-        OutputFunction {
+    let function =
+        |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| OutputFunction {
             symbol: format!("{symbol}{suffix}"),
             argument,
             figure,
             points: (0..n).map(point).collect(),
-        }
-    };
+        };
     use FigureKind::{Curve, Polar};
     vec![
         function("EXC_total", "C", Curve, &|i| unit_vector(layout.ex(height, i))),

@@ -40,8 +40,11 @@ impl<'a> Planner<'a> {
             why: error.to_string(),
             instead: "correct [machine] and [axes] in the machine file".to_owned(),
         })?;
-        let Some(c_axis) =
-            plan.machine.axes.get(&Axis::C).filter(|_| chain.topology().workpiece().contains(&Axis::C))
+        let Some(c_axis) = plan
+            .machine
+            .axes
+            .get(&Axis::C)
+            .filter(|_| chain.topology().workpiece().contains(&Axis::C))
         else {
             return Err(Refused {
                 why: "this method needs a rotary axis C that carries the workpiece".to_owned(),
@@ -74,15 +77,15 @@ impl<'a> Planner<'a> {
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
         let z = self.heights()[0];
-        (0..4)
+        (0..4u32)
             .map(|quarter| {
                 let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
                 let ray = Ray { start: part.centre, angle };
                 self.step(&StepSpec {
-                    id: u32::from(quarter),
+                    id: quarter,
                     stage: 0,
                     kind: StepKind::Touch,
-                    label: format!("{LOCATE_LABEL}P{:03}", 90 * u32::from(quarter)),
+                    label: format!("{LOCATE_LABEL}P{:03}", 90 * quarter),
                     ray,
                     out: part.reach + margin,
                     inward: 2.0 * margin,
@@ -141,10 +144,12 @@ impl<'a> Planner<'a> {
         part: Part,
     ) -> Result<Step, Refused> {
         let angle = self.design.angle(touch.phi);
-        let out = expected_radius(part, self.design.angle(touch.c), angle).ok_or_else(|| Refused {
-            why: format!("at {label} the ray from the axis misses the part"),
-            instead: "bring the part nearer to the axis, or correct [artefact] centre_mm".to_owned(),
-        })?;
+        let out =
+            expected_radius(part, self.design.angle(touch.c), angle).ok_or_else(|| Refused {
+                why: format!("at {label} the ray from the axis misses the part"),
+                instead: "bring the part nearer to the axis, or correct [artefact] centre_mm"
+                    .to_owned(),
+            })?;
         let kind = match touch.test {
             super::design::Test::Reference(_) => StepKind::Reference,
             _ => StepKind::Touch,

@@ -79,7 +79,8 @@ fn repeatability(plan: &Plan, seen: &[Observation]) -> UncertaintySource {
 
 /// Rectangular, width one step of each displayed axis, projected on the ray.
 fn resolution(plan: &Plan, layout: &Layout, seen: &[Observation]) -> UncertaintySource {
-    let width = |axis| plan.machine.axes.get(&axis).map_or(0.0, |a: &AxisSpec| a.resolution_um * 1e-3);
+    let width =
+        |axis| plan.machine.axes.get(&axis).map_or(0.0, |a: &AxisSpec| a.resolution_um * 1e-3);
     let factor = Mat::from_fn(seen.len(), seen.len(), |i, j| {
         let (sin, cos) = layout.design.angle(seen[i].phi).sin_cos();
         let step = (width(Axis::X) * cos).hypot(width(Axis::Y) * sin);

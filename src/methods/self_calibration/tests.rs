@@ -38,7 +38,7 @@ fn paper_rank_and_condition_of_the_design_of_section_2_3() {
     assert_eq!((free.rank, free.nullity), (26, 6));
     let fixed = survey(form.a.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD).unwrap();
     assert_eq!((fixed.rank, fixed.nullity), (26, 0));
-    assert!((fixed.condition - 21.88).abs() < 0.01, "{}", fixed.condition);
+    assert!((fixed.condition_unscaled - 21.88).abs() < 0.01, "{}", fixed.condition_unscaled);
 }
 
 #[test]
@@ -290,8 +290,7 @@ fn regress_drift_needs_references_only_where_it_says_so() {
 #[test]
 fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
-        let design =
-            Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
+        let design = Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
         let layout = Layout { design, heights: 1, drift_order: 1 };
         let touches = layout.design.cycle(true);
         let last = touches.len() as f64;
