@@ -8,3 +8,4 @@ pub mod controllers;
 pub mod link;
 pub mod methods;
 pub mod record;
+pub mod setup;
