@@ -13,4 +13,5 @@ pub mod link;
 pub mod methods;
 pub mod record;
 pub mod report;
+pub mod setup;
 pub mod store;

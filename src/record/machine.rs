@@ -142,11 +142,11 @@ pub enum Artefact {
     },
 }
 
-fn default_height() -> f64 {
+pub fn default_height() -> f64 {
     100.0
 }
 
-fn default_uncertainty() -> f64 {
+pub fn default_uncertainty() -> f64 {
     2.0
 }
 

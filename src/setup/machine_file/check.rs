@@ -1,0 +1,118 @@
+//! What must be true of a machine file beyond its grammar. Finite numbers are the reader's matter
+//! ([`super::value`]); whether the topology makes a machine is `kinematics`'.
+
+use super::document::{Document, value_problem};
+use super::error::{MachineFileError, Problem};
+use crate::base::Axis;
+use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe};
+
+type Checked = Result<(), MachineFileError>;
+
+pub fn machine(document: &Document, machine: &Machine) -> Checked {
+    let check = Check(document);
+    check.that(!machine.name.trim().is_empty(), &["machine", "name"], "must not be empty")?;
+    check.not_negative(&["machine", "drift_um_per_h"], machine.drift_um_per_h)?;
+    for (axis, spec) in &machine.axes {
+        check.axis(*axis, spec)?;
+    }
+    check.axes_of_topology(machine)
+}
+
+pub fn probe(document: &Document, probe: &Probe) -> Checked {
+    let check = Check(document);
+    check.positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
+    // Zero would be an infinite weight; "unknown" is said by leaving the key out.
+    check.positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
+    check.not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
+    check.not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
+    check.positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
+    check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
+    check.positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)
+}
+
+pub fn artefact(document: &Document, artefact: &Artefact) -> Checked {
+    let check = Check(document);
+    let Artefact::Cylinder { axis, radius_mm, height_mm, uncertainty_mm, .. } = artefact;
+    check.that(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")?;
+    check.positive(&["artefact", "radius_mm"], *radius_mm)?;
+    check.positive(&["artefact", "height_mm"], *height_mm)?;
+    check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+}
+
+pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {
+    for keepout in boxes {
+        if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
+            let why = format!("the box `{}`: each min_mm must be below its max_mm", keepout.name);
+            let problem = Problem::Section { section: "keepout".to_owned(), why };
+            return Err(document.error_at(&["keepout"], problem));
+        }
+    }
+    Ok(())
+}
+
+struct Check<'d>(&'d Document);
+
+impl Check<'_> {
+    fn that(&self, holds: bool, key: &[&str], why: &str) -> Checked {
+        if holds {
+            return Ok(());
+        }
+        Err(self.0.error_at(key, value_problem(key, why.to_owned())))
+    }
+
+    fn positive(&self, key: &[&str], value: f64) -> Checked {
+        self.that(value > 0.0, key, &format!("is {value}; it must be greater than 0"))
+    }
+
+    fn not_negative(&self, key: &[&str], value: f64) -> Checked {
+        self.that(value >= 0.0, key, &format!("is {value}; it must not be negative"))
+    }
+
+    fn axis(&self, axis: Axis, spec: &AxisSpec) -> Checked {
+        let name = axis.to_string();
+        let key = |key: &'static str| ["axes", name.as_str(), key];
+        let order = format!("is {}; it must be greater than min = {}", spec.max, spec.min);
+        self.that(spec.min < spec.max, &key("max"), &order)?;
+        self.positive(&key("rapid_per_min"), spec.rapid_per_min)?;
+        self.positive(&key("acceleration_per_s2"), spec.acceleration_per_s2)?;
+        self.not_negative(&key("resolution_um"), spec.resolution_um)?;
+        self.not_negative(&key("error_motion_um"), spec.error_motion_um)?;
+        self.positive(&key("error_wavelength_mm"), spec.error_wavelength_mm)
+    }
+
+    /// Every moving axis of the topology has limits, and no limits stand for an axis that is not
+    /// there (a slip that would leave the true axis without any). The spindle needs none.
+    fn axes_of_topology(&self, machine: &Machine) -> Checked {
+        let named = axes_in(&machine.topology);
+        let topology = &machine.topology;
+        if let Some(axis) = named.iter().find(|axis| !machine.axes.contains_key(axis)) {
+            let why = format!("names {axis}, but there is no [axes.{axis}]: add its limits");
+            return self.that(false, &["machine", "topology"], &why);
+        }
+        match machine.axes.keys().find(|axis| **axis != Axis::S && !named.contains(axis)) {
+            None => Ok(()),
+            Some(axis) => {
+                let name = axis.to_string();
+                let why = format!("stands here, but the topology `{topology}` has no such axis");
+                self.that(false, &["axes", &name], &why)
+            }
+        }
+    }
+}
+
+/// The linear and rotary axes a topology names; `(C)` is the spindle, `F`, `b`, `w`, `t` do not move.
+fn axes_in(topology: &str) -> Vec<Axis> {
+    let mut depth = 0;
+    let mut axes = Vec::new();
+    for letter in topology.chars() {
+        match letter {
+            '(' => depth += 1,
+            ')' => depth -= 1,
+            _ if depth == 0 => axes.extend(
+                Axis::ALL.into_iter().filter(|axis| *axis != Axis::S && axis.letter() == letter),
+            ),
+            _ => {}
+        }
+    }
+    axes
+}

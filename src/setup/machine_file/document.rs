@@ -1,0 +1,141 @@
+//! The text of a machine file: finds sections and lines, turns a fault into an error with a place.
+//!
+//! The text is parsed anew for each question. It is a few kilobytes; in exchange nothing borrows
+//! from anything for longer than a call.
+
+use serde::Deserialize;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::error::{MachineFileError, Place, Problem};
+use super::value::{Fault, Value, What, read_at};
+
+#[derive(Debug, Clone)]
+pub struct Document {
+    file: String,
+    text: String,
+}
+
+impl Document {
+    pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
+        let document = Self { file: file.to_owned(), text };
+        document.root()?;
+        Ok(document)
+    }
+
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    fn root(&self) -> Result<DeTable<'_>, MachineFileError> {
+        DeTable::parse(&self.text).map(Spanned::into_inner).map_err(|error| {
+            let at = error.span().map(|span| span.start);
+            self.error(at, Problem::Syntax(error.message().to_owned()))
+        })
+    }
+
+    /// The names directly below `path`, in the order of the text. Empty if `path` is no table.
+    pub fn names(&self, path: &[&str]) -> Result<Vec<String>, MachineFileError> {
+        let mut table = self.root()?;
+        for key in path {
+            match table.remove(*key).map(Spanned::into_inner) {
+                Some(DeValue::Table(inner)) => table = inner,
+                _ => return Ok(Vec::new()),
+            }
+        }
+        let mut names: Vec<_> =
+            table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect();
+        names.sort();
+        Ok(names.into_iter().map(|(_, name)| name).collect())
+    }
+
+    /// Hand the value at `path` to `read`; `None` where the file does not have it.
+    pub fn section<'t, R>(
+        &'t self,
+        path: &[&str],
+        read: impl FnOnce(Value<'t>) -> Result<R, Fault>,
+    ) -> Result<Option<R>, MachineFileError> {
+        match find(self.root()?, path) {
+            None => Ok(None),
+            Some((_, value)) => {
+                read_at(value, read).map(Some).map_err(|fault| self.place(path, fault))
+            }
+        }
+    }
+
+    /// Hand an empty table to `read`, in the name of a section that the file does not have.
+    pub fn empty<R>(
+        &self,
+        path: &[&str],
+        read: impl FnOnce(Value<'_>) -> Result<R, Fault>,
+    ) -> Result<R, MachineFileError> {
+        let nothing = Spanned::new(0..0, DeValue::Table(DeTable::default()));
+        read(Value(nothing)).map_err(|fault| self.place(path, Fault { at: None, ..fault }))
+    }
+
+    /// A section that must be there.
+    pub fn required<'t, T: Deserialize<'t>>(
+        &'t self,
+        path: &[&str],
+    ) -> Result<T, MachineFileError> {
+        self.section(path, T::deserialize)?
+            .ok_or_else(|| self.error(None, Problem::MissingSection { section: path.join(".") }))
+    }
+
+    /// An error at the key `path` leads to, or at its nearest parent that stands in the file.
+    pub fn error_at(&self, path: &[&str], problem: Problem) -> MachineFileError {
+        let at = (1..=path.len()).rev().find_map(|depth| {
+            let root = DeTable::parse(&self.text).ok()?.into_inner();
+            find(root, &path[..depth]).map(|(at, _)| at)
+        });
+        self.error(at, problem)
+    }
+
+    /// A fault in what `path` holds.
+    fn place(&self, path: &[&str], fault: Fault) -> MachineFileError {
+        let mut keys: Vec<&str> = path.to_vec();
+        keys.extend(fault.path.iter().map(String::as_str));
+        let section = keys.join(".");
+        let problem = match fault.what {
+            What::UnknownKey { key, known } => Problem::UnknownKey {
+                section,
+                key,
+                known: known.iter().map(|&name| name.to_owned()).collect(),
+            },
+            What::MissingKey { key } => Problem::MissingKey { section, key: key.to_owned() },
+            What::UnknownValue { value, known } => {
+                value_problem(&keys, format!("is `{value}`; known: {}", known.join(", ")))
+            }
+            What::Bad(why) => value_problem(&keys, why),
+        };
+        self.error(fault.at, problem)
+    }
+
+    fn error(&self, at: Option<usize>, problem: Problem) -> MachineFileError {
+        let line = at.and_then(|at| self.text.get(..at)).map(|head| head.matches('\n').count() + 1);
+        MachineFileError::Content { place: Place { file: self.file.clone(), line }, problem }
+    }
+}
+
+/// The last key of `keys` is at fault, or the whole section if there is only one.
+pub fn value_problem(keys: &[&str], why: String) -> Problem {
+    match keys {
+        [section @ .., key] if !section.is_empty() => {
+            Problem::Value { section: section.join("."), key: (*key).to_owned(), why }
+        }
+        _ => Problem::Section { section: keys.join("."), why },
+    }
+}
+
+/// Place of the last key of `path`, and its value.
+fn find<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
+    let (last, parents) = path.split_last()?;
+    for key in parents {
+        match table.remove(*key)?.into_inner() {
+            DeValue::Table(inner) => table = inner,
+            _ => return None,
+        }
+    }
+    let (key, value) = table.into_iter().find(|(key, _)| key.get_ref() == last)?;
+    Some((key.span().start, value))
+}

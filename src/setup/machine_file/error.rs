@@ -1,0 +1,53 @@
+//! What can be wrong with a machine file: file, line, section, key, and what to do about it.
+
+use std::fmt;
+use std::io;
+
+use super::hint;
+
+#[derive(Debug, thiserror::Error)]
+pub enum MachineFileError {
+    #[error("{file} cannot be read: {source}; check the path given with --machine")]
+    Read { file: String, source: io::Error },
+    #[error("{place}: {problem}")]
+    Content { place: Place, problem: Problem },
+}
+
+/// File, and the line (from 1) where it is known.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    pub file: String,
+    pub line: Option<usize>,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "{}:{line}", self.file),
+            None => write!(f, "{}", self.file),
+        }
+    }
+}
+
+/// `section` is written as in the file, without brackets: `axes.X`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Problem {
+    #[error("this is not TOML: {0}")]
+    Syntax(String),
+    #[error("unknown section [{section}]; {}", hint::for_unknown(section, &borrowed(known)))]
+    UnknownSection { section: String, known: Vec<String> },
+    #[error("unknown key `{key}` in [{section}]; {}", hint::for_unknown(key, &borrowed(known)))]
+    UnknownKey { section: String, key: String, known: Vec<String> },
+    #[error("[{section}] lacks the key `{key}`; add it")]
+    MissingKey { section: String, key: String },
+    #[error("the section [{section}] is missing; add it")]
+    MissingSection { section: String },
+    #[error("`{key}` in [{section}] {why}")]
+    Value { section: String, key: String, why: String },
+    #[error("[{section}] {why}")]
+    Section { section: String, why: String },
+}
+
+fn borrowed(words: &[String]) -> Vec<&str> {
+    words.iter().map(String::as_str).collect()
+}

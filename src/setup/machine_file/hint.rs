@@ -1,0 +1,71 @@
+//! The nearest known key, and what its unit is: most wrong keys are a slip or a wrong unit.
+
+/// Endings of keys that state a unit, longest first, and how a person writes that unit.
+const UNITS: [(&str, &str); 14] = [
+    ("_um_per_h", "µm/h"),
+    ("_um_per_m", "µm/m"),
+    ("_mm_min", "mm/min"),
+    ("_per_min", "mm/min, or degrees/min for a rotary axis"),
+    ("_per_s2", "mm/s², or degrees/s² for a rotary axis"),
+    ("_urad", "µrad"),
+    ("_deg", "degrees"),
+    ("_rad", "rad"),
+    ("_mm", "mm"),
+    ("_um", "µm"),
+    ("_cm", "cm"),
+    ("_hz", "Hz"),
+    ("_s", "s"),
+    ("_c", "°C"),
+];
+
+/// `radius_mm` → (`radius`, mm).
+fn split(key: &str) -> (&str, Option<&'static str>) {
+    UNITS
+        .iter()
+        .find_map(|(ending, unit)| key.strip_suffix(ending).map(|stem| (stem, Some(*unit))))
+        .unwrap_or((key, None))
+}
+
+/// The key of `known` that was probably meant: the same quantity in another unit, else the one with
+/// the fewest slips (a third of its letters at most).
+pub fn nearest<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
+    let (stem, _) = split(key);
+    known.iter().copied().find(|candidate| split(candidate).0 == stem).or_else(|| {
+        let slips = |candidate: &str| strsim::damerau_levenshtein(key, candidate);
+        let best = known.iter().copied().min_by_key(|candidate| slips(candidate))?;
+        (slips(best) <= best.chars().count() / 3).then_some(best)
+    })
+}
+
+/// What to do about an unknown key: `did you mean …?`, or the list of what is known.
+pub fn for_unknown(key: &str, known: &[&str]) -> String {
+    let Some(near) = nearest(key, known) else {
+        return format!("known here: {}", known.join(", "));
+    };
+    match (split(near).1, split(key).1) {
+        (Some(unit), Some(wrong)) if unit != wrong => {
+            format!("did you mean `{near}` (in {unit}, not {wrong})?")
+        }
+        (Some(unit), _) => format!("did you mean `{near}` (in {unit})?"),
+        (None, _) => format!("did you mean `{near}`?"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_unit_finds_the_same_quantity() {
+        let known = ["kind", "radius_mm", "ball_radius_mm"];
+        assert_eq!(for_unknown("radius_um", &known), "did you mean `radius_mm` (in mm, not µm)?");
+        assert_eq!(for_unknown("ball_radius", &known), "did you mean `ball_radius_mm` (in mm)?");
+    }
+
+    #[test]
+    fn a_slip_finds_its_neighbour_and_nonsense_finds_nothing() {
+        assert_eq!(nearest("topolgy", &["name", "topology"]), Some("topology"));
+        assert_eq!(nearest("banana", &["name", "topology"]), None);
+        assert_eq!(for_unknown("banana", &["name", "tool_mm"]), "known here: name, tool_mm");
+    }
+}

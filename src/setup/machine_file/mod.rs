@@ -1,0 +1,153 @@
+//! The machine file: TOML that a person writes and the program never rewrites.
+//!
+//! An unknown key, a wrong unit, a wrong type, a missing key or an impossible value is an error with
+//! file, line and key. Sections that belong to other rooms (`[method.NAME]`, `[simulated]`) are
+//! kept as text and handed to their owner's type on request; their errors have lines all the same.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use crate::base::Axis;
+use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe};
+
+mod artefact;
+mod check;
+mod controller;
+mod document;
+mod error;
+mod hint;
+#[cfg(test)]
+mod tests;
+mod tolerance;
+mod value;
+
+pub use controller::{Control, ControllerConfig, Link, Wire};
+use document::Document;
+pub use error::{MachineFileError, Problem};
+pub use tolerance::Limit;
+pub use value::{Fault, Value};
+
+/// The machine that serves when no file is given.
+const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
+
+const SECTIONS: [&str; 9] = [
+    "machine",
+    "axes",
+    "controller",
+    "probe",
+    "keepout",
+    "artefact",
+    "method",
+    "tolerance",
+    "simulated",
+];
+
+/// A machine file that has been read and found sound.
+#[derive(Debug, Clone)]
+pub struct MachineFile {
+    /// With its axes, which the file keeps in `[axes.X]`.
+    pub machine: Machine,
+    pub controller: ControllerConfig,
+    pub probe: Probe,
+    pub keepout: Vec<Keepout>,
+    pub artefact: Artefact,
+    /// Empty: no verdict.
+    pub tolerance: Vec<Limit>,
+    document: Document,
+}
+
+impl MachineFile {
+    pub fn embedded() -> Result<Self, MachineFileError> {
+        Self::parse("simulated.toml (built in)", EMBEDDED.to_owned())
+    }
+
+    pub fn read(path: &Path) -> Result<Self, MachineFileError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
+        Self::parse(&file, text)
+    }
+
+    /// `file` is the name that errors call it by.
+    pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
+        let document = Document::parse(file, text)?;
+        known_names(&document, &[], &SECTIONS)?;
+        let machine = machine(&document)?;
+        let probe = document.required(&["probe"])?;
+        check::probe(&document, &probe)?;
+        let keepout: Vec<Keepout> =
+            document.section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
+        check::keepouts(&document, &keepout)?;
+        let artefact = artefact::read(&document)?;
+        check::artefact(&document, &artefact)?;
+        let controller = controller::read(&document)?;
+        let tolerance = tolerance::read(&document)?;
+        Ok(Self { machine, controller, probe, keepout, artefact, tolerance, document })
+    }
+
+    /// The file as it was read, for the record.
+    pub fn text(&self) -> &str {
+        self.document.text()
+    }
+
+    /// SHA-256 of [`Self::text`], hexadecimal.
+    pub fn sha256(&self) -> String {
+        Sha256::digest(self.text()).iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// `[simulated]` as its owner's type; `None` where the file has no such section.
+    pub fn simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
+        self.document.section(&["simulated"], T::deserialize)
+    }
+
+    /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table
+    /// where the file is silent.
+    pub fn method<R>(
+        &self,
+        name: &str,
+        read: impl Fn(Value<'_>) -> Result<R, Fault>,
+    ) -> Result<R, MachineFileError> {
+        match self.document.section(&["method", name], &read)? {
+            Some(settings) => Ok(settings),
+            None => self.document.empty(&["method", name], &read),
+        }
+    }
+
+    /// Refuse a `[method.NAME]` for a method that is not in the list.
+    pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
+        known_names(&self.document, &["method"], known)
+    }
+}
+
+fn machine(document: &Document) -> Result<Machine, MachineFileError> {
+    if document.names(&["machine"])?.iter().any(|key| key == "axes") {
+        let problem = Problem::UnknownSection {
+            section: "machine.axes".to_owned(),
+            known: vec!["axes".to_owned()],
+        };
+        return Err(document.error_at(&["machine", "axes"], problem));
+    }
+    let axes: BTreeMap<Axis, AxisSpec> = document.required(&["axes"])?;
+    let machine = Machine { axes, ..document.required(&["machine"])? };
+    check::machine(document, &machine)?;
+    Ok(machine)
+}
+
+/// Every name directly below `path` is one of `known`.
+fn known_names(document: &Document, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
+    for name in document.names(path)? {
+        if !known.contains(&name.as_str()) {
+            let full = [path, &[name.as_str()]].concat();
+            let prefix = |name: &str| [path, &[name]].concat().join(".");
+            let problem = Problem::UnknownSection {
+                section: prefix(&name),
+                known: known.iter().map(|name| prefix(name)).collect(),
+            };
+            return Err(document.error_at(&full, problem));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,281 @@
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::*;
+
+/// The embedded file with `from` replaced once by `to`; `from` must be there.
+fn edited(from: &str, to: &str) -> Result<MachineFile, MachineFileError> {
+    assert!(EMBEDDED.contains(from), "the embedded file lacks {from}");
+    MachineFile::parse("shop.toml", EMBEDDED.replacen(from, to, 1))
+}
+
+/// Line (from 1) of the first line that starts with `head`, after `after`.
+fn line(after: &str, head: &str) -> usize {
+    let start = EMBEDDED.find(after).unwrap();
+    let at = EMBEDDED[start..].find(&format!("\n{head}")).unwrap() + start + 1;
+    EMBEDDED[..at].matches('\n').count() + 1
+}
+
+#[track_caller]
+fn refused(from: &str, to: &str, message: &str) {
+    let error = edited(from, to).expect_err("accepted").to_string();
+    assert_eq!(error, message);
+}
+
+#[test]
+fn every_file_in_config_is_sound() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        MachineFile::read(&path).unwrap_or_else(|error| panic!("{error}"));
+        count += 1;
+    }
+    assert!(count >= 3, "config/ holds {count} files");
+}
+
+#[test]
+fn the_embedded_machine_reads_as_written() {
+    let file = MachineFile::embedded().unwrap();
+    assert_eq!(file.machine.axes[&Axis::B].max, 110.0);
+    assert_eq!(file.machine.tool_mm, [0.0, 0.0, -120.0]);
+    assert_eq!(file.probe.repeatability_um, Some(0.5));
+    let Artefact::Cylinder { radius_mm, .. } = file.artefact;
+    assert_eq!(radius_mm, 45.0);
+    assert_eq!(file.controller.control, Control::Simulated { wire: Wire::Memory });
+    assert_eq!(file.text(), EMBEDDED);
+    assert!(file.tolerance.is_empty(), "the first command must end with code 0");
+}
+
+#[test]
+fn the_hash_is_sha256_of_the_text() {
+    let mut file = MachineFile::embedded().unwrap();
+    file.document = Document::parse("x", "a=1".to_owned()).unwrap();
+    // coreutils: printf 'a=1' | sha256sum
+    assert_eq!(file.sha256(), "c22fea5d7428e5cf47ef6354c97c9223c95d6dcdc3e0d2300ff79056b1ff3d85");
+}
+
+#[test]
+fn a_wrong_unit_names_the_right_key() {
+    let at = line("[artefact]", "radius_mm");
+    let expected = format!(
+        "shop.toml:{at}: unknown key `radius_um` in [artefact]; did you mean `radius_mm` (in mm, not µm)?"
+    );
+    refused("\nradius_mm", "\nradius_um", &expected);
+}
+
+#[test]
+fn slips_in_keys_sections_and_words_are_named_with_their_line() {
+    let at = line("[machine]", "topology");
+    let expected =
+        format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
+    refused("\ntopology", "\ntopolgy", &expected);
+
+    let at = line("", "[artefact]");
+    let expected = format!("shop.toml:{at}: unknown section [artifact]; did you mean `artefact`?");
+    refused("\n[artefact]", "\n[artifact]", &expected);
+
+    let at = line("[axes.B]", "positive");
+    let expected =
+        format!("shop.toml:{at}: `positive` in [axes.B] is `isso`; known: iso, reversed");
+    refused("positive = \"iso\"", "positive = \"isso\"", &expected);
+
+    let at = line("", "[axes.B]");
+    let expected =
+        format!("shop.toml:{at}: unknown key `Q` in [axes]; known here: X, Y, Z, A, B, C, S");
+    refused("[axes.B]", "[axes.Q]", &expected);
+}
+
+#[test]
+fn types_and_missing_keys_have_lines() {
+    let at = line("[artefact]", "radius_mm");
+    let expected =
+        format!("shop.toml:{at}: `radius_mm` in [artefact] must be a number, not string \"45\"");
+    refused("radius_mm = 45.0", "radius_mm = \"45\"", &expected);
+
+    let at = line("[machine]", "tool_mm");
+    let expected = format!(
+        "shop.toml:{at}: `tool_mm` in [machine] has 2 elements, must be an array of length 3"
+    );
+    refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
+
+    let at = line("", "[axes.B]");
+    let expected = format!("shop.toml:{at}: [axes.B] lacks the key `min`; add it");
+    refused("min = -110.0", "", &expected);
+
+    let at = line("", "[artefact]");
+    let expected = format!("shop.toml:{at}: [artefact] lacks the key `radius_mm`; add it");
+    refused("radius_mm = 45.0", "", &expected);
+
+    let without = EMBEDDED.split("[artefact]").next().unwrap().to_owned();
+    let error = MachineFile::parse("shop.toml", without).unwrap_err().to_string();
+    assert_eq!(error, "shop.toml: the section [artefact] is missing; add it");
+}
+
+#[test]
+fn impossible_values_are_refused() {
+    let at = line("[axes.X]", "max");
+    let expected =
+        format!("shop.toml:{at}: `max` in [axes.X] is -260; it must be greater than min = -250");
+    refused("max = 250.0", "max = -260.0", &expected);
+
+    let at = line("[probe]", "ball_radius_mm");
+    let expected =
+        format!("shop.toml:{at}: `ball_radius_mm` in [probe] is -3; it must be greater than 0");
+    refused("ball_radius_mm = 3.0", "ball_radius_mm = -3.0", &expected);
+
+    let at = line("[machine]", "drift_um_per_h");
+    let expected = format!("shop.toml:{at}: `drift_um_per_h` in [machine] must be a finite number");
+    refused("drift_um_per_h = 5.0", "drift_um_per_h = nan", &expected);
+    refused("drift_um_per_h = 5.0", "drift_um_per_h = -inf", &expected);
+
+    let at = line("", "[axes.B]");
+    let topology = line("[machine]", "topology");
+    refused(
+        "[axes.B]",
+        "[axes.A]",
+        &format!(
+            "shop.toml:{topology}: `topology` in [machine] names B, but there is no [axes.B]: add its limits"
+        ),
+    );
+    refused(
+        "[axes.B]\n",
+        "[axes.A]\nmin = 0\nmax = 1\n[axes.B]\n",
+        &format!(
+            "shop.toml:{at}: `A` in [axes] stands here, but the topology `V[w-C-B-b-Y-X-Z-(C)-t]` has no such axis"
+        ),
+    );
+}
+
+#[test]
+fn a_box_turned_inside_out_is_refused() {
+    let text = format!(
+        "{EMBEDDED}\n[[keepout]]\nname = \"setter\"\nmin_mm = [1, 0, 0]\nmax_mm = [0, 1, 1]\n"
+    );
+    let error = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
+    assert!(error.contains("`setter`: each min_mm must be below its max_mm"), "{error}");
+}
+
+#[test]
+fn links_are_checked() {
+    let controller = |keys: &str| edited("kind = \"simulated\"\n", keys);
+    let wire = "wire = \"memory\"";
+    let strip = |keys: &str| {
+        let text = EMBEDDED.replacen("kind = \"simulated\"", keys, 1).replacen(wire, "", 1);
+        MachineFile::parse("shop.toml", text)
+    };
+    let sound = strip("kind = \"grbl\"\ntcp = \"10.0.0.7:23\"").unwrap().controller.control;
+    let link = Link::Tcp("10.0.0.7:23".to_owned());
+    assert_eq!(sound, Control::Grbl { link, dialect: "grbl".to_owned() });
+
+    let error = |result: Result<MachineFile, MachineFileError>| result.unwrap_err().to_string();
+    assert!(error(strip("kind = \"grbl\"")).contains("needs exactly one link"));
+    assert!(
+        error(strip("kind = \"grbl\"\ntcp = \"10.0.0.7\"")).contains("write `host:port`"),
+        "a port is needed"
+    );
+    let baud = "kind = \"grbl\"\ntcp = \"10.0.0.7:23\"\nbaud = 9600";
+    assert!(error(strip(baud)).contains("a TCP link has no baud rate"));
+    let message = error(controller("kind = \"fanuc\"\n"));
+    assert!(message.contains("is `fanuc`; known: simulated, grbl, linuxcnc"), "{message}");
+    let message = error(strip("kind = \"linuxcnc\""));
+    assert!(message.contains("[controller] lacks the key `program_dir`"), "{message}");
+}
+
+#[test]
+fn tolerances_carry_their_units() {
+    let with =
+        |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
+    let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().tolerance;
+    let found: Vec<_> =
+        limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
+    use crate::record::estimate::Unit;
+    assert_eq!(
+        found,
+        [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]
+    );
+    assert!(with("EX0C = 10.0").unwrap_err().to_string().contains("must be a symbol and a unit"));
+    assert!(with("EX0C_um = 0").unwrap_err().to_string().contains("greater than 0"));
+}
+
+#[derive(Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Settings {
+    #[serde(default = "eight")]
+    angles: u32,
+    #[serde(default)]
+    shape: Shape,
+}
+
+fn eight() -> u32 {
+    8
+}
+
+/// Tagged inside, as a colleague's type may be: serde buffers it, and its places get lost.
+#[derive(Debug, Default, PartialEq, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+enum Shape {
+    #[default]
+    Round,
+    Oval {
+        flat_mm: f64,
+    },
+}
+
+#[test]
+fn other_rooms_read_their_own_sections() {
+    let with = |keys: &str| {
+        MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap()
+    };
+    let read = |file: &MachineFile| file.method("some", |section| Settings::deserialize(section));
+    let silent = MachineFile::embedded().unwrap();
+    assert_eq!(read(&silent).unwrap(), Settings { angles: 8, shape: Shape::Round });
+    let oval = read(&with("angles = 12\nshape = { kind = \"oval\", flat_mm = 1 }")).unwrap();
+    assert_eq!(oval, Settings { angles: 12, shape: Shape::Oval { flat_mm: 1.0 } });
+
+    let last = EMBEDDED.matches('\n').count() + 3;
+    let message = read(&with("angels = 12")).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        format!("shop.toml:{last}: unknown key `angels` in [method.some]; did you mean `angles`?")
+    );
+    let message = read(&with("shape = { kind = \"oval\",\n flat_mm = 1,\n flat_um = 2 }"))
+        .unwrap_err()
+        .to_string();
+    let line = last + 2;
+    assert_eq!(
+        message,
+        format!(
+            "shop.toml:{line}: unknown key `flat_um` in [method.some.shape]; did you mean `flat_mm` (in mm, not µm)?"
+        )
+    );
+    let message = read(&with("angles = -3")).unwrap_err().to_string();
+    assert!(message.contains(&format!("shop.toml:{last}: `angles` in [method.some]")), "{message}");
+
+    let message = with("").check_method_names(&["same", "other"]).unwrap_err().to_string();
+    assert!(message.contains("did you mean `method.same`?"), "{message}");
+    with("").check_method_names(&["some"]).unwrap();
+}
+
+#[test]
+fn the_simulated_truth_is_handed_out_and_may_be_absent() {
+    #[derive(Deserialize)]
+    struct Seed {
+        seed: u64,
+    }
+    let file = MachineFile::embedded().unwrap();
+    assert_eq!(file.simulated::<Seed>().unwrap().unwrap().seed, 1);
+    let real = EMBEDDED.split("[simulated]").next().unwrap().to_owned();
+    assert!(MachineFile::parse("x", real).unwrap().simulated::<Seed>().unwrap().is_none());
+}
+
+#[test]
+fn broken_toml_and_missing_files_are_errors_with_a_place() {
+    let message = edited("name = ", "name ").unwrap_err().to_string();
+    let at = line("[machine]", "name");
+    assert!(message.starts_with(&format!("shop.toml:{at}: this is not TOML: ")), "{message}");
+    let message = MachineFile::read(Path::new("no/such.toml")).unwrap_err().to_string();
+    assert!(message.contains("no/such.toml cannot be read"), "{message}");
+    assert!(message.contains("--machine"), "{message}");
+}

@@ -1,0 +1,46 @@
+//! `[tolerance]`: limits for the verdict, one key a parameter: its symbol and the unit.
+
+use std::collections::BTreeMap;
+
+use super::document::{Document, value_problem};
+use super::error::MachineFileError;
+use crate::record::estimate::Unit;
+
+/// |value| of the parameter `symbol` may be `limit` at most, in `unit`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limit {
+    pub symbol: String,
+    pub unit: Unit,
+    pub limit: f64,
+}
+
+const UNITS: [(&str, Unit); 4] =
+    [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm)];
+
+/// The limits in the order of their keys; none without `[tolerance]`.
+pub fn read(document: &Document) -> Result<Vec<Limit>, MachineFileError> {
+    if document.names(&["tolerance"])?.is_empty() {
+        return Ok(Vec::new());
+    }
+    let raw: BTreeMap<String, f64> = document.required(&["tolerance"])?;
+    raw.iter()
+        .map(|(key, &limit)| {
+            limit_of(key, limit).map_err(|why| {
+                let path = ["tolerance", key.as_str()];
+                document.error_at(&path, value_problem(&path, why))
+            })
+        })
+        .collect()
+}
+
+fn limit_of(key: &str, limit: f64) -> Result<Limit, String> {
+    let (symbol, unit) = UNITS
+        .iter()
+        .find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, *unit)))
+        .filter(|(symbol, _)| !symbol.is_empty())
+        .ok_or("must be a symbol and a unit (_um, _urad, _um_per_m, _mm), e.g. `EX0C_um`")?;
+    if limit <= 0.0 {
+        return Err(format!("is {limit}; a limit must be greater than 0"));
+    }
+    Ok(Limit { symbol: symbol.to_owned(), unit, limit })
+}

@@ -1,0 +1,248 @@
+//! serde over a parsed TOML value, with an error that keeps what a person needs: the key at fault,
+//! the keys that would have been right, and the place in the text. (toml's own error keeps them as
+//! one sentence.) A number that is not finite is refused here, so that none gets in anywhere.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use serde::de::value::{MapAccessDeserializer, SeqDeserializer};
+use serde::de::{
+    DeserializeSeed, Deserializer, Error, Expected, IntoDeserializer, MapAccess, Unexpected,
+    Visitor,
+};
+use serde::forward_to_deserialize_any;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// What is wrong with a value.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum What {
+    UnknownKey { key: String, known: &'static [&'static str] },
+    MissingKey { key: &'static str },
+    UnknownValue { value: String, known: &'static [&'static str] },
+    Bad(String),
+}
+
+/// What is wrong, and where: the keys that lead there and the byte of the text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault {
+    pub what: What,
+    pub path: Vec<String>,
+    pub at: Option<usize>,
+}
+
+impl Fault {
+    fn new(what: What) -> Self {
+        Self { what, path: Vec::new(), at: None }
+    }
+
+    fn placed(mut self, at: usize) -> Self {
+        self.at.get_or_insert(at);
+        self
+    }
+
+    fn below(mut self, key: &str) -> Self {
+        self.path.insert(0, key.to_owned());
+        self
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {:?}", self.path.join("."), self.what)
+    }
+}
+
+impl std::error::Error for Fault {}
+
+impl Error for Fault {
+    fn custom<T: fmt::Display>(message: T) -> Self {
+        Self::new(What::Bad(message.to_string()))
+    }
+
+    fn invalid_type(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        Self::custom(format_args!("must be {}, not {found}", in_words(expected)))
+    }
+
+    fn invalid_length(length: usize, expected: &dyn Expected) -> Self {
+        Self::custom(format_args!("has {length} elements, must be {expected}"))
+    }
+
+    fn unknown_variant(value: &str, known: &'static [&'static str]) -> Self {
+        Self::new(What::UnknownValue { value: value.to_owned(), known })
+    }
+
+    fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
+        Self::new(What::UnknownKey { key: key.to_owned(), known })
+    }
+
+    fn missing_field(key: &'static str) -> Self {
+        Self::new(What::MissingKey { key })
+    }
+}
+
+/// A machinist knows numbers, not `f64`.
+fn in_words(expected: &dyn Expected) -> String {
+    match expected.to_string().as_str() {
+        "f32" | "f64" => "a number".to_owned(),
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, not negative".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
+        other if other.starts_with("struct ") => "a table".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+/// A value of the file, ready to become a type; errors carry its place.
+pub struct Value<'i>(pub Spanned<DeValue<'i>>);
+
+impl<'de> Value<'de> {
+    fn visit<V: Visitor<'de>>(value: DeValue<'de>, visitor: V) -> Result<V::Value, Fault> {
+        match value {
+            DeValue::String(Cow::Borrowed(text)) => visitor.visit_borrowed_str(text),
+            DeValue::String(Cow::Owned(text)) => visitor.visit_string(text),
+            DeValue::Integer(number) => {
+                match i64::from_str_radix(number.as_str(), number.radix()) {
+                    Ok(number) => visitor.visit_i64(number),
+                    Err(_) => Err(Fault::custom("is too large a number")),
+                }
+            }
+            DeValue::Float(number) => match number.as_str().parse::<f64>() {
+                Ok(number) if number.is_finite() => visitor.visit_f64(number),
+                _ => Err(Fault::custom("must be a finite number")),
+            },
+            DeValue::Boolean(value) => visitor.visit_bool(value),
+            DeValue::Datetime(value) => visitor.visit_string(value.to_string()),
+            DeValue::Array(array) => {
+                let mut elements = SeqDeserializer::new(array.into_iter().map(Value));
+                let value = visitor.visit_seq(&mut elements)?;
+                elements.end()?;
+                Ok(value)
+            }
+            DeValue::Table(table) => visitor.visit_map(Entries::new(table)),
+        }
+    }
+}
+
+impl<'de> Deserializer<'de> for Value<'de> {
+    type Error = Fault;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
+        let at = self.0.span().start;
+        Self::visit(self.0.into_inner(), visitor).map_err(|fault| fault.placed(at))
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _name: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, Fault> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _name: &'static str,
+        _variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Fault> {
+        let at = self.0.span().start;
+        match self.0.into_inner() {
+            DeValue::String(text) => visitor.visit_enum(text.into_deserializer()),
+            DeValue::Table(table) => {
+                visitor.visit_enum(MapAccessDeserializer::new(Entries::new(table)))
+            }
+            other => Err(Fault::custom(format_args!("must be a word, not a {}", other.type_str()))),
+        }
+        .map_err(|fault: Fault| fault.placed(at))
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit
+        unit_struct seq tuple tuple_struct map struct identifier ignored_any
+    }
+}
+
+impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+/// Read `value`; a fault that does not know its place gets one. A tagged or flattened type is read
+/// from serde's own buffer, where places are gone: its unknown key is looked up in the text again.
+pub fn read_at<'i, T>(
+    value: Spanned<DeValue<'i>>,
+    read: impl FnOnce(Value<'i>) -> Result<T, Fault>,
+) -> Result<T, Fault> {
+    let at = value.span().start;
+    let mut keys = Vec::new();
+    keys_below(value.get_ref(), &mut keys);
+    read(Value(value)).map_err(|fault| match &fault.what {
+        What::UnknownKey { key, .. } => {
+            let found = keys.iter().find(|(name, _)| name == key).map_or(at, |(_, at)| *at);
+            fault.placed(found)
+        }
+        _ => fault.placed(at),
+    })
+}
+
+fn keys_below(value: &DeValue<'_>, keys: &mut Vec<(String, usize)>) {
+    match value {
+        DeValue::Table(table) => {
+            for (key, value) in table {
+                keys.push((key.get_ref().to_string(), key.span().start));
+                keys_below(value.get_ref(), keys);
+            }
+        }
+        DeValue::Array(array) => array.iter().for_each(|value| keys_below(value.get_ref(), keys)),
+        _ => {}
+    }
+}
+
+/// The entries of a table in the order of the text, so that the first error is the topmost.
+struct Entries<'i> {
+    rest: std::vec::IntoIter<(Spanned<Cow<'i, str>>, Spanned<DeValue<'i>>)>,
+    value: Option<(String, Spanned<DeValue<'i>>)>,
+}
+
+impl<'de> Entries<'de> {
+    fn new(table: DeTable<'de>) -> Self {
+        let mut entries: Vec<_> = table.into_iter().collect();
+        entries.sort_by_key(|(key, _)| key.span().start);
+        Self { rest: entries.into_iter(), value: None }
+    }
+}
+
+impl<'de> MapAccess<'de> for Entries<'de> {
+    type Error = Fault;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, Fault> {
+        let Some((key, value)) = self.rest.next() else { return Ok(None) };
+        let at = key.span().start;
+        let key = key.into_inner();
+        self.value = Some((key.to_string(), value));
+        seed.deserialize(key.into_deserializer()).map(Some).map_err(|fault: Fault| {
+            let what = match fault.what {
+                What::UnknownValue { value, known } => What::UnknownKey { key: value, known },
+                other => other,
+            };
+            Fault { what, ..fault }.placed(at)
+        })
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Fault> {
+        let Some((key, value)) = self.value.take() else {
+            return Err(Fault::custom("a value was asked for before its key"));
+        };
+        read_at(value, |value| seed.deserialize(value)).map_err(|fault| fault.below(&key))
+    }
+}
