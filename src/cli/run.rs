@@ -49,7 +49,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     progress.end();
 
     let mut estimate = method.identify(&plan, &readings, &priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance.limits());
+    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
     journal.estimate(id, &estimate).wait()?;
     tell_result(args, id, &estimate)?;
     if let Some(file) = &args.report {

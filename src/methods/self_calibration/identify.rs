@@ -81,7 +81,7 @@ fn fit(
             LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
                 rank: survey.rank,
                 unknowns: layout.unknowns(),
-                what: null_names::in_words(survey.null_space.as_ref(), &layout.names()),
+                what: null_names::name_null_space(survey.null_space.as_ref(), &layout.names()),
             },
             other => IdentifyError::Numerical(other.to_string()),
         },
@@ -191,14 +191,4 @@ fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
         .map(|point| dot(point, x).powi(2))
         .sum();
     squares.sqrt()
-}
-
-/// Values of all outputs (parameters, then functions).
-pub fn values(parameters: &[Output], functions: &[OutputFunction], x: &[f64]) -> Vec<f64> {
-    parameters
-        .iter()
-        .map(|p| &p.coefficients)
-        .chain(functions.iter().flat_map(|f| &f.points))
-        .map(|coefficients| dot(coefficients, x))
-        .collect()
 }
