@@ -1,0 +1,259 @@
+//! Weighted linear least squares with explicit constraints, and the survey of what a design can
+//! and cannot tell.
+//!
+//! Unknowns are scaled first (each weighted column to norm 1), then the constraints are eliminated
+//! with an orthonormal basis of their null space (the null-space method: Golub & Van Loan, Matrix
+//! Computations, section 6.2). In this order the singular values do not depend on the basis
+//! chosen, and a constraint `x_j = 0` gives exactly the condition of the matrix without column j.
+
+use faer::linalg::solvers::Svd;
+use faer::{Mat, MatRef};
+
+/// Relative threshold of singular values below which a direction counts as lost.
+pub const RANK_THRESHOLD: f64 = 1e-10;
+/// The same for the constraints, which are exact by nature.
+const CONSTRAINT_THRESHOLD: f64 = 1e-12;
+
+/// Minimise Σ((y − A x)/σ)² under C x = 0.
+#[derive(Debug, Clone, Copy)]
+pub struct LinearProblem<'a> {
+    /// Rows × unknowns.
+    pub a: MatRef<'a, f64>,
+    pub y: &'a [f64],
+    /// Standard uncertainty of each row, in the unit of `y`.
+    pub sigma: &'a [f64],
+    /// The gauge made explicit: constraints × unknowns, C x = 0. Redundant rows do no harm.
+    pub constraints: Option<MatRef<'a, f64>>,
+    /// [`RANK_THRESHOLD`] unless there is a reason.
+    pub rank_threshold: f64,
+}
+
+#[derive(Debug, Clone)]
+pub struct LinearSolution {
+    pub x: Vec<f64>,
+    /// Unknowns × unknowns, for the given sigma (not scaled by the residuals).
+    pub covariance: Mat<f64>,
+    /// Unknowns × rows: x = gain·y.
+    pub gain: Mat<f64>,
+    /// y − A x, unweighted.
+    pub residuals: Vec<f64>,
+    /// Σ(residual/σ)².
+    pub chi2: f64,
+    /// Rows less rank. A row of zeros counts: leave such rows out.
+    pub dof: usize,
+    pub rank: usize,
+    /// Column-scaled σmax/σmin.
+    pub condition: f64,
+}
+
+/// What a design matrix can tell under its constraints.
+#[derive(Debug, Clone)]
+pub struct Survey {
+    pub rank: usize,
+    /// Free directions (unknowns less independent constraints) less rank.
+    pub nullity: usize,
+    /// Column-scaled σmax/σmin over the directions that are seen.
+    pub condition: f64,
+    /// The same without column scaling (A·Z, Z an orthonormal basis of the constraints' null
+    /// space): means something only where all unknowns share one unit.
+    pub condition_unscaled: f64,
+    /// Of the column-scaled matrix on the free directions, descending.
+    pub singular_values: Vec<f64>,
+    /// Unknowns × nullity: directions that satisfy the constraints and change no row. Each column
+    /// has norm 1 in the unknowns' own units.
+    pub null_space: Mat<f64>,
+}
+
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum LinearError {
+    /// Not solved: what is lost stands in the survey's null space.
+    #[error(
+        "rank {} of {}: the rows do not separate all unknowns; fix the lost directions by \
+         constraints or add measurements that separate them",
+        .0.rank, .0.rank + .0.nullity
+    )]
+    RankDeficient(Box<Survey>),
+    #[error("the least-squares problem is malformed: {0}; correct the input")]
+    Malformed(&'static str),
+    #[error("the singular value decomposition did not converge; check the scale of the unknowns")]
+    NoConvergence,
+}
+
+/// Solve the problem, or say what keeps it from being solved.
+///
+/// # Errors
+/// [`LinearError::RankDeficient`] when a free direction is not seen by the rows; never a minimum
+/// norm solution instead.
+pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
+    let LinearProblem { a, y, sigma, constraints, rank_threshold } = *problem;
+    check(problem)?;
+    let weighted = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] / sigma[i]);
+    let scale = column_scale(weighted.as_ref());
+    let reduced = Reduced::new(weighted.as_ref(), &scale, constraints, rank_threshold)?;
+    if reduced.rank < reduced.free() {
+        let found = survey(weighted.as_ref(), constraints, rank_threshold)?;
+        return Err(LinearError::RankDeficient(Box::new(found)));
+    }
+    let root = reduced.covariance_root();
+    let u = reduced.svd.U();
+    let weighted_u = Mat::from_fn(a.nrows(), root.ncols(), |i, j| u[(i, j)] / sigma[i]);
+    let gain = &root * weighted_u.transpose();
+    let x = product(gain.as_ref(), y);
+    let residuals: Vec<f64> =
+        product(a, &x).iter().zip(y).map(|(fitted, measured)| measured - fitted).collect();
+    Ok(LinearSolution {
+        covariance: &root * root.transpose(),
+        gain,
+        chi2: residuals.iter().zip(sigma).map(|(r, s)| (r / s).powi(2)).sum(),
+        dof: a.nrows().saturating_sub(reduced.rank),
+        rank: reduced.rank,
+        condition: reduced.condition(),
+        residuals,
+        x,
+    })
+}
+
+/// Rank, condition and null space of `a` (rows × unknowns, already weighted if weights matter)
+/// under `constraints` (C x = 0).
+///
+/// # Errors
+/// Only for malformed input; a deficient rank is a finding, not an error.
+pub fn survey(
+    a: MatRef<'_, f64>,
+    constraints: Option<MatRef<'_, f64>>,
+    threshold: f64,
+) -> Result<Survey, LinearError> {
+    let scaled = Reduced::new(a, &column_scale(a), constraints, threshold)?;
+    let unscaled = Reduced::new(a, &vec![1.0; a.ncols()], constraints, threshold)?;
+    Ok(Survey {
+        rank: scaled.rank,
+        nullity: scaled.free() - scaled.rank,
+        condition: scaled.condition(),
+        condition_unscaled: unscaled.condition(),
+        singular_values: singular_values(&scaled.svd),
+        null_space: scaled.null_space(),
+    })
+}
+
+/// The weighted matrix on the free directions: A·basis = U S Vᵀ.
+struct Reduced {
+    /// Unknowns × free: x = basis·v, scale and constraints taken in.
+    basis: Mat<f64>,
+    svd: Svd<f64>,
+    rank: usize,
+}
+
+impl Reduced {
+    fn new(
+        a: MatRef<'_, f64>,
+        scale: &[f64],
+        constraints: Option<MatRef<'_, f64>>,
+        threshold: f64,
+    ) -> Result<Self, LinearError> {
+        if !a.is_all_finite() || constraints.is_some_and(|c| !c.is_all_finite()) {
+            return Err(LinearError::Malformed("a coefficient is not a finite number"));
+        }
+        if constraints.is_some_and(|c| c.ncols() != a.ncols()) {
+            return Err(LinearError::Malformed("constraints and matrix differ in their unknowns"));
+        }
+        let basis = free_basis(scale, constraints)?;
+        if basis.ncols() == 0 {
+            return Err(LinearError::Malformed("no unknown is free"));
+        }
+        let svd = padded_svd(&(a * &basis))?;
+        let rank = rank_of(&singular_values(&svd), threshold);
+        Ok(Self { basis, svd, rank })
+    }
+
+    fn free(&self) -> usize {
+        self.basis.ncols()
+    }
+
+    fn condition(&self) -> f64 {
+        let values = singular_values(&self.svd);
+        match self.rank {
+            0 => f64::INFINITY,
+            rank => values[0] / values[rank - 1],
+        }
+    }
+
+    /// T with covariance T·Tᵀ: basis·V·S⁻¹ over the directions that are seen.
+    fn covariance_root(&self) -> Mat<f64> {
+        let values = singular_values(&self.svd);
+        let v = self.svd.V();
+        let scaled = Mat::from_fn(self.free(), self.rank, |i, j| v[(i, j)] / values[j]);
+        &self.basis * scaled
+    }
+
+    fn null_space(&self) -> Mat<f64> {
+        let mut directions = &self.basis * self.svd.V().get(.., self.rank..);
+        for j in 0..directions.ncols() {
+            let scale = unit_scale(directions.col(j).norm_l2());
+            directions.col_mut(j).iter_mut().for_each(|entry| *entry *= scale);
+        }
+        directions
+    }
+}
+
+fn column_scale(a: MatRef<'_, f64>) -> Vec<f64> {
+    (0..a.ncols()).map(|j| unit_scale(a.col(j).norm_l2())).collect()
+}
+
+/// Unknowns × free: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).
+fn free_basis(
+    scale: &[f64],
+    constraints: Option<MatRef<'_, f64>>,
+) -> Result<Mat<f64>, LinearError> {
+    let n = scale.len();
+    let Some(c) = constraints.filter(|c| c.nrows() > 0) else {
+        return Ok(Mat::from_fn(n, n, |i, j| if i == j { scale[i] } else { 0.0 }));
+    };
+    let mut scaled = Mat::from_fn(c.nrows(), n, |i, j| c[(i, j)] * scale[j]);
+    for i in 0..scaled.nrows() {
+        let row_scale = unit_scale(scaled.row(i).norm_l2());
+        scaled.row_mut(i).iter_mut().for_each(|entry| *entry *= row_scale);
+    }
+    let svd = padded_svd(&scaled)?;
+    let fixed = rank_of(&singular_values(&svd), CONSTRAINT_THRESHOLD);
+    let v = svd.V();
+    Ok(Mat::from_fn(n, n - fixed, |i, j| scale[i] * v[(i, fixed + j)]))
+}
+
+/// Thin SVD with a square V: rows of zeros are added where there are fewer rows than columns.
+fn padded_svd(a: &Mat<f64>) -> Result<Svd<f64>, LinearError> {
+    let rows = a.nrows().max(a.ncols());
+    let padded = Mat::from_fn(rows, a.ncols(), |i, j| if i < a.nrows() { a[(i, j)] } else { 0.0 });
+    padded.thin_svd().map_err(|_| LinearError::NoConvergence)
+}
+
+fn singular_values(svd: &Svd<f64>) -> Vec<f64> {
+    svd.S().column_vector().iter().copied().collect()
+}
+
+fn rank_of(descending: &[f64], threshold: f64) -> usize {
+    let largest = descending.first().copied().unwrap_or(0.0);
+    descending.iter().filter(|value| **value > threshold * largest).count()
+}
+
+/// The factor that brings `norm` to 1; 1 for a vector of zeros.
+fn unit_scale(norm: f64) -> f64 {
+    if norm > 0.0 { 1.0 / norm } else { 1.0 }
+}
+
+fn product(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
+    (0..a.nrows()).map(|i| x.iter().enumerate().map(|(j, x)| a[(i, j)] * x).sum()).collect()
+}
+
+fn check(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
+    let rows = problem.a.nrows();
+    if problem.y.len() != rows || problem.sigma.len() != rows {
+        return Err(LinearError::Malformed("matrix, values and sigmas differ in their rows"));
+    }
+    if problem.y.iter().any(|value| !value.is_finite()) {
+        return Err(LinearError::Malformed("a value is not a finite number"));
+    }
+    if problem.sigma.iter().any(|sigma| !(sigma.is_finite() && *sigma > 0.0)) {
+        return Err(LinearError::Malformed("a standard uncertainty is not a positive number"));
+    }
+    Ok(())
+}
