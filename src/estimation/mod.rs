@@ -1,7 +1,12 @@
 //! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle,
 //! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
 
+pub mod circle;
+pub mod coverage;
 pub mod linear;
+pub mod nonlinear;
+pub mod null_names;
+pub mod trigonometric;
 
 #[cfg(test)]
 mod tests;
