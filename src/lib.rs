@@ -8,4 +8,5 @@ pub mod controllers;
 pub mod kinematics;
 pub mod link;
 pub mod methods;
+pub mod planning;
 pub mod record;
