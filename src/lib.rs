@@ -11,6 +11,7 @@ pub mod gcode;
 pub mod kinematics;
 pub mod link;
 pub mod methods;
+pub mod planning;
 pub mod record;
 pub mod report;
 pub mod setup;
