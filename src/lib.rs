@@ -5,6 +5,7 @@
 
 pub mod base;
 pub mod controllers;
+pub mod kinematics;
 pub mod link;
 pub mod methods;
 pub mod record;

@@ -1,0 +1,126 @@
+//! Conventions of the chain, each against a case known exactly.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::*;
+use crate::base::{Point, Position, Spindle};
+use crate::record::machine::{AxisSpec, Machine, Sense};
+
+fn machine(topology: &str) -> Machine {
+    let parsed: Topology = topology.parse().unwrap();
+    let spec: AxisSpec = serde_json::from_str(r#"{"min":-500,"max":500}"#).unwrap();
+    Machine {
+        name: "test".into(),
+        topology: topology.into(),
+        axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
+        tool_mm: [0.0; 3],
+        drift_um_per_h: 0.0,
+    }
+}
+
+fn term(name: &str, value: f64) -> ErrorTerm {
+    ErrorTerm { parameter: name.parse().unwrap(), value }
+}
+
+fn tip() -> Point<Spindle> {
+    Point::new(0.0, 0.0, 0.0)
+}
+
+fn at(x: f64, y: f64, z: f64) -> Position {
+    Position::new().with(Axis::X, x).with(Axis::Y, y).with(Axis::Z, z)
+}
+
+#[track_caller]
+fn assert_near(actual: DVec3, expected: DVec3) {
+    assert!(actual.distance(expected) < 1e-12, "{actual} instead of {expected}");
+}
+
+/// METHODS section 1: a probe at machine angle φ touches the workpiece at φ + C.
+#[test]
+fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
+    let (phi, c) = (0.3_f64, 1.1_f64);
+    let pose = at(50.0 * phi.cos(), 50.0 * phi.sin(), 7.0).with(Axis::C, c);
+    for (sense, sign) in [(Sense::Iso, 1.0), (Sense::Reversed, -1.0)] {
+        let mut machine = machine("wCFXYZt");
+        machine.axes.get_mut(&Axis::C).unwrap().positive = sense;
+        let angle = phi + sign * c;
+        let expected = DVec3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
+        assert_near(Chain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm, expected);
+    }
+}
+
+#[test]
+fn without_rotation_the_tip_is_the_command_on_every_machine() {
+    for topology in ["wFXYZt", "wXYFZt", "wCBXFZYSt", "wCAYFXZt", "wAFXYZBt"] {
+        let chain = Chain::new(&machine(topology)).unwrap();
+        let point = chain.tip_in_table(&at(1.0, -2.0, 3.0), Point::new(0.0, 0.0, -9.0), &[]);
+        assert_near(point.mm, DVec3::new(1.0, -2.0, -6.0));
+    }
+}
+
+#[test]
+fn a_rotary_axis_turns_about_its_point_and_direction() {
+    let mut machine = machine("wCFXYZt");
+    machine.axes.get_mut(&Axis::C).unwrap().point_mm = [10.0, 20.0, 0.0];
+    machine.axes.get_mut(&Axis::C).unwrap().direction = [0.0, 0.0, -2.0];
+    let chain = Chain::new(&machine).unwrap();
+    let on_axis = at(10.0, 20.0, 5.0).with(Axis::C, 1.0);
+    assert_near(chain.tip_in_table(&on_axis, tip(), &[]).mm, DVec3::new(10.0, 20.0, 5.0));
+    let beside = at(11.0, 20.0, 5.0).with(Axis::C, PI / 2.0);
+    assert_near(chain.tip_in_table(&beside, tip(), &[]).mm, DVec3::new(10.0, 19.0, 5.0));
+}
+
+/// A gain lengthens the motion, with the joint's sign: seen on the table it is + on both branches.
+#[test]
+fn gains_lengthen_the_motion_on_both_branches() {
+    for topology in ["wCXFYZt", "wCFXYZt"] {
+        let chain = Chain::new(&machine(topology)).unwrap();
+        let point = chain.tip_in_table(&at(100.0, 0.0, 0.0), tip(), &[term("EXX1", 1e-4)]);
+        assert_near(point.mm, DVec3::new(100.01, 0.0, 0.0));
+    }
+}
+
+/// The axis stands at E_X0C instead of 0: a point on the true axis stays, whatever C.
+#[test]
+fn a_location_error_moves_the_axis_itself() {
+    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+    let errors = [term("EX0C", 0.05), term("EY0C", -0.03)];
+    for c in [0.0, 1.0, 4.0] {
+        let point = chain.tip_in_table(&at(0.05, -0.03, 0.0).with(Axis::C, c), tip(), &errors);
+        assert_near(point.mm, DVec3::ZERO);
+    }
+}
+
+#[test]
+fn topology_and_axes_must_name_the_same_axes() {
+    let mut without_b = machine("wCBXFZYSt");
+    without_b.axes.remove(&Axis::B);
+    let error = Chain::new(&without_b).unwrap_err();
+    assert!(matches!(error, KinematicsError::NotInAxes { axis: Axis::B, .. }), "{error}");
+
+    let mut with_a = machine("wCFXYZt");
+    with_a.axes.insert(Axis::A, with_a.axes[&Axis::C].clone());
+    let error = Chain::new(&with_a).unwrap_err();
+    assert!(matches!(error, KinematicsError::NotInTopology { axis: Axis::A, .. }), "{error}");
+
+    let mut fixed_spindle = machine("wCFXYZSt");
+    fixed_spindle.axes.remove(&Axis::S);
+    assert!(Chain::new(&fixed_spindle).is_ok());
+}
+
+#[test]
+fn what_cannot_be_built_is_refused() {
+    let mut flat = machine("wCFXYZt");
+    flat.axes.get_mut(&Axis::Y).unwrap().direction = [1.0, 0.0, 0.0];
+    assert_eq!(Chain::new(&flat).unwrap_err(), KinematicsError::Flat);
+
+    let mut nan = machine("wCFXYZt");
+    nan.axes.get_mut(&Axis::C).unwrap().direction = [f64::NAN, 0.0, 1.0];
+    assert_eq!(Chain::new(&nan).unwrap_err(), KinematicsError::Direction { axis: Axis::C });
+
+    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+    assert!(chain.check("EX0C".parse().unwrap()).is_ok());
+    assert!(chain.check("EX0B".parse().unwrap()).is_err());
+}
