@@ -9,3 +9,4 @@ pub mod kinematics;
 pub mod link;
 pub mod methods;
 pub mod record;
+pub mod world;

@@ -9,11 +9,11 @@ use super::truth::FormHarmonic;
 /// The solid, standing in the table frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Flank {
-    pub foot: DVec3,
+    foot: DVec3,
     /// Columns: the artefact's own x, y and axis.
-    pub frame: DMat3,
-    pub height: f64,
-    pub profile: Profile,
+    frame: DMat3,
+    height: f64,
+    profile: Profile,
 }
 
 /// Nearest point of the surface: signed distance (negative inside) and outward normal.
@@ -60,10 +60,8 @@ pub(super) struct Profile {
 
 impl Profile {
     pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
-        let terms: Vec<_> = form
-            .into_iter()
-            .map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3))
-            .collect();
+        let terms: Vec<_> =
+            form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
         let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
         Self { radius, terms, amplitude }
     }
