@@ -22,7 +22,7 @@ pub enum CircleError {
 
 /// Sagitta over length below which points count as collinear, squared.
 const FLATNESS: f64 = 1e-14;
-const MAX_STEPS: usize = 200;
+const MAX_STEPS: usize = 5000;
 
 /// Fits the circle: algebraic start (Kåsa 1976), then Gauss–Newton on the centre with the radius
 /// eliminated (it is the mean distance), each step halved until the deviations shrink.
