@@ -32,7 +32,7 @@ impl Chain {
                         *column = into_table * velocity * side;
                     }
                 }
-                prefix = prefix * joint.motion(position, errors);
+                prefix *= joint.motion(position, errors);
             }
         }
         columns
