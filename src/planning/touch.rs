@@ -28,7 +28,7 @@ pub fn touch_block(
     clearance: &Clearance,
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
-    let near_feed = plan.probe.search_feed_mm_min;
+    let (near_feed, back_feed) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let height = |z: f64| Position::new().with(Axis::Z, z);
     let safe_z = clearance.safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
@@ -46,7 +46,7 @@ pub fn touch_block(
     path.rapid(&height(safe_z));
     path.feed(&height(from.at(Axis::Z)), |to| Motion::Guarded { to, feed_mm_min: near_feed });
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
-    path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: near_feed });
+    path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.rapid(&height(safe_z));
 
     let block = Block { step: step.id, repeat, motions: path.motions };
