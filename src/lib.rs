@@ -6,6 +6,7 @@
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod base;
+pub mod cli;
 pub mod controllers;
 pub mod decision;
 pub mod estimation;
@@ -16,6 +17,7 @@ pub mod methods;
 pub mod planning;
 pub mod record;
 pub mod report;
+pub mod run;
 pub mod setup;
 pub mod store;
 pub mod world;

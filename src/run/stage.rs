@@ -38,6 +38,7 @@ impl Run<'_> {
                 label: step.label.clone(),
                 remaining_s,
             });
+            self.moved = true;
             let outcome = self.devices.controller.execute(block).await?;
             let reading = self.reading(&step, repeat, outcome)?;
             self.journal.reading(self.id, &reading).await?;

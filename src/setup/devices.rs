@@ -64,7 +64,7 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             };
             grbl(file, link::open(&address).await?, dialect)
         }
-        Control::LinuxCnc { .. } => todo!(),
+        Control::LinuxCnc { .. } => Err(SetupError::Settings { why: "not yet".into() }),
     }
 }
 
