@@ -2,8 +2,10 @@
 //! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
 
 pub mod circle;
+pub mod circle_lanes;
 pub mod coverage;
 pub mod linear;
+pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
 pub mod trigonometric;
