@@ -40,11 +40,12 @@ pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
         loop {
             let trial = [centre[0] + step[0], centre[1] + step[1]];
             let next = Radial::new(points, trial);
-            let small = step[0].hypot(step[1]) <= 1e-14 * (at.radius + trial[0].hypot(trial[1]));
+            let small = step[0].hypot(step[1]) <= 1e-13 * (at.radius + trial[0].hypot(trial[1]));
             if small {
                 return Ok(Circle { centre, radius: at.radius });
             }
-            if next.squares <= at.squares {
+            // The slack is the rounding of the sum: near the minimum the step knows better.
+            if next.squares <= at.squares * (1.0 + 1e-12) {
                 (centre, at) = (trial, next);
                 break;
             }

@@ -2,6 +2,7 @@
 //! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
 
 pub mod circle;
+pub mod circle_lanes;
 pub mod coverage;
 pub mod linear;
 pub mod monte_carlo;

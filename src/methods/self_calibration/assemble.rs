@@ -9,7 +9,7 @@ use super::outputs::{self, Output, OutputFunction};
 use super::paper::PaperForm;
 use super::settings::{Settings, Spindle};
 use super::uncertainty::{Propagated, TouchScale};
-use crate::estimation::monte_carlo::Summary;
+use crate::estimation::monte_carlo::{Summary, numerical_tolerance};
 use crate::estimation::{circle, coverage};
 use crate::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
@@ -279,7 +279,7 @@ fn disagreement(parts: &Parts<'_>) -> Vec<String> {
             let (first_order, trials) =
                 (parts.propagated.u(i), parts.monte_carlo.standard_deviation[i]);
             let off = (first_order - trials).abs();
-            (off > two_digit_tolerance(first_order) && off > scatter * first_order).then(|| {
+            (off > numerical_tolerance(first_order, 2) && off > scatter * first_order).then(|| {
                 format!(
                     "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
                     output.symbol,
@@ -308,9 +308,4 @@ fn paper_comparison(parts: &Parts<'_>) -> Vec<String> {
         paper[1] * 1e3
     );
     if far { vec![told] } else { Vec::new() }
-}
-
-/// Half a unit of the second significant digit of `u` (JCGM 101, 7.9.2).
-fn two_digit_tolerance(u: f64) -> f64 {
-    0.5 * 10f64.powf(u.log10().floor() - 1.0)
 }
