@@ -9,11 +9,11 @@ use tokio::task::JoinHandle;
 use super::machine_file::{Control, Link as LinkConfig, MachineFile, Wire};
 use super::{Pace, SetupError};
 use crate::base::clock::HostClock;
-use crate::base::{Axis, Clock};
+use crate::base::Clock;
 use crate::controllers::Controller;
 use crate::controllers::grbl::firmware::{Firmware, Options};
-use crate::controllers::grbl::{Grbl, Text};
-use crate::gcode::{Dialect, Program};
+use crate::controllers::grbl::Grbl;
+use crate::gcode::Dialect;
 use crate::link::{self, Address, Link};
 use crate::world::{Truth, World};
 
@@ -92,15 +92,7 @@ fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
 }
 
 fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupError> {
-    let axes: Vec<Axis> = file.machine.axes.keys().copied().filter(|a| *a != Axis::S).collect();
-    let speaking = Dialect::named(dialect)?;
-    let program = Program { title: &file.machine.name, axes: &axes, log: None };
-    let text = Text {
-        head: speaking.head(&program)?,
-        block: Box::new(move |block| speaking.block(block).map_err(|error| error.to_string())),
-        foot: Dialect::named(dialect)?.foot(&program)?,
-    };
-    let (driver, halt) = Grbl::new(link, &file.machine, text);
+    let (driver, halt) = Grbl::new(link, &file.machine, Dialect::named(dialect)?);
     Ok(Devices {
         controller: Controller::spawn(driver, halt),
         dialect: Dialect::named(dialect)?,
