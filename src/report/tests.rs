@@ -6,20 +6,13 @@ const SOURCES: [(&str, f64); 4] =
     [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
 
 fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
-    let budget: Vec<_> =
-        SOURCES.map(|(source, u)| BudgetLine { source: source.to_owned(), u: scale * u }).into();
-    let u = budget.iter().map(|line| line.u * line.u).sum::<f64>().sqrt();
-    Parameter {
-        symbol: symbol.to_owned(),
-        value,
-        unit,
-        u,
-        expanded: 2.13 * u,
-        k: 2.13,
-        dof: Some(15.4),
-        identifiable: true,
-        budget,
-    }
+    let budget = SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
+    let u = scale * SOURCES.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
+    serde_json::from_value(serde_json::json!({
+        "symbol": symbol, "value": value, "unit": unit, "u": u, "U": 2.13 * u, "k": 2.13,
+        "dof": 15.4, "identifiable": true, "budget": budget,
+    }))
+    .unwrap()
 }
 
 fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Function {
