@@ -1,0 +1,170 @@
+//! Sources that the machine file declares by magnitude only, drawn from the seed: each source has
+//! a stream of its own, so that one may change without disturbing the others.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec2, DVec3};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::truth::FormHarmonic;
+use crate::base::random;
+
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    Repeatability = 1,
+    Lobing,
+    Stylus,
+    ErrorMotion,
+    Drift,
+    Roughness,
+}
+
+/// Standard normal numbers of one source.
+fn normals(seed: u64, source: Source, key: &[u64]) -> impl Iterator<Item = f64> {
+    let key: Vec<u64> = std::iter::once(source as u64).chain(key.iter().copied()).collect();
+    StandardNormal.sample_iter(random::stream(seed, &key))
+}
+
+fn first_normal(seed: u64, source: Source, key: &[u64]) -> f64 {
+    normals(seed, source, key).next().unwrap_or_default()
+}
+
+/// Deviation of one touch, in standard deviations.
+pub(super) fn touch_deviate(seed: u64, n: u32, occurrence: u32) -> f64 {
+    first_normal(seed, Source::Repeatability, &[u64::from(n), u64::from(occurrence)])
+}
+
+/// True minus stated stylus centre, spindle frame; as long as the sigma given.
+pub(super) fn stylus_offset(seed: u64, sigma: f64) -> DVec3 {
+    let draw = |axis| sigma * first_normal(seed, Source::Stylus, &[axis]);
+    DVec3::new(draw(0), draw(1), 0.0)
+}
+
+/// Harmonics 16 to 64 of the artefact's form, together of standard deviation `sigma_um`.
+pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
+    const ORDERS: std::ops::RangeInclusive<u32> = 16..=64;
+    if sigma_um == 0.0 {
+        return Vec::new();
+    }
+    let each = sigma_um / (ORDERS.count() as f64).sqrt();
+    let draw = |n, part| each * first_normal(seed, Source::Roughness, &[u64::from(n), part]);
+    ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
+}
+
+/// Pre-travel of the probe over the direction of the contact normal, spindle frame.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Lobing {
+    /// (harmonic, cosine, sine), mm.
+    terms: Vec<(f64, f64, f64)>,
+}
+
+impl Lobing {
+    /// Harmonics 2 to 6: the first is a stylus offset, the zeroth belongs to the ball's radius.
+    pub fn draw(seed: u64, sigma_mm: f64) -> Self {
+        const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
+        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+        let draw = |n, part| each * first_normal(seed, Source::Lobing, &[u64::from(n), part]);
+        Self { terms: ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect() }
+    }
+
+    /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It fades towards the
+    /// pole of the stylus, where the direction has no meaning.
+    pub fn at(&self, n: DVec3) -> f64 {
+        let (level, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
+        let sum: f64 =
+            self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
+        level * sum
+    }
+}
+
+/// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random
+/// frequency and phase), shifted to be zero at zero.
+#[derive(Debug, Clone, PartialEq)]
+struct RandomFunction {
+    amplitude: f64,
+    /// (angular frequency per mm, phase).
+    waves: Vec<(f64, f64)>,
+    at_zero: f64,
+}
+
+impl RandomFunction {
+    const WAVES: usize = 64;
+
+    fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
+        if sigma == 0.0 {
+            return Self { amplitude: 0.0, waves: Vec::new(), at_zero: 0.0 };
+        }
+        let frequencies: Vec<f64> =
+            normals(seed, Source::ErrorMotion, key).take(Self::WAVES).collect();
+        let phase_key: Vec<u64> =
+            [Source::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let phases = rand_distr::StandardUniform.sample_iter(random::stream(seed, &phase_key));
+        let waves =
+            frequencies.iter().zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
+        let amplitude = sigma * (2.0 / Self::WAVES as f64).sqrt();
+        let mut function = Self { amplitude, waves, at_zero: 0.0 };
+        function.at_zero = function.at(0.0);
+        function
+    }
+
+    fn at(&self, x: f64) -> f64 {
+        let sum: f64 = self.waves.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
+        self.amplitude * sum - self.at_zero
+    }
+}
+
+/// Positioning and straightness error motions of X and Y in their plane.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LinearErrors {
+    xx: RandomFunction,
+    yx: RandomFunction,
+    xy: RandomFunction,
+    yy: RandomFunction,
+}
+
+impl LinearErrors {
+    /// For each of X and Y: standard deviation and correlation length, mm.
+    pub fn draw(seed: u64, x: [f64; 2], y: [f64; 2]) -> Self {
+        let draw = |axis: u64, direction: u64, [sigma, length]: [f64; 2]| {
+            RandomFunction::draw(seed, &[axis, direction], sigma, length)
+        };
+        Self { xx: draw(0, 0, x), yx: draw(0, 1, x), xy: draw(1, 0, y), yy: draw(1, 1, y) }
+    }
+
+    /// True minus commanded position in X and Y, mm.
+    pub fn at(&self, x: f64, y: f64) -> DVec2 {
+        DVec2::new(self.xx.at(x) + self.xy.at(y), self.yx.at(x) + self.yy.at(y))
+    }
+}
+
+/// Slow thermal motion of the table against the spindle, and growth of the artefact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drift {
+    table_mm_per_s: DVec2,
+    radius_mm_per_s: f64,
+}
+
+impl Drift {
+    const TIME_CONSTANT_S: f64 = 7200.0;
+
+    pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
+        let sigma = sigma_um_per_h * 1e-3 / 3600.0;
+        let draw = |part| sigma * first_normal(seed, Source::Drift, &[part]);
+        Self { table_mm_per_s: DVec2::new(draw(0), draw(1)), radius_mm_per_s: draw(2) }
+    }
+
+    /// Displacement of the table in X and Y, machine frame, mm.
+    pub fn table(&self, t_s: f64) -> DVec2 {
+        self.table_mm_per_s * Self::effective_s(t_s)
+    }
+
+    /// Growth of the artefact's radius, mm.
+    pub fn radius(&self, t_s: f64) -> f64 {
+        self.radius_mm_per_s * Self::effective_s(t_s)
+    }
+
+    /// The first rate holds at the start, then the machine comes to a new balance.
+    fn effective_s(t_s: f64) -> f64 {
+        Self::TIME_CONSTANT_S * (1.0 - (-t_s / Self::TIME_CONSTANT_S).exp())
+    }
+}

@@ -1,0 +1,140 @@
+//! The true artefact: a prism over a closed, star-shaped, not quite round profile.
+
+use std::f64::consts::PI;
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::truth::FormHarmonic;
+
+/// The solid, standing in the table frame.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Flank {
+    pub foot: DVec3,
+    /// Columns: the artefact's own x, y and axis.
+    pub frame: DMat3,
+    pub height: f64,
+    pub profile: Profile,
+}
+
+/// Nearest point of the surface: signed distance (negative inside) and outward normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nearest {
+    pub distance: f64,
+    pub normal: DVec3,
+}
+
+impl Flank {
+    /// `axis` must not be zero. The artefact's own x is the table's X, turned the shortest way.
+    pub fn new(foot: DVec3, axis: DVec3, height: f64, profile: Profile) -> Self {
+        let frame = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, axis.normalize()));
+        Self { foot, frame, height, profile }
+    }
+
+    /// From `point` in the table frame, the radius grown by `growth`.
+    pub fn nearest(&self, point: DVec3, growth: f64) -> Nearest {
+        let own = self.frame.transpose() * (point - self.foot);
+        let (across, outward) = self.profile.nearest(own.truncate(), growth);
+        let along = (own.z - self.height / 2.0).abs() - self.height / 2.0;
+        let end = DVec3::Z * (own.z - self.height / 2.0).signum();
+        let (distance, normal) = if across > 0.0 && along > 0.0 {
+            let distance = across.hypot(along);
+            (distance, (outward.extend(0.0) * across + end * along) / distance)
+        } else if across > along {
+            (across, outward.extend(0.0))
+        } else {
+            (along, end)
+        };
+        Nearest { distance, normal: self.frame * normal }
+    }
+}
+
+/// Radius over the angle ψ: `radius + Σ cos·cos nψ + sin·sin nψ`, mm.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Profile {
+    radius: f64,
+    /// (order, cosine, sine), mm.
+    terms: Vec<(f64, f64, f64)>,
+    /// The radius lies within ± this of the mean.
+    amplitude: f64,
+}
+
+impl Profile {
+    pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
+        let terms: Vec<_> = form
+            .into_iter()
+            .map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3))
+            .collect();
+        let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
+        Self { radius, terms, amplitude }
+    }
+
+    /// Smallest radius; a profile is sound only if it is positive.
+    pub fn smallest_radius(&self) -> f64 {
+        self.radius - self.amplitude
+    }
+
+    /// Radius and its first two derivatives.
+    fn radius(&self, psi: f64) -> [f64; 3] {
+        self.terms.iter().fold([self.radius, 0.0, 0.0], |[r, d, dd], (n, c, s)| {
+            let (sin, cos) = (n * psi).sin_cos();
+            let value = c * cos + s * sin;
+            [r + value, d + n * (s * cos - c * sin), dd - n * n * value]
+        })
+    }
+
+    /// Signed distance of `point` from the profile grown by `growth`, and the outward normal.
+    fn nearest(&self, point: DVec2, growth: f64) -> (f64, DVec2) {
+        let (rho, angle) = (point.length(), point.y.atan2(point.x));
+        let [r, ..] = self.radius(angle);
+        let psi = if self.terms.is_empty() { angle } else { self.foot(rho, angle, growth) };
+        let [r_foot, slope, _] = self.radius(psi);
+        let radial = DVec2::from_angle(psi);
+        let gap = point - radial * (r_foot + growth);
+        let side = if rho < r + growth { -1.0 } else { 1.0 };
+        let normal = (radial * (r_foot + growth) - radial.perp() * slope).normalize();
+        (side * gap.length(), normal)
+    }
+
+    /// Angle of the profile's nearest point. Only a window about the point's own angle can hold it;
+    /// the best of its samples starts Newton's iteration.
+    fn foot(&self, rho: f64, angle: f64, growth: f64) -> f64 {
+        let distance2 = |psi: f64| {
+            let r = self.radius(psi)[0] + growth;
+            (rho - r).powi(2) + 4.0 * rho * r * ((psi - angle) / 2.0).sin().powi(2)
+        };
+        let window = self.window(rho, distance2(angle).sqrt(), growth);
+        let order = self.terms.iter().map(|t| t.0).fold(1.0, f64::max);
+        let samples = (window * order * 4.0 / PI).ceil().max(1.0) as i32;
+        let best = (-samples..=samples)
+            .map(|i| angle + window * f64::from(i) / f64::from(samples))
+            .min_by(|a, b| distance2(*a).total_cmp(&distance2(*b)))
+            .unwrap_or(angle);
+        self.newton(rho, angle, growth, best)
+    }
+
+    /// Half-width of the window: a point of the profile farther round than this is farther away
+    /// than the one at the same angle, which is `straight` away.
+    fn window(&self, rho: f64, straight: f64, growth: f64) -> f64 {
+        let chord = 4.0 * rho * (self.smallest_radius() + growth);
+        let sine2 = 4.0 * self.amplitude * straight / chord;
+        if sine2 < 1.0 { 2.0 * sine2.sqrt().asin() } else { PI }
+    }
+
+    /// Newton on the derivative of half the squared distance.
+    fn newton(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
+        let mut psi = start;
+        for _ in 0..30 {
+            let [r, d, dd] = self.radius(psi);
+            let r = r + growth;
+            let (sin, cos) = (psi - angle).sin_cos();
+            let slope = r * d - rho * (d * cos - r * sin);
+            let bend = d * d + r * dd - rho * (dd * cos - 2.0 * d * sin - r * cos);
+            let step = slope / if bend > 0.0 { bend } else { rho * r };
+            psi -= step;
+            if step.abs() < 1e-14 {
+                break;
+            }
+        }
+        psi
+    }
+}

@@ -1,0 +1,269 @@
+//! Floor 3: the simulated truth. One machine with all its errors, one probe, one artefact; exact
+//! and nonlinear, and built without any estimator's equation. Time passes only by motion and dwell.
+//!
+//! Directions: error motions of X and Y, and drift, shift tool against table along the machine's X
+//! and Y. Pre-travel and its scatter act along the contact normal: the probe triggers where the
+//! gap between ball and surface, plus both, falls to zero.
+
+mod drawn;
+mod flank;
+mod path;
+mod ramp;
+mod scene;
+mod truth;
+
+use std::collections::BTreeMap;
+
+pub use ramp::Speed;
+pub use truth::{ErrorMotion, FormHarmonic, Truth};
+
+use crate::base::{Axis, Position};
+use crate::kinematics::{KinematicsError, ParameterError};
+use crate::record::machine::{Artefact, AxisSpec, Machine, Probe};
+use path::{Limits, Path, Play};
+use ramp::first_crossing;
+use scene::Scene;
+
+/// A world that cannot be built, and what to change.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WorldError {
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+    #[error("[simulated]: {0}")]
+    Symbol(#[from] ParameterError),
+    #[error("[simulated] {key}: the unit behind the symbol must be {unit}")]
+    Unit { key: String, unit: &'static str },
+    #[error(
+        "[artefact]: the axis must not be zero, height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
+    )]
+    Artefact,
+    #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
+    Dynamics { axis: Axis },
+    #[error("[simulated]: ball_radius_mm, noise, drift and wavelengths must be finite and not negative")]
+    Magnitude,
+}
+
+/// What became of an unguarded move.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Travel {
+    /// The probe closed on the way, or reads closed at the end.
+    pub touched: bool,
+    /// The stylus was pressed beyond its overtravel.
+    pub crashed: bool,
+    pub duration_s: f64,
+}
+
+/// What became of a probing move.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Probed {
+    /// `None`: the end was reached without contact.
+    pub contact: Option<Contact>,
+    /// Braking pressed the stylus beyond its overtravel.
+    pub crashed: bool,
+    pub duration_s: f64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// Displayed axis positions at the trigger.
+    pub position: Position,
+    pub t_s: f64,
+}
+
+/// The one owner of simulated time, axis positions and the state of the probe.
+#[derive(Debug, Clone)]
+pub struct World {
+    scene: Scene,
+    axes: BTreeMap<Axis, AxisSpec>,
+    seed: u64,
+    repeatability_mm: f64,
+    overtravel_mm: f64,
+    t_s: f64,
+    /// Commanded positions of all axes.
+    command: Position,
+    play: Play,
+    /// Scatter of the touch in hand (of the last one between touches), mm.
+    scatter_mm: f64,
+    /// How often each N word has probed.
+    probed: BTreeMap<u32, u32>,
+}
+
+impl World {
+    /// All axes at zero, save Z at its upper limit; time zero.
+    ///
+    /// # Errors
+    /// A topology or an error symbol that cannot be read, an error of an axis that the machine
+    /// lacks, a wrong unit, an impossible artefact, a negative magnitude.
+    pub fn new(
+        machine: &Machine,
+        probe: &Probe,
+        artefact: &Artefact,
+        truth: &Truth,
+    ) -> Result<Self, WorldError> {
+        check(machine, probe, truth)?;
+        let scene = Scene::new(machine, probe, artefact, truth)?;
+        let mut command: Position = machine.axes.keys().map(|axis| (*axis, 0.0)).collect();
+        command.set(Axis::S, 0.0);
+        command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
+        Ok(Self {
+            scene,
+            axes: machine.axes.clone(),
+            seed: truth.seed,
+            repeatability_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
+            overtravel_mm: probe.overtravel_mm,
+            t_s: 0.0,
+            play: Play::new(&truth.backlash_um, &command),
+            command,
+            scatter_mm: 0.0,
+            probed: BTreeMap::new(),
+        })
+    }
+
+    /// Simulated time since the world was made.
+    pub fn time_s(&self) -> f64 {
+        self.t_s
+    }
+
+    /// Axis positions as the control displays them: linear axes in whole steps.
+    pub fn position(&self) -> Position {
+        self.displayed(&self.command)
+    }
+
+    /// Whether the probe reads closed now.
+    pub fn tripped(&self) -> bool {
+        let axes = self.play.follow(&self.command);
+        self.scene.margin(&axes, &self.command, self.t_s) + self.scatter_mm <= 0.0
+    }
+
+    /// Straight, unguarded move of the axes named in `to`; nothing stops it. Axes that the machine
+    /// lacks do not move.
+    pub fn travel(&mut self, to: &Position, speed: Speed) -> Travel {
+        let Some(path) = self.path(to, speed) else {
+            return Travel { touched: self.tripped(), ..Travel::default() };
+        };
+        let touched = self.closes(&path);
+        let pressed = |fraction| self.clearance(&path, fraction) + self.overtravel_mm;
+        let crashed = first_crossing(pressed, path.steepest(), 0.0).is_some();
+        let duration_s = path.ramp().duration_s();
+        self.arrive(&path, 1.0, duration_s);
+        Travel { touched, crashed, duration_s }
+    }
+
+    /// Move until the probe triggers, then brake. `n` is the N word of the line: with the number of
+    /// probings under the same word it keys the scatter, whatever the order of the touches. With
+    /// the probe closed at the start, contact is reported there.
+    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
+        let occurrence = self.probed.entry(n).or_default();
+        self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
+        *occurrence += 1;
+        let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
+            let here = Contact { position: self.position(), t_s: self.t_s };
+            return Probed { contact: self.tripped().then_some(here), ..Probed::default() };
+        };
+        match first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0) {
+            Some(fraction) => self.stop_on_contact(&path, fraction),
+            None => {
+                let duration_s = path.ramp().duration_s();
+                self.arrive(&path, 1.0, duration_s);
+                Probed { duration_s, ..Probed::default() }
+            }
+        }
+    }
+
+    /// Turn the spindle to `s` rad at its rapid speed.
+    pub fn orient(&mut self, s: f64) {
+        self.travel(&Position::new().with(Axis::S, s), Speed::Rapid);
+    }
+
+    pub fn dwell(&mut self, seconds: f64) {
+        self.t_s += seconds.max(0.0);
+    }
+
+    /// For tests alone: where the rotary axis truly stands in the two directions across it (C: X,
+    /// Y; A: Y, Z; B: Z, X), machine frame, at `height_mm` along it and at time `t_s`; location
+    /// errors, gains and drift included, error motions (of mean zero) not. NaN for an axis that
+    /// does not carry the artefact.
+    pub fn true_axis_mm(&self, axis: Axis, height_mm: f64, t_s: f64) -> [f64; 2] {
+        self.scene.axis_position(axis, height_mm, t_s)
+    }
+
+    fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {
+        let t_s = self.t_s + path.ramp().time_s(fraction);
+        let contact = Contact { position: self.displayed(&path.command(fraction)), t_s };
+        let (rest, duration_s) = path.ramp().stop_from(fraction);
+        let crashed = self.clearance(path, rest) < -self.overtravel_mm;
+        self.arrive(path, rest, duration_s);
+        Probed { contact: Some(contact), crashed, duration_s }
+    }
+
+    /// Whether the probe closes on the way; a move that starts pressed must come free first.
+    fn closes(&self, path: &Path) -> bool {
+        let margin = |fraction| self.margin(path, fraction);
+        let steepest = path.steepest();
+        let open = match margin(0.0) > 0.0 {
+            true => Some(0.0),
+            // A hair beyond the opening, where the input is safely open.
+            false => first_crossing(|fraction| -margin(fraction), steepest, 0.0)
+                .map(|fraction| (fraction + 0.01 / steepest).min(1.0)),
+        };
+        margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, steepest, o).is_some())
+    }
+
+    fn path(&self, to: &Position, speed: Speed) -> Option<Path> {
+        let limits = Limits { axes: &self.axes, lever: &|axis, at| self.scene.lever(axis, at) };
+        Path::new(&self.command, to, speed, &self.play, &limits)
+    }
+
+    fn margin(&self, path: &Path, fraction: f64) -> f64 {
+        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        let t_s = self.t_s + path.ramp().time_s(fraction);
+        self.scene.margin(&axes, &command, t_s) + self.scatter_mm
+    }
+
+    fn clearance(&self, path: &Path, fraction: f64) -> f64 {
+        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
+    }
+
+    fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {
+        self.command = path.command(fraction);
+        self.play.settle(&self.command);
+        self.t_s += duration_s;
+    }
+
+    fn displayed(&self, command: &Position) -> Position {
+        let rounded = |(axis, value): (Axis, f64)| {
+            let step = self.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+            let whole = axis.is_linear() && step > 0.0;
+            (axis, if whole { (value / step).round() * step } else { value })
+        };
+        command.iter().map(rounded).collect()
+    }
+}
+
+fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(), WorldError> {
+    let sound = |value: f64| value.is_finite() && value >= 0.0;
+    let mut magnitudes = vec![
+        probe.ball_radius_mm,
+        probe.repeatability_um.unwrap_or_default(),
+        probe.lobing_um,
+        probe.stylus_offset_um,
+        probe.overtravel_mm,
+        machine.drift_um_per_h,
+        truth.roughness_um,
+    ];
+    magnitudes.extend(truth.backlash_um.values());
+    for (axis, spec) in &machine.axes {
+        magnitudes.extend([spec.resolution_um, spec.error_motion_um]);
+        if !(spec.rapid_per_min > 0.0 && spec.acceleration_per_s2 > 0.0) {
+            return Err(WorldError::Dynamics { axis: *axis });
+        }
+        if spec.error_wavelength_mm <= 0.0 {
+            return Err(WorldError::Magnitude);
+        }
+    }
+    if magnitudes.into_iter().all(sound) { Ok(()) } else { Err(WorldError::Magnitude) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,107 @@
+//! Trapezoidal velocity along a straight move, and the first place where something happens on it.
+
+/// How fast a move is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    Rapid,
+    /// Along the path of the linear axes; deg/min where rotary axes alone move.
+    Feed {
+        mm_min: f64,
+    },
+}
+
+/// From rest to rest over the path fraction 0 to 1: accelerate, cruise, brake.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ramp {
+    /// Highest speed reached, 1/s.
+    peak: f64,
+    /// 1/s².
+    acceleration: f64,
+}
+
+impl Ramp {
+    /// Limits of the speed and acceleration of the path fraction; both positive, may be infinite.
+    pub fn new(speed: f64, acceleration: f64) -> Self {
+        Self { peak: speed.min(acceleration.sqrt()), acceleration }
+    }
+
+    /// Path fraction on which the move accelerates, and on which it brakes.
+    fn flight(&self) -> f64 {
+        self.peak * self.peak / (2.0 * self.acceleration)
+    }
+
+    pub fn duration_s(&self) -> f64 {
+        1.0 / self.peak + self.peak / self.acceleration
+    }
+
+    pub fn time_s(&self, fraction: f64) -> f64 {
+        if fraction < self.flight() {
+            (2.0 * fraction / self.acceleration).sqrt()
+        } else if fraction <= 1.0 - self.flight() {
+            self.peak / self.acceleration + (fraction - self.flight()) / self.peak
+        } else {
+            self.duration_s() - (2.0 * (1.0 - fraction).max(0.0) / self.acceleration).sqrt()
+        }
+    }
+
+    pub fn speed(&self, fraction: f64) -> f64 {
+        let left = fraction.min(1.0 - fraction).clamp(0.0, self.flight());
+        (2.0 * self.acceleration * left).sqrt()
+    }
+
+    /// Path fraction at rest, and the time, when braking begins at `fraction`.
+    pub fn stop_from(&self, fraction: f64) -> (f64, f64) {
+        let speed = self.speed(fraction);
+        let rest = (fraction + speed * speed / (2.0 * self.acceleration)).min(1.0);
+        (rest, self.time_s(fraction) + speed / self.acceleration)
+    }
+}
+
+/// Steps of the search are never shorter than this.
+const FINEST_MM: f64 = 0.01;
+/// Width within which a crossing is located.
+const CROSSING_MM: f64 = 1e-10;
+
+/// The first place in `from..=1` where the distance `f` (mm) is no longer positive. `steepest`
+/// bounds the change of `f` with the path fraction: steps as long as the distance allows cannot
+/// leap over a crossing.
+pub(super) fn first_crossing(f: impl Fn(f64) -> f64, steepest: f64, from: f64) -> Option<f64> {
+    let (mut here, mut value) = (from, f(from));
+    while value > 0.0 {
+        if here >= 1.0 || steepest <= 0.0 {
+            return None;
+        }
+        let next = (here + value.max(FINEST_MM) / steepest).min(1.0);
+        let value_next = f(next);
+        if value_next <= 0.0 {
+            return Some(locate(f, (here, value), (next, value_next), CROSSING_MM / steepest));
+        }
+        (here, value) = (next, value_next);
+    }
+    Some(here)
+}
+
+/// Root between a positive `a` and a non-positive `b`: false position, an end that stays twice
+/// weighing half (Illinois), and bisection in every third round to bound the work.
+fn locate(f: impl Fn(f64) -> f64, mut a: (f64, f64), mut b: (f64, f64), width: f64) -> f64 {
+    let mut kept_b = None;
+    for round in 0..200 {
+        if b.0 - a.0 <= width || b.1 == 0.0 {
+            break;
+        }
+        let middle = match round % 3 {
+            2 => (a.0 + b.0) / 2.0,
+            _ => a.0 + (b.0 - a.0) * a.1 / (a.1 - b.1),
+        };
+        let value = f(middle);
+        let keep_b = value > 0.0;
+        let weight = if kept_b == Some(keep_b) { 0.5 } else { 1.0 };
+        if keep_b {
+            (a, b.1) = ((middle, value), b.1 * weight);
+        } else {
+            (b, a.1) = ((middle, value), a.1 * weight);
+        }
+        kept_b = Some(keep_b);
+    }
+    b.0
+}

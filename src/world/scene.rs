@@ -1,0 +1,207 @@
+//! What stands in the room: machine with its errors, probe and artefact, and how far ball and
+//! surface are apart. Exact: the pose with every error, the nearest point of the true surface.
+
+use glam::{DAffine3, DMat2, DVec2, DVec3};
+
+use super::WorldError;
+use super::drawn::{self, Drift, LinearErrors, Lobing};
+use super::flank::{Flank, Profile};
+use super::truth::Truth;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, Shape};
+use crate::record::machine::{Artefact, Machine, Probe};
+
+#[derive(Debug, Clone)]
+pub(super) struct Scene {
+    chain: Chain,
+    errors: Vec<ErrorTerm>,
+    linear_errors: LinearErrors,
+    drift: Drift,
+    /// Stylus-ball centre as stated, and as it is; spindle frame.
+    tool: DVec3,
+    tip: DVec3,
+    ball_radius: f64,
+    lobing: Lobing,
+    flank: Flank,
+    /// No rotary axis is farther than this from the machine's origin.
+    axes_reach: f64,
+}
+
+impl Scene {
+    pub fn new(
+        machine: &Machine,
+        probe: &Probe,
+        artefact: &Artefact,
+        truth: &Truth,
+    ) -> Result<Self, WorldError> {
+        let seed = truth.seed;
+        let chain = Chain::new(machine)?;
+        let errors = error_terms(truth)?;
+        errors.iter().try_for_each(|term| chain.check(term.parameter))?;
+        let motions = |axis| {
+            let spec = machine.axes.get(&axis);
+            spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
+        };
+        let tool = DVec3::from_array(machine.tool_mm);
+        Ok(Self {
+            chain,
+            errors,
+            linear_errors: LinearErrors::draw(seed, motions(Axis::X), motions(Axis::Y)),
+            drift: Drift::draw(seed, machine.drift_um_per_h),
+            tool,
+            tip: tool + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
+            ball_radius: probe.ball_radius_mm,
+            lobing: Lobing::draw(seed, probe.lobing_um * 1e-3),
+            flank: flank(artefact, truth)?,
+            axes_reach: reach(machine),
+        })
+    }
+
+    /// Distance between ball and surface (negative: pressed in), mm. `axes`: where the axes truly
+    /// stand, backlash included; `command`: where they are said to stand.
+    pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+        self.gap(axes, command, t_s).0
+    }
+
+    /// The same less pre-travel: the probe triggers where this falls to zero.
+    pub fn margin(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+        let (distance, normal) = self.gap(axes, command, t_s);
+        distance + self.lobing.at(normal)
+    }
+
+    /// Farthest the ball can stand from the axis `axis` with the linear axes at `position`: its
+    /// way per radian.
+    pub fn lever(&self, axis: Axis, position: &Position) -> f64 {
+        if axis == Axis::S {
+            return self.tip.x.hypot(self.tip.y);
+        }
+        let linear = DVec3::from_array(Axis::LINEAR.map(|axis| position.at(axis)));
+        linear.length() + self.tip.length() + self.axes_reach
+    }
+
+    /// Distance and outward normal of the surface, the latter in the spindle frame.
+    fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
+        let table = self.chain.machine_from_table(axes, &self.errors);
+        let spindle = self.chain.machine_from_spindle(axes, &self.errors);
+        let shift = self.linear_errors.at(command.at(Axis::X), command.at(Axis::Y))
+            - self.drift.table(t_s);
+        let ball = ball_on_table(&table, &spindle, self.tip, shift);
+        let nearest = self.flank.nearest(ball, self.drift.radius(t_s));
+        let normal = spindle.matrix3.transpose() * (table.matrix3 * nearest.normal);
+        (nearest.distance - self.ball_radius, normal)
+    }
+
+    /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
+    /// `along` on it: the commanded position of the stated stylus centre that half a turn leaves in
+    /// place, with location errors, gains and drift. NaN for an axis that does not carry the part.
+    pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
+        let lasting: Vec<ErrorTerm> = self
+            .errors
+            .iter()
+            .filter(|term| matches!(term.parameter.shape(), Shape::Location | Shape::Gain))
+            .copied()
+            .collect();
+        let [u, v, w] = match axis {
+            Axis::A => [DVec3::Y, DVec3::Z, DVec3::X],
+            Axis::B => [DVec3::Z, DVec3::X, DVec3::Y],
+            _ => [DVec3::X, DVec3::Y, DVec3::Z],
+        };
+        let moved = |at: DVec2| {
+            let stylus = w * along + u * at.x + v * at.y;
+            let turn = self.half_turn(axis, stylus, &lasting, t_s);
+            DVec2::new(turn.dot(u), turn.dot(v))
+        };
+        // Affine in the position: three values give the root exactly.
+        let origin = moved(DVec2::ZERO);
+        let slope = DMat2::from_cols(moved(DVec2::X) - origin, moved(DVec2::Y) - origin);
+        if slope.determinant().abs() < 1e-3 {
+            return [f64::NAN; 2];
+        }
+        (-(slope.inverse() * origin)).to_array()
+    }
+
+    /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn.
+    fn half_turn(&self, axis: Axis, stylus: DVec3, errors: &[ErrorTerm], t_s: f64) -> DVec3 {
+        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
+        let Ok(linear) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
+            return DVec3::NAN;
+        };
+        let seen = |angle| {
+            let at = linear.clone().with(axis, angle);
+            let table = self.chain.machine_from_table(&at, errors);
+            let spindle = self.chain.machine_from_spindle(&at, errors);
+            ball_on_table(&table, &spindle, self.tool, -self.drift.table(t_s))
+        };
+        seen(std::f64::consts::PI) - seen(0.0)
+    }
+}
+
+/// The ball centre in the table frame; `shift` moves tool against table in the machine's X and Y.
+fn ball_on_table(table: &DAffine3, spindle: &DAffine3, tip: DVec3, shift: DVec2) -> DVec3 {
+    let in_machine = spindle.transform_point3(tip) + shift.extend(0.0);
+    table.matrix3.transpose() * (in_machine - table.translation)
+}
+
+fn reach(machine: &Machine) -> f64 {
+    machine
+        .axes
+        .iter()
+        .filter(|(axis, _)| !axis.is_linear())
+        .map(|(_, spec)| DVec3::from_array(spec.point_mm).length())
+        .fold(0.0, f64::max)
+}
+
+fn flank(artefact: &Artefact, truth: &Truth) -> Result<Flank, WorldError> {
+    let Artefact::Cylinder { centre_mm, axis, radius_mm, height_mm, .. } = artefact;
+    let rough = drawn::roughness(truth.seed, truth.roughness_um);
+    let radius = radius_mm + truth.radius_offset_mm;
+    let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
+    let direction = DVec3::from_array(*axis);
+    let sound = direction.is_finite() && direction.length() > 0.0 && *height_mm > 0.0;
+    // `>` is false for NaN as well.
+    if !(sound && profile.smallest_radius() > 0.0) {
+        return Err(WorldError::Artefact);
+    }
+    let foot = DVec3::from_array(*centre_mm)
+        + DVec2::from_array(truth.centre_offset_mm).extend(0.0);
+    Ok(Flank::new(foot, direction, *height_mm, profile))
+}
+
+fn error_terms(truth: &Truth) -> Result<Vec<ErrorTerm>, WorldError> {
+    let mut terms = Vec::new();
+    for (key, value) in &truth.errors {
+        terms.push(read_error(key, *value)?);
+    }
+    for motion in &truth.error_motion {
+        let values = [
+            ("cos", "um", motion.cos_um),
+            ("sin", "um", motion.sin_um),
+            ("cos", "urad", motion.cos_urad),
+            ("sin", "urad", motion.sin_urad),
+        ];
+        for (part, unit, value) in values.into_iter().filter(|(_, _, value)| *value != 0.0) {
+            let key = format!("{}_{part}{}_{unit}", motion.symbol, motion.harmonic);
+            terms.push(read_error(&key, value)?);
+        }
+    }
+    Ok(terms)
+}
+
+/// `EX0C_um = 50.0` and the like.
+fn read_error(key: &str, value: f64) -> Result<ErrorTerm, WorldError> {
+    let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
+    let (symbol, unit, scale) = units
+        .into_iter()
+        .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
+        .ok_or_else(|| WorldError::Unit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
+    let parameter: ErrorParameter = symbol.parse()?;
+    let wanted = match parameter.shape() {
+        Shape::Gain => "_um_per_m",
+        _ if parameter.component().is_linear() => "_um",
+        _ => "_urad",
+    };
+    if unit != wanted {
+        return Err(WorldError::Unit { key: key.to_owned(), unit: wanted });
+    }
+    Ok(ErrorTerm { parameter, value: value * scale })
+}

@@ -1,0 +1,58 @@
+//! The truth of a simulated machine: what the daemon is to find out and must never see.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::Axis;
+
+/// The `[simulated]` table of the machine file. Whatever stands here is exactly so; sources that
+/// the machine file declares by magnitude only are drawn from `seed`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Truth {
+    pub seed: u64,
+    /// ISO 230-1 location errors and linear gains, the unit behind the symbol: `EX0C_um`,
+    /// `EA0C_urad`, `EXX1_um_per_m`.
+    pub errors: BTreeMap<String, f64>,
+    /// Error motions of rotary axes, one harmonic each.
+    pub error_motion: Vec<ErrorMotion>,
+    /// True centre of the artefact minus the stated one, table frame X and Y.
+    pub centre_offset_mm: [f64; 2],
+    /// True mean radius of the artefact minus the stated one.
+    pub radius_offset_mm: f64,
+    /// Form deviation of the artefact: radius over the angle about its own axis.
+    pub form: Vec<FormHarmonic>,
+    /// Standard deviation of the artefact's random roughness, drawn from `seed`.
+    pub roughness_um: f64,
+    /// Lost motion of a linear axis when it reverses.
+    pub backlash_um: BTreeMap<Axis, f64>,
+}
+
+/// `cos·cos(nq) + sin·sin(nq)`, q the angle of the axis; um for EX., EY., EZ., urad for EA., EB., EC.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ErrorMotion {
+    /// e.g. `EXC`: motion along X of the axis C.
+    pub symbol: String,
+    pub harmonic: u32,
+    #[serde(default)]
+    pub cos_um: f64,
+    #[serde(default)]
+    pub sin_um: f64,
+    #[serde(default)]
+    pub cos_urad: f64,
+    #[serde(default)]
+    pub sin_urad: f64,
+}
+
+/// `cos·cos(nψ) + sin·sin(nψ)`, ψ counter-clockwise about the artefact's axis.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormHarmonic {
+    pub n: u32,
+    #[serde(default)]
+    pub cos_um: f64,
+    #[serde(default)]
+    pub sin_um: f64,
+}
