@@ -39,7 +39,9 @@ pub enum WorldError {
     Artefact,
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     Dynamics { axis: Axis },
-    #[error("[simulated]: ball_radius_mm, noise, drift and wavelengths must be finite and not negative")]
+    #[error(
+        "[simulated]: ball_radius_mm, noise, drift and wavelengths must be finite and not negative"
+    )]
     Magnitude,
 }
 

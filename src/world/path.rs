@@ -109,9 +109,8 @@ impl Path {
 fn ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {
-        let (rapid, accelerate) = axes
-            .get(&axis)
-            .map_or((SPINDLE_SPEED, SPINDLE_ACCELERATION), |spec| {
+        let (rapid, accelerate) =
+            axes.get(&axis).map_or((SPINDLE_SPEED, SPINDLE_ACCELERATION), |spec| {
                 (spec.rapid_per_min, spec.acceleration_per_s2)
             });
         fastest = fastest.min(axis.from_edge(rapid) / 60.0 / travel.abs());

@@ -83,8 +83,8 @@ impl Scene {
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
         let table = self.chain.machine_from_table(axes, &self.errors);
         let spindle = self.chain.machine_from_spindle(axes, &self.errors);
-        let shift = self.linear_errors.at(command.at(Axis::X), command.at(Axis::Y))
-            - self.drift.table(t_s);
+        let shift =
+            self.linear_errors.at(command.at(Axis::X), command.at(Axis::Y)) - self.drift.table(t_s);
         let ball = ball_on_table(&table, &spindle, self.tip, shift);
         let nearest = self.flank.nearest(ball, self.drift.radius(t_s));
         let normal = spindle.matrix3.transpose() * (table.matrix3 * nearest.normal);
@@ -162,8 +162,8 @@ fn flank(artefact: &Artefact, truth: &Truth) -> Result<Flank, WorldError> {
     if !(sound && profile.smallest_radius() > 0.0) {
         return Err(WorldError::Artefact);
     }
-    let foot = DVec3::from_array(*centre_mm)
-        + DVec2::from_array(truth.centre_offset_mm).extend(0.0);
+    let foot =
+        DVec3::from_array(*centre_mm) + DVec2::from_array(truth.centre_offset_mm).extend(0.0);
     Ok(Flank::new(foot, direction, *height_mm, profile))
 }
 
