@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::message::{Message, Status};
+use super::message::Message;
 use super::wire::{Wire, not_ready};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
@@ -15,6 +15,8 @@ use crate::record::motion::{Block, Motion, Outcome};
 
 /// A probe may bounce this long after it came free.
 const SETTLE: Duration = Duration::from_millis(300);
+/// A spindle may take this long to find its orientation.
+const ORIENT: Duration = Duration::from_secs(30);
 /// Bits of `$10`: pin state and probe coordinates in reports (grblHAL settings).
 const REPORT_PINS: u32 = 1 << 4;
 const REPORT_PROBE: u32 = 1 << 7;
@@ -41,6 +43,7 @@ pub struct Grbl {
 
 impl Grbl {
     /// A driver for `machine` behind `link` that writes `dialect`, and the halt that holds it.
+    /// After a halt the link takes no line any more: a new run opens a new one.
     pub fn new(link: Link, machine: &Machine, dialect: Dialect) -> (Self, Halt) {
         let (wire, halt) = Wire::new(link);
         let wanted = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
@@ -142,7 +145,7 @@ impl Grbl {
             if line.len() >= self.line_limit {
                 return Err(why(format!("a line is longer than the control's buffer: `{line}`")));
             }
-            said.extend(self.wire.ask(&line).await?);
+            said.extend(self.wire.ask_within(&line, standstill(motion)).await?);
         }
         Ok(said)
     }
@@ -222,12 +225,11 @@ impl Grbl {
     }
 
     /// The probe reads open, or does so before long.
-    async fn open_probe(&mut self, step: u32) -> Result<Status, ControllerError> {
+    async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
         let deadline = Instant::now() + SETTLE;
         loop {
-            let status = self.wire.status().await?;
-            if !status.probe_closed {
-                return Ok(status);
+            if !self.wire.status().await?.probe_closed {
+                return Ok(());
             }
             if Instant::now() > deadline {
                 return Err(ControllerError::StillTripped { step });
@@ -276,11 +278,22 @@ impl Driver for Grbl {
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
+        // A blank line ends a latched error.
+        self.wire.ask("").await?;
         self.send_frame(Dialect::foot).await?;
         if !self.found.is_empty() {
             self.wire.ask(&self.found.join(" ")).await?;
         }
         self.wire.idle().await.map(|_| ())
+    }
+}
+
+/// How long a motion may take while the control reports idle.
+fn standstill(motion: &Motion) -> Duration {
+    match motion {
+        Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
+        Motion::Orient { .. } => ORIENT,
+        _ => Duration::ZERO,
     }
 }
 

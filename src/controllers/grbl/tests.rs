@@ -333,6 +333,27 @@ async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
 }
 
 #[tokio::test]
+async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
+    let begun = Arc::new(Mutex::new(None));
+    let (link, _) = odd(move |line| {
+        let mut begun = begun.lock().unwrap();
+        if line.contains("G4 ") {
+            *begun = Some(std::time::Instant::now());
+            return Some(String::new());
+        }
+        let over = begun.is_some_and(|since| since.elapsed() > Duration::from_millis(450));
+        (line == "?" && over).then(|| {
+            *begun = None;
+            format!("{IDLE}ok\r\n")
+        })
+    });
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    let motions = vec![Motion::Dwell { seconds: 0.45 }];
+    driver.execute(&Block { step: 0, repeat: 0, motions }).await.unwrap();
+}
+
+#[tokio::test]
 async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
     let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
     let asked = halt.clone();

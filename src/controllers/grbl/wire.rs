@@ -50,6 +50,15 @@ impl Wire {
     /// # Errors
     /// A refusal, an alarm, a reset, silence; `Halted` once a halt was asked for.
     pub(super) async fn ask(&mut self, line: &str) -> Result<Vec<Message>, ControllerError> {
+        self.ask_within(line, Duration::ZERO).await
+    }
+
+    /// As `ask`, for a line during which the control reports idle for up to `still`.
+    pub(super) async fn ask_within(
+        &mut self,
+        line: &str,
+        still: Duration,
+    ) -> Result<Vec<Message>, ControllerError> {
         self.catch_up().await?;
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
@@ -76,10 +85,10 @@ impl Wire {
                 return Err(self.halted().await);
             }
             // Deaf, or idle with an answer outstanding: a byte got lost.
-            if heard.elapsed() > self.patience.answer
-                || idle_since.is_some_and(|since| since.elapsed() > self.patience.answer)
-            {
-                return Err(silent(line, self.patience.answer));
+            let patience = self.patience.answer;
+            let too_still = |since: Instant| since.elapsed() > patience + still;
+            if heard.elapsed() > patience || idle_since.is_some_and(too_still) {
+                return Err(silent(line, patience));
             }
         }
     }
@@ -212,7 +221,8 @@ impl Wire {
 
 fn stands(status: &Status) -> bool {
     match status.state.as_str() {
-        "Hold" | "Door" => status.substate.as_deref() == Some("0"),
+        "Hold" => status.substate.as_deref() == Some("0"),
+        "Door" => matches!(status.substate.as_deref(), Some("0" | "1")),
         "Run" | "Jog" | "Home" => false,
         _ => true,
     }

@@ -9,6 +9,7 @@ mod modal;
 mod parse;
 mod say;
 mod serve;
+mod sort;
 #[cfg(test)]
 mod tests;
 

@@ -3,6 +3,7 @@
 use crate::base::{Axis, Position};
 
 use super::parse::{Code, Word};
+use super::sort::{Line, Once};
 
 const MM_PER_INCH: f64 = 25.4;
 const SLOTS: usize = 6;
@@ -32,30 +33,20 @@ pub(super) enum Act {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Motion {
+pub(super) enum Motion {
     Rapid,
     Feed,
     Probe { strict: bool },
     Off,
 }
 
-/// G codes that act once.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Once {
-    Dwell,
-    SetOffset,
-    MachineCoordinates,
-    Shift,
-    ShiftOff,
-}
-
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Modal {
     motion: Motion,
-    inches: bool,
-    relative: bool,
-    plane: u32,
-    slot: usize,
+    pub(super) inches: bool,
+    pub(super) relative: bool,
+    pub(super) plane: u32,
+    pub(super) slot: usize,
     feed_mm_min: Option<f64>,
     offsets: [Position; SLOTS],
     /// G92
@@ -74,27 +65,6 @@ impl Default for Modal {
             offsets: Default::default(),
             shift: Position::new(),
         }
-    }
-}
-
-/// The words of one line, sorted.
-#[derive(Debug, Default)]
-struct Line {
-    groups: Vec<u8>,
-    letters: Vec<char>,
-    axes: Vec<(Axis, f64)>,
-    motion: Option<Motion>,
-    once: Option<Once>,
-    orient: bool,
-    ends: bool,
-    feed: Option<f64>,
-    values: Vec<(char, f64)>,
-}
-
-impl Line {
-    fn value(&mut self, letter: char) -> Option<f64> {
-        let place = self.values.iter().position(|(name, _)| *name == letter)?;
-        Some(self.values.remove(place).1)
     }
 }
 
@@ -144,89 +114,6 @@ impl Modal {
         }
         *self = next;
         Ok(act)
-    }
-
-    fn sort(&mut self, word: Word, line: &mut Line, axes: &[Axis]) -> Result<(), Code> {
-        match word.letter {
-            'G' => return self.sort_g((word.value * 10.0).round() as u32, line),
-            'M' => return self.sort_m(word.value, line),
-            letter if line.letters.contains(&letter) => return Err(25),
-            letter => line.letters.push(letter),
-        }
-        if let Some(axis) = axes.iter().find(|axis| axis.letter() == word.letter) {
-            line.axes.push((*axis, word.value));
-            return Ok(());
-        }
-        match word.letter {
-            'F' if word.value < 0.0 => Err(4),
-            'F' => {
-                line.feed = Some(word.value);
-                Ok(())
-            }
-            'N' if !(0.0..=9_999_999.0).contains(&word.value) => Err(27),
-            'N' | 'L' | 'P' | 'R' => {
-                line.values.push((word.letter, word.value));
-                Ok(())
-            }
-            'S' | 'T' => Ok(()),
-            _ => Err(20),
-        }
-    }
-
-    /// `tenths`: 382 for G38.2.
-    fn sort_g(&mut self, tenths: u32, line: &mut Line) -> Result<(), Code> {
-        let group = match tenths {
-            0 | 10 | 382 | 383 | 800 => 1,
-            170 | 180 | 190 => 2,
-            900 | 910 => 3,
-            940 => 5,
-            200 | 210 => 6,
-            400 => 7,
-            490 => 8,
-            540 | 550 | 560 | 570 | 580 | 590 => 12,
-            610 => 13,
-            40 | 100 | 530 | 920 | 921 => 0,
-            _ => return Err(20),
-        };
-        claim(line, group)?;
-        match tenths {
-            0 => line.motion = Some(Motion::Rapid),
-            10 => line.motion = Some(Motion::Feed),
-            382 | 383 => line.motion = Some(Motion::Probe { strict: tenths == 382 }),
-            800 => line.motion = Some(Motion::Off),
-            170 | 180 | 190 => self.plane = tenths / 10,
-            900 | 910 => self.relative = tenths == 910,
-            200 | 210 => self.inches = tenths == 200,
-            540..=590 => self.slot = (tenths / 10 - 54) as usize,
-            40 => line.once = Some(Once::Dwell),
-            100 => line.once = Some(Once::SetOffset),
-            530 => line.once = Some(Once::MachineCoordinates),
-            920 => line.once = Some(Once::Shift),
-            921 => line.once = Some(Once::ShiftOff),
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn sort_m(&mut self, value: f64, line: &mut Line) -> Result<(), Code> {
-        let (group, known) = match value {
-            v if v == 0.0 || v == 1.0 => (104, true),
-            v if v == 2.0 || v == 30.0 => {
-                line.ends = true;
-                (104, true)
-            }
-            v if v == 19.0 => {
-                line.orient = true;
-                (107, true)
-            }
-            v if v == 5.0 => (107, true),
-            v if v == 9.0 => (108, true),
-            _ => (0, false),
-        };
-        if !known {
-            return Err(20);
-        }
-        claim(line, group)
     }
 
     fn act(&mut self, line: &mut Line, here: &Position) -> Result<Act, Code> {
@@ -317,28 +204,19 @@ impl Modal {
             return Err(26);
         }
         let slot = match slot {
-            p if p == 0.0 => self.slot,
+            0.0 => self.slot,
             p if p.fract() == 0.0 && (1.0..=SLOTS as f64).contains(&p) => p as usize - 1,
             _ => return Err(29),
         };
         for (axis, value) in &line.axes {
             let length = self.length(*axis, *value);
             let offset = match kind {
-                l if l == 2.0 => length,
-                l if l == 20.0 => here.at(*axis) - self.shift.at(*axis) - length,
+                2.0 => length,
+                20.0 => here.at(*axis) - self.shift.at(*axis) - length,
                 _ => return Err(20),
             };
             self.offsets[slot].set(*axis, offset);
         }
         Ok(())
     }
-}
-
-/// One word of a modal group a line.
-fn claim(line: &mut Line, group: u8) -> Result<(), Code> {
-    if line.groups.contains(&group) {
-        return Err(21);
-    }
-    line.groups.push(group);
-    Ok(())
 }
