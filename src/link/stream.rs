@@ -27,14 +27,25 @@ pub struct Link {
 }
 
 /// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a
-/// message whose first byte is on its way.
+/// message whose first byte is on its way. On a lost link nothing is sent and nothing is said: the
+/// error comes to whoever reads.
 #[derive(Clone)]
-pub struct Urgent(mpsc::UnboundedSender<Vec<u8>>);
+pub struct Urgent(mpsc::UnboundedSender<Ahead>);
+
+struct Ahead {
+    bytes: Vec<u8>,
+    last: bool,
+}
 
 impl Urgent {
-    /// On a lost link there is nothing to hold any more: the error comes to whoever reads.
     pub fn send(&self, bytes: &[u8]) {
-        let _ = self.0.send(bytes.to_vec());
+        let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: false });
+    }
+
+    /// As `send`, and whatever [`Link::send`] queued or will queue is thrown away: after a hold,
+    /// only urgent bytes follow.
+    pub fn send_and_close(&self, bytes: &[u8]) {
+        let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: true });
     }
 }
 
@@ -49,7 +60,8 @@ impl Link {
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
         let (reader, writer) = tokio::io::split(stream);
-        let owner = Owner { reader, writer, lines, queued, urgent_queue, pending: VecDeque::new() };
+        let pending = VecDeque::new();
+        let owner = Owner { reader, writer, lines, queued, urgent_queue, closed: false, pending };
         tokio::spawn(owner.run());
         Self { name: name.into(), incoming, outgoing, urgent: Urgent(urgent), lost: None }
     }
@@ -101,7 +113,9 @@ struct Owner<S> {
     writer: WriteHalf<S>,
     lines: mpsc::Sender<Result<Received, String>>,
     queued: mpsc::UnboundedReceiver<Vec<u8>>,
-    urgent_queue: mpsc::UnboundedReceiver<Vec<u8>>,
+    urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+    /// After a hold nothing but urgent bytes goes out.
+    closed: bool,
     /// Messages to be written; of the first, some bytes may be gone already.
     pending: VecDeque<Message>,
 }
@@ -109,6 +123,7 @@ struct Owner<S> {
 struct Message {
     bytes: Vec<u8>,
     written: usize,
+    urgent: bool,
 }
 
 impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
@@ -132,12 +147,13 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
             // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
             tokio::select! {
                 biased;
-                Some(bytes) = self.urgent_queue.recv() => insert_urgent(&mut self.pending, bytes),
+                Some(ahead) = self.urgent_queue.recv() => self.put_ahead(ahead),
                 written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
                     advance(&mut self.pending, written?);
                 }
                 message = self.queued.recv(), if self.pending.is_empty() => match message {
-                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0 }),
+                    Some(_) if self.closed => {}
+                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
                     None => return Ok(()),
                 },
                 read = self.reader.read(&mut buffer) => {
@@ -149,6 +165,17 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
                 }
             }
         }
+    }
+
+    /// Behind a message that has begun and earlier urgent ones, ahead of all others.
+    fn put_ahead(&mut self, ahead: Ahead) {
+        let goes_first = |message: &&Message| message.urgent || message.written > 0;
+        let place = self.pending.iter().take_while(goes_first).count();
+        if ahead.last {
+            self.closed = true;
+            self.pending.truncate(place);
+        }
+        self.pending.insert(place, Message { bytes: ahead.bytes, written: 0, urgent: true });
     }
 
     fn pass_on(&self, received: Vec<Received>) -> io::Result<()> {
@@ -165,8 +192,8 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
 
     /// A hold that was asked for in the last moment still goes out.
     async fn say_last_words(&mut self) {
-        while let Ok(bytes) = self.urgent_queue.try_recv() {
-            insert_urgent(&mut self.pending, bytes);
+        while let Ok(ahead) = self.urgent_queue.try_recv() {
+            self.put_ahead(ahead);
         }
         let write = async {
             while !self.pending.is_empty() {
@@ -179,12 +206,6 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
         // The stream is closed afterwards in any case.
         let _ = timeout(LAST_WORDS, write).await;
     }
-}
-
-/// Behind a message that has begun, ahead of all that have not.
-fn insert_urgent(pending: &mut VecDeque<Message>, bytes: Vec<u8>) {
-    let begun = pending.front().is_some_and(|message| message.written > 0);
-    pending.insert(usize::from(begun), Message { bytes, written: 0 });
 }
 
 async fn write_some<S: AsyncWrite>(

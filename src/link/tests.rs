@@ -49,6 +49,26 @@ async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
 }
 
 #[tokio::test]
+async fn after_a_hold_only_urgent_bytes_follow() {
+    let (ours, mut theirs) = tokio::io::duplex(4);
+    let link = Link::over("peer", ours);
+    link.send(b"first line\n").unwrap();
+    let mut start = [0; 1];
+    theirs.read_exact(&mut start).await.unwrap();
+    link.send(b"queued\n").unwrap();
+    link.urgent().send_and_close(b"!");
+    link.send(b"too late\n").unwrap();
+    link.urgent().send(b"?");
+    drop(link);
+    let mut rest = Vec::new();
+    theirs.read_to_end(&mut rest).await.unwrap();
+    rest.sort();
+    let mut expected = *b"irst line\n!?";
+    expected.sort();
+    assert_eq!(rest, expected);
+}
+
+#[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
     let (ours, mut theirs) = tokio::io::duplex(64);
     let link = Link::over("peer", ours);

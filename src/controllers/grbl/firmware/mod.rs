@@ -1,0 +1,297 @@
+//! The simulated control: speaks as grblHAL does and executes the text it is sent against a
+//! [`World`]. It is the driver's peer and shares none of its code.
+//!
+//! One extension, switched by [`Options::stamps`]: the status report carries `|T:<seconds>`, the
+//! simulated time, and a contact is followed by `[T:<seconds>]`, the time of its trigger.
+
+mod job;
+mod modal;
+mod parse;
+mod say;
+mod serve;
+mod sort;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use job::{Active, Job};
+use modal::{Act, Modal};
+use parse::Code;
+
+use crate::base::{Axis, Position};
+use crate::record::machine::Machine;
+use crate::world::World;
+
+/// Blocks that the planner holds.
+const PLANNER: usize = 100;
+/// Bytes that wait to be read; more are lost without a word.
+const RX_BUFFER: usize = 1024;
+const LONGEST_LINE: usize = 256;
+
+const SOFT_LIMIT: u8 = 2;
+const RESET_IN_MOTION: u8 = 3;
+const PROBE_CLOSED: u8 = 4;
+const NO_CONTACT: u8 = 5;
+const HARD_LIMIT: u8 = 1;
+const LOCKED: Code = 9;
+
+/// How simulated time passes for whoever waits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Moves are done at once.
+    Fast,
+    /// Moves take as long as they would.
+    Real,
+}
+
+/// How this control is built.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Axis words, in the order of reports.
+    pub axes: Vec<Axis>,
+    /// Soft limits, internal units.
+    pub limits: BTreeMap<Axis, (f64, f64)>,
+    pub pace: Pace,
+    /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
+    pub native: bool,
+    pub stamps: bool,
+}
+
+impl Options {
+    /// The control of `machine`: native level, stamps on.
+    pub fn of(machine: &Machine, pace: Pace) -> Self {
+        let turning = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
+        let limits: BTreeMap<Axis, (f64, f64)> = turning
+            .map(|(axis, spec)| (*axis, (axis.from_edge(spec.min), axis.from_edge(spec.max))))
+            .collect();
+        Self { axes: limits.keys().copied().collect(), limits, pace, native: true, stamps: true }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lock {
+    /// `$X` unlocks.
+    Light,
+    /// Only a reset helps.
+    Reset,
+    /// Only a reset helps, and until then no line is answered.
+    Mute,
+}
+
+/// The control: bytes in ([`Firmware::serve`]), bytes out.
+pub struct Firmware {
+    options: Options,
+    world: Arc<Mutex<World>>,
+    modal: Modal,
+    /// Where the machine will stand when all that is queued is done.
+    planned: Position,
+    rx: VecDeque<u8>,
+    out: Vec<u8>,
+    queue: VecDeque<Job>,
+    active: Option<Active>,
+    /// A line whose answer comes when its job is done.
+    waiting: bool,
+    held: bool,
+    alarm: Option<Lock>,
+    latched: Option<Code>,
+    booted: bool,
+    reported: bool,
+    /// Host time zero, and the time since then at the last event.
+    since: Instant,
+    now: Duration,
+}
+
+impl Firmware {
+    pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
+        let mut firmware = Self {
+            options,
+            world,
+            modal: Modal::default(),
+            planned: Position::new(),
+            rx: VecDeque::new(),
+            out: Vec::new(),
+            queue: VecDeque::new(),
+            active: None,
+            waiting: false,
+            held: false,
+            alarm: None,
+            latched: None,
+            booted: false,
+            reported: false,
+            since: Instant::now(),
+            now: Duration::ZERO,
+        };
+        firmware.planned = firmware.stand();
+        firmware
+    }
+
+    fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
+        // The world is plain data: a panic elsewhere leaves it whole.
+        act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Where the machine stands.
+    fn stand(&self) -> Position {
+        self.with_world(|world| world.position())
+    }
+
+    /// Bytes as they come: realtime bytes act at once, wherever they stand.
+    fn ingest(&mut self, bytes: &[u8], now: Duration) {
+        self.now = now;
+        for byte in bytes {
+            match byte {
+                b'?' => self.say_status(),
+                b'!' => self.hold(),
+                b'~' => self.held = false,
+                0x18 => self.reset(),
+                0x80.. => {}
+                byte if self.rx.len() < RX_BUFFER => self.rx.push_back(*byte),
+                _ => {}
+            }
+        }
+    }
+
+    /// Do all that can be done now; the answer is when to come again.
+    fn step(&mut self, now: Duration) -> Option<Duration> {
+        self.now = now;
+        loop {
+            let ends = self.active.as_ref().map(|active| active.ends);
+            if ends.is_some_and(|ends| ends <= now) {
+                self.finish_active();
+            } else if ends.is_none() && !self.held && !self.queue.is_empty() {
+                self.start_next();
+            } else if let Some(line) = self.next_line() {
+                self.line(&line);
+            } else {
+                return ends;
+            }
+        }
+    }
+
+    fn next_line(&mut self) -> Option<String> {
+        if self.waiting || self.queue.len() >= PLANNER {
+            return None;
+        }
+        let end = self.rx.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
+        let bytes: Vec<u8> = self.rx.drain(..=end).collect();
+        if bytes.ends_with(b"\r") && self.rx.front() == Some(&b'\n') {
+            self.rx.pop_front();
+        }
+        Some(String::from_utf8_lossy(&bytes).trim().to_owned())
+    }
+
+    fn line(&mut self, line: &str) {
+        if self.alarm == Some(Lock::Mute) {
+            return;
+        }
+        if line.len() > LONGEST_LINE {
+            return self.say_error(11);
+        }
+        if let Some(command) = line.strip_prefix('$') {
+            return self.dollar(command);
+        }
+        if parse::is_blank(line) {
+            if line.is_empty() {
+                self.latched = None;
+            }
+            return self.say_ok();
+        }
+        match self.gcode(line) {
+            Ok(true) => self.waiting = true,
+            Ok(false) => self.say_ok(),
+            Err(code) => {
+                self.latched = self.options.native.then_some(code);
+                self.say_error(code);
+            }
+        }
+    }
+
+    /// Whether the answer must wait for a job.
+    fn gcode(&mut self, line: &str) -> Result<bool, Code> {
+        if let Some(code) = self.latched {
+            return Err(code);
+        }
+        if self.alarm.is_some() {
+            return Err(LOCKED);
+        }
+        let words = parse::words(line)?;
+        let act = self.modal.block(&words, &self.planned, &self.options.axes)?;
+        let job = match act {
+            Act::Nothing => return Ok(false),
+            Act::Travel { to, feed_mm_min } => Job::Travel { to, feed_mm_min },
+            Act::Probe { to, feed_mm_min, strict, n } => Job::Probe { to, feed_mm_min, strict, n },
+            Act::Orient { s } => Job::Orient { s },
+            Act::Dwell { seconds } => Job::Dwell { seconds },
+        };
+        if job.target().is_some_and(|to| !self.within_limits(to)) {
+            return Ok(self.soft_limit());
+        }
+        let waits = job.is_waited_for();
+        if let Some(to) = job.target() {
+            self.planned = self.planned.updated_by(to);
+        }
+        self.queue.push_back(job);
+        Ok(waits)
+    }
+
+    fn within_limits(&self, to: &Position) -> bool {
+        // A hair of rounding in the text is no breach.
+        let within = |(axis, value): (Axis, f64)| {
+            let limits = self.options.limits.get(&axis);
+            limits.is_none_or(|(min, max)| (min - 1e-6..=max + 1e-6).contains(&value))
+        };
+        to.iter().all(within)
+    }
+
+    /// Idle: an alarm, and the line is answered. Moving: silence until a reset.
+    fn soft_limit(&mut self) -> bool {
+        let moving = self.is_moving();
+        self.hold();
+        self.held = false;
+        self.say(&format!("ALARM:{SOFT_LIMIT}"));
+        self.stop_here();
+        if moving {
+            self.alarm = Some(Lock::Mute);
+            return true;
+        }
+        self.say("[MSG:Reset to continue]");
+        self.alarm = Some(Lock::Reset);
+        false
+    }
+
+    fn is_moving(&self) -> bool {
+        !self.held && (self.active.is_some() || !self.queue.is_empty())
+    }
+
+    /// Forget all motion; the machine stands where it is.
+    fn stop_here(&mut self) {
+        self.active = None;
+        self.queue.clear();
+        self.waiting = false;
+        self.planned = self.stand();
+    }
+
+    /// 0x18. In motion the position is doubtful afterwards: alarm.
+    fn reset(&mut self) {
+        let moving = self.is_moving();
+        self.hold();
+        self.stop_here();
+        self.rx.clear();
+        self.held = false;
+        self.latched = None;
+        self.reported = false;
+        self.alarm = moving.then_some(Lock::Light);
+        if moving {
+            self.say(&format!("ALARM:{RESET_IN_MOTION}"));
+        }
+        self.say_banner();
+        if moving {
+            self.say("[MSG:'$H'|'$X' to unlock]");
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! The simulated control's own reader of lines: letters and numbers, nothing more. Error codes are
+//! those of Grbl (grblHAL `errors.h`).
+
+/// Grbl's error number.
+pub(super) type Code = u8;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Word {
+    pub letter: char,
+    pub value: f64,
+}
+
+/// The words of one line; comments `(..)` and `;..` are dropped.
+pub(super) fn words(line: &str) -> Result<Vec<Word>, Code> {
+    let code = bare(line);
+    let mut rest = code.as_str();
+    let mut words = Vec::new();
+    while let Some(letter) = rest.chars().next() {
+        if !letter.is_ascii_uppercase() {
+            return Err(1);
+        }
+        let number = &rest[1..];
+        let end = number
+            .find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+')))
+            .unwrap_or(number.len());
+        let value = number[..end].parse::<f64>().map_err(|_| 2)?;
+        words.push(Word { letter, value });
+        rest = &number[end..];
+    }
+    Ok(words)
+}
+
+fn bare(line: &str) -> String {
+    let mut in_comment = false;
+    let mut bare = String::new();
+    for character in line.chars() {
+        match character {
+            '(' => in_comment = true,
+            ')' => in_comment = false,
+            ';' if !in_comment => break,
+            c if in_comment || c.is_whitespace() => {}
+            c => bare.push(c.to_ascii_uppercase()),
+        }
+    }
+    bare
+}
+
+/// Whether the line holds nothing to execute.
+pub(super) fn is_blank(line: &str) -> bool {
+    matches!(bare(line).as_str(), "" | "%")
+}

@@ -1,0 +1,112 @@
+//! What the simulated control says: its reports, answers and `$` commands.
+
+use super::parse::Code;
+use super::{Firmware, Lock, PLANNER, RX_BUFFER};
+use crate::base::Position;
+
+const BUILD: &str = "1.1f.20260817";
+
+impl Firmware {
+    pub(super) fn say(&mut self, line: &str) {
+        self.out.extend_from_slice(line.as_bytes());
+        self.out.extend_from_slice(b"\r\n");
+    }
+
+    pub(super) fn say_ok(&mut self) {
+        self.say("ok");
+    }
+
+    pub(super) fn say_error(&mut self, code: Code) {
+        self.say(&format!("error:{code}"));
+    }
+
+    pub(super) fn say_banner(&mut self) {
+        self.say("");
+        self.say(match self.options.native {
+            true => "GrblHAL 1.1f ['$' or '$HELP' for help]",
+            false => "Grbl 1.1f ['$' for help]",
+        });
+    }
+
+    /// Axis values as reports print them: mm and degrees, three decimals.
+    pub(super) fn list(&self, position: &Position) -> String {
+        let values = self.options.axes.iter().map(|axis| {
+            let text = format!("{:.3}", axis.to_edge(position.at(*axis)));
+            if text == "-0.000" { "0.000".to_owned() } else { text }
+        });
+        values.collect::<Vec<_>>().join(",")
+    }
+
+    fn state(&self) -> &'static str {
+        match () {
+            () if self.alarm.is_some() => "Alarm",
+            () if self.held => "Hold:0",
+            () if self.is_moving() => "Run",
+            () => "Idle",
+        }
+    }
+
+    pub(super) fn say_status(&mut self) {
+        let position = match &self.active {
+            Some(active) => active.position(self.now),
+            None => self.stand(),
+        };
+        let free = RX_BUFFER - 1 - self.rx.len().min(RX_BUFFER - 1);
+        let planned = self.queue.len() + usize::from(self.active.is_some());
+        let mut report = format!(
+            "<{}|MPos:{}|Bf:{},{free}|FS:0,0",
+            self.state(),
+            self.list(&position),
+            PLANNER.saturating_sub(planned)
+        );
+        let (tripped, t_s) = self.with_world(|world| (world.tripped(), world.time_s()));
+        if tripped {
+            report += "|Pn:P";
+        }
+        if !self.reported {
+            report += "|Ov:100,100,100|A:|TLR:0";
+            self.reported = true;
+        }
+        if self.options.stamps {
+            report += &format!("|T:{t_s}");
+        }
+        self.say(&(report + ">"));
+    }
+
+    /// `$..` commands. One that succeeds ends the latched error.
+    pub(super) fn dollar(&mut self, command: &str) {
+        match command.to_ascii_uppercase().as_str() {
+            "I" => self.say_build(),
+            "G" => self.say(&format!("[{}]", self.modal.report())),
+            "#" => self.say_offsets(),
+            "10" => self.say("$10=511"),
+            "H" | "X" if self.alarm == Some(Lock::Reset) => return self.say_error(79),
+            "H" => self.alarm = None,
+            "X" => self.unlock(),
+            _ => return self.say_error(3),
+        }
+        self.latched = None;
+        self.say_ok();
+    }
+
+    fn unlock(&mut self) {
+        if self.alarm.take().is_some() {
+            self.say("[MSG:Caution: Unlocked]");
+        }
+    }
+
+    fn say_build(&mut self) {
+        let letters: String = self.options.axes.iter().map(|axis| axis.letter()).collect();
+        let count = letters.len();
+        self.say(&format!("[VER:{BUILD}:]"));
+        self.say(&format!("[OPT:VNML+,{PLANNER},{RX_BUFFER},{count},0]"));
+        self.say(&format!("[AXS:{count}:{letters}]"));
+    }
+
+    fn say_offsets(&mut self) {
+        for (name, offset) in self.modal.offsets() {
+            self.say(&format!("[{name}:{}]", self.list(&offset)));
+        }
+        self.say("[TLO:0.000,0.000,0.000]");
+    }
+}

@@ -1,0 +1,40 @@
+//! The simulated control at the end of a byte stream.
+
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::time::sleep_until;
+
+use super::Firmware;
+
+impl Firmware {
+    /// Serve one client until it closes the stream. The control keeps its state for the next one,
+    /// and motion under way goes on meanwhile.
+    ///
+    /// # Errors
+    /// What the stream reports; the control is whole afterwards.
+    pub async fn serve(&mut self, stream: impl AsyncRead + AsyncWrite) -> io::Result<()> {
+        let (mut reader, mut writer) = tokio::io::split(stream);
+        let mut buffer = [0; 1024];
+        if !self.booted {
+            self.booted = true;
+            self.say_banner();
+        }
+        loop {
+            let next = self.step(self.since.elapsed());
+            let wake = self.since + next.unwrap_or(Duration::ZERO);
+            // `read` and `write` are cancel safe: a branch not taken has moved no byte.
+            tokio::select! {
+                read = reader.read(&mut buffer) => match read? {
+                    0 => return Ok(()),
+                    count => self.ingest(&buffer[..count], self.since.elapsed()),
+                },
+                written = writer.write(&self.out), if !self.out.is_empty() => {
+                    self.out.drain(..written?);
+                }
+                () = sleep_until(wake), if next.is_some() => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! The conversation: one line, its answer; status while waiting; silence, alarms and resets told.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::message::{Message, Status, alarm_meaning, error_meaning};
+use crate::controllers::{ControllerError, Halt};
+use crate::link::{Link, LinkError, Received, Urgent};
+
+/// How long the driver waits, host time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patience {
+    /// A living control answers `?` within this time.
+    pub answer: Duration,
+    /// How often a waiting driver asks whether the link lives.
+    pub poll: Duration,
+    /// What follows an alarm (`ok`, or a banner) comes within this time.
+    pub aftermath: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self {
+            answer: Duration::from_secs(2),
+            poll: Duration::from_millis(200),
+            aftermath: Duration::from_millis(500),
+        }
+    }
+}
+
+pub(super) struct Wire {
+    link: Link,
+    urgent: Urgent,
+    halt: Halt,
+    pub(super) patience: Patience,
+}
+
+impl Wire {
+    /// The wire over `link`, and the halt that holds the machine behind it.
+    pub(super) fn new(link: Link) -> (Self, Halt) {
+        let urgent = link.urgent();
+        let hold = urgent.clone();
+        let halt = Halt::new(move || hold.send_and_close(b"!"));
+        (Self { link, urgent, halt: halt.clone(), patience: Patience::default() }, halt)
+    }
+
+    /// Send `line` and wait for its `ok`; what was said before the `ok` is the result.
+    ///
+    /// # Errors
+    /// A refusal, an alarm, a reset, silence; `Halted` once a halt was asked for.
+    pub(super) async fn ask(&mut self, line: &str) -> Result<Vec<Message>, ControllerError> {
+        self.ask_within(line, Duration::ZERO).await
+    }
+
+    /// As `ask`, for a line during which the control reports idle for up to `still`.
+    pub(super) async fn ask_within(
+        &mut self,
+        line: &str,
+        still: Duration,
+    ) -> Result<Vec<Message>, ControllerError> {
+        self.catch_up().await?;
+        if self.halt.is_halted() {
+            return Err(ControllerError::Halted);
+        }
+        self.link.send_line(line)?;
+        let mut said = Vec::new();
+        let mut heard = Instant::now();
+        let mut idle_since = None;
+        loop {
+            match self.next(Instant::now() + self.patience.poll).await? {
+                Some(Message::Ok) => return Ok(said),
+                Some(Message::Error(code)) => return Err(refused(line, code)),
+                Some(Message::Alarm(code)) => return Err(self.aftermath(code).await?),
+                Some(Message::Banner(banner)) => return Err(ControllerError::Reset { banner }),
+                Some(Message::Status(status)) => {
+                    heard = Instant::now();
+                    let idle = status.state == "Idle";
+                    idle_since = idle.then(|| idle_since.unwrap_or(heard));
+                }
+                Some(other) => said.push(other),
+                None => self.urgent.send(b"?"),
+            }
+            if self.halt.is_halted() {
+                return Err(self.halted().await);
+            }
+            // Deaf, or idle with an answer outstanding: a byte got lost.
+            let patience = self.patience.answer;
+            let too_still = |since: Instant| since.elapsed() > patience + still;
+            if heard.elapsed() > patience || idle_since.is_some_and(too_still) {
+                return Err(silent(line, patience));
+            }
+        }
+    }
+
+    /// The control's status, asked for now.
+    pub(super) async fn status(&mut self) -> Result<Status, ControllerError> {
+        self.urgent.send(b"?");
+        let deadline = Instant::now() + self.patience.answer;
+        loop {
+            match self.next(deadline).await? {
+                Some(Message::Status(status)) => return Ok(status),
+                Some(Message::Alarm(code)) => return Err(self.aftermath(code).await?),
+                Some(Message::Banner(banner)) => return Err(ControllerError::Reset { banner }),
+                Some(_) => {}
+                None => return Err(silent("?", self.patience.answer)),
+            }
+        }
+    }
+
+    /// Wait until the machine stands still. Two reports in a row: the first may be older than the
+    /// start of a motion that was just acknowledged.
+    pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
+        let mut seen = 0;
+        let mut pause = Duration::from_millis(1);
+        loop {
+            let status = self.status().await?;
+            if self.halt.is_halted() {
+                return Err(self.halted().await);
+            }
+            match status.state.as_str() {
+                "Idle" if seen > 0 => return Ok(status),
+                "Idle" => seen += 1,
+                "Alarm" | "Sleep" => return Err(not_ready(&status)),
+                // Run, or a hold, door or tool change that a person at the machine will end.
+                _ => {
+                    seen = 0;
+                    sleep(pause).await;
+                    pause = (pause * 2).min(self.patience.poll);
+                }
+            }
+        }
+    }
+
+    /// The first word: end whatever half line stands in the control's buffer, and find out who is
+    /// there.
+    pub(super) async fn wake(&mut self) -> Result<Status, ControllerError> {
+        self.link.send(b"\n")?;
+        let deadline = Instant::now() + 2 * self.patience.answer;
+        let (mut noise, mut foreign) = (false, None);
+        while Instant::now() < deadline {
+            self.urgent.send(b"?");
+            match self.link.recv_deadline(Instant::now() + self.patience.aftermath).await? {
+                Some(Received::Noise { .. }) => noise = true,
+                Some(Received::Line(line)) => match Message::parse(&line) {
+                    Message::Status(status) => {
+                        self.quiet().await?;
+                        return Ok(status);
+                    }
+                    Message::Other(text) if !text.is_empty() => {
+                        foreign.get_or_insert(text);
+                    }
+                    _ => {}
+                },
+                None => {}
+            }
+        }
+        Err(stranger(noise, foreign, 2 * self.patience.answer))
+    }
+
+    /// Let old answers run dry.
+    async fn quiet(&mut self) -> Result<(), LinkError> {
+        let deadline = Instant::now() + self.patience.answer;
+        while Instant::now() < deadline {
+            if self.link.recv_deadline(Instant::now() + self.patience.poll / 2).await?.is_none() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// What was said while nobody asked: a reset or an alarm ends the job.
+    async fn catch_up(&mut self) -> Result<(), ControllerError> {
+        while let Some(message) = self.next(Instant::now()).await? {
+            match message {
+                Message::Alarm(code) => return Err(self.aftermath(code).await?),
+                Message::Banner(banner) => return Err(ControllerError::Reset { banner }),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    async fn next(&mut self, deadline: Instant) -> Result<Option<Message>, LinkError> {
+        Ok(match self.link.recv_deadline(deadline).await? {
+            Some(Received::Line(line)) => Some(Message::parse(&line)),
+            // If noise swallowed an answer, the silence that follows is told.
+            Some(Received::Noise { bytes }) => Some(Message::Other(format!("{bytes} bytes"))),
+            None => None,
+        })
+    }
+
+    /// An alarm is followed by the line's answer, or by a banner if the control was reset.
+    async fn aftermath(&mut self, code: u32) -> Result<ControllerError, LinkError> {
+        let deadline = Instant::now() + self.patience.aftermath;
+        loop {
+            match self.next(deadline).await? {
+                Some(Message::Banner(banner)) => return Ok(ControllerError::Reset { banner }),
+                Some(Message::Ok | Message::Error(_)) | None => {
+                    let meaning = alarm_meaning(code).to_owned();
+                    return Ok(ControllerError::Alarm { code, meaning });
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// The hold is on its way; see the machine stand before saying so.
+    async fn halted(&mut self) -> ControllerError {
+        let deadline = Instant::now() + 5 * self.patience.answer;
+        while Instant::now() < deadline {
+            match self.status().await {
+                Ok(status) if stands(&status) => break,
+                Ok(_) => sleep(self.patience.poll / 4).await,
+                Err(error) => return error,
+            }
+        }
+        ControllerError::Halted
+    }
+}
+
+fn stands(status: &Status) -> bool {
+    match status.state.as_str() {
+        "Hold" => status.substate.as_deref() == Some("0"),
+        "Door" => matches!(status.substate.as_deref(), Some("0" | "1")),
+        "Run" | "Jog" | "Home" => false,
+        _ => true,
+    }
+}
+
+fn refused(line: &str, code: u32) -> ControllerError {
+    ControllerError::Refused {
+        line: line.to_owned(),
+        reply: format!("error:{code}"),
+        meaning: error_meaning(code).to_owned(),
+    }
+}
+
+fn silent(line: &str, waited: Duration) -> ControllerError {
+    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
+}
+
+/// Somebody or nobody is there, but no Grbl.
+fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
+    if noise {
+        return ControllerError::NotReady {
+            state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
+            remedy: "check baud in [controller] of the machine file".to_owned(),
+        };
+    }
+    match foreign {
+        Some(text) => ControllerError::NotReady {
+            state: format!("it does not answer as Grbl does: `{text}`"),
+            remedy: "check kind and the address in [controller] of the machine file".to_owned(),
+        },
+        None => silent("?", waited),
+    }
+}
+
+/// The control is there but will not move.
+pub(super) fn not_ready(status: &Status) -> ControllerError {
+    let remedy = match status.state.as_str() {
+        "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
+        "Hold" => "a move is held: resume or reset it at the control",
+        "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
+        "Door" => "close the door",
+        "Check" => "leave the check mode ($C)",
+        "Sleep" => "wake the control with a reset",
+        _ => "bring the control to Idle",
+    };
+    let state = match &status.substate {
+        Some(substate) => format!("{}:{substate}", status.state),
+        None => status.state.clone(),
+    };
+    ControllerError::NotReady { state, remedy: remedy.to_owned() }
+}
