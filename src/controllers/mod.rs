@@ -12,6 +12,7 @@ use tokio::sync::{mpsc, oneshot};
 use crate::record::motion::{Block, Outcome};
 
 mod error;
+pub mod linuxcnc;
 
 pub use error::ControllerError;
 
