@@ -255,6 +255,33 @@ pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
     })
 }
 
+/// Half a minute: run it with `--ignored`.
+pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let motions = vec![
+            Motion::Rapid { to: z(150.0) },
+            Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 200.0 },
+        ];
+        let block = Block { step: 13, repeat: 0, motions };
+        let freeze = async {
+            tokio::time::sleep(Duration::from_millis(700)).await;
+            rig.freeze(true)
+        };
+        let (hung, frozen) = tokio::join!(driver.execute(&block), freeze);
+        rig.freeze(false)?;
+        frozen?;
+        expect(hung, |error| matches!(error, ControllerError::NoAnswer { .. }))?;
+        // What was sent to it meanwhile is an abort.
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        let stands = rig.joint(0)?;
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        if rig.joint(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
+    })
+}
+
 pub fn a_limit_is_told_in_the_controls_words() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {

@@ -24,6 +24,8 @@ const TRUTH: [(&str, f64); 8] = [
 pub struct Rig {
     /// Its standard input is the rig's life line.
     _process: Child,
+    /// Id of the session in which all of LinuxCNC runs.
+    session: String,
     pub port: u16,
     pub directory: PathBuf,
 }
@@ -52,10 +54,10 @@ fn start() -> Result<Rig, Box<dyn std::error::Error>> {
             .spawn()?;
     let mut said = String::new();
     BufReader::new(process.stdout.take().ok_or("no output")?).read_line(&mut said)?;
-    if said.trim() != "ready" {
+    let Some(session) = said.trim().strip_prefix("ready ").map(str::to_owned) else {
         return Err(format!("the rig does not start: see {}", directory.display()).into());
-    }
-    Ok(Rig { _process: process, port, directory })
+    };
+    Ok(Rig { _process: process, session, port, directory })
 }
 
 fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
@@ -83,11 +85,23 @@ impl Rig {
         halcmd(&["setp", "iocontrol.0.emc-enable-in", "0"]).map(drop)
     }
 
+    /// LinuxCNC's task hangs, or goes on.
+    pub fn freeze(&self, frozen: bool) -> Result<(), Failed> {
+        let task = Command::new("pgrep")
+            .args(["-s", &self.session, "-r", "DRST", "-x", "milltask"])
+            .output()?;
+        let task = String::from_utf8_lossy(&task.stdout).trim().to_owned();
+        let signal = if frozen { "-STOP" } else { "-CONT" };
+        let done = Command::new("kill").args([signal, &task]).status()?.success();
+        if done { Ok(()) } else { Err(format!("no milltask `{task}`").into()) }
+    }
+
     /// A person releases the stop, switches on and clears the part. Homing survives a stop.
     fn switch_on(&self) -> Result<(), Failed> {
         halcmd(&["net", "estop", "iocontrol.0.emc-enable-in"])?;
         let mut person = self.person()?;
-        for line in ["set abort", "set estop off", "set machine on"] {
+        // While it is stopped, it refuses an abort.
+        for line in ["set estop off", "set machine on", "set abort"] {
             person.say(line)?;
         }
         person.mdi("G53 G0 Z200")?;

@@ -1,10 +1,12 @@
 //! The driver: a program file a block, its result from the log.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
+use super::fault;
+use super::files::Files;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
@@ -21,8 +23,6 @@ const STOPPED: Duration = Duration::from_millis(60);
 /// Running for so long without moving or logging: it hangs (killed parts of LinuxCNC do).
 const STALL: Duration = Duration::from_secs(10);
 const STEP_OF_NO_BLOCK: u32 = 0;
-/// linuxcncrsh cuts off longer lines.
-const LONGEST_LINE: usize = 250;
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Where it is and what it has.
@@ -43,8 +43,7 @@ pub struct LinuxCnc {
     /// Carries nothing but halts; kept open for them.
     halting: Rsh,
     halt: Halt,
-    program: PathBuf,
-    log: PathBuf,
+    files: Files,
     /// The mode to go back to.
     mode_found: Option<String>,
     ready: bool,
@@ -58,22 +57,9 @@ impl LinuxCnc {
     /// # Errors
     /// No linuxcncrsh at the address; a directory that cannot be used.
     pub async fn open(settings: Settings) -> Result<(Self, Halt), ControllerError> {
-        let (program, log) =
-            (settings.directory.join("trued.ngc"), settings.directory.join("trued.log"));
-        let name = program.to_string_lossy();
-        if !settings.directory.is_absolute()
-            || name.contains(['(', ')', ' '])
-            || name.len() > LONGEST_LINE - 20
-        {
-            return Err(not_ready(
-                &format!("LinuxCNC cannot open {name}"),
-                "give [controller] a directory with a short absolute name without blanks and brackets",
-            ));
-        }
+        let files = Files::within(&settings.directory)?;
         let dialect = Dialect::named("linuxcnc")
             .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
-        std::fs::create_dir_all(&settings.directory)
-            .map_err(|e| unwritable(&settings.directory, &e))?;
         let rsh = Rsh::open(&settings.address).await?;
         let halting = Rsh::open(&settings.address).await?;
         let urgent = halting.link.urgent();
@@ -84,8 +70,7 @@ impl LinuxCnc {
             rsh,
             halting,
             halt: halt.clone(),
-            program,
-            log,
+            files,
             mode_found: None,
             ready: false,
             spindle: None,
@@ -112,14 +97,12 @@ impl LinuxCnc {
         self.rsh.messages().await?;
         self.rsh.set("set_wait received").await?;
         self.rsh.set("mode auto").await?;
-        self.write(&prepare::program(&self.log.to_string_lossy()))?;
-        self.rsh.set(&format!("open {}", self.program.display())).await?;
+        self.files.write(&prepare::program(&self.files.log_name()))?;
+        self.rsh.set(&format!("open {}", self.files.program_name())).await?;
         let log = self.run(STEP_OF_NO_BLOCK, STALL).await?;
         if !log.ended {
-            return Err(match self.log.exists() {
-                true => self.reason(STEP_OF_NO_BLOCK, log).await,
-                false => unwritable(&self.log, &std::io::ErrorKind::NotFound.into()),
-            });
+            self.files.expect_log()?;
+            return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
         }
         let version = prepare::judge(&log.state)?;
         Ok(Prepared {
@@ -137,7 +120,7 @@ impl LinuxCnc {
         if !leaves_contact && self.rsh.get("probe_value").await? != "0" {
             return Err(ControllerError::StillTripped { step });
         }
-        self.write(&text)?;
+        self.files.write(&text)?;
         self.refuse_if_halted()?;
         let log = self.run(step, STALL + dwell(block)).await?;
         if !log.ended {
@@ -174,26 +157,12 @@ impl LinuxCnc {
     fn render(&self, block: &Block) -> Result<String, ControllerError> {
         let fault = |why: String| ControllerError::Render { step: block.step, why };
         let title = format!("step {} repeat {}", block.step, block.repeat);
-        let log = self.log.to_string_lossy();
+        let log = self.files.log_name();
         let program = Program { title: &title, axes: &self.settings.axes, log: Some(&log) };
         let blocks = std::slice::from_ref(block);
         let text = self.dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
         self.dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
         Ok(text)
-    }
-
-    /// Replace the program file whole, and take away the last log.
-    fn write(&self, text: &str) -> Result<(), ControllerError> {
-        let fresh = self.program.with_extension("new");
-        std::fs::write(&fresh, text)
-            .and_then(|()| std::fs::rename(&fresh, &self.program))
-            .map_err(|error| unwritable(&self.program, &error))?;
-        match std::fs::remove_file(&self.log) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(unwritable(&self.log, &error))
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Run the program and wait until it stands still.
@@ -203,7 +172,7 @@ impl LinuxCnc {
         let mut idle_since = None;
         loop {
             let idle = self.rsh.get("program_status").await? == "IDLE";
-            let log = self.read_log(step)?;
+            let log = self.files.log(step)?;
             if idle {
                 let since = *idle_since.get_or_insert_with(Instant::now);
                 if log.ended || since.elapsed() > STOPPED {
@@ -227,59 +196,12 @@ impl LinuxCnc {
         }
     }
 
-    fn read_log(&self, step: u32) -> Result<Log, ControllerError> {
-        match std::fs::read_to_string(&self.log) {
-            Ok(text) => Log::parse(&text, step),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Log::default()),
-            Err(error) => Err(unwritable(&self.log, &error)),
-        }
-    }
-
     /// Why a program stopped before its end.
     async fn reason(&mut self, step: u32, log: Log) -> ControllerError {
         if self.halt.is_halted() {
             return ControllerError::Halted;
         }
-        match log.verdict {
-            Some(Verdict::Contact) => return ControllerError::UnexpectedContact { step },
-            Some(Verdict::Tripped) => return ControllerError::StillTripped { step },
-            Some(Verdict::NoContact) => return ControllerError::NoContact { step },
-            Some(Verdict::Offset) => {
-                return not_ready(
-                    "the work offset slot G59.3 is not zero",
-                    "clear it, see `prepare`",
-                );
-            }
-            Some(Verdict::Touch(_)) | None => {}
-        }
-        match self.told(step).await {
-            Ok(reason) | Err(reason) => reason,
-        }
-    }
-
-    /// What the control says of it: switches first, then messages.
-    async fn told(&mut self, step: u32) -> Result<ControllerError, ControllerError> {
-        let alarm = |meaning: &str| ControllerError::Alarm { code: 0, meaning: meaning.to_owned() };
-        if self.rsh.get("estop").await? != "OFF" {
-            return Ok(alarm("the emergency stop is pressed"));
-        }
-        if self.rsh.get("machine").await? != "ON" {
-            return Ok(alarm("the machine has switched off"));
-        }
-        let said = self.rsh.messages().await?;
-        if said.iter().any(|text| text.contains("Probe tripped")) {
-            return Ok(ControllerError::UnexpectedContact { step });
-        }
-        let meaning = if said.is_empty() {
-            "it stopped without a message: somebody stopped it at the control"
-        } else {
-            "it stopped the program"
-        };
-        Ok(ControllerError::Refused {
-            line: format!("the program of step {step}"),
-            reply: said.join("; "),
-            meaning: meaning.to_owned(),
-        })
+        fault::reason(&mut self.rsh, step, log.verdict.as_ref()).await
     }
 
     fn refuse_if_halted(&self) -> Result<(), ControllerError> {
@@ -341,11 +263,4 @@ fn dwell(block: &Block) -> Duration {
         _ => 0.0,
     });
     Duration::try_from_secs_f64(seconds.sum()).unwrap_or(STALL)
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> ControllerError {
-    not_ready(
-        &format!("{} cannot be used: {error}", path.display()),
-        "give trued and LinuxCNC a directory that both may write ([controller] directory)",
-    )
 }

@@ -17,6 +17,8 @@
 //! - The axes are the joints: kinematics that can be switched must be in identity mode.
 
 mod driver;
+mod fault;
+mod files;
 mod prepare;
 mod result;
 mod rsh;
