@@ -13,6 +13,7 @@ use crate::base::Clock;
 use crate::controllers::Controller;
 use crate::controllers::grbl::firmware::{Firmware, Options};
 use crate::controllers::grbl::Grbl;
+use crate::controllers::linuxcnc::{LinuxCnc, Settings as LinuxCncSettings};
 use crate::gcode::Dialect;
 use crate::link::{self, Address, Link};
 use crate::world::{Truth, World};
@@ -64,7 +65,17 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             };
             grbl(file, link::open(&address).await?, dialect)
         }
-        Control::LinuxCnc { .. } => Err(SetupError::Settings { why: "not yet".into() }),
+        Control::LinuxCnc { tcp, program_dir, .. } => {
+            let axes = file.machine.axes.keys().copied().collect();
+            let directory = program_dir.clone();
+            let settings = LinuxCncSettings { address: tcp_address(tcp)?, directory, axes };
+            let (driver, halt) = LinuxCnc::open(settings).await?;
+            Ok(Devices {
+                controller: Controller::spawn(driver, halt),
+                dialect: Dialect::named("linuxcnc")?,
+                clock: Arc::new(HostClock::start()),
+            })
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What can go wrong before anything is opened or moved.
 
 use super::machine_file::MachineFileError;
+use crate::controllers::ControllerError;
 use crate::gcode::DialectError;
 use crate::link::LinkError;
 use crate::methods;
@@ -20,6 +21,8 @@ pub enum SetupError {
     Render(#[from] crate::gcode::RenderError),
     #[error(transparent)]
     Link(#[from] LinkError),
+    #[error(transparent)]
+    Controller(#[from] ControllerError),
     #[error("the simulated machine: {0}")]
     World(#[from] WorldError),
     #[error("`{tcp}` is no host:port")]
@@ -33,6 +36,7 @@ impl SetupError {
     pub fn remedy(&self) -> Option<String> {
         match self {
             Self::Link(error) => Some(error.remedy()),
+            Self::Controller(error) => Some(error.remedy()),
             Self::Address { .. } => Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned()),
             Self::Dialect(_) => Some("choose one of them in [controller] dialect".to_owned()),
             Self::ProgramFolder { .. } => {

@@ -53,7 +53,7 @@ pub struct Contact {
 }
 
 /// The one owner of simulated time, axis positions and the state of the probe.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct World {
     scene: Scene,
     axes: BTreeMap<Axis, AxisSpec>,

@@ -11,7 +11,7 @@ use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorTerm, Shape};
 use crate::record::machine::{Artefact, Machine, Probe};
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Scene {
     chain: Chain,
     errors: Vec<ErrorTerm>,
