@@ -57,8 +57,7 @@ fn fit<S: Simd>(
     steps: usize,
 ) -> [S::f64s; 3] {
     let [mut cx, mut cy] = algebraic_centre(simd, points, &point);
-    let share = simd.splat_f64s(1.0 / points as f64);
-    let zero = simd.splat_f64s(0.0);
+    let (zero, share) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0 / points as f64));
     // A point on the centre has no direction; so it divides by a tiny number, not by 0.
     let tiny = simd.splat_f64s(f64::MIN_POSITIVE);
     let mut radius = zero;
@@ -68,16 +67,15 @@ fn fit<S: Simd>(
         for p in 0..points {
             let [x, y] = point(p);
             let (dx, dy) = (simd.sub_f64s(x, cx), simd.sub_f64s(y, cy));
-            let square = simd.mul_add_e_f64s(dx, dx, simd.mul_add_e_f64s(dy, dy, tiny));
-            let distance = simd.sqrt_f64s(square);
+            let yy = simd.mul_add_e_f64s(dy, dy, tiny);
+            let distance = simd.sqrt_f64s(simd.mul_add_e_f64s(dx, dx, yy));
             distances = simd.add_f64s(distances, distance);
             if step == steps {
                 continue;
             }
             let inverse = simd.div_f64s(simd.splat_f64s(1.0), distance);
             let (ux, uy) = (simd.mul_f64s(dx, inverse), simd.mul_f64s(dy, inverse));
-            ux_sum = simd.add_f64s(ux_sum, ux);
-            uy_sum = simd.add_f64s(uy_sum, uy);
+            (ux_sum, uy_sum) = (simd.add_f64s(ux_sum, ux), simd.add_f64s(uy_sum, uy));
             // The direction times the distance is the offset itself.
             normal.add(simd, ux, uy, [dx, dy]);
         }
