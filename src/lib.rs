@@ -3,7 +3,10 @@
 //! Inside the crate lengths are mm, angles rad, times s. Other units stand only at the edges, and
 //! there the unit is in the name.
 
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
 pub mod base;
+pub mod cli;
 pub mod controllers;
 pub mod decision;
 pub mod estimation;
@@ -11,8 +14,10 @@ pub mod gcode;
 pub mod kinematics;
 pub mod link;
 pub mod methods;
+pub mod planning;
 pub mod record;
 pub mod report;
+pub mod run;
 pub mod setup;
 pub mod store;
 pub mod world;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::Exit;
 use crate::methods::{IdentifyError, Refused};
+use crate::planning::PlanningError;
 use crate::run::RunError;
 use crate::setup::SetupError;
 use crate::store::{LockError, StoreError};
@@ -61,9 +62,16 @@ impl From<Refused> for Failure {
     }
 }
 
-impl From<RunError> for Failure {
-    fn from(error: RunError) -> Self {
-        let exit = if error.has_moved() { Exit::Stopped } else { Exit::Error };
+impl From<PlanningError> for Failure {
+    fn from(error: PlanningError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
+impl Failure {
+    /// How a run ended; `moved`: it stopped on the way and the machine stands there.
+    pub fn of_run(error: &RunError, moved: bool) -> Self {
+        let exit = if moved { Exit::Stopped } else { Exit::Error };
         Self { what: error.to_string(), remedy: Some(error.remedy()), exit }
     }
 }

@@ -26,7 +26,7 @@ pub fn identify(args: &IdentifyArgs) -> Result<Exit, Failure> {
         .map_err(|error| Failure::plain(format!("{}: {error}", args.readings.display())))?;
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
     let mut estimate = method.identify(&plan, &readings, &priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance.limits());
+    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
     if args.json {
         show::print_json(&estimate)?;
     } else {

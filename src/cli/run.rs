@@ -40,16 +40,17 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             journal: &journal,
             plan,
             readings: Vec::new(),
+            moved: false,
             tell: &mut tell,
         };
         let ended = run.execute().await;
-        let measured = (run.plan, run.readings);
-        ended.map(|()| measured).map_err(Failure::from)
+        let Run { plan, readings, moved, .. } = run;
+        ended.map(|()| (plan, readings)).map_err(|error| Failure::of_run(&error, moved))
     })?;
     progress.end();
 
     let mut estimate = method.identify(&plan, &readings, &priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance.limits());
+    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
     journal.estimate(id, &estimate).wait()?;
     tell_result(args, id, &estimate)?;
     if let Some(file) = &args.report {

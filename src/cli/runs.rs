@@ -64,20 +64,20 @@ pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let run = RunId(args.run);
     let stored = journal.load(run)?;
     std::fs::create_dir_all(&args.to).map_err(|error| Failure::file(&args.to, &error))?;
-    let write = |name: String, text: String| {
+    let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
-        std::fs::write(&file, text).map_err(|error| Failure::file(&file, &error))?;
+        std::fs::write(&file, content).map_err(|error| Failure::file(&file, &error))?;
         println!("{}", file.display());
         Ok::<(), Failure>(())
     };
-    write(format!("run-{run}-plan.json"), pretty(&stored.plan)?)?;
-    write(
-        format!("run-{run}-readings.csv"),
-        readings_csv::write(&stored.readings).map_err(Failure::plain)?,
-    )?;
-    write(format!("run-{run}-machine.toml"), stored.config.clone())?;
+    write(format!("run-{run}-plan.json"), pretty(&stored.plan)?.as_bytes())?;
+    let mut csv = Vec::new();
+    let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
+    readings_csv::write(&stored.readings, &comments, &mut csv).map_err(Failure::plain)?;
+    write(format!("run-{run}-readings.csv"), &csv)?;
+    write(format!("run-{run}-machine.toml"), stored.config.as_bytes())?;
     if let Some(last) = stored.estimates.last() {
-        write(format!("run-{run}-estimate.json"), pretty(&last.estimate)?)?;
+        write(format!("run-{run}-estimate.json"), pretty(&last.estimate)?.as_bytes())?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
     Ok(Exit::Pass)

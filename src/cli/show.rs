@@ -82,6 +82,7 @@ fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
             ("estimate".to_owned(), last.sha256.clone()),
         ],
         readings: stored.readings.len(),
+        state: stored.summary.state.as_str().to_owned(),
     };
     page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)
 }

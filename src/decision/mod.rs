@@ -1,20 +1,21 @@
 //! Floor 3: decision rules.
 
-use std::collections::BTreeMap;
-
-use crate::record::estimate::{Estimate, Parameter, Verdict};
-
-/// Largest permitted magnitude by symbol, in the unit in which the estimate states it.
-pub type Tolerances = BTreeMap<String, f64>;
+use crate::record::estimate::{Estimate, Limit, Parameter, Verdict};
 
 /// Judge every parameter that has a tolerance, with the expanded uncertainty as guard band on both
 /// sides (ISO 14253-1): pass only if the whole interval lies inside, fail only if it lies outside,
-/// otherwise undecided. The worst parameter decides; without any tolerance there is no verdict.
-pub fn judge(estimate: &Estimate, tolerances: &Tolerances) -> Verdict {
-    let verdicts: Vec<Verdict> = estimate
-        .parameters
+/// otherwise undecided. The worst parameter decides; a limit for something that was not estimated, or
+/// in another unit, leaves it undecided; without any limit there is no verdict.
+pub fn judge(estimate: &Estimate, limits: &[Limit]) -> Verdict {
+    let verdicts: Vec<Verdict> = limits
         .iter()
-        .filter_map(|p| tolerances.get(&p.symbol).map(|limit| judge_one(p, *limit)))
+        .map(|limit| {
+            let matches = |p: &&Parameter| p.symbol == limit.symbol && p.unit == limit.unit;
+            match estimate.parameters.iter().find(matches) {
+                Some(parameter) => judge_one(parameter, limit.limit),
+                None => Verdict::Undecided,
+            }
+        })
         .collect();
     let any = |wanted| verdicts.contains(&wanted);
     if verdicts.is_empty() {

@@ -1,16 +1,81 @@
+//! Coverage factors and degrees of freedom (GUM, JCGM 100, annex G) and χ² bounds.
+
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
-pub fn factor(dof: Option<f64>) -> f64 {
-    match dof {
-        None => 2.0,
-        Some(d) => {
-            StudentsT::new(0.0, 1.0, d.max(1.0)).map_or(2.0, |t| t.inverse_cdf(0.5 + 0.9545 / 2.0))
-        }
+
+/// The probability of ±2 standard deviations of a normal distribution, 95.45 %.
+pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
+
+/// From here on k is its expansion in 1/dof, exact to 1e-7; the inverse beta function loses digits.
+const MANY: f64 = 1e4;
+
+/// k such that ±k·u covers with [`COVERAGE_PROBABILITY`]: 2 for `f64::INFINITY`, 2.65 for 5
+/// effective degrees of freedom. Without degrees of freedom (0, negative, NaN) k is infinite.
+pub fn coverage_factor(dof: f64) -> f64 {
+    if dof >= MANY {
+        // Abramowitz & Stegun 26.7.5: z + (z³ + z)/(4·dof) with z = 2.
+        return 2.0 + 2.5 / dof;
     }
+    let upper = 0.5 * (1.0 + COVERAGE_PROBABILITY);
+    StudentsT::new(0.0, 1.0, dof).map_or(f64::INFINITY, |student| student.inverse_cdf(upper))
 }
-pub fn chi_square_bounds(dof: usize, p: f64) -> (f64, f64) {
-    let c = ChiSquared::new(dof as f64).unwrap();
-    (c.inverse_cdf(0.5 - p / 2.0), c.inverse_cdf(0.5 + p / 2.0))
+
+/// Effective degrees of freedom of u² = Σu_i² (GUM equation G.2b, Welch–Satterthwaite) for
+/// `(u_i, dof_i)`. Components known exactly have `f64::INFINITY`.
+pub fn effective_dof(components: &[(f64, f64)]) -> f64 {
+    let combined: f64 = components.iter().map(|(u, _)| u * u).sum();
+    let spread: f64 = components.iter().map(|(u, dof)| u.powi(4) / dof).sum();
+    if spread > 0.0 { combined * combined / spread } else { f64::INFINITY }
 }
-pub fn tolerance(u: f64, digits: i32) -> f64 {
-    0.5 * 10f64.powi(u.log10().floor() as i32 - digits + 1)
+
+/// Bounds that χ² with `dof` degrees of freedom meets with `probability`, equal tails; `None` for
+/// a `dof` that is not positive or a probability outside (0, 1).
+pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
+    let distribution = ChiSquared::new(dof).ok().filter(|_| dof.is_finite())?;
+    let tail = 0.5 * (1.0 - probability);
+    let inside = tail > 0.0 && tail < 0.5;
+    inside.then(|| (distribution.inverse_cdf(tail), distribution.inverse_cdf(1.0 - tail)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// GUM table G.2, column 95.45 %.
+    #[test]
+    fn paper_gum_table_g2() {
+        for (dof, k) in [
+            (1.0, 13.97),
+            (2.0, 4.53),
+            (3.0, 3.31),
+            (5.0, 2.65),
+            (8.0, 2.37),
+            (10.0, 2.28),
+            (20.0, 2.13),
+            (50.0, 2.05),
+        ] {
+            assert!((coverage_factor(dof) - k).abs() <= 0.0051, "{dof} {}", coverage_factor(dof));
+        }
+        assert_eq!(coverage_factor(f64::INFINITY), 2.0);
+        assert!((coverage_factor(0.999 * MANY) - coverage_factor(MANY)).abs() < 1e-6);
+        assert_eq!(coverage_factor(0.0), f64::INFINITY);
+        assert_eq!(coverage_factor(f64::NAN), f64::INFINITY);
+    }
+
+    /// GUM example H.1.6: components in nm and their degrees of freedom give 16.
+    #[test]
+    fn paper_gum_example_h1() {
+        let components = [(25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0)];
+        assert!((effective_dof(&components) - 16.7).abs() < 0.3, "{}", effective_dof(&components));
+        assert_eq!(effective_dof(&[(1.0, f64::INFINITY)]), f64::INFINITY);
+        assert!((effective_dof(&[(3.0, 5.0)]) - 5.0).abs() < 1e-12);
+    }
+
+    /// Tables of the χ² distribution: 2.5 % and 97.5 % points.
+    #[test]
+    fn regress_chi_square_tables() {
+        let (low, high) = chi_square_bounds(10.0, 0.95).unwrap();
+        assert!((low - 3.247).abs() < 1e-3 && (high - 20.483).abs() < 1e-3);
+        assert_eq!(chi_square_bounds(0.0, 0.95), None);
+        assert_eq!(chi_square_bounds(5.0, 1.0), None);
+    }
 }

@@ -1,9 +1,14 @@
-//! stub, to be replaced
+//! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle,
+//! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
+
 pub mod circle;
+pub mod circle_lanes;
 pub mod coverage;
 pub mod linear;
 pub mod monte_carlo;
+pub mod nonlinear;
 pub mod null_names;
+pub mod trigonometric;
+
 #[cfg(test)]
 mod tests;
-pub mod trigonometric;

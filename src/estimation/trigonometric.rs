@@ -1,35 +1,114 @@
-pub struct Interpolant {
-    c: Vec<f64>,
-    s: Vec<f64>,
-    n: usize,
+//! Trigonometric interpolation of periodic samples at equal steps.
+
+use std::f64::consts::TAU;
+
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex64;
+
+/// The trigonometric polynomial of least degree through samples at θ_i = 2πi/N, i = 0..N.
+///
+/// With N even the highest term is a·cos(Nθ/2): its sine vanishes at all samples and is taken as 0
+/// (the interpolant of least variation).
+#[derive(Debug, Clone)]
+pub struct Trigonometric {
+    samples: usize,
+    /// Of exp(ikθ), k = 0..=N/2, folded: the function is Re Σ c_k exp(ikθ).
+    coefficients: Vec<Complex64>,
 }
-impl Interpolant {
-    pub fn new(y: &[f64]) -> Self {
-        let n = y.len();
-        let h = n / 2;
-        let f = |k: usize, g: fn(f64) -> f64| {
-            y.iter()
-                .enumerate()
-                .map(|(i, v)| v * g(std::f64::consts::TAU * (i * k) as f64 / n as f64))
-                .sum::<f64>()
-                * 2.0
-                / n as f64
-        };
-        Self {
-            c: (0..=h).map(|k| f(k, f64::cos)).collect(),
-            s: (0..=h).map(|k| f(k, f64::sin)).collect(),
-            n,
+
+impl Trigonometric {
+    /// Interpolates `samples` of one full turn; none gives the zero function.
+    pub fn new(samples: &[f64]) -> Self {
+        let count = samples.len();
+        if count == 0 {
+            return Self { samples: 0, coefficients: Vec::new() };
+        }
+        let mut spectrum: Vec<Complex64> = samples.iter().map(|v| Complex64::from(*v)).collect();
+        FftPlanner::new().plan_fft_forward(count).process(&mut spectrum);
+        spectrum.truncate(count / 2 + 1);
+        for (order, coefficient) in spectrum.iter_mut().enumerate() {
+            // ±k fold into one term, save for the mean and the Nyquist term, which have no twin.
+            let twins = if order == 0 || 2 * order == count { 1.0 } else { 2.0 };
+            *coefficient *= twins / count as f64;
+        }
+        Self { samples: count, coefficients: spectrum }
+    }
+
+    /// Value at `angle` (rad).
+    pub fn value(&self, angle: f64) -> f64 {
+        self.terms(angle).map(|(_, term)| term.re).sum()
+    }
+
+    /// Derivative per rad at `angle` (rad).
+    pub fn derivative(&self, angle: f64) -> f64 {
+        self.terms(angle).map(|(order, term)| -(order as f64) * term.im).sum()
+    }
+
+    /// (a, b) of the harmonic a·cos(kθ) + b·sin(kθ); zeros beyond N/2.
+    pub fn harmonic(&self, order: usize) -> (f64, f64) {
+        self.coefficients.get(order).map_or((0.0, 0.0), |c| (c.re, -c.im))
+    }
+
+    /// The same function without the given harmonics (0 is the mean).
+    pub fn without(mut self, orders: &[usize]) -> Self {
+        for order in orders {
+            if let Some(coefficient) = self.coefficients.get_mut(*order) {
+                *coefficient = Complex64::ZERO;
+            }
+        }
+        self
+    }
+
+    /// Values at the N angles of the samples.
+    pub fn samples(&self) -> Vec<f64> {
+        let step = TAU / self.samples.max(1) as f64;
+        (0..self.samples).map(|i| self.value(i as f64 * step)).collect()
+    }
+
+    fn terms(&self, angle: f64) -> impl Iterator<Item = (usize, Complex64)> + '_ {
+        let turn = move |order: usize| Complex64::cis(order as f64 * angle);
+        self.coefficients.iter().enumerate().map(move |(order, c)| (order, c * turn(order)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sampled(count: usize, f: impl Fn(f64) -> f64) -> Trigonometric {
+        let values: Vec<f64> = (0..count).map(|i| f(i as f64 * TAU / count as f64)).collect();
+        Trigonometric::new(&values)
+    }
+
+    #[test]
+    fn regress_low_harmonics_come_back_everywhere() {
+        let f = |t: f64| 0.7 + 2.0 * t.cos() - 0.3 * t.sin() + 0.25 * (3.0 * t + 0.4).cos();
+        let slope = |t: f64| -2.0 * t.sin() - 0.3 * t.cos() - 0.75 * (3.0 * t + 0.4).sin();
+        for count in [7, 8, 9, 36] {
+            let found = sampled(count, f);
+            for i in 0..50 {
+                let t = 0.37 * f64::from(i) - 4.0;
+                assert!((found.value(t) - f(t)).abs() < 1e-12, "{count} {t}");
+                assert!((found.derivative(t) - slope(t)).abs() < 1e-12, "{count} {t}");
+            }
+            let rest = found.without(&[0, 1]);
+            for (i, value) in rest.samples().into_iter().enumerate() {
+                let t = i as f64 * TAU / count as f64;
+                assert!((value - 0.25 * (3.0 * t + 0.4).cos()).abs() < 1e-12);
+            }
         }
     }
-    pub fn derivative(&self, t: f64) -> f64 {
-        (1..self.c.len())
-            .map(|k| {
-                if 2 * k == self.n {
-                    return 0.0;
-                }
-                let kf = k as f64;
-                kf * (-self.c[k] * (kf * t).sin() + self.s[k] * (kf * t).cos())
-            })
-            .sum()
+
+    #[test]
+    fn regress_the_highest_term_is_a_cosine() {
+        let found = sampled(8, |t| (4.0 * t).cos());
+        for t in [0.0, 0.1, 0.5, 2.0] {
+            assert!((found.value(t) - (4.0 * t).cos()).abs() < 1e-14);
+            assert!((found.derivative(t) + 4.0 * (4.0 * t).sin()).abs() < 1e-13);
+        }
+        assert!((found.harmonic(4).0 - 1.0).abs() < 1e-15 && found.harmonic(9) == (0.0, 0.0));
+        let (a, b) = sampled(8, |t| 2.0 * t.cos() - 0.3 * t.sin()).harmonic(1);
+        assert!((a - 2.0).abs() < 1e-14 && (b + 0.3).abs() < 1e-14);
+        assert_eq!(Trigonometric::new(&[]).value(1.0), 0.0);
     }
 }

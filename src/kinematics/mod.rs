@@ -8,6 +8,7 @@
 //! turn about the axis' own point (the machine's origin for linear axes).
 
 mod chain;
+mod jacobian;
 mod joint;
 mod parameter;
 mod topology;

@@ -107,6 +107,14 @@ pub struct Covariance {
     pub rows: Vec<Vec<f64>>,
 }
 
+/// |value| of the parameter `symbol` may be `limit` at most, in `unit`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limit {
+    pub symbol: String,
+    pub unit: Unit,
+    pub limit: f64,
+}
+
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {

@@ -108,9 +108,13 @@ pub struct Probe {
     /// Feed of a measuring touch.
     #[serde(default = "default_touch_feed")]
     pub feed_mm_min: f64,
-    /// Feed of a search touch and of guarded moves near the artefact.
+    /// Feed of a search touch and of the back-off after any touch.
     #[serde(default = "default_search_feed")]
     pub search_feed_mm_min: f64,
+    /// Feed of guarded positioning near the artefact: braking from it must stay within the
+    /// overtravel.
+    #[serde(default = "default_guarded_feed")]
+    pub guarded_feed_mm_min: f64,
 }
 
 fn default_overtravel() -> f64 {
@@ -123,6 +127,10 @@ fn default_touch_feed() -> f64 {
 
 fn default_search_feed() -> f64 {
     300.0
+}
+
+fn default_guarded_feed() -> f64 {
+    1_500.0
 }
 
 /// The artefact, standing in the table frame.

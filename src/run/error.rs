@@ -43,13 +43,4 @@ impl RunError {
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
-
-    /// Whether the machine may stand in the middle of something; otherwise it was refused before.
-    pub fn has_moved(&self) -> bool {
-        match self {
-            Self::Controller(error) => !error.is_before_motion(),
-            Self::NoReading { .. } | Self::Store(_) => true,
-            _ => false,
-        }
-    }
 }

@@ -26,6 +26,8 @@ pub struct Run<'a> {
     /// Grows with every stage.
     pub plan: Plan,
     pub readings: Vec<Reading>,
+    /// Whether anything was sent that moves the machine.
+    pub moved: bool,
     /// Told of everything that happens, after it is durable.
     pub tell: &'a mut dyn FnMut(&Event),
 }
@@ -86,7 +88,7 @@ impl Run<'_> {
             error if error.is_stop() => Event::Held { reason: error.to_string() },
             _ => Event::Faulted { what: error.to_string(), remedy: error.remedy() },
         };
-        let state = if error.has_moved() { RunState::Held } else { RunState::Failed };
+        let state = if self.moved { RunState::Held } else { RunState::Failed };
         drop(self.journal.event(self.id, &event).await);
         drop(self.journal.set_state(self.id, state).await);
         (self.tell)(&event);

@@ -3,9 +3,9 @@
 use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::Program;
-use crate::planning::{Clearance, machine_time_s, touch_block};
+use crate::planning::{Clearance, end_of, machine_time_s, touch_block};
 use crate::record::event::Event;
-use crate::record::motion::{Block, Motion, Outcome};
+use crate::record::motion::{Block, Outcome};
 use crate::record::plan::{Stage, Step};
 use crate::record::reading::{Flag, Reading};
 
@@ -26,9 +26,9 @@ impl Run<'_> {
         stage: &Stage,
         stands: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
-        let tasks = self.tasks(stage, stands)?;
+        let tasks = self.tasks(stage, stands.clone())?;
         self.prove(stage, &tasks)?;
-        let mut stands = None;
+        let mut stands = stands;
         for task in tasks {
             let Task { step, block, remaining_s, ends } = task;
             let (id, repeat) = (step.id, stage.repeat);
@@ -38,6 +38,7 @@ impl Run<'_> {
                 label: step.label.clone(),
                 remaining_s,
             });
+            self.moved = true;
             let outcome = self.devices.controller.execute(block).await?;
             let reading = self.reading(&step, repeat, outcome)?;
             self.journal.reading(self.id, &reading).await?;
@@ -52,7 +53,8 @@ impl Run<'_> {
         let clearance = Clearance::above(&self.plan)?;
         let mut stands = stands;
         let mut tasks = Vec::new();
-        for step in self.plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+        let step_of = |id: &u32| self.plan.steps.iter().find(|step| step.id == *id);
+        for step in stage.steps.iter().filter_map(step_of) {
             let block =
                 touch_block(&self.plan, step, stage.repeat, stands.as_ref(), &clearance)?;
             let begins = stands.clone().unwrap_or_else(|| step.from.clone());
@@ -97,16 +99,4 @@ impl Run<'_> {
             temperatures_c: Default::default(),
         })
     }
-}
-
-/// Where the axes stand after a block: the last target named for each.
-fn end_of(block: &Block, begins: &Position) -> Position {
-    block.motions.iter().fold(begins.clone(), |stands, motion| match motion {
-        Motion::Rapid { to }
-        | Motion::BackOff { to, .. }
-        | Motion::Guarded { to, .. }
-        | Motion::Probe { to, .. } => stands.updated_by(to),
-        Motion::Orient { s } => stands.with(Axis::S, *s),
-        Motion::Dwell { .. } => stands,
-    })
 }

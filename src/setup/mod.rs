@@ -1,3 +1,55 @@
 //! Floor 6: from a machine file to the parts of a run.
 
+mod devices;
+mod error;
 pub mod machine_file;
+
+use std::path::Path;
+
+pub use devices::{Devices, Simulator, devices, simulator, world};
+pub use error::SetupError;
+pub use machine_file::MachineFile;
+
+pub use crate::controllers::grbl::firmware::Pace;
+use crate::methods::{self, Method};
+use crate::record::plan::{PLAN_VERSION, Plan};
+
+/// The machine file at `path`; without one, the embedded simulated machine.
+pub fn load(path: Option<&Path>) -> Result<MachineFile, SetupError> {
+    let file = match path {
+        Some(path) => MachineFile::read(path)?,
+        None => MachineFile::embedded()?,
+    };
+    file.check_method_names(&methods::NAMES)?;
+    Ok(file)
+}
+
+/// The method with its settings, and the plan without steps. `repeat` overrides the number of
+/// passes.
+pub fn header(
+    file: &MachineFile,
+    name: &str,
+    repeat: Option<u32>,
+) -> Result<(Box<dyn Method>, Plan), SetupError> {
+    if !methods::NAMES.contains(&name) {
+        return Err(SetupError::NoSuchMethod { name: name.to_owned() });
+    }
+    let mut method = file.method(name, |settings| methods::configure(name, settings))?;
+    if let Some(repeat) = repeat {
+        let mut settings = method.settings();
+        settings["repeats"] = repeat.into();
+        method = methods::configure(name, settings)
+            .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+    }
+    let plan = Plan {
+        trued_plan: PLAN_VERSION,
+        method: name.to_owned(),
+        settings: method.settings(),
+        machine: file.machine.clone(),
+        probe: file.probe.clone(),
+        keepout: file.keepout.clone(),
+        artefact: file.artefact.clone(),
+        steps: Vec::new(),
+    };
+    Ok((method, plan))
+}

@@ -9,11 +9,11 @@ use super::truth::FormHarmonic;
 /// The solid, standing in the table frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Flank {
-    pub foot: DVec3,
+    foot: DVec3,
     /// Columns: the artefact's own x, y and axis.
-    pub frame: DMat3,
-    pub height: f64,
-    pub profile: Profile,
+    frame: DMat3,
+    height: f64,
+    profile: Profile,
 }
 
 /// Nearest point of the surface: signed distance (negative inside) and outward normal.

@@ -6,6 +6,7 @@
 //! gap between ball and surface, plus both, falls to zero.
 
 mod drawn;
+mod error;
 mod flank;
 mod path;
 mod ramp;
@@ -14,36 +15,15 @@ mod truth;
 
 use std::collections::BTreeMap;
 
+pub use error::WorldError;
 pub use ramp::Speed;
 pub use truth::{ErrorMotion, FormHarmonic, Truth};
 
 use crate::base::{Axis, Position};
-use crate::kinematics::{KinematicsError, ParameterError};
 use crate::record::machine::{Artefact, AxisSpec, Machine, Probe};
 use path::{Limits, Path, Play};
-use ramp::first_crossing;
+use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
-
-/// A world that cannot be built, and what to change.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum WorldError {
-    #[error(transparent)]
-    Kinematics(#[from] KinematicsError),
-    #[error("[simulated]: {0}")]
-    Symbol(#[from] ParameterError),
-    #[error("[simulated] {key}: the unit behind the symbol must be {unit}")]
-    Unit { key: String, unit: &'static str },
-    #[error(
-        "[artefact]: the axis must not be zero, height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
-    )]
-    Artefact,
-    #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
-    Dynamics { axis: Axis },
-    #[error(
-        "[simulated]: ball_radius_mm, noise, drift and wavelengths must be finite and not negative"
-    )]
-    Magnitude,
-}
 
 /// What became of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -102,10 +82,9 @@ impl World {
         artefact: &Artefact,
         truth: &Truth,
     ) -> Result<Self, WorldError> {
-        check(machine, probe, truth)?;
+        error::check(machine, probe, truth)?;
         let scene = Scene::new(machine, probe, artefact, truth)?;
-        let mut command: Position = machine.axes.keys().map(|axis| (*axis, 0.0)).collect();
-        command.set(Axis::S, 0.0);
+        let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
         command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
         Ok(Self {
             scene,
@@ -202,11 +181,12 @@ impl World {
     fn closes(&self, path: &Path) -> bool {
         let margin = |fraction| self.margin(path, fraction);
         let steepest = path.steepest();
-        let open = match margin(0.0) > 0.0 {
-            true => Some(0.0),
+        let open = if margin(0.0) > 0.0 {
+            Some(0.0)
+        } else {
             // A hair beyond the opening, where the input is safely open.
-            false => first_crossing(|fraction| -margin(fraction), steepest, 0.0)
-                .map(|fraction| (fraction + 0.01 / steepest).min(1.0)),
+            first_crossing(|fraction| -margin(fraction), steepest, 0.0)
+                .map(|fraction| (fraction + FINEST_MM / steepest).min(1.0))
         };
         margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, steepest, o).is_some())
     }
@@ -241,30 +221,6 @@ impl World {
         };
         command.iter().map(rounded).collect()
     }
-}
-
-fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(), WorldError> {
-    let sound = |value: f64| value.is_finite() && value >= 0.0;
-    let mut magnitudes = vec![
-        probe.ball_radius_mm,
-        probe.repeatability_um.unwrap_or_default(),
-        probe.lobing_um,
-        probe.stylus_offset_um,
-        probe.overtravel_mm,
-        machine.drift_um_per_h,
-        truth.roughness_um,
-    ];
-    magnitudes.extend(truth.backlash_um.values());
-    for (axis, spec) in &machine.axes {
-        magnitudes.extend([spec.resolution_um, spec.error_motion_um]);
-        if !(spec.rapid_per_min > 0.0 && spec.acceleration_per_s2 > 0.0) {
-            return Err(WorldError::Dynamics { axis: *axis });
-        }
-        if spec.error_wavelength_mm <= 0.0 {
-            return Err(WorldError::Magnitude);
-        }
-    }
-    if magnitudes.into_iter().all(sound) { Ok(()) } else { Err(WorldError::Magnitude) }
 }
 
 #[cfg(test)]

@@ -54,6 +54,8 @@ pub(super) struct Path {
     from: Position,
     /// Travel of the axes that move.
     span: Position,
+    /// Where they go.
+    to: Position,
     ramp: Ramp,
     steepest: f64,
     play: Play,
@@ -78,7 +80,8 @@ impl Path {
         }
         let ramp = ramp(&span, speed, limits.axes);
         let steepest = steepest(from, &span, limits.lever);
-        Some(Self { from: from.clone(), span, ramp, steepest, play: play.clone() })
+        let to = to.only(|axis| span.get(axis).is_some());
+        Some(Self { from: from.clone(), span, to, ramp, steepest, play: play.clone() })
     }
 
     pub fn ramp(&self) -> &Ramp {
@@ -90,8 +93,12 @@ impl Path {
         self.steepest
     }
 
+    /// Exactly the target at the end.
     pub fn command(&self, fraction: f64) -> Position {
         let mut at = self.from.clone();
+        if fraction >= 1.0 {
+            return at.updated_by(&self.to);
+        }
         for (axis, travel) in self.span.iter() {
             at.set(axis, self.from.at(axis) + travel * fraction);
         }

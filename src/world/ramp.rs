@@ -58,7 +58,7 @@ impl Ramp {
 }
 
 /// Steps of the search are never shorter than this.
-const FINEST_MM: f64 = 0.01;
+pub(super) const FINEST_MM: f64 = 0.01;
 /// Width within which a crossing is located.
 const CROSSING_MM: f64 = 1e-10;
 

@@ -8,7 +8,7 @@ use super::drawn::{self, Drift, LinearErrors, Lobing};
 use super::flank::{Flank, Profile};
 use super::truth::Truth;
 use crate::base::{Axis, Point, Position};
-use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, Shape};
+use crate::kinematics::{Chain, ErrorTerm, Shape};
 use crate::record::machine::{Artefact, Machine, Probe};
 
 #[derive(Debug, Clone)]
@@ -36,7 +36,7 @@ impl Scene {
     ) -> Result<Self, WorldError> {
         let seed = truth.seed;
         let chain = Chain::new(machine)?;
-        let errors = error_terms(truth)?;
+        let errors = truth.error_terms()?;
         errors.iter().try_for_each(|term| chain.check(term.parameter))?;
         let motions = |axis| {
             let spec = machine.axes.get(&axis);
@@ -55,6 +55,11 @@ impl Scene {
             flank: flank(artefact, truth)?,
             axes_reach: reach(machine),
         })
+    }
+
+    /// The machine's axes, the spindle included where it can be oriented.
+    pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
+        self.chain.topology().axes()
     }
 
     /// Distance between ball and surface (negative: pressed in), mm. `axes`: where the axes truly
@@ -165,43 +170,4 @@ fn flank(artefact: &Artefact, truth: &Truth) -> Result<Flank, WorldError> {
     let foot =
         DVec3::from_array(*centre_mm) + DVec2::from_array(truth.centre_offset_mm).extend(0.0);
     Ok(Flank::new(foot, direction, *height_mm, profile))
-}
-
-fn error_terms(truth: &Truth) -> Result<Vec<ErrorTerm>, WorldError> {
-    let mut terms = Vec::new();
-    for (key, value) in &truth.errors {
-        terms.push(read_error(key, *value)?);
-    }
-    for motion in &truth.error_motion {
-        let values = [
-            ("cos", "um", motion.cos_um),
-            ("sin", "um", motion.sin_um),
-            ("cos", "urad", motion.cos_urad),
-            ("sin", "urad", motion.sin_urad),
-        ];
-        for (part, unit, value) in values.into_iter().filter(|(_, _, value)| *value != 0.0) {
-            let key = format!("{}_{part}{}_{unit}", motion.symbol, motion.harmonic);
-            terms.push(read_error(&key, value)?);
-        }
-    }
-    Ok(terms)
-}
-
-/// `EX0C_um = 50.0` and the like.
-fn read_error(key: &str, value: f64) -> Result<ErrorTerm, WorldError> {
-    let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
-    let (symbol, unit, scale) = units
-        .into_iter()
-        .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
-        .ok_or_else(|| WorldError::Unit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
-    let parameter: ErrorParameter = symbol.parse()?;
-    let wanted = match parameter.shape() {
-        Shape::Gain => "_um_per_m",
-        _ if parameter.component().is_linear() => "_um",
-        _ => "_urad",
-    };
-    if unit != wanted {
-        return Err(WorldError::Unit { key: key.to_owned(), unit: wanted });
-    }
-    Ok(ErrorTerm { parameter, value: value * scale })
 }

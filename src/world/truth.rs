@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::WorldError;
 use crate::base::Axis;
+use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
 
 /// The `[simulated]` table of the machine file. Whatever stands here is exactly so; sources that
 /// the machine file declares by magnitude only are drawn from `seed`.
@@ -55,4 +57,46 @@ pub struct FormHarmonic {
     pub cos_um: f64,
     #[serde(default)]
     pub sin_um: f64,
+}
+
+impl Truth {
+    /// All errors of the machine, in mm, rad and mm/mm.
+    pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, WorldError> {
+        let mut terms = Vec::new();
+        for (key, value) in &self.errors {
+            terms.push(read_error(key, *value)?);
+        }
+        for motion in &self.error_motion {
+            let values = [
+                ("cos", "um", motion.cos_um),
+                ("sin", "um", motion.sin_um),
+                ("cos", "urad", motion.cos_urad),
+                ("sin", "urad", motion.sin_urad),
+            ];
+            for (part, unit, value) in values.into_iter().filter(|(_, _, value)| *value != 0.0) {
+                let key = format!("{}_{part}{}_{unit}", motion.symbol, motion.harmonic);
+                terms.push(read_error(&key, value)?);
+            }
+        }
+        Ok(terms)
+    }
+}
+
+/// `EX0C_um = 50.0` and the like.
+fn read_error(key: &str, value: f64) -> Result<ErrorTerm, WorldError> {
+    let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
+    let (symbol, unit, scale) = units
+        .into_iter()
+        .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
+        .ok_or_else(|| WorldError::Unit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
+    let parameter: ErrorParameter = symbol.parse()?;
+    let wanted = match parameter.shape() {
+        Shape::Gain => "_um_per_m",
+        _ if parameter.component().is_linear() => "_um",
+        _ => "_urad",
+    };
+    if unit != wanted {
+        return Err(WorldError::Unit { key: key.to_owned(), unit: wanted });
+    }
+    Ok(ErrorTerm { parameter, value: value * scale })
 }

@@ -9,7 +9,7 @@ use super::outputs::{self, Output, OutputFunction};
 use super::paper::PaperForm;
 use super::settings::{Settings, Spindle};
 use super::uncertainty::{Propagated, TouchScale};
-use crate::estimation::monte_carlo::Summary;
+use crate::estimation::monte_carlo::{Summary, numerical_tolerance};
 use crate::estimation::{circle, coverage};
 use crate::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
@@ -92,7 +92,7 @@ fn reported_parameters(parts: &Parts<'_>) -> Vec<Parameter> {
 
 /// A parameter from internal value and standard uncertainty.
 fn parameter(symbol: &str, unit: Unit, value: f64, u: f64, dof: Option<f64>) -> Parameter {
-    let k = coverage::factor(dof);
+    let k = coverage::coverage_factor(dof.unwrap_or(f64::INFINITY));
     Parameter {
         symbol: symbol.to_owned(),
         value: unit.from_internal(value),
@@ -151,7 +151,7 @@ fn axis_circle(parts: &Parts<'_>) -> Option<(Vec<Parameter>, CircleFigure)> {
     let x: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ex(0, i)]).collect();
     let y: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ey(0, i)]).collect();
     let points: Vec<[f64; 2]> = x.iter().zip(&y).map(|(x, y)| [*x, *y]).collect();
-    let fitted = circle::fit(&points).ok()?;
+    let fitted = circle::fit_circle(&points).ok()?;
     let u = circle_uncertainty(parts, &points)?;
     let mut lsc = Vec::new();
     for (i, symbol) in ["EX0C_lsc", "EY0C_lsc"].into_iter().enumerate() {
@@ -187,7 +187,7 @@ fn circle_uncertainty(parts: &Parts<'_>, points: &[[f64; 2]]) -> Option<[f64; 2]
         let moved = |by: f64| {
             let mut moved = points.to_vec();
             moved[j % n][j / n] += by;
-            circle::fit(&moved).ok()
+            circle::fit_circle(&moved).ok()
         };
         let (up, down) = (moved(step)?, moved(-step)?);
         for i in 0..2 {
@@ -279,7 +279,7 @@ fn disagreement(parts: &Parts<'_>) -> Vec<String> {
             let (first_order, trials) =
                 (parts.propagated.u(i), parts.monte_carlo.standard_deviation[i]);
             let off = (first_order - trials).abs();
-            (off > coverage::tolerance(first_order, 2) && off > scatter * first_order).then(|| {
+            (off > numerical_tolerance(first_order, 2) && off > scatter * first_order).then(|| {
                 format!(
                     "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
                     output.symbol,

@@ -5,7 +5,7 @@ use faer::Mat;
 
 use super::model::{Layout, Observation};
 use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
-use crate::estimation::trigonometric::Interpolant;
+use crate::estimation::trigonometric::Trigonometric;
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;
@@ -106,7 +106,7 @@ impl HeightTerms {
     fn new(layout: &Layout, height: usize, x: &[f64]) -> Self {
         let n = layout.design.n;
         let flank: Vec<f64> = (0..n).map(|i| x[layout.w(height, i)]).collect();
-        let interpolant = Interpolant::new(&flank);
+        let interpolant = Trigonometric::new(&flank);
         let slope = (0..n).map(|i| interpolant.derivative(layout.design.angle(i))).collect();
         let radius = x[layout.radius(height)];
         let (scale, square) = scale_and_squareness(layout, height, radius);

@@ -12,7 +12,7 @@ use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, touch_sigma};
 use super::uncertainty::{Propagated, TouchScale, disturb};
 use crate::estimation::linear::LinearError;
-use crate::estimation::monte_carlo::{self, Summary, Trials};
+use crate::estimation::monte_carlo::{Summary, Trials, propagate};
 use crate::estimation::null_names;
 use crate::methods::IdentifyError;
 use crate::record::estimate::Estimate;
@@ -21,6 +21,9 @@ use crate::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
+
+/// Bound of the adaptive rule, which usually stops long before.
+const MOST_TRIALS: usize = 200_000;
 
 /// The whole identification of one plan's readings.
 pub fn identify(
@@ -81,7 +84,7 @@ fn fit(
             LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
                 rank: survey.rank,
                 unknowns: layout.unknowns(),
-                what: null_names::in_words(survey.null_space.as_ref(), &layout.names()),
+                what: null_names::name_null_space(survey.null_space.as_ref(), &layout.names()),
             },
             other => IdentifyError::Numerical(other.to_string()),
         },
@@ -124,10 +127,10 @@ fn propagate_by_trials(
     use rand::RngExt;
     use rand_distr::{Distribution, StandardNormal};
     let trials = match settings.monte_carlo_trials {
-        0 => Trials::default(),
+        0 => Trials::Adaptive { digits: 2, max: MOST_TRIALS },
         count => Trials::Fixed(count),
     };
-    monte_carlo::run(trials, MONTE_CARLO_SEED, parameters.len(), |rng, out| {
+    propagate(trials, MONTE_CARLO_SEED, parameters.len(), |rng, out| {
         let generator = std::cell::RefCell::new(rng);
         let disturbed = disturb(
             radii,
@@ -140,6 +143,7 @@ fn propagate_by_trials(
         for (value, parameter) in out.iter_mut().zip(parameters) {
             *value = dot(&parameter.coefficients, &x);
         }
+        Ok::<(), std::convert::Infallible>(())
     })
     .map_err(|error| IdentifyError::Numerical(error.to_string()))
 }
@@ -191,14 +195,4 @@ fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
         .map(|point| dot(point, x).powi(2))
         .sum();
     squares.sqrt()
-}
-
-/// Values of all outputs (parameters, then functions).
-pub fn values(parameters: &[Output], functions: &[OutputFunction], x: &[f64]) -> Vec<f64> {
-    parameters
-        .iter()
-        .map(|p| &p.coefficients)
-        .chain(functions.iter().flat_map(|f| &f.points))
-        .map(|coefficients| dot(coefficients, x))
-        .collect()
 }

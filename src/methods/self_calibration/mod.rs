@@ -119,7 +119,7 @@ fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
         .map(|(step, reading)| observe::ball_centre(plan, &chain, step, reading))
         .map(|centre| [centre.x, centre.y])
         .collect();
-    let found = circle::fit(&centres)
+    let found = circle::fit_circle(&centres)
         .map_err(|error| refused(format!("the part could not be located: {error}")))?;
     let Artefact::Cylinder { centre_mm, radius_mm, uncertainty_mm, .. } = plan.artefact;
     let reach = radius_mm + plan.probe.ball_radius_mm;

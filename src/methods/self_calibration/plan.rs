@@ -88,7 +88,7 @@ impl<'a> Planner<'a> {
                     label: format!("{LOCATE_LABEL}P{:03}", 90 * quarter),
                     ray,
                     out: part.reach + margin,
-                    inward: 2.0 * margin,
+                    inward: margin + uncertainty_mm,
                     z,
                     c: 0,
                     feed_mm_min: self.plan.probe.search_feed_mm_min,

@@ -244,7 +244,7 @@ fn paper_table_6_circle_centre() {
         let points: Vec<[f64; 2]> = (0..8)
             .map(|i| [truth(i)[0] + x[layout.ex(0, i) - 1], truth(i)[1] + x[layout.ey(0, i) - 1]])
             .collect();
-        let centre = circle::fit(&points).unwrap().centre;
+        let centre = circle::fit_circle(&points).unwrap().centre;
         for i in 0..2 {
             sum[i] += centre[i];
             squares[i] += centre[i] * centre[i];

@@ -31,10 +31,12 @@ impl TouchScale {
     /// bound); without a declaration the residuals judge.
     pub fn judge(declared: bool, chi2: f64, dof: usize) -> Self {
         let nu = dof as f64;
-        let contradicted = dof > 0 && chi2 > coverage::chi_square_bounds(dof, 0.998).1;
-        match (declared && !contradicted) || dof == 0 {
-            true => Self { factor: 1.0, dof: None },
-            false => Self { factor: (chi2 / nu).sqrt(), dof: Some(nu) },
+        let bounds = coverage::chi_square_bounds(nu, 0.998);
+        let contradicted = bounds.is_some_and(|(_, upper)| chi2 > upper);
+        if dof == 0 || (declared && !contradicted) {
+            Self { factor: 1.0, dof: None }
+        } else {
+            Self { factor: (chi2 / nu).sqrt(), dof: Some(nu) }
         }
     }
 }

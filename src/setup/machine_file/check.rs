@@ -27,6 +27,7 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
     check.not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
     check.positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
     check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
+    check.positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
     check.positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)
 }
 

@@ -11,6 +11,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
+use crate::record::estimate::Limit;
 use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe};
 
 mod artefact;
@@ -27,7 +28,6 @@ mod value;
 pub use controller::{Control, ControllerConfig, Link, Wire};
 use document::Document;
 pub use error::{MachineFileError, Problem};
-pub use tolerance::Limit;
 pub use value::{Fault, Value};
 
 /// The machine that serves when no file is given.

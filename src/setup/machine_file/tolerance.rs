@@ -4,15 +4,7 @@ use std::collections::BTreeMap;
 
 use super::document::{Document, value_problem};
 use super::error::MachineFileError;
-use crate::record::estimate::Unit;
-
-/// |value| of the parameter `symbol` may be `limit` at most, in `unit`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Limit {
-    pub symbol: String,
-    pub unit: Unit,
-    pub limit: f64,
-}
+use crate::record::estimate::{Limit, Unit};
 
 const UNITS: [(&str, Unit); 4] =
     [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm)];

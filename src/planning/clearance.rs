@@ -1,0 +1,122 @@
+//! How high Z must stand so that everything else may move.
+
+use glam::{DAffine3, DVec3};
+
+use super::PlanningError;
+use crate::base::{Axis, Point, Position, Spindle};
+use crate::kinematics::{Chain, KinematicsError};
+use crate::record::machine::{Artefact, Machine};
+use crate::record::plan::Plan;
+
+/// Free distance between the stylus ball and the highest point of the part, mm.
+const MARGIN: f64 = 10.0;
+/// Rotary axes are looked at this often on their way, rad.
+const ROTARY_STRIDE: f64 = 5.0 * std::f64::consts::PI / 180.0;
+
+/// Z commands, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// At or above it the stylus ball passes over the part, at every rotary position of the plan
+    /// and on the way between them.
+    pub safe_z: f64,
+    /// The upper end of Z, where the first block goes if nobody knows where the machine stands.
+    pub top_z: f64,
+}
+
+impl Clearance {
+    /// Above the artefact of `plan` as its steps turn it, with a margin of 10 mm and the declared
+    /// uncertainty of its place. Only the stylus ball and the artefact are looked at.
+    ///
+    /// # Errors
+    /// Z ends below that height, or goes down on a positive command; a machine without kinematics.
+    pub fn above(plan: &Plan) -> Result<Self, PlanningError> {
+        let machine = &plan.machine;
+        let seeker = Seeker {
+            chain: Chain::new(machine)?,
+            tip: Point::from_vec(DVec3::from_array(machine.tool_mm)),
+            artefact: &plan.artefact,
+        };
+        let free = MARGIN + plan.probe.ball_radius_mm + uncertainty(&plan.artefact);
+        let zero = Position::new();
+        if seeker.z_over(&zero, free + 1.0)? < seeker.z_over(&zero, free)? {
+            return Err(PlanningError::ZDown);
+        }
+        let mut needed = f64::NEG_INFINITY;
+        for pose in rotary_poses(plan) {
+            needed = needed.max(seeker.z_over(&pose, free)?);
+        }
+        let (min, max) = z_travel(machine)?;
+        if needed > max {
+            return Err(PlanningError::NoRoomAbove { needed, max });
+        }
+        Ok(Self { safe_z: needed.max(min), top_z: max })
+    }
+}
+
+struct Seeker<'a> {
+    chain: Chain,
+    tip: Point<Spindle>,
+    artefact: &'a Artefact,
+}
+
+impl Seeker<'_> {
+    /// Z command that holds the ball centre `free` above the highest point of the artefact.
+    fn z_over(&self, pose: &Position, free: f64) -> Result<f64, PlanningError> {
+        let table = self.chain.machine_from_table(pose, &[]);
+        let ball = self.chain.machine_from_spindle(pose, &[]).transform_point3(self.tip.mm);
+        let over = DVec3::new(ball.x, ball.y, highest(self.artefact, &table) + free);
+        let target = Point::from_vec(table.inverse().transform_point3(over));
+        Ok(self.chain.linear_axes_for(target, self.tip, pose, &[])?.at(Axis::Z))
+    }
+}
+
+/// Height of the highest point of the artefact in the machine frame, mm.
+fn highest(artefact: &Artefact, table: &DAffine3) -> f64 {
+    match artefact {
+        Artefact::Cylinder { centre_mm, axis, radius_mm, height_mm, .. } => {
+            let up = table.matrix3.transpose() * DVec3::Z;
+            let axis = DVec3::from_array(*axis).normalize_or_zero();
+            let foot = DVec3::from_array(*centre_mm);
+            let end = (foot + axis * *height_mm).dot(up).max(foot.dot(up));
+            // The rim: what of `up` lies across the axis.
+            table.translation.z + end + radius_mm * (up - axis * axis.dot(up)).length()
+        }
+    }
+}
+
+fn uncertainty(artefact: &Artefact) -> f64 {
+    match artefact {
+        Artefact::Cylinder { uncertainty_mm, .. } => *uncertainty_mm,
+    }
+}
+
+/// Rotary positions of the steps and, between them, on the straight way from one to the next.
+fn rotary_poses(plan: &Plan) -> Vec<Position> {
+    let rotary = |position: &Position| position.only(|axis| !axis.is_linear());
+    let mut poses: Vec<Position> =
+        plan.steps.first().map_or_else(Vec::new, |step| vec![rotary(&step.from)]);
+    for pair in plan.steps.windows(2) {
+        if let [one, next] = pair {
+            poses.extend(between(&rotary(&one.from), &rotary(&next.from)));
+        }
+    }
+    if poses.is_empty() { vec![Position::new()] } else { poses }
+}
+
+/// Positions after `one` up to and including `next`.
+fn between(one: &Position, next: &Position) -> Vec<Position> {
+    let farthest = next.iter().map(|(axis, to)| (to - one.at(axis)).abs()).fold(0.0_f64, f64::max);
+    let count = (farthest / ROTARY_STRIDE).ceil() as u32;
+    let at = |k: u32| {
+        let share = f64::from(k) / f64::from(count);
+        next.iter().map(|(axis, to)| (axis, one.at(axis) + share * (to - one.at(axis)))).collect()
+    };
+    (1..=count).map(at).collect()
+}
+
+fn z_travel(machine: &Machine) -> Result<(f64, f64), PlanningError> {
+    let topology = machine.topology.clone();
+    let missing = KinematicsError::NotInAxes { axis: Axis::Z, topology };
+    let spec = machine.axes.get(&Axis::Z).ok_or(missing)?;
+    Ok((spec.min, spec.max))
+}

@@ -1,0 +1,61 @@
+//! What cannot be planned, and what to change. Nothing has moved.
+
+use crate::base::Axis;
+use crate::kinematics::KinematicsError;
+
+/// Lengths in mm; `value`, `min` and `max` in mm or degrees.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanningError {
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+    #[error("Z would have to rise to {needed:.3} mm to pass over the part, but ends at {max} mm")]
+    NoRoomAbove { needed: f64, max: f64 },
+    #[error("a positive Z command does not lift the tool off the part")]
+    ZDown,
+    #[error("step {step}: {axis} would go to {value}, outside [{min}, {max}]")]
+    OutOfTravel { step: u32, axis: Axis, value: f64, min: f64, max: f64 },
+    #[error("step {step} moves {axis}, which the machine does not have")]
+    NoAxis { step: u32, axis: Axis },
+    #[error("step {step} is no touch")]
+    NotATouch { step: u32 },
+    #[error("step {step} does not say where {axis} stands")]
+    Incomplete { step: u32, axis: Axis },
+    #[error("step {step} turns {axis} during the touch")]
+    Turns { step: u32, axis: Axis },
+    #[error("step {step}: the touch has no length")]
+    NoLength { step: u32 },
+    #[error(
+        "step {step}: the touch is {length:.3} mm long, so its unguarded back-off could be longer than the probe's overtravel of {overtravel} mm"
+    )]
+    TooLong { step: u32, length: f64, overtravel: f64 },
+    #[error("step {step}: the stylus ball would enter `{name}`")]
+    Keepout { step: u32, name: String },
+}
+
+impl PlanningError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        let text = match self {
+            Self::Kinematics(_) => "correct [machine] and [axes] in the machine file",
+            Self::NoRoomAbove { .. } => {
+                "use a shorter stylus or a lower part, or correct [axes.Z] max, [artefact] height_mm, tool_mm"
+            }
+            Self::ZDown => "state Z after ISO 841: positive away from the part ([axes.Z] positive)",
+            Self::OutOfTravel { .. } => {
+                "move the part nearer to the middle, or correct the limits in [axes]"
+            }
+            Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
+            Self::NotATouch { .. } => "this version plans touches only",
+            Self::Incomplete { .. } | Self::Turns { .. } | Self::NoLength { .. } => {
+                "correct the step in the plan; `from` names all axes, `to` moves linear ones alone"
+            }
+            Self::TooLong { .. } => {
+                "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or the method's distances"
+            }
+            Self::Keepout { .. } => {
+                "move the part away from the box, or the machine by hand if it stands inside; or correct [[keepout]]"
+            }
+        };
+        text.to_owned()
+    }
+}

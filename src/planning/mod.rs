@@ -1,0 +1,57 @@
+//! Floor 3: from steps to motions. The touch cycle, clearances, first checks of travel and of
+//! kept-out boxes, machine time. Knows no method.
+
+mod clearance;
+mod error;
+mod keepout;
+mod limits;
+mod time;
+mod touch;
+
+pub use clearance::Clearance;
+pub use error::PlanningError;
+pub use time::machine_time_s;
+pub use touch::touch_block;
+
+use crate::base::{Axis, Position};
+use crate::record::motion::{Block, Motion};
+use crate::record::plan::Plan;
+
+/// All steps of `plan` in their order, once each, from a machine that stands nobody knows where;
+/// and the machine time in s.
+pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), PlanningError> {
+    let mut blocks = Vec::new();
+    let mut seconds = 0.0;
+    let mut stands: Option<Position> = None;
+    for step in &plan.steps {
+        let block = touch_block(plan, step, 0, stands.as_ref(), clearance)?;
+        let begins = stands.unwrap_or_default();
+        seconds += machine_time_s(&block, &begins, &plan.machine);
+        stands = Some(end_of(&block, &begins));
+        blocks.push(block);
+    }
+    Ok((blocks, seconds))
+}
+
+/// Where the axes stand after `block`: the last target of each.
+pub fn end_of(block: &Block, begins: &Position) -> Position {
+    block.motions.iter().fold(begins.clone(), |stands, motion| match target(motion) {
+        Some(to) => stands.updated_by(&to),
+        None => stands,
+    })
+}
+
+/// Where a motion goes; `None` for one that stands.
+fn target(motion: &Motion) -> Option<Position> {
+    match motion {
+        Motion::Rapid { to }
+        | Motion::BackOff { to, .. }
+        | Motion::Guarded { to, .. }
+        | Motion::Probe { to, .. } => Some(to.clone()),
+        Motion::Orient { s } => Some(Position::new().with(Axis::S, *s)),
+        Motion::Dwell { .. } => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,290 @@
+//! The touch cycle's properties, and machine time by hand.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use serde_json::json;
+
+use super::*;
+use crate::record::machine::Keepout;
+use crate::record::plan::{Step, StepKind};
+
+/// Stylus 120 mm long with a ball of 3 mm; a part 100 mm high, radius 45 mm, on the table.
+fn plan(steps: Vec<Step>) -> Plan {
+    let linear = json!({"min": -250.0, "max": 250.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
+    let height =
+        json!({"min": -50.0, "max": 450.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
+    let rotary =
+        json!({"min": -360.0, "max": 360.0, "rapid_per_min": 1800.0, "acceleration_per_s2": 300.0});
+    let mut plan: Plan = serde_json::from_value(json!({
+        "trued_plan": 1, "method": "test", "settings": {},
+        "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-S-t", "tool_mm": [0.0, 0.0, -120.0],
+            "axes": {"X": linear, "Y": linear, "Z": height, "B": rotary, "C": rotary, "S": rotary}},
+        "probe": {"ball_radius_mm": 3.0, "overtravel_mm": 4.0, "search_feed_mm_min": 300.0},
+        "artefact": {"kind": "cylinder", "centre_mm": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0],
+            "radius_mm": 45.0, "height_mm": 100.0, "uncertainty_mm": 2.0},
+    }))
+    .unwrap();
+    plan.steps = steps;
+    plan
+}
+
+fn at(axes: &[(Axis, f64)]) -> Position {
+    axes.iter().copied().collect()
+}
+
+/// A radial touch at half the part's height: from 0.5 mm clear to 1 mm beyond.
+fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
+    let place = |r: f64| {
+        at(&[(Axis::X, r * phi.cos()), (Axis::Y, r * phi.sin()), (Axis::Z, 170.0)])
+            .updated_by(&at(&[(Axis::B, b), (Axis::C, c), (Axis::S, s)]))
+    };
+    Step {
+        id,
+        stage: 0,
+        kind: StepKind::Touch,
+        label: format!("touch {id}"),
+        from: place(48.5),
+        to: place(47.0),
+        feed_mm_min: 30.0,
+        sensor: "probe".into(),
+        normal: [phi.cos(), phi.sin(), 0.0],
+    }
+}
+
+/// Part 100 + ball 3 + uncertainty 2 + margin 10 + stylus 120.
+const SAFE_Z: f64 = 235.0;
+
+fn is_near(a: &Position, b: &Position) -> bool {
+    a.iter().count() == b.iter().count()
+        && a.iter().all(|(axis, value)| b.get(axis).is_some_and(|v| (v - value).abs() < 1e-9))
+}
+
+#[test]
+fn regress_the_sequence_of_one_touch() {
+    let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
+    let clearance = Clearance::above(&plan).unwrap();
+    assert!((clearance.safe_z - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0);
+    let block = touch_block(&plan, &plan.steps[0], 2, None, &clearance).unwrap();
+    assert_eq!((block.step, block.repeat), (3, 2));
+    let z = |z| at(&[(Axis::Z, z)]);
+    let x = |x| at(&[(Axis::X, x)]);
+    let safe = clearance.safe_z;
+    let expected = [
+        Motion::Rapid { to: z(450.0) },
+        Motion::Rapid { to: at(&[(Axis::B, 0.0), (Axis::C, 1.0)]) },
+        Motion::Orient { s: 0.5 },
+        Motion::Rapid { to: at(&[(Axis::X, 48.5), (Axis::Y, 0.0)]) },
+        Motion::Rapid { to: z(safe) },
+        Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 },
+        Motion::Probe { to: x(47.0), feed_mm_min: 30.0 },
+        Motion::BackOff { to: x(48.5), feed_mm_min: 300.0 },
+        Motion::Rapid { to: z(safe) },
+    ];
+    assert_eq!(block.motions, expected);
+    // A second touch of the same point needs neither rise nor turn.
+    let stands = end_of(&block, &Position::new());
+    assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
+    let again = touch_block(&plan, &plan.steps[0], 3, Some(&stands), &clearance).unwrap();
+    assert_eq!(again.motions, expected[5..]);
+}
+
+/// Every motion of `block` obeys the rules of safe motion, whatever came before.
+fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
+    let mut stands = begins.clone();
+    let mut probe: Option<(Position, Position)> = None;
+    for motion in &block.motions {
+        let to = target(motion).unwrap();
+        let next = stands.updated_by(&to);
+        let high = |p: &Position| p.get(Axis::Z).is_some_and(|z| z >= safe_z - 1e-9);
+        let turns = to.iter().any(|(axis, _)| !axis.is_linear());
+        assert!(!turns || high(&stands), "turns low: {motion:?}");
+        match motion {
+            // Unguarded: high at both ends, or straight up.
+            Motion::Rapid { .. } if high(&stands) => assert!(high(&next), "{motion:?}"),
+            Motion::Rapid { .. } => {
+                assert!(to.iter().all(|(axis, _)| axis == Axis::Z), "{motion:?}");
+                assert!(stands.get(Axis::Z).is_none_or(|z| next.at(Axis::Z) >= z), "{motion:?}");
+                assert!(high(&next));
+            }
+            Motion::Probe { .. } => {
+                assert!(probe.is_none(), "a second probe");
+                probe = Some((stands.clone(), next.clone()));
+            }
+            Motion::BackOff { .. } => {
+                let (start, deepest) = probe.clone().expect("a back-off without a touch");
+                assert!(is_near(&next, &start), "back the way it came");
+                let square = |axis| (next.at(axis) - deepest.at(axis)).powi(2);
+                let length = Axis::LINEAR.into_iter().map(square).sum::<f64>().sqrt();
+                assert!(length > 0.0 && length <= plan.probe.overtravel_mm);
+            }
+            Motion::Guarded { .. } | Motion::Orient { .. } => {}
+            Motion::Dwell { .. } => unreachable!("a touch does not dwell"),
+        }
+        stands = next;
+    }
+    assert!(probe.is_some(), "a touch probes");
+    assert!(stands.at(Axis::Z) >= safe_z - 1e-9, "ends high");
+}
+
+#[test]
+fn regress_every_touch_of_a_cycle_is_safe() {
+    let steps: Vec<Step> = (0..24)
+        .map(|i| {
+            let turn = f64::from(i) * PI / 4.0;
+            let b = if i % 5 == 0 { 0.3 } else { 0.0 };
+            touch(i, turn, b, -(turn % 5.0), (turn * 3.0) % 6.0)
+        })
+        .collect();
+    let plan = plan(steps);
+    let clearance = Clearance::above(&plan).unwrap();
+    let parked = touch(0, 1.0, 0.0, 0.0, 0.0).from;
+    for begins in [
+        None,
+        // Low beside the part, between, and higher than the safe height.
+        Some(parked.clone()),
+        Some(parked.updated_by(&at(&[(Axis::Z, clearance.safe_z)]))),
+        Some(parked.updated_by(&at(&[(Axis::Z, 440.0)]))),
+    ] {
+        let mut stands = begins;
+        for step in &plan.steps {
+            let block = touch_block(&plan, step, 0, stands.as_ref(), &clearance).unwrap();
+            let from = stands.unwrap_or_default();
+            assert_safe(&plan, &block, &from, clearance.safe_z);
+            stands = Some(end_of(&block, &from));
+        }
+    }
+    let (blocks, seconds) = blocks(&plan, &clearance).unwrap();
+    assert_eq!(blocks.len(), 24);
+    assert!(seconds > 24.0 * 1.5);
+}
+
+/// A part 100 mm high and 45 mm in radius, tilted from 0° to 90°: its rim rises to √(100² + 45²)
+/// on the way, higher than at either end.
+#[test]
+fn regress_the_safe_height_covers_the_way_between_tilts() {
+    let plan = plan(vec![touch(0, 0.0, 0.0, 0.0, 0.0), touch(1, 0.0, FRAC_PI_2, 0.0, 0.0)]);
+    let rim = 100.0_f64.hypot(45.0) + SAFE_Z - 100.0;
+    let safe = Clearance::above(&plan).unwrap().safe_z;
+    assert!(safe <= rim + 1e-9 && safe > rim - 0.2, "{safe} against {rim}");
+}
+
+#[test]
+fn z_must_have_room_above_the_part_and_go_up() {
+    let mut low = plan(Vec::new());
+    low.machine.axes.get_mut(&Axis::Z).unwrap().max = 200.0;
+    match Clearance::above(&low) {
+        Err(PlanningError::NoRoomAbove { needed, max }) => {
+            assert!((needed - SAFE_Z).abs() < 1e-9 && max == 200.0);
+        }
+        other => panic!("{other:?}"),
+    }
+    let mut down = plan(Vec::new());
+    down.machine.axes.get_mut(&Axis::Z).unwrap().positive = crate::record::machine::Sense::Reversed;
+    assert_eq!(Clearance::above(&down), Err(PlanningError::ZDown));
+}
+
+#[track_caller]
+fn refusal(change: impl FnOnce(&mut Plan, &mut Step)) -> PlanningError {
+    let mut step = touch(7, 0.0, 0.0, 0.0, 0.0);
+    let mut plan = plan(vec![step.clone()]);
+    let clearance = Clearance::above(&plan).unwrap();
+    change(&mut plan, &mut step);
+    let error = touch_block(&plan, &step, 0, None, &clearance).unwrap_err();
+    assert!(!error.remedy().is_empty());
+    error
+}
+
+#[test]
+fn what_must_not_move_is_refused_with_its_reason() {
+    use PlanningError::*;
+    let error = refusal(|_, step| step.from.set(Axis::X, 251.0));
+    assert!(matches!(error, TooLong { step: 7, .. }), "{error}");
+    let error = refusal(|plan, _| plan.machine.axes.get_mut(&Axis::X).unwrap().max = 48.0);
+    let (axis, value, min, max) = (Axis::X, 48.5, -250.0, 48.0);
+    assert_eq!(error, OutOfTravel { step: 7, axis, value, min, max });
+    let error = refusal(|_, step| step.from.set(Axis::C, 361.0_f64.to_radians()));
+    assert!(matches!(error, Turns { axis: Axis::C, .. }), "{error}");
+    let error = refusal(|_, step| {
+        step.from.set(Axis::C, 361.0_f64.to_radians());
+        step.to.set(Axis::C, 361.0_f64.to_radians());
+    });
+    assert!(matches!(error, OutOfTravel { axis: Axis::C, .. }), "{error}");
+    let error = refusal(|_, step| step.from.set(Axis::S, f64::NAN));
+    assert!(matches!(error, OutOfTravel { axis: Axis::S, .. }), "{error}");
+    let error = refusal(|plan, _| plan.machine.axes.retain(|axis, _| *axis != Axis::S));
+    assert_eq!(error, NoAxis { step: 7, axis: Axis::S });
+    let error = refusal(|_, step| step.to = step.from.clone());
+    assert_eq!(error, NoLength { step: 7 });
+    let error = refusal(|_, step| step.kind = StepKind::Scan);
+    assert_eq!(error, NotATouch { step: 7 });
+    let error = refusal(|_, step| step.from = step.from.only(|axis| axis != Axis::B));
+    assert_eq!(error, Incomplete { step: 7, axis: Axis::B });
+}
+
+#[test]
+fn a_limit_in_degrees_may_be_reached() {
+    let full = 2.0 * PI;
+    let plan = plan(vec![touch(0, 0.0, 0.0, full, 0.0)]);
+    let clearance = Clearance::above(&plan).unwrap();
+    assert!(touch_block(&plan, &plan.steps[0], 0, None, &clearance).is_ok());
+}
+
+/// From one side of the part to the other, over the top: the ball flies at 115 mm.
+#[test]
+fn a_box_on_the_way_of_the_ball_is_refused() {
+    let mut plan = plan(vec![touch(0, 0.0, 0.0, 0.0, 0.0), touch(1, PI, 0.0, 0.0, 0.0)]);
+    let clearance = Clearance::above(&plan).unwrap();
+    let mut with_box = |min_mm: [f64; 3], max_mm: [f64; 3]| {
+        plan.keepout = vec![Keepout { name: "clamp".into(), min_mm, max_mm }];
+        blocks(&plan, &clearance)
+    };
+    let refused = Err(PlanningError::Keepout { step: 1, name: "clamp".into() });
+    assert_eq!(with_box([-20.0, -5.0, 0.0], [-10.0, 5.0, 113.0]), refused);
+    assert_eq!(with_box([-20.0, 2.5, 0.0], [-10.0, 9.0, 300.0]), refused);
+    // 115 − 3 mm of ball over 111 mm; and beside the way.
+    assert!(with_box([-20.0, -5.0, 0.0], [-10.0, 5.0, 111.0]).is_ok());
+    assert!(with_box([-20.0, 3.5, 0.0], [-10.0, 9.0, 300.0]).is_ok());
+}
+
+/// X at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
+#[test]
+fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
+    let machine = plan(Vec::new()).machine;
+    let begins = at(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 0.0), (Axis::C, 0.0)]);
+    let seconds = |motions: Vec<Motion>| {
+        machine_time_s(&Block { step: 0, repeat: 0, motions }, &begins, &machine)
+    };
+    let rapid = |axes: &[(Axis, f64)]| Motion::Rapid { to: at(axes) };
+    let cases: [(Vec<Motion>, f64); 8] = [
+        // 100 mm: 1 s and one ramp of 0.1 s.
+        (vec![rapid(&[(Axis::X, 100.0)])], 1.1),
+        // 2.5 mm never reaches full speed: 2·√(2.5/1000).
+        (vec![rapid(&[(Axis::X, -2.5)])], 0.1),
+        // 90° takes 3 s and one ramp; X beside it waits.
+        (vec![rapid(&[(Axis::X, 10.0), (Axis::C, FRAC_PI_2)])], 3.1),
+        // 50 mm of path at 10 mm/s; on it Y accelerates most: 1000/0.8 mm/s².
+        (
+            vec![Motion::Guarded {
+                to: at(&[(Axis::X, 30.0), (Axis::Y, 40.0)]),
+                feed_mm_min: 600.0,
+            }],
+            5.0 + 10.0 / 1250.0,
+        ),
+        // Half of 2 mm there at 0.5 mm/s and back at 5 mm/s.
+        (
+            vec![
+                Motion::Probe { to: at(&[(Axis::X, 2.0)]), feed_mm_min: 30.0 },
+                Motion::BackOff { to: at(&[(Axis::X, 0.0)]), feed_mm_min: 300.0 },
+            ],
+            2.0 + 0.0005 + 0.2 + 0.005,
+        ),
+        (vec![Motion::Dwell { seconds: 2.5 }], 2.5),
+        // S is unknown at first, then turns 60°.
+        (vec![Motion::Orient { s: 1.0 }, Motion::Orient { s: 1.0 + PI / 3.0 }], 2.1),
+        (vec![rapid(&[(Axis::X, 0.0)])], 0.0),
+    ];
+    for (motions, expected) in cases {
+        let actual = seconds(motions.clone());
+        assert!((actual - expected).abs() < 1e-9, "{actual} s, not {expected} s: {motions:?}");
+    }
+}

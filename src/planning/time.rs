@@ -1,0 +1,81 @@
+//! Machine time: trapezoidal speed along each straight motion.
+
+use super::target;
+use crate::base::{Axis, Position};
+use crate::record::machine::Machine;
+use crate::record::motion::{Block, Motion};
+
+/// Seconds that `block` takes from `begins`, every motion from rest to rest: the axes move together
+/// within the rapid speed and acceleration of each; a feed is that of the path in X, Y, Z, or of
+/// the rotary axes in degrees if they alone move. Where contact comes is not known: the middle of
+/// the touch is assumed. An axis that `begins` does not name takes no time for its first move.
+pub fn machine_time_s(block: &Block, begins: &Position, machine: &Machine) -> f64 {
+    let mut stands = begins.clone();
+    let mut seconds = 0.0;
+    for motion in &block.motions {
+        let Some(to) = target(motion) else {
+            if let Motion::Dwell { seconds: dwell } = motion {
+                seconds += dwell;
+            }
+            continue;
+        };
+        let (to, feed) = match motion {
+            Motion::Probe { feed_mm_min, .. } => (middle(&stands, &to), Some(*feed_mm_min)),
+            Motion::Guarded { feed_mm_min, .. } | Motion::BackOff { feed_mm_min, .. } => {
+                (to, Some(*feed_mm_min))
+            }
+            _ => (to, None),
+        };
+        seconds += motion_s(&stands, &to, feed, machine);
+        stands = stands.updated_by(&to);
+    }
+    seconds
+}
+
+fn middle(from: &Position, to: &Position) -> Position {
+    to.iter().map(|(axis, end)| (axis, (from.get(axis).unwrap_or(end) + end) / 2.0)).collect()
+}
+
+fn motion_s(from: &Position, to: &Position, feed_per_min: Option<f64>, machine: &Machine) -> f64 {
+    let ways: Vec<(Axis, f64)> = to
+        .iter()
+        .map(|(axis, end)| (axis, (end - from.get(axis).unwrap_or(end)).abs()))
+        .filter(|(_, way)| *way > 0.0)
+        .collect();
+    if ways.is_empty() {
+        return 0.0;
+    }
+    // In shares of the whole way: the axis that can least sets the pace.
+    let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
+    for (axis, way) in &ways {
+        if let Some(spec) = machine.axes.get(axis) {
+            speed = speed.min(axis.from_edge(spec.rapid_per_min) / 60.0 / way);
+            acceleration = acceleration.min(axis.from_edge(spec.acceleration_per_s2) / way);
+        }
+    }
+    if let Some(feed) = feed_per_min {
+        speed = speed.min(feed / 60.0 / feed_length(&ways));
+    }
+    trapezoid_s(speed, acceleration)
+}
+
+/// mm in X, Y, Z; degrees if only rotary axes move.
+fn feed_length(ways: &[(Axis, f64)]) -> f64 {
+    let norm = |linear: bool| {
+        ways.iter()
+            .filter(|(axis, _)| axis.is_linear() == linear)
+            .map(|(axis, way)| axis.to_edge(*way).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    if norm(true) > 0.0 { norm(true) } else { norm(false) }
+}
+
+/// Time for the distance 1 from rest to rest.
+fn trapezoid_s(speed: f64, acceleration: f64) -> f64 {
+    if speed * speed < acceleration {
+        1.0 / speed + speed / acceleration
+    } else {
+        2.0 / acceleration.sqrt()
+    }
+}

@@ -1,0 +1,117 @@
+//! One touch as a safe sequence of motions.
+
+use super::{Clearance, PlanningError, keepout, limits};
+use crate::base::{Axis, Position};
+use crate::record::motion::{Block, Motion};
+use crate::record::plan::{Plan, Step, StepKind};
+
+/// Positions nearer than this are the same, mm or rad.
+const SAME: f64 = 1e-9;
+
+/// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
+/// start, guarded down to `from`, touch towards `to`, back off to `from`, up again. It goes over
+/// the top between any two touches. A move to where an axis already stands is left out.
+///
+/// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
+/// came; so that it is never longer than the probe's overtravel, the touch must not be either.
+///
+/// `current`: where the machine stands; `None` if nobody knows, then Z goes to its upper end first.
+///
+/// # Errors
+/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel,
+/// a kept-out box on the way.
+pub fn touch_block(
+    plan: &Plan,
+    step: &Step,
+    repeat: u32,
+    current: Option<&Position>,
+    clearance: &Clearance,
+) -> Result<Block, PlanningError> {
+    check_step(plan, step)?;
+    let (near_feed, back_feed) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
+    let (from, to) = (&step.from, &step.to);
+    let height = |z: f64| Position::new().with(Axis::Z, z);
+    let safe_z = clearance.safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
+
+    let begins = current.cloned().unwrap_or_default();
+    let mut path = Path { stands: begins.clone(), motions: Vec::new() };
+    match begins.get(Axis::Z) {
+        Some(z) if z >= safe_z => {}
+        Some(_) => path.rapid(&height(safe_z)),
+        None => path.rapid(&height(clearance.top_z.max(safe_z))),
+    }
+    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
+    path.orient(from.get(Axis::S));
+    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
+    path.rapid(&height(safe_z));
+    path.feed(&height(from.at(Axis::Z)), |to| Motion::Guarded { to, feed_mm_min: near_feed });
+    path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
+    path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
+    path.rapid(&height(safe_z));
+
+    let block = Block { step: step.id, repeat, motions: path.motions };
+    limits::check(&block, &plan.machine)?;
+    keepout::check(&block, &begins, plan)?;
+    Ok(block)
+}
+
+fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
+    let id = step.id;
+    if !matches!(step.kind, StepKind::Touch | StepKind::Reference) {
+        return Err(PlanningError::NotATouch { step: id });
+    }
+    let named = |position: &Position, axis: Axis| {
+        position.get(axis).ok_or(PlanningError::Incomplete { step: id, axis })
+    };
+    let mut square = 0.0;
+    for axis in Axis::LINEAR {
+        square += (named(&step.to, axis)? - named(&step.from, axis)?).powi(2);
+    }
+    for axis in plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S) {
+        named(&step.from, *axis)?;
+    }
+    let turned = step.to.iter().find(|(axis, value)| {
+        !axis.is_linear() && step.from.get(*axis).is_none_or(|from| (from - value).abs() > SAME)
+    });
+    if let Some((axis, _)) = turned {
+        return Err(PlanningError::Turns { step: id, axis });
+    }
+    let (length, overtravel) = (square.sqrt(), plan.probe.overtravel_mm);
+    if length > overtravel + SAME {
+        return Err(PlanningError::TooLong { step: id, length, overtravel });
+    }
+    if length > SAME { Ok(()) } else { Err(PlanningError::NoLength { step: id }) }
+}
+
+/// Motions so far, and where they lead.
+struct Path {
+    stands: Position,
+    motions: Vec<Motion>,
+}
+
+impl Path {
+    fn rapid(&mut self, to: &Position) {
+        self.feed(to, |to| Motion::Rapid { to });
+    }
+
+    /// Only the axes that have somewhere to go; no motion if there is none.
+    fn feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
+        let moved: Position =
+            to.iter().filter(|(axis, value)| !self.stands_at(*axis, *value)).collect();
+        if !moved.is_empty() {
+            self.stands = self.stands.updated_by(&moved);
+            self.motions.push(motion(moved));
+        }
+    }
+
+    fn orient(&mut self, s: Option<f64>) {
+        if let Some(s) = s.filter(|s| !self.stands_at(Axis::S, *s)) {
+            self.stands.set(Axis::S, s);
+            self.motions.push(Motion::Orient { s });
+        }
+    }
+
+    fn stands_at(&self, axis: Axis, value: f64) -> bool {
+        self.stands.get(axis).is_some_and(|at| (at - value).abs() <= SAME)
+    }
+}

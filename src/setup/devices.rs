@@ -1,0 +1,108 @@
+//! Opens what the machine file names and puts it together. One simulated world is shared by
+//! everything that is simulated.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use tokio::task::JoinHandle;
+
+use super::machine_file::{Control, Link as LinkConfig, MachineFile, Wire};
+use super::{Pace, SetupError};
+use crate::base::Clock;
+use crate::base::clock::HostClock;
+use crate::controllers::Controller;
+use crate::controllers::grbl::Grbl;
+use crate::controllers::grbl::firmware::{Firmware, Options};
+use crate::gcode::Dialect;
+use crate::link::{self, Address, Link};
+use crate::world::{Truth, World};
+
+/// The machine as a run needs it.
+pub struct Devices {
+    pub controller: Controller,
+    /// The language the control is spoken to; every stage is rendered and read back before it moves.
+    pub dialect: Dialect,
+    /// Used where the control does not stamp its readings.
+    pub clock: Arc<dyn Clock>,
+}
+
+/// A simulated control on a pseudo-terminal, alive until dropped.
+pub struct Simulator {
+    pub path: PathBuf,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Size of the in-process wire, bytes.
+const WIRE_BYTES: usize = 4096;
+
+/// Open the machine's control. Call inside a tokio runtime.
+pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupError> {
+    match &file.controller.control {
+        Control::Simulated { wire: Wire::Memory } => {
+            let (near, far) = tokio::io::duplex(WIRE_BYTES);
+            let mut firmware = firmware(file, pace)?;
+            tokio::spawn(async move { drop(firmware.serve(far).await) });
+            grbl(file, Link::over("the simulated machine", near), "grbl")
+        }
+        Control::Simulated { wire: Wire::Pty } => {
+            let Simulator { path, .. } = &*Box::leak(Box::new(simulator(file, pace)?));
+            let address = Address::Serial { path: path.display().to_string(), baud: 115_200 };
+            grbl(file, link::open(&address).await?, "grbl")
+        }
+        Control::Grbl { link, dialect } => {
+            let address = match link {
+                LinkConfig::Serial { path, baud } => {
+                    Address::Serial { path: path.display().to_string(), baud: *baud }
+                }
+                LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
+            };
+            grbl(file, link::open(&address).await?, dialect)
+        }
+        Control::LinuxCnc { .. } => Err(SetupError::Settings { why: "not yet".into() }),
+    }
+}
+
+/// Serve the simulated control on a new pseudo-terminal.
+pub fn simulator(file: &MachineFile, pace: Pace) -> Result<Simulator, SetupError> {
+    let pty = link::pty()?;
+    let mut firmware = firmware(file, pace)?;
+    let path = PathBuf::from(pty.path.clone());
+    let task = tokio::spawn(async move {
+        let _client_side = pty.client_side;
+        drop(firmware.serve(pty.device).await);
+    });
+    Ok(Simulator { path, task })
+}
+
+/// The simulated truth of a machine file.
+pub fn world(file: &MachineFile) -> Result<World, SetupError> {
+    let truth: Truth = file.simulated()?.unwrap_or_default();
+    Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?)
+}
+
+fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
+    let world = Arc::new(Mutex::new(world(file)?));
+    Ok(Firmware::new(world, Options::of(&file.machine, pace)))
+}
+
+fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupError> {
+    let dialect = Dialect::named(dialect)?;
+    let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
+    Ok(Devices {
+        controller: Controller::spawn(driver, halt),
+        dialect,
+        clock: Arc::new(HostClock::start()),
+    })
+}
+
+fn tcp_address(tcp: &str) -> Result<Address, SetupError> {
+    let wrong = || SetupError::Address { tcp: tcp.to_owned() };
+    let (host, port) = tcp.rsplit_once(':').ok_or_else(wrong)?;
+    Ok(Address::Tcp { host: host.to_owned(), port: port.parse().map_err(|_| wrong())? })
+}

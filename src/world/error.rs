@@ -1,0 +1,58 @@
+//! Why a world cannot be built.
+
+use super::truth::Truth;
+use crate::base::Axis;
+use crate::kinematics::{KinematicsError, ParameterError};
+use crate::record::machine::{Machine, Probe};
+
+/// A world that cannot be built, and what to change.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WorldError {
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+    #[error("[simulated]: {0}")]
+    Symbol(#[from] ParameterError),
+    #[error("[simulated] {key}: the unit behind the symbol must be {unit}")]
+    Unit { key: String, unit: &'static str },
+    #[error(
+        "[artefact]: the axis must not be zero, height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
+    )]
+    Artefact,
+    #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
+    Dynamics { axis: Axis },
+    #[error(
+        "lengths, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative, error_wavelength_mm must be positive, and every number finite"
+    )]
+    Magnitude,
+}
+
+/// Magnitudes and speeds that no machine has.
+pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(), WorldError> {
+    let sound = |value: f64| value.is_finite() && value >= 0.0;
+    let mut magnitudes = vec![
+        probe.ball_radius_mm,
+        probe.repeatability_um.unwrap_or_default(),
+        probe.lobing_um,
+        probe.stylus_offset_um,
+        probe.overtravel_mm,
+        machine.drift_um_per_h,
+        truth.roughness_um,
+    ];
+    magnitudes.extend(truth.backlash_um.values());
+    for (axis, spec) in &machine.axes {
+        magnitudes.extend([spec.resolution_um, spec.error_motion_um]);
+        if !(spec.rapid_per_min > 0.0 && spec.acceleration_per_s2 > 0.0) {
+            return Err(WorldError::Dynamics { axis: *axis });
+        }
+        if spec.error_wavelength_mm <= 0.0 {
+            return Err(WorldError::Magnitude);
+        }
+    }
+    let form = truth.form.iter().flat_map(|h| [h.cos_um, h.sin_um]);
+    let offsets = truth.centre_offset_mm.into_iter().chain([truth.radius_offset_mm]);
+    let mut stated = truth.errors.values().copied().chain(form).chain(offsets);
+    if !stated.all(f64::is_finite) {
+        return Err(WorldError::Magnitude);
+    }
+    if magnitudes.into_iter().all(sound) { Ok(()) } else { Err(WorldError::Magnitude) }
+}

@@ -1,0 +1,69 @@
+//! One fixture: an ideal C table under X, Y, Z and an oriented spindle; each test spoils it.
+
+mod contact;
+mod motion;
+mod sources;
+
+use super::*;
+
+pub(super) struct Bench {
+    pub machine: Machine,
+    pub probe: Probe,
+    pub artefact: Artefact,
+    pub truth: Truth,
+}
+
+/// Radius of part and ball, and what the ball centre's circle has.
+pub(super) const RADIUS: f64 = 45.0;
+pub(super) const BALL: f64 = 3.0;
+pub(super) const CIRCLE: f64 = RADIUS + BALL;
+
+impl Bench {
+    pub fn ideal() -> Self {
+        let linear = "{ min = -500, max = 500, rapid_per_min = 6000, acceleration_per_s2 = 1000 }";
+        let rotary = "{ min = -360, max = 360, rapid_per_min = 1800, acceleration_per_s2 = 300 }";
+        let machine = format!(
+            "name = 'bench'\ntopology = 'w-C-B-X-F-Z-Y-S-t'\ntool_mm = [0, 0, -100]\n[axes]\n\
+             X = {linear}\nY = {linear}\nZ = {linear}\nB = {rotary}\nC = {rotary}\nS = {rotary}"
+        );
+        let artefact = format!(
+            "kind = 'cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nradius_mm = {RADIUS}"
+        );
+        Self {
+            machine: toml::from_str(&machine).unwrap(),
+            probe: toml::from_str(&format!("ball_radius_mm = {BALL}")).unwrap(),
+            artefact: toml::from_str(&artefact).unwrap(),
+            truth: Truth::default(),
+        }
+    }
+
+    pub fn axis(&mut self, axis: Axis) -> &mut AxisSpec {
+        self.machine.axes.get_mut(&axis).unwrap()
+    }
+
+    pub fn world(&self) -> World {
+        World::new(&self.machine, &self.probe, &self.artefact, &self.truth).unwrap()
+    }
+}
+
+/// Linear axes that bring the ball of the ideal machine to a point, all rotary axes at zero.
+pub(super) fn ball_at(x: f64, y: f64, z: f64) -> Position {
+    Position::new().with(Axis::X, x).with(Axis::Y, y).with(Axis::Z, z + 100.0)
+}
+
+/// Touch at half height from outside along the direction `phi` (rad), the spindle at `s`; the
+/// radius (along phi) at which the ball is displayed, and the time.
+pub(super) fn touch(world: &mut World, phi: f64, s: f64, n: u32) -> (f64, f64) {
+    let at = |radius: f64, z: f64| ball_at(radius * phi.cos(), radius * phi.sin(), z);
+    let clear = Speed::Feed { mm_min: 6000.0 };
+    let lifted = world.position().with(Axis::Z, 300.0);
+    assert!(!world.travel(&lifted, Speed::Rapid).touched);
+    world.orient(s);
+    for to in [at(60.0, 200.0), at(60.0, 50.0)] {
+        assert!(!world.travel(&to, clear).crashed);
+    }
+    let contact = world.probe(&at(40.0, 50.0), 30.0, n).contact.unwrap();
+    world.travel(&at(60.0, 50.0), clear);
+    let (x, y) = (contact.position.at(Axis::X), contact.position.at(Axis::Y));
+    (x * phi.cos() + y * phi.sin(), contact.t_s)
+}

@@ -1,0 +1,137 @@
+//! Moves: time, braking, steps of the display, lost motion, what is touched on the way.
+
+use std::f64::consts::PI;
+
+use super::*;
+
+fn rapid(world: &mut World, to: &Position) -> Travel {
+    world.travel(to, Speed::Rapid)
+}
+
+#[test]
+fn regress_time_is_that_of_the_slowest_axis() {
+    let mut world = Bench::ideal().world();
+    let up = world.position().at(Axis::Z);
+    // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
+    let long = rapid(&mut world, &Position::new().with(Axis::X, 100.0));
+    assert!((long.duration_s - 1.1).abs() < 1e-12);
+    // 1 mm never reaches full speed.
+    let short = rapid(&mut world, &Position::new().with(Axis::X, 101.0));
+    assert!((short.duration_s - 2.0 * (1e-3_f64).sqrt()).abs() < 1e-12);
+    // 90° at 30°/s and 300°/s² takes longer than 10 mm of Y beside it.
+    let both = Position::new().with(Axis::C, PI / 2.0).with(Axis::Y, 10.0);
+    assert!((rapid(&mut world, &both).duration_s - 3.1).abs() < 1e-12);
+    // 600 mm/min along a path of 50 mm.
+    let slope = Position::new().with(Axis::X, 131.0).with(Axis::Y, 50.0);
+    let feed = world.travel(&slope, Speed::Feed { mm_min: 600.0 });
+    assert!((feed.duration_s - 5.0 - 10.0 / 1250.0).abs() < 1e-12);
+    world.dwell(2.5);
+    let sum = 1.1 + short.duration_s + 3.1 + feed.duration_s + 2.5;
+    assert!((world.time_s() - sum).abs() < 1e-9);
+    assert_eq!(world.position().at(Axis::Z), up);
+}
+
+#[test]
+fn regress_the_machine_brakes_after_contact() {
+    let mut world = Bench::ideal().world();
+    for to in [ball_at(60.0, 0.0, 200.0), ball_at(60.0, 0.0, 50.0)] {
+        assert!(!rapid(&mut world, &to).touched);
+    }
+    let before = world.time_s();
+    let probed = world.probe(&ball_at(0.0, 0.0, 50.0), 300.0, 7);
+    let contact = probed.contact.unwrap();
+    assert!((contact.position.at(Axis::X) - CIRCLE).abs() < 1e-9);
+    // 12 mm at 5 mm/s, half a ramp of 5 ms before; then v²/2a.
+    assert!((contact.t_s - before - 2.4 - 0.0025).abs() < 1e-9);
+    assert!((world.position().at(Axis::X) - (CIRCLE - 0.0125)).abs() < 1e-9);
+    assert!((probed.duration_s - 2.4075).abs() < 1e-9);
+    assert!(world.tripped() && !probed.crashed);
+    // Out of contact is no new contact.
+    assert!(!rapid(&mut world, &ball_at(49.0, 0.0, 50.0)).touched);
+    assert!(!world.tripped());
+    assert_eq!(world.probe(&ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
+    assert_eq!(world.position().at(Axis::X), 48.5);
+}
+
+#[test]
+fn regress_too_fast_a_touch_crashes() {
+    let mut bench = Bench::ideal();
+    bench.axis(Axis::X).acceleration_per_s2 = 50.0;
+    bench.probe.overtravel_mm = 1.0;
+    let mut world = bench.world();
+    for to in [ball_at(80.0, 0.0, 200.0), ball_at(80.0, 0.0, 50.0)] {
+        rapid(&mut world, &to);
+    }
+    // 20 mm/s: 4 mm to rest.
+    assert!(world.probe(&ball_at(0.0, 0.0, 50.0), 1200.0, 1).crashed);
+}
+
+#[test]
+fn regress_contact_on_the_way_of_an_index_move_is_reported() {
+    let mut bench = Bench::ideal();
+    bench.truth.centre_offset_mm = [-2.0, 0.0];
+    let mut world = bench.world();
+    for to in [ball_at(CIRCLE - 1.0, 0.0, 200.0), ball_at(CIRCLE - 1.0, 0.0, 50.0)] {
+        assert!(!rapid(&mut world, &to).touched);
+    }
+    // Half a turn brings the part 3 mm into the ball, a full one takes it out again.
+    let turned = rapid(&mut world, &Position::new().with(Axis::C, PI));
+    assert!(turned.touched && !turned.crashed && world.tripped());
+    assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).touched);
+    let round = rapid(&mut world, &Position::new().with(Axis::C, 0.0));
+    assert!(round.touched && !world.tripped());
+    // Straight through the part: pressed beyond what the stylus can bear.
+    let through = rapid(&mut world, &ball_at(-60.0, 0.0, 50.0));
+    assert!(through.touched && through.crashed && !world.tripped());
+    // Over it: free.
+    for to in [ball_at(-60.0, 0.0, 104.0), ball_at(60.0, 0.0, 104.0)] {
+        assert!(!rapid(&mut world, &to).touched);
+    }
+}
+
+#[test]
+fn regress_the_display_shows_whole_steps_and_the_truth_does_not() {
+    let mut bench = Bench::ideal();
+    bench.truth.errors.insert("EX0C_um".to_owned(), 12.34567);
+    let exact = touch(&mut bench.world(), 0.0, 0.0, 1).0;
+    assert!((exact - CIRCLE - 0.01234567).abs() < 1e-9);
+    for axis in Axis::LINEAR {
+        bench.axis(axis).resolution_um = 1.0;
+    }
+    let mut world = bench.world();
+    assert!((touch(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
+    world.travel(&ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
+    assert!((world.position().at(Axis::X) - 60.0).abs() < 1e-12);
+    // Rounding would have brought contact; the ball itself stands free.
+    world.travel(&ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
+    assert!(!world.tripped() && (world.position().at(Axis::X) - 48.012).abs() < 1e-12);
+}
+
+#[test]
+fn regress_an_axis_lags_behind_its_last_direction() {
+    let mut bench = Bench::ideal();
+    bench.truth.backlash_um.insert(Axis::X, 20.0);
+    let mut world = bench.world();
+    // Moving down, X stands half the gap above its command: the command must go that much farther.
+    assert!((touch(&mut world, 0.0, 0.0, 1).0 - (CIRCLE - 0.010)).abs() < 1e-9);
+    // From the other side the same holds along the outward direction.
+    assert!((touch(&mut world, PI, 0.0, 2).0 - (CIRCLE - 0.010)).abs() < 1e-9);
+    // Y has none; X, lagging across, shortens the chord by 0.01²/96 mm.
+    assert!((touch(&mut world, PI / 2.0, 0.0, 3).0 - CIRCLE).abs() < 2e-6);
+}
+
+#[test]
+fn regress_a_retract_within_the_backlash_does_not_free_the_stylus() {
+    let mut bench = Bench::ideal();
+    bench.truth.backlash_um.insert(Axis::X, 20.0);
+    let mut world = bench.world();
+    for to in [ball_at(60.0, 0.0, 200.0), ball_at(60.0, 0.0, 50.0)] {
+        rapid(&mut world, &to);
+    }
+    world.probe(&ball_at(40.0, 0.0, 50.0), 30.0, 1);
+    let rest = world.position().at(Axis::X);
+    assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).touched);
+    assert!(world.tripped());
+    assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).touched);
+    assert!(!world.tripped());
+}

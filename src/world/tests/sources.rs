@@ -1,0 +1,178 @@
+//! What is drawn from the seed: its statistics, where it turns up, and that it comes back.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use super::super::drawn::{Drift, LinearErrors, Lobing, stylus_offset, touch_deviate};
+use super::*;
+use glam::DVec3;
+
+const SEEDS: u64 = 4000;
+
+/// Mean of `sample` over the seeds.
+fn mean(sample: impl Fn(u64) -> f64) -> f64 {
+    (0..SEEDS).map(sample).sum::<f64>() / SEEDS as f64
+}
+
+/// A variance over 4000 seeds scatters by 2.2 % of itself; 8 % is 3.6 standard deviations.
+fn assert_moment(found: f64, expected: f64, scale: f64) {
+    assert!((found - expected).abs() < 0.08 * scale, "{found} instead of {expected}");
+}
+
+#[test]
+fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
+    let draws: Vec<f64> = (0..400)
+        .flat_map(|n| (0..10).map(move |occurrence| touch_deviate(5, n, occurrence)))
+        .collect();
+    let count = draws.len() as f64;
+    let moment = |power| draws.iter().map(|d| d.powi(power)).sum::<f64>() / count;
+    assert!(moment(1).abs() < 0.05);
+    assert_moment(moment(2), 1.0, 1.0);
+    assert!((moment(4) - 3.0).abs() < 0.5);
+    let neighbours: f64 = draws.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    assert!((neighbours / count).abs() < 0.05);
+}
+
+#[test]
+fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
+    let at = |seed, phi: f64| Lobing::draw(seed, 2.0).at(DVec3::new(phi.cos(), phi.sin(), 0.0));
+    for phi in [0.0, 1.0, 4.0] {
+        assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
+        assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
+        // Σ cos(kΔ)/5 over the harmonics 2..6, Δ = 1.
+        let correlation = (2..=6).map(|k| f64::from(k).cos()).sum::<f64>() / 5.0;
+        let found = mean(|seed| at(seed, phi) * at(seed, phi + 1.0));
+        assert_moment(found, 4.0 * correlation, 4.0);
+    }
+    assert_moment(mean(|seed| stylus_offset(seed, 3.0).x.powi(2)), 9.0, 9.0);
+    assert_moment(mean(|seed| stylus_offset(seed, 3.0).y.powi(2)), 9.0, 9.0);
+    assert_moment(mean(|seed| stylus_offset(seed, 3.0).x * at(seed, 0.0)), 0.0, 6.0);
+}
+
+/// A stationary function less its value at zero: Cov = σ²(ρ(a−b) − ρ(a) − ρ(b) + 1).
+#[test]
+fn regress_linear_error_motions_have_the_declared_covariance() {
+    let (sigma, length) = (1.5, 60.0);
+    let rho = |d: f64| (-d * d / (2.0 * length * length)).exp();
+    let draw = |seed| LinearErrors::draw(seed, [sigma, length], [0.5, 200.0]);
+    let variance = sigma * sigma;
+    for (a, b) in [(40.0, 40.0), (-48.0, 48.0), (100.0, 130.0), (20.0, 300.0)] {
+        let expected = variance * (rho(a - b) - rho(a) - rho(b) + 1.0);
+        let found = mean(|seed| draw(seed).at(a, 0.0).x * draw(seed).at(b, 0.0).x);
+        assert_moment(found, expected, 2.0 * variance);
+        let across = mean(|seed| draw(seed).at(a, 0.0).y * draw(seed).at(b, 0.0).y);
+        assert_moment(across, expected, 2.0 * variance);
+        assert_moment(mean(|s| draw(s).at(a, 0.0).x * draw(s).at(b, 0.0).y), 0.0, 2.0 * variance);
+    }
+    let y = mean(|seed| draw(seed).at(0.0, 500.0).y.powi(2));
+    assert_moment(y, 2.0 * 0.25 * (1.0 - (-500.0_f64.powi(2) / 8e4).exp()), 0.5);
+    assert!(draw(1).at(0.0, 0.0).length() < 1e-15);
+}
+
+#[test]
+fn regress_linear_error_motions_move_the_true_position() {
+    let mut bench = Bench::ideal();
+    bench.truth.seed = 9;
+    bench.axis(Axis::X).error_motion_um = 3.0;
+    let drawn = LinearErrors::draw(9, [3e-3, 200.0], [0.0, 1.0]);
+    let found = touch(&mut bench.world(), PI, 0.0, 1).0;
+    // Displayed −x where x + E_XX(x) meets the part; E_YX leaves it aside by far less than 1 nm.
+    let expected = CIRCLE + drawn.at(-CIRCLE, 0.0).x;
+    assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
+    assert!((found - CIRCLE).abs() > 1e-4);
+}
+
+#[test]
+fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
+    let mut bench = Bench::ideal();
+    bench.truth.seed = 3;
+    bench.probe.stylus_offset_um = 20.0;
+    let mut world = bench.world();
+    let offset = stylus_offset(3, 0.020);
+    // The ball stands `offset` beyond the command; what lies across acts in second order only.
+    for (s, phi, beyond) in [
+        (0.0, 0.0, offset.x),
+        (0.0, FRAC_PI_2, offset.y),
+        (FRAC_PI_2, 0.0, -offset.y),
+        (FRAC_PI_2, FRAC_PI_2, offset.x),
+        (PI, 0.0, -offset.x),
+    ] {
+        assert!((touch(&mut world, phi, s, 1).0 - (CIRCLE - beyond)).abs() < 2e-5);
+    }
+    bench.probe.stylus_offset_um = 0.0;
+    bench.probe.lobing_um = 5.0;
+    let mut world = bench.world();
+    let plain = touch(&mut world, 0.3, 0.0, 2).0;
+    // The same point of the ball: the same pre-travel. Positive pre-travel triggers late.
+    assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
+    assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
+    let lobing = Lobing::draw(3, 0.005).at(DVec3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    assert!((CIRCLE - plain - lobing).abs() < 1e-9);
+}
+
+#[test]
+fn regress_drift_moves_the_table_and_grows_the_part() {
+    let mut bench = Bench::ideal();
+    bench.truth.seed = 11;
+    bench.machine.drift_um_per_h = 40.0;
+    let mut world = bench.world();
+    let drift = Drift::draw(11, 40.0);
+    for hours in [0.0, 1.0, 3.0] {
+        world.dwell(hours * 3600.0);
+        for (number, phi) in [0.0, FRAC_PI_2, PI, -FRAC_PI_2].into_iter().enumerate() {
+            let (found, t_s) = touch(&mut world, phi, 0.0, number as u32);
+            let [x, y] = world.true_axis_mm(Axis::C, 50.0, t_s);
+            let expected = CIRCLE + x * phi.cos() + y * phi.sin() + drift.radius(t_s);
+            // A centre 0.1 mm aside shortens the chord by 0.1 µm.
+            assert!((found - expected).abs() < 2e-4, "{found} instead of {expected}");
+        }
+    }
+    // 2 h are the time constant: what is left of the first rate after it is 1/e.
+    let at = |hours: f64| world.true_axis_mm(Axis::C, 50.0, hours * 3600.0)[0];
+    assert!((at(2.0) / at(4.0) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-9);
+    assert!((at(1e-3) - drift.table(3.6).x).abs() < 1e-12);
+    assert_moment(mean(|s| (Drift::draw(s, 40.0).table(3.6).x / 40e-6).powi(2)), 1.0, 1.0);
+    assert_moment(mean(|s| (Drift::draw(s, 40.0).radius(3.6) / 40e-6).powi(2)), 1.0, 1.0);
+}
+
+#[test]
+fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
+    let mut bench = Bench::ideal();
+    bench.truth.seed = 77;
+    bench.probe.repeatability_um = Some(1.0);
+    let order = |steps: [u32; 4]| -> BTreeMap<u32, f64> {
+        let mut world = bench.world();
+        steps.map(|n| (n, touch(&mut world, f64::from(n), 0.0, n).0)).into()
+    };
+    let forward = order([1, 2, 3, 4]);
+    assert_eq!(forward, order([1, 2, 3, 4]));
+    for (n, radius) in order([3, 1, 4, 2]) {
+        assert!((radius - forward[&n]).abs() < 1e-9);
+        // Late triggers for positive scatter, by the draw of (seed, n, 0).
+        assert!((radius - (CIRCLE - 1e-3 * touch_deviate(77, n, 0))).abs() < 1e-9);
+    }
+    let mut world = bench.world();
+    let twice = [0, 1].map(|_| touch(&mut world, 1.0, 0.0, 1).0);
+    assert!((twice[0] - twice[1]).abs() > 1e-6);
+    bench.truth.seed = 78;
+    assert!((touch(&mut bench.world(), 1.0, 0.0, 1).0 - twice[0]).abs() > 1e-6);
+}
+
+#[test]
+fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
+    let refused = |key: &str| {
+        let mut bench = Bench::ideal();
+        bench.truth.errors.insert(key.to_owned(), 1.0);
+        let error = World::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
+        error.unwrap_err().to_string()
+    };
+    assert!(refused("EX0C_urad").contains("EX0C_urad: the unit behind the symbol must be _um"));
+    assert!(refused("EX0C").contains("EX0C"));
+    assert!(refused("EXQ7_um").contains("EXQ7"));
+    assert!(refused("EX0A_um").contains("EX0A"));
+    let unknown = toml::from_str::<Truth>("centre_offset_um = [1, 2]").unwrap_err();
+    assert!(unknown.to_string().contains("centre_offset_mm"));
+    let mut bench = Bench::ideal();
+    bench.truth.radius_offset_mm = -RADIUS;
+    let error = World::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
+    assert_eq!(error.unwrap_err(), WorldError::Artefact);
+}

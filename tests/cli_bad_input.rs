@@ -1,0 +1,105 @@
+//! What a person gets wrong: each is refused with what to do, and nothing moves.
+
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+fn trued(state: &TempDir, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trued"))
+        .args(arguments)
+        .arg("--state")
+        .arg(state.path())
+        .output()
+        .expect("the program starts")
+}
+
+const MACHINE: &str = include_str!("../config/simulated.toml");
+
+/// Run with a changed machine file; the exit code and what was said.
+fn refused(machine: &str) -> (Option<i32>, String) {
+    let state = TempDir::new().unwrap();
+    let file = state.path().join("shop.toml");
+    std::fs::write(&file, machine).unwrap();
+    let output = trued(
+        &state,
+        &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"],
+    );
+    assert!(output.stdout.is_empty(), "an estimate in spite of everything");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn line_of(text: &str, key: &str) -> usize {
+    text.lines().position(|line| line.starts_with(key)).expect("the key") + 1
+}
+
+#[test]
+fn regress_an_unknown_key_names_file_line_key_and_the_nearest() {
+    let machine = MACHINE.replace("ball_radius_mm", "ball_radus_mm");
+    let (code, said) = refused(&machine);
+    assert_eq!(code, Some(1), "{said}");
+    let line = line_of(&machine, "ball_radus_mm");
+    assert!(said.contains(&format!("shop.toml:{line}")), "{said}");
+    assert!(said.contains("ball_radus_mm") && said.contains("`ball_radius_mm`"), "{said}");
+}
+
+#[test]
+fn regress_a_wrong_unit_names_the_right_one() {
+    let (code, said) = refused(&MACHINE.replace("\nradius_mm", "\nradius_um"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("radius_um") && said.contains("`radius_mm`"), "{said}");
+}
+
+#[test]
+fn regress_a_rank_deficient_design_names_a_better_one() {
+    let machine =
+        format!("{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
+    let (code, said) = refused(&machine);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("[0, 22.5]"), "{said}");
+}
+
+fn with_controller(lines: &str) -> String {
+    MACHINE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
+}
+
+#[test]
+fn regress_a_missing_port_says_so() {
+    let (code, said) =
+        refused(&with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
+}
+
+#[test]
+fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
+    for (answer, named) in [(None, "no answer"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "speed")] {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let server = std::thread::spawn(move || {
+            use std::io::{Read, Write};
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut buffer = [0; 256];
+            // Answer every request until the other side gives up.
+            while stream.read(&mut buffer).is_ok_and(|count| count > 0) {
+                if let Some(bytes) = answer {
+                    let _ = stream.write_all(bytes);
+                }
+            }
+        });
+        let (code, said) =
+            refused(&with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
+        assert_eq!(code, Some(1), "{said}");
+        assert!(said.contains(named), "{said}");
+        server.join().unwrap();
+    }
+}
+
+#[test]
+fn regress_usage_errors_end_with_2() {
+    let state = TempDir::new().unwrap();
+    assert_eq!(trued(&state, &["run"]).status.code(), Some(2));
+    assert_eq!(trued(&state, &["nonsense"]).status.code(), Some(2));
+    let unknown = trued(&state, &["run", "self-calibrate"]);
+    assert_eq!(unknown.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
+}

@@ -1,0 +1,135 @@
+//! The contract of `plan --json` and `identify`: another program plays the machine from the plan's
+//! JSON alone, with geometry of its own (a line meets a circle), and feeds the readings back.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Where the C axis truly stands, mm.
+const AXIS: [f64; 2] = [0.040, -0.025];
+/// Centre of the part at C = 0, mm.
+const PART: [f64; 2] = [0.7, 0.4];
+
+fn trued(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trued")).args(arguments).output().expect("the program starts")
+}
+
+fn number(value: &Value, path: &[&str]) -> f64 {
+    let found = path.iter().fold(value, |v, key| &v[*key]);
+    found.as_f64().unwrap_or_else(|| panic!("no number at {path:?}"))
+}
+
+/// Contact of one touch in X and Y, mm: the ball centre comes to `reach` from the part's axis.
+fn contact(plan: &Value, step: &Value) -> [f64; 2] {
+    let tool: Vec<f64> = (0..3).map(|i| plan["machine"]["tool_mm"][i].as_f64().unwrap()).collect();
+    let sense = match plan["machine"]["axes"]["C"]["positive"].as_str().unwrap() {
+        "iso" => 1.0,
+        _ => -1.0,
+    };
+    let c = sense * number(step, &["from", "C"]).to_radians();
+    // C positive turns the part clockwise seen from +Z (ISO 841, workpiece side).
+    let (dx, dy) = (PART[0] - AXIS[0], PART[1] - AXIS[1]);
+    let centre =
+        [AXIS[0] + c.cos() * dx + c.sin() * dy, AXIS[1] - c.sin() * dx + c.cos() * dy];
+    let reach =
+        number(plan, &["artefact", "radius_mm"]) + number(plan, &["probe", "ball_radius_mm"]);
+    let start: Vec<f64> =
+        ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["from", a]) + t).collect();
+    let end: Vec<f64> =
+        ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["to", a]) + t).collect();
+    let way = [end[0] - start[0], end[1] - start[1]];
+    let off = [start[0] - centre[0], start[1] - centre[1]];
+    let a = way[0] * way[0] + way[1] * way[1];
+    let b = way[0] * off[0] + way[1] * off[1];
+    let s = (-b - (b * b - a * (off[0] * off[0] + off[1] * off[1] - reach * reach)).sqrt()) / a;
+    assert!((0.0..=1.0).contains(&s), "step {} misses the part", step["id"]);
+    [start[0] + s * way[0] - tool[0], start[1] + s * way[1] - tool[1]]
+}
+
+/// Columns in an order of this program's own, rotary axes and times included.
+fn readings(plan: &Value) -> String {
+    let mut csv = "# trued-readings 1\n# played by another program\n".to_owned();
+    csv.push_str("t_s,c_deg,step,repeat,y_mm,x_mm,z_mm,b_deg,temp_room_c\n");
+    for (i, step) in plan["steps"].as_array().unwrap().iter().enumerate() {
+        let [x, y] = contact(plan, step);
+        let (z, b, c) = (
+            number(step, &["from", "Z"]),
+            number(step, &["from", "B"]),
+            number(step, &["from", "C"]),
+        );
+        let id = step["id"].as_u64().unwrap();
+        writeln!(csv, "{},{c},{id},0,{y},{x},{z},{b},20.5", 5 * i).unwrap();
+    }
+    csv
+}
+
+fn written(folder: &Path, name: &str, text: &str) -> String {
+    let file = folder.join(name);
+    std::fs::write(&file, text).unwrap();
+    file.display().to_string()
+}
+
+#[test]
+fn regress_another_program_plays_the_plan_and_feeds_identify() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = trued(&["plan", "self-calibration", "--json"]);
+    assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
+    let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
+    assert_eq!(plan["trued_plan"], 1);
+
+    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let csv_file = written(folder.path(), "readings.csv", &readings(&plan));
+    let identified = trued(&[
+        "identify",
+        "self-calibration",
+        "--plan",
+        &plan_file,
+        "--readings",
+        &csv_file,
+        "--json",
+    ]);
+    assert!(identified.status.success(), "{}", String::from_utf8_lossy(&identified.stderr));
+    let estimate: Value = serde_json::from_slice(&identified.stdout).unwrap();
+    for (symbol, truth) in [("EX0C", AXIS[0]), ("EY0C", AXIS[1])] {
+        let parameters = estimate["parameters"].as_array().unwrap();
+        let found = parameters.iter().find(|p| p["symbol"] == symbol).unwrap();
+        assert_eq!(found["unit"], "um");
+        let off = number(found, &["value"]) - truth * 1e3;
+        // Exact geometry; what remains is of third order in the offsets.
+        assert!(off.abs() < 0.2, "{symbol} is off by {off} um");
+    }
+}
+
+/// Each bad file: a piece of the message that names the trouble. Nothing is taken silently.
+#[test]
+fn regress_bad_readings_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = trued(&["plan", "self-calibration", "--json"]);
+    let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
+    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let good = readings(&plan);
+    let line = |n: usize| good.lines().nth(n).unwrap().to_owned();
+    let cases = [
+        ("a missing step", good.replace(&format!("{}\n", line(20)), ""), "lack step 17"),
+        ("a duplicate", format!("{good}{}\n", line(20)), "twice"),
+        ("NaN", good.replacen(",20.5", ",NaN", 1), "line 4"),
+        ("a truncated line", good[..good.len() - 30].to_owned(), "line"),
+        ("an unknown column", good.replacen("x_mm", "x_mmm", 1), "x_mm"),
+    ];
+    for (what, csv, named) in cases {
+        let csv_file = written(folder.path(), "bad.csv", &csv);
+        let refused = trued(&[
+            "identify",
+            "self-calibration",
+            "--plan",
+            &plan_file,
+            "--readings",
+            &csv_file,
+        ]);
+        let said = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(1), "{what}: {said}");
+        assert!(said.contains(named), "{what}: {said}");
+    }
+}

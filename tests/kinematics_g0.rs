@@ -1,0 +1,292 @@
+//! Gate G0 (METHODS.md section 0): the chain against a second way of building it, its Jacobian
+//! against finite differences, its inverse against itself.
+
+use std::f64::consts::PI;
+
+use glam::{DMat4, DVec3, DVec4};
+use rand::{Rng, RngExt};
+use trued::base::{Axis, Point, Position, Spindle, random};
+use trued::kinematics::{Chain, ErrorParameter, ErrorTerm, Topology};
+use trued::record::machine::{AxisSpec, Machine, Sense};
+
+const LOCATIONS_AND_GAINS_13: [&str; 13] = [
+    "EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1",
+    "EZZ1",
+];
+
+/// Axes of `reversed` turn against ISO 841; rotary axes pass through points off the origin.
+fn machine(topology: &str, reversed: &[Axis]) -> Machine {
+    let parsed: Topology = topology.parse().unwrap();
+    let spec = |axis: Axis| -> AxisSpec {
+        let mut spec: AxisSpec = serde_json::from_str(r#"{"min":-400,"max":400}"#).unwrap();
+        if reversed.contains(&axis) {
+            spec.positive = Sense::Reversed;
+            spec.point_mm = [12.5, -7.25, 3.0];
+        }
+        spec
+    };
+    Machine {
+        name: "g0".into(),
+        topology: topology.into(),
+        axes: parsed.axes().map(|axis| (axis, spec(axis))).collect(),
+        tool_mm: [0.0; 3],
+        drift_um_per_h: 0.0,
+    }
+}
+
+fn parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
+    names.iter().map(|name| name.as_ref().parse().unwrap()).collect()
+}
+
+/// All six location errors of every axis, and the gains of the linear ones along all directions
+/// but two times their own: 42 on a machine of five axes and spindle.
+fn full_42() -> Vec<ErrorParameter> {
+    let mut names = Vec::new();
+    for axis in ["X", "Y", "Z", "B", "C", "S"] {
+        names.extend(["X", "Y", "Z", "A", "B", "C"].map(|k| format!("E{k}0{axis}")));
+    }
+    names.extend(["XX", "YY", "ZZ", "YX", "ZY", "XZ"].map(|pair| format!("E{pair}1")));
+    parameters(&names)
+}
+
+/// Six error motions of each rotary axis of `axes`: harmonics 1 and 2, and table entries.
+fn error_motions(axes: &[&str]) -> Vec<ErrorParameter> {
+    let mut names = Vec::new();
+    for axis in axes {
+        for k in ["X", "Y", "Z", "A", "B", "C"] {
+            names.extend(["sin1", "cos1", "sin2", "cos2"].map(|n| format!("E{k}{axis}_{n}")));
+        }
+        names.extend((0..4).map(|entry| format!("EA{axis}_{entry}/4")));
+    }
+    parameters(&names)
+}
+
+/// Every parameter at a random value: up to 0.1 mm, 1 mrad, 1e-4.
+fn errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<ErrorTerm> {
+    let value = |name: &str, random: &mut _| -> f64 {
+        let angular = name.starts_with("EA") || name.starts_with("EB") || name.starts_with("EC");
+        let scale = if name.ends_with('1') && !name.contains('_') {
+            1e-4
+        } else if angular {
+            1e-3
+        } else {
+            0.1
+        };
+        scale * uniform(random)
+    };
+    parameters
+        .iter()
+        .map(|p| ErrorTerm { parameter: *p, value: value(&p.to_string(), random) })
+        .collect()
+}
+
+/// Uniform in [-1, 1].
+fn uniform(random: &mut impl Rng) -> f64 {
+    random.random_range(-1.0..=1.0)
+}
+
+fn pose(random: &mut impl Rng) -> Position {
+    let scale = |axis: Axis| if axis.is_linear() { 200.0 } else { PI };
+    Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform(random))).collect()
+}
+
+fn tip(random: &mut impl Rng) -> Point<Spindle> {
+    Point::new(5.0 * uniform(random), 5.0 * uniform(random), -150.0 + 50.0 * uniform(random))
+}
+
+fn with(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<ErrorTerm> {
+    let mut changed = errors.to_vec();
+    changed[index].value += change;
+    changed
+}
+
+/// Largest deviation of a Jacobian column from 4th-order central differences, relative to the
+/// norm of the differences, over 20 random poses.
+fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) -> f64 {
+    let chain = Chain::new(&machine(topology, reversed)).unwrap();
+    let mut random = random::stream(7, &[topology.len() as u64, set.len() as u64]);
+    let mut worst: f64 = 0.0;
+    for _ in 0..20 {
+        let (pose, tip) = (pose(&mut random), tip(&mut random));
+        let errors = errors(set, &mut random);
+        let columns = chain.jacobian(&pose, tip, &errors, set);
+        assert_eq!(columns.len(), set.len());
+        for (index, (column, parameter)) in columns.iter().zip(set).enumerate() {
+            chain.check(*parameter).unwrap();
+            // Linear in translations, so a long step; angles carry the pose's curvature.
+            let h = if parameter.component().is_linear() { 0.5 } else { 2e-3 };
+            let at = |k: f64| chain.tip_in_table(&pose, tip, &with(&errors, index, k * h)).mm;
+            let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
+            // Entries of a table are exactly zero away from their own angle.
+            if parameter.factor(pose.at(parameter.axis())) == 0.0 {
+                assert_eq!(column.length(), 0.0);
+            } else {
+                worst = worst.max((*column - difference).length() / difference.length());
+            }
+        }
+    }
+    worst
+}
+
+#[track_caller]
+fn check_jacobian(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) {
+    let worst = worst_relative_deviation(topology, reversed, set);
+    println!("{topology}, {} parameters: {worst:.1e}", set.len());
+    assert!(worst <= 1e-9, "{topology}, {} parameters: {worst:e}", set.len());
+}
+
+#[test]
+fn regress_jacobian_of_13_parameters() {
+    check_jacobian("wCBXFZYSt", &[], &parameters(&LOCATIONS_AND_GAINS_13));
+}
+
+#[test]
+fn regress_jacobian_of_42_parameters() {
+    assert_eq!(full_42().len(), 42);
+    check_jacobian("wCBXFZYSt", &[], &full_42());
+    check_jacobian("wCBXFZYSt", &[Axis::B, Axis::C, Axis::X, Axis::S], &full_42());
+}
+
+#[test]
+fn regress_jacobian_with_error_motions() {
+    let mut set = error_motions(&["B", "C"]);
+    set.extend(parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
+    check_jacobian("wCBFXYZt", &[], &set);
+    check_jacobian("wCBFXYZt", &[Axis::B, Axis::C], &set);
+}
+
+#[test]
+fn regress_jacobian_of_other_machines() {
+    let locations = |axes: &[&str]| {
+        let mut names = vec!["EXX1".to_owned(), "EYY1".to_owned(), "EZZ1".to_owned()];
+        for axis in axes {
+            names.extend(["X", "Y", "Z", "A", "B", "C"].map(|k| format!("E{k}0{axis}")));
+        }
+        parameters(&names)
+    };
+    check_jacobian("wCAYFXZt", &[], &locations(&["C", "A", "Y", "X", "Z"]));
+    check_jacobian("wCAYFXZt", &[Axis::A, Axis::Y], &locations(&["C", "A", "Y", "X", "Z"]));
+    check_jacobian("wCBbYXZ(C)t", &[], &locations(&["C", "B", "Y", "X", "Z", "S"]));
+    check_jacobian("wAFXYZBt", &[], &locations(&["A", "X", "Y", "Z", "B"]));
+    check_jacobian("wAFXYZBt", &[Axis::B], &locations(&["A", "X", "Y", "Z", "B"]));
+}
+
+/// Homogeneous matrices written out element by element, as in a textbook (row by row).
+fn htm(rows: [[f64; 4]; 3]) -> DMat4 {
+    let [x, y, z] = rows.map(DVec4::from_array);
+    DMat4::from_cols(x, y, z, DVec4::W).transpose()
+}
+
+fn d_xyz(x: f64, y: f64, z: f64) -> DMat4 {
+    htm([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]])
+}
+
+fn d_a(a: f64) -> DMat4 {
+    let (s, c) = a.sin_cos();
+    htm([[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0]])
+}
+
+fn d_b(b: f64) -> DMat4 {
+    let (s, c) = b.sin_cos();
+    htm([[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0]])
+}
+
+fn d_c(c: f64) -> DMat4 {
+    let (s, c) = c.sin_cos();
+    htm([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+}
+
+/// Paper 2, Eq. (1): ʳT_w = D_x D_y D_z D_a D_b D_c(BY) D_b(−B) D_x(δx_CB) D_a(α_CB) D_c(−C), with
+/// the location errors of its Table 1; here at values a thousand times the paper's as well, so that
+/// the order of the factors shows.
+#[test]
+fn paper_2_equation_1_is_the_workpiece_branch() {
+    let chain = Chain::new(&machine("wCBFXYZt", &[])).unwrap();
+    let mut random = random::stream(2, &[]);
+    let mut worst: f64 = 0.0;
+    for round in 0..200 {
+        let scale = if round % 2 == 0 { 1.0 } else { 1000.0 };
+        let [dx, dy, dz, dx_cb] =
+            [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform(&mut random));
+        let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform(&mut random));
+        let names = ["EX0B", "EY0B", "EZ0B", "EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
+        let values = [dx, dy, dz, a, b, c, dx_cb, a_cb];
+        // The order of the terms must not matter: the chain itself keeps X, Y, Z, A, B, C.
+        let errors: Vec<ErrorTerm> = parameters(&names)
+            .into_iter()
+            .zip(values)
+            .rev()
+            .map(|(parameter, value)| ErrorTerm { parameter, value })
+            .collect();
+        let pose = pose(&mut random);
+        let product = d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.at(Axis::B));
+        let product = product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.at(Axis::C));
+        let point = DVec3::new(80.0, -60.0, 60.0);
+        let expected = product.transform_point3(point);
+        let actual = chain.machine_from_table(&pose, &errors).transform_point3(point);
+        worst = worst.max(actual.distance(expected));
+    }
+    println!("worst deviation from Eq. (1): {worst:.1e} mm");
+    assert!(worst <= 1e-12, "{worst:e} mm");
+}
+
+/// Paper 4, Eq. (2), with the machine of its Table 2 (X, B, C under the table; Z, Y, S at the tool):
+/// the whole machine a second way, each error written where METHODS.md section 0 puts it.
+#[test]
+fn paper_4_machine_as_plain_matrix_products() {
+    let chain = Chain::new(&machine("wCBXFZYSt", &[])).unwrap();
+    let values = [
+        -11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6,
+        21e-6,
+    ];
+    let errors: Vec<ErrorTerm> = parameters(&LOCATIONS_AND_GAINS_13)
+        .into_iter()
+        .zip(values)
+        .map(|(parameter, value)| ErrorTerm { parameter, value })
+        .collect();
+    let [ea0b, ec0b, ex0c, ea0c, eb0c, eb0z, ea0y, ec0y, ey0s, ex0s, exx1, eyy1, ezz1] = values;
+    let mut random = random::stream(4, &[]);
+    for _ in 0..100 {
+        let (pose, tip) = (pose(&mut random), tip(&mut random));
+        let q = |axis: Axis| pose.at(axis);
+        let workpiece = d_xyz(-q(Axis::X) * (1.0 + exx1), 0.0, 0.0)
+            * (d_a(ea0b) * d_c(ec0b) * d_b(-q(Axis::B)))
+            * (d_xyz(ex0c, 0.0, 0.0) * d_a(ea0c) * d_b(eb0c) * d_c(-q(Axis::C)));
+        let tool = (d_b(eb0z) * d_xyz(0.0, 0.0, q(Axis::Z) * (1.0 + ezz1)))
+            * (d_a(ea0y) * d_c(ec0y) * d_xyz(0.0, q(Axis::Y) * (1.0 + eyy1), 0.0))
+            * (d_xyz(ex0s, ey0s, 0.0) * d_c(q(Axis::S)));
+        let expected = workpiece.inverse().transform_point3(tool.transform_point3(tip.mm));
+        let actual = chain.tip_in_table(&pose, tip, &errors).mm;
+        // The general matrix inverse of this second way rounds more than the chain itself.
+        assert!(actual.distance(expected) <= 5e-12, "{:e}", actual.distance(expected));
+    }
+}
+
+#[test]
+fn regress_inverse_of_forward_is_identity() {
+    let machines: [(&str, &[Axis], Vec<ErrorParameter>); 5] = [
+        ("wCBXFZYSt", &[], full_42()),
+        ("wCBFXYZt", &[Axis::B, Axis::C], error_motions(&["B", "C"])),
+        ("wCAYFXZt", &[Axis::A], parameters(&["EA0Y", "EC0Y", "EX0A", "EB0C"])),
+        ("wCBbYXZ(C)t", &[], parameters(&["EA0Y", "EC0Y", "EX0S", "EB0C", "EB0Z"])),
+        ("wAFXYZBt", &[Axis::X], parameters(&["EA0Y", "EC0Y", "EX0A", "EB0Z", "EX0B"])),
+    ];
+    let mut random = random::stream(11, &[]);
+    let mut worst: f64 = 0.0;
+    for (topology, reversed, set) in machines {
+        let chain = Chain::new(&machine(topology, reversed)).unwrap();
+        for _ in 0..50 {
+            let (pose, tip) = (pose(&mut random), tip(&mut random));
+            let errors = errors(&set, &mut random);
+            let target = chain.tip_in_table(&pose, tip, &errors);
+            let found = chain.linear_axes_for(target, tip, &pose, &errors).unwrap();
+            for (axis, value) in found.iter() {
+                assert!(axis.is_linear());
+                worst = worst.max((value - pose.at(axis)).abs());
+            }
+            assert_eq!(found.iter().count(), 3);
+        }
+    }
+    println!("worst inverse of forward: {worst:.1e} mm");
+    assert!(worst <= 1e-11, "{worst:e} mm");
+}

@@ -1,0 +1,45 @@
+//! Somebody else's program: plays a plan on a simulated machine, knowing only the plan.
+
+use trued::base::{Axis, Position};
+use trued::methods::{Method, Next, Source};
+use trued::record::plan::{Plan, Stage, Step};
+use trued::record::reading::{Flag, Reading};
+use trued::world::{Speed, World};
+
+/// Play one step: over the part, down, touch, back, up.
+pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
+    let rapid = |world: &mut World, to: &Position| {
+        assert!(!world.travel(to, Speed::Rapid).touched, "touched on the way to {}", step.label);
+    };
+    rapid(world, &Position::new().with(Axis::Z, 250.0));
+    rapid(world, &step.from.only(|axis| !axis.is_linear()));
+    rapid(world, &step.from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
+    rapid(world, &step.from.only(|axis| axis == Axis::Z));
+    let linear = step.to.only(Axis::is_linear);
+    let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
+    world.travel(&step.from.only(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
+    Reading {
+        step: step.id,
+        repeat,
+        position: contact.position,
+        value_mm: None,
+        sensor: step.sensor.clone(),
+        t_s: contact.t_s,
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    }
+}
+
+/// Measure a whole method on `world`; the plan grows with its stages.
+pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan, Vec<Reading>) {
+    let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
+    loop {
+        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
+        let Next::Stage { stage, new_steps } = next else { return (plan, readings) };
+        plan.steps.extend(new_steps);
+        for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+            readings.push(play(world, step, stage.repeat));
+        }
+        done.push(stage);
+    }
+}
