@@ -26,7 +26,7 @@ const SCRIPT: &str = include_str!("monte_carlo_numpy.py");
 fn main() -> Result<(), Box<dyn Error>> {
     let gain = gain()?;
     let estimate = estimate(gain.nrows());
-    let (ours_s, ours) = ours(&gain, &estimate);
+    let (ours_s, ours) = ours(&gain, &estimate)?;
     println!(
         "trued: {ours_s:.3} s for {TRIALS} trials on {} threads",
         rayon::current_num_threads()
@@ -52,9 +52,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Best of five: seconds, and the standard deviations (mm) of 26 unknowns, centre and radius.
-fn ours(gain: &Mat<f64>, estimate: &[f64]) -> (f64, Vec<f64>) {
+fn ours(gain: &Mat<f64>, estimate: &[f64]) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
     let sigma = vec![U_MM; gain.ncols()];
-    let propagation = LinearPropagation { gain: gain.as_ref(), sigma: &sigma, estimate };
+    let propagation = LinearPropagation::new(gain.as_ref(), &sigma, estimate)?;
     let origin = [0.0; BLOCK];
     let circle = |x: &[f64], out: &mut [f64]| {
         let column = |j: usize| &x[j * BLOCK..][..BLOCK];
@@ -73,7 +73,7 @@ fn ours(gain: &Mat<f64>, estimate: &[f64]) -> (f64, Vec<f64>) {
         best = best.min(start.elapsed().as_secs_f64());
         deviations = moments.iter().map(|moments| moments.standard_deviation()).collect();
     }
-    (best, deviations)
+    Ok((best, deviations))
 }
 
 fn exact(gain: &Mat<f64>) -> Vec<f64> {

@@ -115,6 +115,11 @@ impl Position {
         merged
     }
 
+    /// As it reads back from a file: rotary positions in whole steps of 1e-9 degrees.
+    pub fn as_written(&self) -> Position {
+        self.iter().map(|(axis, value)| (axis, axis.from_edge(axis.to_edge(value)))).collect()
+    }
+
     /// Only the axes for which `keep` holds.
     pub fn only(&self, keep: impl Fn(Axis) -> bool) -> Position {
         Position(self.iter().filter(|(axis, _)| keep(*axis)).collect())

@@ -13,6 +13,7 @@ use crate::record::motion::{Block, Outcome};
 
 mod error;
 pub mod grbl;
+pub mod linuxcnc;
 
 pub use error::ControllerError;
 

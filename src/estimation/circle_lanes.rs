@@ -30,7 +30,7 @@ impl WithSimd for Fit<'_> {
         for start in (0..sets).step_by(S::F64_LANES) {
             let lanes = start..sets.min(start + S::F64_LANES);
             let point = |p: usize| {
-                let of = |columns: &[&[f64]]| simd.partial_load_f64s(&columns[p][lanes.clone()]);
+                let of = |columns: &[&[f64]]| load(simd, &columns[p][lanes.clone()]);
                 [of(self.x), of(self.y)]
             };
             let points = self.x.len().min(self.y.len());
@@ -40,6 +40,13 @@ impl WithSimd for Fit<'_> {
             simd.partial_store_f64s(&mut radius[lanes.clone()], circle[2]);
         }
     }
+}
+
+/// A full register where there are enough values, else what there is and zeros.
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[f64]) -> S::f64s {
+    let (full, _) = S::as_simd_f64s(values);
+    full.first().copied().unwrap_or_else(|| simd.partial_load_f64s(values))
 }
 
 #[inline(always)]

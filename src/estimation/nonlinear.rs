@@ -63,26 +63,25 @@ pub fn minimise(
     settings: &Settings,
     mut model: impl FnMut(&[f64]) -> Linearised,
 ) -> Result<NonlinearSolution, NonlinearError> {
+    let threshold = settings.rank_threshold;
     let mut x = start.to_vec();
     let mut point = model(&x);
     let mut damping = settings.damping;
-    let mut pending = f64::INFINITY;
     for evaluations in 1..=settings.max_steps {
-        let newton = step(&point, sigma, constraints, settings.rank_threshold);
-        if let Ok(found) = &newton {
-            pending = size(found, &x);
-            if pending <= settings.tolerance {
-                return Ok(finish(found.clone(), x, &point, sigma, evaluations));
+        let newton = match step(&point, sigma, constraints, threshold) {
+            Ok(found) if size(&found, &x) <= settings.tolerance => {
+                return Ok(finish(found, x, &point, sigma, evaluations));
             }
-        }
+            Err(LinearError::Malformed(why)) => return Err(LinearError::Malformed(why).into()),
+            found => found,
+        };
         let Some(lambda) = damping else {
             x = moved(&x, &newton?.x);
             point = model(&x);
             continue;
         };
-        let damped =
-            step(&augmented(&point, sigma, lambda), &padded(sigma, x.len()), constraints, 0.0)?;
-        let trial = moved(&x, &damped.x);
+        let (damped, ones) = augmented(&point, sigma, lambda);
+        let trial = moved(&x, &step(&damped, &ones, constraints, 0.0)?.x);
         let next = model(&trial);
         // Written so that a NaN is refused.
         if chi2(&next.residuals, sigma) <= chi2(&point.residuals, sigma) {
@@ -92,11 +91,8 @@ pub fn minimise(
             damping = Some(lambda.max(1e-12) * 2.0);
         }
     }
-    let last = step(&point, sigma, constraints, settings.rank_threshold)?;
-    Err(NonlinearError::NotConverged {
-        evaluations: settings.max_steps,
-        step: if pending.is_finite() { pending } else { size(&last, &x) },
-    })
+    let pending = size(&step(&point, sigma, constraints, threshold)?, &x);
+    Err(NonlinearError::NotConverged { evaluations: settings.max_steps, step: pending })
 }
 
 fn step(
@@ -109,8 +105,8 @@ fn step(
     solve(&LinearProblem { a, y: &point.residuals, sigma, constraints, rank_threshold })
 }
 
-/// The rows with √λ·(weighted column norm) added below for each unknown, value 0, sigma 1.
-fn augmented(point: &Linearised, sigma: &[f64], lambda: f64) -> Linearised {
+/// The rows with √λ·(weighted column norm) added below for each unknown, value 0; and their sigmas.
+fn augmented(point: &Linearised, sigma: &[f64], lambda: f64) -> (Linearised, Vec<f64>) {
     let a = &point.jacobian;
     let (rows, unknowns) = (a.nrows(), a.ncols());
     let norm = |j: usize| -> f64 {
@@ -123,12 +119,11 @@ fn augmented(point: &Linearised, sigma: &[f64], lambda: f64) -> Linearised {
         i if i - rows == j => weights[j],
         _ => 0.0,
     });
-    let zeros = std::iter::repeat_n(0.0, unknowns);
-    Linearised { residuals: point.residuals.iter().copied().chain(zeros).collect(), jacobian }
-}
-
-fn padded(sigma: &[f64], unknowns: usize) -> Vec<f64> {
-    sigma.iter().copied().chain(std::iter::repeat_n(1.0, unknowns)).collect()
+    let extended = |values: &[f64], by: f64| -> Vec<f64> {
+        values.iter().copied().chain(std::iter::repeat_n(by, unknowns)).collect()
+    };
+    let residuals = extended(&point.residuals, 0.0);
+    (Linearised { residuals, jacobian }, extended(sigma, 1.0))
 }
 
 /// The largest move in standard uncertainties, less what rounding of `x` can cause.

@@ -172,6 +172,7 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
         ("X1", "no motion"),
         ("G10 L2 P1 X5", "offset"),
         ("G10 L20 P1 X0", "L2"),
+        ("M66 P0 L3 Q1", "L0"),
         ("G0 X1 (open", "comment"),
         ("o100 while [1]", "conditions"),
         ("o<a> if [1]\nG0 X1\no<a> endif", ""),

@@ -1,3 +1,8 @@
 //! Floor 5: files and pages for people and programs; knows kinds of figure, never methods.
 
+mod figure;
+mod number;
+pub mod page;
 pub mod readings_csv;
+#[cfg(test)]
+mod tests;

@@ -8,11 +8,11 @@ use tokio::task::JoinHandle;
 
 use super::machine_file::{Control, Link as LinkConfig, MachineFile, Wire};
 use super::{Pace, SetupError};
-use crate::base::Clock;
 use crate::base::clock::HostClock;
+use crate::base::Clock;
 use crate::controllers::Controller;
-use crate::controllers::grbl::Grbl;
 use crate::controllers::grbl::firmware::{Firmware, Options};
+use crate::controllers::grbl::Grbl;
 use crate::gcode::Dialect;
 use crate::link::{self, Address, Link};
 use crate::world::{Truth, World};
@@ -92,11 +92,10 @@ fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
 }
 
 fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupError> {
-    let dialect = Dialect::named(dialect)?;
-    let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
+    let (driver, halt) = Grbl::new(link, &file.machine, Dialect::named(dialect)?);
     Ok(Devices {
         controller: Controller::spawn(driver, halt),
-        dialect,
+        dialect: Dialect::named(dialect)?,
         clock: Arc::new(HostClock::start()),
     })
 }

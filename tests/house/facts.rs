@@ -17,6 +17,7 @@ pub struct Reference {
     pub module: Path,
     pub segments: Path,
     pub line: usize,
+    pub in_test: bool,
 }
 
 pub struct Function {
@@ -82,6 +83,7 @@ impl Facts {
             module: self.module.clone(),
             segments,
             line: span.start().line,
+            in_test: self.tests > 0,
         });
     }
 

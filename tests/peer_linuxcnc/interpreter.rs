@@ -150,7 +150,7 @@ fn block(step: u32) -> Block {
     let feeds = [feed(3000.0), feed(60.0), feed(1000.0)];
     let motions = vec![
         Motion::Rapid { to: some(rng, &[Z]) },
-        Motion::Orient { s: rng.random_range(0.0..6.28) },
+        Motion::Orient { s: rng.random_range(0.0..std::f64::consts::TAU) },
         Motion::Rapid { to: some(rng, &[A, B, C]) },
         Motion::Guarded { to: some(rng, &[X, Y]), feed_mm_min: feeds[0] },
         Motion::Guarded { to: some(rng, &[Z]), feed_mm_min: feeds[0] },

@@ -3,11 +3,12 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::NormalLanes;
 use crate::base::random::stream;
+use crate::estimation::linear::LinearError;
 
 /// Trials side by side: the length of a column.
 pub const BLOCK: usize = 512;
@@ -16,14 +17,11 @@ const CHUNK_BLOCKS: usize = 32;
 const LANES: usize = 8;
 
 /// Independent normal inputs through a linear identification.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct LinearPropagation<'a> {
-    /// Unknowns × rows.
-    pub gain: MatRef<'a, f64>,
-    /// Standard uncertainty of each row.
-    pub sigma: &'a [f64],
-    /// The estimate, about which the unknowns scatter.
-    pub estimate: &'a [f64],
+    /// Rows × unknowns: the gain, transposed, times the standard uncertainty of each row.
+    scaled: Mat<f64>,
+    estimate: &'a [f64],
 }
 
 /// Mean and standard deviation of one output.
@@ -34,7 +32,24 @@ pub struct Moments {
     squares: f64,
 }
 
-impl LinearPropagation<'_> {
+impl<'a> LinearPropagation<'a> {
+    /// `gain` is unknowns × rows, `sigma` the standard uncertainty of each row; the unknowns
+    /// scatter about `estimate`.
+    ///
+    /// # Errors
+    /// When the lengths do not fit together.
+    pub fn new(
+        gain: MatRef<'_, f64>,
+        sigma: &[f64],
+        estimate: &'a [f64],
+    ) -> Result<Self, LinearError> {
+        if sigma.len() != gain.ncols() || estimate.len() != gain.nrows() {
+            return Err(LinearError::Malformed("gain, sigmas and estimate differ in length"));
+        }
+        let scaled = Mat::from_fn(gain.ncols(), gain.nrows(), |i, j| gain[(j, i)] * sigma[i]);
+        Ok(Self { scaled, estimate })
+    }
+
     /// `trials` trials: moments of the unknowns, then of `outputs` further values that `function`
     /// computes from them. `function` gets the unknowns and its outputs in columns of [`BLOCK`]
     /// trials: unknown j of trial i is element `j·BLOCK + i`.
@@ -47,8 +62,7 @@ impl LinearPropagation<'_> {
         outputs: usize,
         function: impl Fn(&[f64], &mut [f64]) + Sync,
     ) -> Vec<Moments> {
-        let (unknowns, rows) = (self.gain.nrows(), self.gain.ncols());
-        let scaled = Mat::from_fn(rows, unknowns, |i, j| self.gain[(j, i)] * self.sigma[i]);
+        let (rows, unknowns) = (self.scaled.nrows(), self.scaled.ncols());
         let chunk_trials = CHUNK_BLOCKS * BLOCK;
         let chunks: Vec<Vec<Moments>> = (0..trials.div_ceil(chunk_trials))
             .into_par_iter()
@@ -58,7 +72,7 @@ impl LinearPropagation<'_> {
                 let mut columns = Columns::new(rows, unknowns, outputs);
                 let mut moments = vec![Moments::default(); unknowns + outputs];
                 for start in (0..count).step_by(BLOCK) {
-                    columns.draw(&mut normals, scaled.as_ref(), self.estimate);
+                    columns.draw(&mut normals, self.scaled.as_ref(), self.estimate);
                     let (x, derived) = columns.values.split_at_mut(unknowns * BLOCK);
                     function(x, derived);
                     let used = BLOCK.min(count - start);
@@ -108,8 +122,8 @@ impl Moments {
 
     fn of(values: &[f64]) -> Self {
         let arch = Arch::new();
-        let mean = arch.dispatch(|| sum(values, |value| value)) / values.len().max(1) as f64;
-        let squares = arch.dispatch(|| sum(values, |value| (value - mean) * (value - mean)));
+        let mean = arch.dispatch(Sum::<1> { values, about: 0.0 }) / values.len().max(1) as f64;
+        let squares = arch.dispatch(Sum::<2> { values, about: mean });
         Self { trials: values.len(), mean, squares }
     }
 
@@ -130,15 +144,25 @@ impl Moments {
     }
 }
 
-/// Σ f(value) in a fixed order of eight lanes, so that it can stand in vector registers.
-#[inline(always)]
-fn sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
-    let mut lanes = [0.0; LANES];
-    let mut chunks = values.chunks_exact(LANES);
-    for chunk in &mut chunks {
-        for (lane, value) in lanes.iter_mut().zip(chunk) {
-            *lane += f(*value);
+/// Σ (value − about)^POWER in a fixed order of eight lanes, so that it can stand in vector registers.
+struct Sum<'a, const POWER: i32> {
+    values: &'a [f64],
+    about: f64,
+}
+
+impl<const POWER: i32> WithSimd for Sum<'_, POWER> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let mut lanes = [0.0; LANES];
+        let mut chunks = self.values.chunks_exact(LANES);
+        for chunk in &mut chunks {
+            for (lane, value) in lanes.iter_mut().zip(chunk) {
+                *lane += (value - self.about).powi(POWER);
+            }
         }
+        let rest = chunks.remainder().iter().map(|value| (value - self.about).powi(POWER));
+        lanes.iter().sum::<f64>() + rest.sum::<f64>()
     }
-    lanes.iter().sum::<f64>() + chunks.remainder().iter().map(|value| f(*value)).sum::<f64>()
 }

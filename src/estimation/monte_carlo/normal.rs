@@ -5,13 +5,16 @@
 
 use std::f64::consts::{LN_2, PI};
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 const LANES: usize = 8;
 /// Pairs of deviates made in one go.
 const PAIRS: usize = 256;
+/// Half a step of the angle, so that the angles lie symmetrically.
+const HALF_STEP: f64 = 1.0 / 16_777_216.0;
+/// The bits of 1.0.
 const ONE: u64 = 0x3FF0_0000_0000_0000;
 
 /// A source of standard normal deviates, seeded from a named stream.
@@ -34,12 +37,12 @@ impl NormalLanes {
         let mut pairs = out.chunks_exact_mut(2 * PAIRS);
         for pair in &mut pairs {
             let (first, second) = pair.split_at_mut(PAIRS);
-            arch.dispatch(|| fill_pairs(lanes, first, second));
+            arch.dispatch(FillPairs { lanes, first, second });
         }
         let rest = pairs.into_remainder();
         if !rest.is_empty() {
             let (mut first, mut second) = ([0.0; PAIRS], [0.0; PAIRS]);
-            arch.dispatch(|| fill_pairs(lanes, &mut first, &mut second));
+            arch.dispatch(FillPairs { lanes, first: &mut first, second: &mut second });
             for (value, normal) in rest.iter_mut().zip(first.iter().chain(&second)) {
                 *value = *normal;
             }
@@ -47,29 +50,39 @@ impl NormalLanes {
     }
 }
 
-#[inline(always)]
-fn fill_pairs(lanes: &mut Xoshiro, first: &mut [f64], second: &mut [f64]) {
-    let (mut a, mut b) = ([0; PAIRS], [0; PAIRS]);
-    lanes.fill(&mut a);
-    lanes.fill(&mut b);
-    for (((first, second), a), b) in first.iter_mut().zip(second).zip(&a).zip(&b) {
-        (*first, *second) = normal_pair(*a, *b);
+/// [`PAIRS`] pairs. Not a closure: only this form is inlined where the wide registers are in use.
+struct FillPairs<'a> {
+    lanes: &'a mut Xoshiro,
+    first: &'a mut [f64],
+    second: &'a mut [f64],
+}
+
+impl WithSimd for FillPairs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let mut bits = [0; PAIRS];
+        self.lanes.fill(&mut bits);
+        for ((first, second), bits) in self.first.iter_mut().zip(self.second).zip(&bits) {
+            (*first, *second) = normal_pair(*bits);
+        }
     }
 }
 
-/// Two independent normal deviates from 128 random bits.
+/// Two independent normal deviates from 64 random bits: 40 for the radius (so it ends at 7.4), 23
+/// for the angle, one to choose the half turn.
 #[inline(always)]
-fn normal_pair(a: u64, b: u64) -> (f64, f64) {
+fn normal_pair(bits: u64) -> (f64, f64) {
     // 2 − [1, 2) lies in (0, 1]: the logarithm is finite.
-    let radius = (-2.0 * ln(2.0 - f64::from_bits((a >> 12) | ONE))).sqrt();
-    // A half turn; the lowest bit of b, not used in the angle, chooses the other half.
-    let angle = PI * (f64::from_bits((b >> 12) | ONE) - 1.5);
-    let signed = f64::from_bits(radius.to_bits() | (b << 63));
+    let radius = (-2.0 * ln(2.0 - f64::from_bits((bits >> 24 << 12) | ONE))).sqrt();
+    let angle = PI * (f64::from_bits((bits << 41 >> 12) | ONE) - (1.5 - HALF_STEP));
+    let signed = f64::from_bits(radius.to_bits() | ((bits << 40) & (1 << 63)));
     (signed * cos(angle), signed * sin(angle))
 }
 
 /// ln(x) for normal x > 0: exponent and mantissa in [√½, √2), then the series of artanh to
-/// 3e-13 absolute.
+/// 2e-11 absolute.
 #[inline(always)]
 fn ln(x: f64) -> f64 {
     const SQRT_HALF: u64 = 0x3FE6_A09E_667F_3BCD;
@@ -80,21 +93,17 @@ fn ln(x: f64) -> f64 {
     let mantissa = f64::from_bits((bits & 0x000F_FFFF_FFFF_FFFF) + SQRT_HALF);
     let s = (mantissa - 1.0) / (mantissa + 1.0);
     let q = s * s;
-    let series = polynomial(
-        q,
-        [1.0 / 15.0, 1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0],
-    );
+    let series = polynomial(q, [1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0]);
     exponent * LN_2 + 2.0 * s * series
 }
 
-/// sin on [−π/2, π/2], Taylor to x¹⁷: 4e-14 absolute.
+/// sin on [−π/2, π/2], Taylor to x¹⁵: 7e-12 absolute.
 #[inline(always)]
 fn sin(x: f64) -> f64 {
     let q = x * x;
     x * polynomial(
         q,
         [
-            1.0 / 355_687_428_096_000.0,
             -1.0 / 1_307_674_368_000.0,
             1.0 / 6_227_020_800.0,
             -1.0 / 39_916_800.0,
@@ -107,13 +116,12 @@ fn sin(x: f64) -> f64 {
     )
 }
 
-/// cos on [−π/2, π/2], Taylor to x¹⁶: 6e-13 absolute.
+/// cos on [−π/2, π/2], Taylor to x¹⁴: 7e-11 absolute.
 #[inline(always)]
 fn cos(x: f64) -> f64 {
     polynomial(
         x * x,
         [
-            1.0 / 20_922_789_888_000.0,
             -1.0 / 87_178_291_200.0,
             1.0 / 479_001_600.0,
             -1.0 / 3_628_800.0,
@@ -188,12 +196,12 @@ mod tests {
     fn regress_functions_against_the_standard_library() {
         for i in 0..=20_000 {
             let x = PI * (f64::from(i) / 20_000.0 - 0.5);
-            assert!((sin(x) - x.sin()).abs() < 1e-13 && (cos(x) - x.cos()).abs() < 1e-12, "{x}");
+            assert!((sin(x) - x.sin()).abs() < 1e-11 && (cos(x) - x.cos()).abs() < 1e-10, "{x}");
             let u = (f64::from(i) + 1.0) / 20_001.0;
-            assert!((ln(u) - u.ln()).abs() < 1e-12, "{u}");
+            assert!((ln(u) - u.ln()).abs() < 2e-11, "{u}");
         }
-        for u in [f64::EPSILON, 1e-9, 0.7071, 0.7072, 1.0] {
-            assert!((ln(u) - u.ln()).abs() < 1e-12, "{u}");
+        for u in [f64::EPSILON, 1e-9, 0.7, 0.71, 1.0] {
+            assert!((ln(u) - u.ln()).abs() < 2e-11, "{u}");
         }
         assert_eq!(ln(1.0), 0.0);
     }

@@ -91,8 +91,9 @@ fn regress_the_first_failure_is_named() {
 #[test]
 fn regress_fast_path_against_propagation_by_hand() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
-    let propagation =
-        LinearPropagation { gain: gain.as_ref(), sigma: &[1.0, 2.0, 0.5], estimate: &[10.0, -3.0] };
+    let sigma = [1.0, 2.0, 0.5];
+    let propagation = LinearPropagation::new(gain.as_ref(), &sigma, &[10.0, -3.0]).unwrap();
+    assert!(LinearPropagation::new(gain.as_ref(), &sigma, &[10.0]).is_err());
     let difference = |x: &[f64], out: &mut [f64]| {
         for i in 0..BLOCK {
             out[i] = x[i] - x[BLOCK + i];

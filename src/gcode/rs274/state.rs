@@ -131,6 +131,10 @@ impl State {
     }
 
     fn set_modal(&mut self, words: &mut Words) -> Result<(), String> {
+        // M66 L0 reads an input at once: it waits for the moves before it and does not move.
+        if words.take_m(66) && (words.take('L'), words.take('P').is_some()) != (Some(0.0), true) {
+            return Err("of M66 only P with L0 is understood".to_owned());
+        }
         // M70 saves; after M72 nobody knows from the text what holds.
         words.take_m(70);
         if words.take_m(72) {

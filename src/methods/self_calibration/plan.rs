@@ -171,9 +171,13 @@ impl<'a> Planner<'a> {
     fn step(&self, spec: &StepSpec) -> Result<Step, Refused> {
         let (sin, cos) = spec.ray.angle.sin_cos();
         let mut rotary = Position::new().with(Axis::C, self.command(spec.c)?);
-        for axis in self.plan.machine.axes.keys().filter(|a| !a.is_linear() && **a != Axis::C) {
-            let follows = *axis == Axis::S && self.settings.spindle == Spindle::Follow;
-            rotary.set(*axis, if follows { spec.ray.angle } else { 0.0 });
+        let still = |axis: &&Axis| !axis.is_linear() && !matches!(axis, Axis::C | Axis::S);
+        for axis in self.plan.machine.axes.keys().filter(still) {
+            rotary.set(*axis, 0.0);
+        }
+        // A fixed spindle is not commanded: it keeps the orientation it has.
+        if self.settings.spindle == Spindle::Follow {
+            rotary.set(Axis::S, spec.ray.angle);
         }
         let place = |distance: f64| {
             let [x, y] = spec.ray.start;
@@ -194,8 +198,8 @@ impl<'a> Planner<'a> {
             stage: spec.stage,
             kind: spec.kind,
             label: spec.label.clone(),
-            from: from.updated_by(&rotary),
-            to: to.updated_by(&rotary),
+            from: from.updated_by(&rotary).as_written(),
+            to: to.updated_by(&rotary).as_written(),
             feed_mm_min: spec.feed_mm_min,
             sensor: "probe".to_owned(),
             normal: [cos, sin, 0.0],

@@ -1,0 +1,47 @@
+//! Why a program stopped before its end: the log first, then the switches, then the messages.
+
+use super::prepare::not_ready;
+use super::result::Verdict;
+use super::rsh::Rsh;
+use crate::controllers::ControllerError;
+
+pub(super) async fn reason(rsh: &mut Rsh, step: u32, verdict: Option<&Verdict>) -> ControllerError {
+    match verdict {
+        Some(Verdict::Contact) => ControllerError::UnexpectedContact { step },
+        Some(Verdict::Tripped) => ControllerError::StillTripped { step },
+        Some(Verdict::NoContact) => ControllerError::NoContact { step },
+        Some(Verdict::Offset) => not_ready(
+            "somebody has set the work offset slot G59.3",
+            "enter G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0, then start again",
+        ),
+        Some(Verdict::Touch(_)) | None => match told(rsh, step).await {
+            Ok(reason) | Err(reason) => reason,
+        },
+    }
+}
+
+/// What the control says of it; `Err` if it does not even say that.
+async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerError> {
+    // LinuxCNC has no numbers for them.
+    let alarm = |meaning: &str| ControllerError::Alarm { code: 0, meaning: meaning.to_owned() };
+    if rsh.get("estop").await? != "OFF" {
+        return Ok(alarm("the emergency stop is pressed"));
+    }
+    if rsh.get("machine").await? != "ON" {
+        return Ok(alarm("the machine has switched off"));
+    }
+    let said = rsh.messages().await?;
+    if said.iter().any(|text| text.contains("Probe tripped")) {
+        return Ok(ControllerError::UnexpectedContact { step });
+    }
+    let meaning = if said.is_empty() {
+        "it stopped without a message: somebody stopped it at the control"
+    } else {
+        "it stopped the program"
+    };
+    Ok(ControllerError::Refused {
+        line: format!("the program of step {step}"),
+        reply: said.join("; "),
+        meaning: meaning.to_owned(),
+    })
+}

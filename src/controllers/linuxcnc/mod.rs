@@ -1,0 +1,26 @@
+//! LinuxCNC (2.9) over linuxcncrsh, its text interface on TCP, and a directory that both sides see:
+//! one program file a block goes in, one result log comes out.
+//!
+//! **Stop.** A halt goes over a connection of its own: it takes the right to command away from the
+//! driver's connection and aborts. So it does not wait behind an answer (linuxcncrsh takes 0.1 s for
+//! each command), and nothing that the driver still sends can move the machine. The machine
+//! decelerates at its acceleration and stays; measured on the simulated machine, the abort acts
+//! within 20 ms. Worst-case travel: 20 ms of the feed, plus feed²/(2·acceleration).
+//!
+//! **What it relies on**, all measured against LinuxCNC 2.9:
+//! - An acknowledgement is not success; messages overwrite each other. A result is what stands in the
+//!   log; the end is `END` in the log *and* the state IDLE.
+//! - `set open` holds the file's text of that moment until the next run ends. So the file is opened
+//!   once, in `prepare`, by a program that moves nothing; afterwards the file is replaced and run
+//!   again. After an error nothing runs until `prepare` has done so anew.
+//! - A probe move that starts in contact does not move and reports a touch where it stands.
+//! - The axes are the joints: kinematics that can be switched must be in identity mode.
+
+mod driver;
+mod fault;
+mod files;
+mod prepare;
+mod result;
+mod rsh;
+
+pub use driver::{LinuxCnc, Settings};

@@ -1,0 +1,54 @@
+//! Points in a plane, the circle through them, and its centre with the expanded uncertainty.
+
+use std::f64::consts::TAU;
+
+use plotters::prelude::*;
+
+use super::scale::{Ticked, bounds};
+use super::{BAND, FIT, LINE, MARGIN, X_LABELS, Y_LABELS};
+use super::{chart, finite_or_zero, picture};
+use crate::record::estimate::CircleFigure;
+use crate::report::number;
+
+/// The plot itself is square, so that a circle is one.
+const PLOT: u32 = 744;
+const SIZE: (u32, u32) = (Y_LABELS + PLOT + 3 * MARGIN, X_LABELS + PLOT + 2 * MARGIN);
+
+/// `None` if the circle is not finite.
+pub(in crate::report) fn circle(figure: &CircleFigure) -> Option<String> {
+    let [x, y] = figure.centre;
+    let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
+    let points = figure.x.iter().copied().zip(figure.y.iter().copied());
+    let points: Vec<_> = points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+    let half = half_width(figure, &points)?;
+    let ellipse = |rx: f64, ry: f64| -> Vec<_> {
+        let angles = (0..=120).map(|n| f64::from(n) * TAU / 120.0);
+        angles.map(|angle| (x + rx * angle.cos(), y + ry * angle.sin())).collect()
+    };
+    let unit = number::unit(figure.unit);
+    let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
+    picture(SIZE, |area| {
+        let axis = |middle: f64| Ticked::round(middle - half..middle + half);
+        let mut chart = chart(area, (axis(x), &x_name), (axis(y), &y_name))?;
+        chart.draw_series([Polygon::new(ellipse(ux, uy), FIT.mix(BAND))])?;
+        chart.draw_series([PathElement::new(points.clone(), LINE.mix(0.5).stroke_width(2))])?;
+        let fitted = ellipse(figure.radius, figure.radius);
+        chart.draw_series([PathElement::new(fitted, FIT.stroke_width(3))])?;
+        let cross = [vec![(x - ux, y), (x + ux, y)], vec![(x, y - uy), (x, y + uy)]];
+        chart.draw_series(cross.map(|line| PathElement::new(line, FIT.stroke_width(3))))?;
+        chart.draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE.filled())))?;
+        Ok(())
+    })
+}
+
+/// Half the width of a square about the centre that holds everything.
+fn half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
+    let [x, y] = figure.centre;
+    if !(x.is_finite() && y.is_finite() && figure.radius.is_finite()) {
+        return None;
+    }
+    let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
+    let away = points.iter().flat_map(|(px, py)| [px - x, py - y]);
+    let (_, reach) = bounds(away.chain([figure.radius, ux, uy]).map(f64::abs))?;
+    Some(if reach > 0.0 { 1.15 * reach } else { 1.0 })
+}

@@ -1,0 +1,108 @@
+//! Figures as SVG text, one kind a file. Sizes are in SVG units; the page scales them.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use self::scale::Ticked;
+use crate::record::estimate::{FigureKind, Function};
+
+mod circle;
+mod curve;
+mod polar;
+mod scale;
+#[cfg(test)]
+mod tests;
+
+pub(super) use circle::circle;
+
+/// Colours by their role; the page's style sheet replaces them by these very values in the dark.
+const INK: RGBColor = RGBColor(0x22, 0x26, 0x2B);
+const GRID: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
+const LINE: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
+const FIT: RGBColor = RGBColor(0xC2, 0x57, 0x1A);
+const BAND: f64 = 0.22;
+const FONT: f64 = 36.0;
+const MARGIN: u32 = 24;
+const X_LABELS: u32 = 96;
+const Y_LABELS: u32 = 140;
+/// Points are marked up to this number; more of them would hide the line.
+const MAX_MARKS: usize = 100;
+
+/// A point of a function: argument, value, half-width of the uncertainty band.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    x: f64,
+    y: f64,
+    half: f64,
+}
+
+/// Draw `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
+pub(super) fn function(function: &Function, k: f64) -> Option<String> {
+    let samples: Vec<Sample> = function
+        .x
+        .iter()
+        .zip(&function.y)
+        .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
+        .map(|((x, y), u)| Sample { x: *x, y: *y, half: k * u })
+        .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
+        .map(|sample| Sample { half: finite_or_zero(sample.half), ..sample })
+        .collect();
+    match function.figure {
+        FigureKind::Curve => curve::curve(function, &samples),
+        FigureKind::Polar => polar::polar(function, &samples),
+    }
+}
+
+fn finite_or_zero(value: f64) -> f64 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+/// Let `draw` fill a picture; the result has no size of its own, so that the page can scale it.
+/// `None` only if the drawing library fails, which writing to memory gives no cause for.
+fn picture(
+    (width, height): (u32, u32),
+    draw: impl for<'a> FnOnce(&Area<'a>) -> Drawn,
+) -> Option<String> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+    let drawn = draw(&area).is_ok() && area.present().is_ok();
+    drop(area);
+    let sized = format!("<svg width=\"{width}\" height=\"{height}\"");
+    drawn.then(|| svg.replacen(&sized, "<svg role=\"img\"", 1))
+}
+
+type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticked, Ticked>>;
+
+/// A chart with its axes drawn and named.
+fn chart<'a>(
+    area: &Area<'a>,
+    (x, x_name): (Ticked, &str),
+    (y, y_name): (Ticked, &str),
+) -> Result<Chart<'a>, Box<dyn std::error::Error>> {
+    let mut chart = ChartBuilder::on(area)
+        .margin(MARGIN)
+        .margin_right(2 * MARGIN)
+        .x_label_area_size(X_LABELS)
+        .y_label_area_size(Y_LABELS)
+        .build_cartesian_2d(x.clone(), y.clone())?;
+    chart
+        .configure_mesh()
+        .axis_style(INK)
+        .bold_line_style(GRID)
+        .light_line_style(TRANSPARENT)
+        .x_label_formatter(&|value| x.label(*value))
+        .y_label_formatter(&|value| y.label(*value))
+        .x_desc(x_name)
+        .y_desc(y_name)
+        .label_style(text_style(FONT))
+        .axis_desc_style(text_style(1.1 * FONT))
+        .draw()?;
+    Ok(chart)
+}
+
+fn text_style<'a>(size: f64) -> TextStyle<'a> {
+    ("sans-serif", size).into_font().color(&INK)
+}

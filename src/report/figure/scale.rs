@@ -1,0 +1,80 @@
+//! Axes with round ticks.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
+use plotters::coord::types::RangedCoordf64;
+
+use crate::report::number;
+
+/// So many steps of ticks at most.
+const STEPS: f64 = 8.0;
+
+/// A straight axis with a tick at every whole multiple of `step`.
+#[derive(Clone)]
+pub(super) struct Ticked {
+    inner: RangedCoordf64,
+    step: f64,
+}
+
+impl Ticked {
+    pub(super) fn every(step: f64, range: Range<f64>) -> Self {
+        Self { inner: range.into(), step }
+    }
+
+    /// With the finest round step that is not too fine.
+    pub(super) fn round(range: Range<f64>) -> Self {
+        Self::every(round_step((range.end - range.start) / STEPS), range)
+    }
+
+    pub(super) fn label(&self, value: f64) -> String {
+        label(value, self.step)
+    }
+}
+
+impl Ranged for Ticked {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        self.inner.map(value, limit)
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        let Range { start, end } = self.range();
+        let (first, last) = ((start / self.step).ceil(), (end / self.step).floor());
+        // An axis so narrow that its numbers differ in their last digits only has no ticks.
+        let count = (last - first).clamp(-1.0, 2.0 * STEPS) as i32;
+        (0..=count).map(|n| (first + f64::from(n)) * self.step).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.inner.range()
+    }
+}
+
+/// A number on an axis with ticks `step` apart.
+pub(super) fn label(value: f64, step: f64) -> String {
+    number::fixed(value, (-step.log10().floor()).clamp(0.0, 9.0) as usize)
+}
+
+/// The round number (1, 2 or 5 times a power of ten) at or above `step`.
+pub(super) fn round_step(step: f64) -> f64 {
+    let power = 10f64.powf(step.log10().floor());
+    [1.0, 2.0, 5.0].into_iter().map(|m| m * power).find(|s| *s >= step).unwrap_or(10.0 * power)
+}
+
+/// Least and greatest of `values`; `None` without any.
+pub(super) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |bounds, value| {
+        let (low, high) = bounds.unwrap_or((value, value));
+        Some((low.min(value), high.max(value)))
+    })
+}
+
+/// The same with room on either side; never empty.
+pub(super) fn widened((low, high): (f64, f64)) -> (f64, f64) {
+    let span = high - low;
+    let room = if span > 0.0 { 0.08 * span } else { low.abs().max(1.0) };
+    (low - room, high + room)
+}

@@ -1,0 +1,126 @@
+use super::scale::bounds;
+use super::*;
+use crate::record::estimate::{CircleFigure, Unit};
+
+fn wave(figure: FigureKind, count: u32) -> Function {
+    let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
+    Function {
+        symbol: "EXC_total".to_owned(),
+        argument: "C".to_owned(),
+        argument_unit: "deg".to_owned(),
+        y: x.iter().map(|x| 3.0 * x.to_radians().sin()).collect(),
+        u: vec![0.5; x.len()],
+        x,
+        unit: Unit::Um,
+        figure,
+    }
+}
+
+fn ring(radius: f64) -> CircleFigure {
+    let angles = (0..8).map(|n| f64::from(n) * std::f64::consts::FRAC_PI_4);
+    CircleFigure {
+        symbol: "axis".to_owned(),
+        unit: Unit::Um,
+        x: angles.clone().map(|angle| 50.0 + radius * angle.cos()).collect(),
+        y: angles.map(|angle| -30.0 + radius * angle.sin()).collect(),
+        centre: [50.0, -30.0],
+        radius,
+        centre_expanded: [0.5, 0.6],
+    }
+}
+
+fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
+    let start = format!(" {name}=\"");
+    svg.match_indices(&start)
+        .filter_map(|(at, _)| svg[at + start.len()..].split('"').next())
+        .collect()
+}
+
+/// All coordinates; fails on one that is no number.
+fn coordinates(svg: &str) -> Vec<f64> {
+    let names = ["x", "y", "x1", "y1", "x2", "y2", "cx", "cy", "r", "width", "height", "points"];
+    let values = names.iter().flat_map(|name| attributes(svg, name));
+    values
+        .flat_map(|value| value.split([' ', ',']))
+        .filter(|value| !value.is_empty())
+        .map(|value| value.parse().expect(value))
+        .collect()
+}
+
+/// Pixel positions that plotters cannot represent saturate at the ends of an i32.
+fn inside(svg: &str) -> bool {
+    coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
+}
+
+#[test]
+fn the_axes_are_named_with_their_units() {
+    let svg = function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
+    for text in ["C / °", "E_XC,total / µm", "315", "−4"] {
+        assert!(svg.contains(text), "{text} in {svg}");
+    }
+    assert_eq!(svg.matches("<circle").count(), 8);
+    assert!(inside(&svg));
+    let svg = function(&wave(FigureKind::Polar, 8), 2.0).unwrap();
+    for text in ["0°", "315°", "−2 µm"] {
+        assert!(svg.contains(text), "{text} in {svg}");
+    }
+    assert!(inside(&svg));
+    let svg = circle(&ring(3.0)).unwrap();
+    assert!(svg.contains("x / µm") && svg.contains("y / µm") && inside(&svg));
+}
+
+/// u = 0.5 µm about 0: the band fills the plot except for the room on either side (8 % of its
+/// width each), and the ticks say how wide it is.
+#[test]
+fn the_band_is_k_times_u_wide() {
+    let flat = Function { y: vec![0.0; 8], ..wave(FigureKind::Curve, 8) };
+    for (k, inside, outside) in [(4.0, ["2", "−2"], "3"), (2.0, ["1.0", "−1.0"], "1.5")] {
+        let svg = function(&flat, k).unwrap();
+        let band = svg.split("<polygon").nth(1).unwrap();
+        let y = |pair: &str| pair.split(',').nth(1).unwrap().parse::<f64>().unwrap();
+        let corners = attributes(band, "points")[0].split_whitespace().map(y);
+        let (low, high) = bounds(corners).unwrap();
+        let share = (high - low) / (640.0 - f64::from(X_LABELS + 2 * MARGIN));
+        assert!((share - 1.0 / 1.16).abs() < 0.01, "{share}");
+        let has = |label: &str| svg.contains(&format!(">\n{label}\n<"));
+        assert!(inside.into_iter().all(has) && !has(outside), "k = {k}");
+    }
+}
+
+/// Known by construction: a wave of 3 µm stands between the rings, 0 µm on its own.
+#[test]
+fn a_polar_figure_turns_counter_clockwise_from_the_right() {
+    let mut function = wave(FigureKind::Polar, 4);
+    function.y = vec![0.0, 1.0, 0.0, 0.0];
+    function.u = vec![0.0; 4];
+    let svg = super::function(&function, 2.0).unwrap();
+    let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
+    let x: Vec<_> = marks.iter().map(|mark| attributes(mark, "cx")[0].to_owned()).collect();
+    let y: Vec<_> = marks.iter().map(|mark| attributes(mark, "cy")[0].to_owned()).collect();
+    // Zero lies on the inner ring (radius 120), one on the outer (360); y grows downwards.
+    assert_eq!(x, ["570", "450", "330", "450"]);
+    assert_eq!(y, ["450", "90", "450", "570"]);
+}
+
+#[test]
+fn strange_numbers_never_reach_the_picture() {
+    for figure in [FigureKind::Curve, FigureKind::Polar] {
+        let mut flat = wave(figure, 8);
+        flat.y = vec![5.0; 8];
+        flat.u = vec![0.0; 8];
+        assert!(inside(&function(&flat, 2.0).unwrap()));
+        let mut holes = wave(figure, 8);
+        (holes.y[1], holes.x[2], holes.u[3]) = (f64::NAN, f64::INFINITY, f64::NAN);
+        assert!(inside(&function(&holes, 2.0).unwrap()));
+        let one = Function { u: Vec::new(), ..wave(figure, 1) };
+        assert!(inside(&function(&one, 2.0).unwrap()));
+        assert_eq!(function(&wave(figure, 0), 2.0), None);
+        let many = function(&wave(figure, 720), 2.0).unwrap();
+        assert!(!many.contains("r=\"7\"") && inside(&many));
+    }
+    let mut holes = ring(3.0);
+    (holes.x[1], holes.centre_expanded[0]) = (f64::NAN, f64::INFINITY);
+    assert!(inside(&circle(&holes).unwrap()));
+    assert!(inside(&circle(&ring(0.0)).unwrap()));
+    assert_eq!(circle(&ring(f64::NAN)), None);
+}

@@ -1,0 +1,92 @@
+//! Numbers, units and symbols as a metrologist writes them.
+
+use crate::record::estimate::Unit;
+
+pub(super) fn unit(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Um => "µm",
+        Unit::Urad => "µrad",
+        Unit::UmPerM => "µm/m",
+        Unit::Mm => "mm",
+    }
+}
+
+/// The unit of a function's argument, as it stands in the estimate.
+pub(super) fn argument_unit(unit: &str) -> &str {
+    match unit {
+        "deg" => "°",
+        "um" => "µm",
+        other => other,
+    }
+}
+
+/// Decimals that leave `uncertainty` two significant digits (GUM 7.2.6); three where there is no
+/// uncertainty.
+pub(super) fn decimals(uncertainty: f64) -> usize {
+    let digits = uncertainty.abs().log10().floor();
+    if digits.is_finite() { (1.0 - digits).clamp(0.0, 9.0) as usize } else { 3 }
+}
+
+/// With a true minus sign; a dash where there is no number.
+pub(super) fn fixed(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    let text = format!("{:.decimals$}", value.abs());
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'0' | b'.'));
+    if value < 0.0 && !is_zero { format!("−{text}") } else { text }
+}
+
+/// A symbol as base and index: `EX0C` is E with X0C below, `EXC_total` E with XC,total,
+/// `tool_x` tool with x (ISO 230-1 writes the letters of an error motion as an index).
+pub(super) fn split_symbol(symbol: &str) -> (String, String) {
+    let (head, tail) = symbol.split_once('_').unwrap_or((symbol, ""));
+    let is_error_motion = |rest: &str| {
+        !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit())
+    };
+    let (base, letters) = match head.strip_prefix('E') {
+        Some(rest) if is_error_motion(rest) => ("E", rest),
+        _ => (head, ""),
+    };
+    let index: Vec<_> = [letters, tail].into_iter().filter(|part| !part.is_empty()).collect();
+    (base.to_owned(), index.join(","))
+}
+
+/// The same on one line, for the axes of a figure: `E_XC,total`.
+pub(super) fn plain_symbol(symbol: &str) -> String {
+    let (base, index) = split_symbol(symbol);
+    if index.is_empty() { base } else { format!("{base}_{index}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_digits_of_uncertainty_decide() {
+        for (value, uncertainty, expected) in [
+            (49.87654, 1.94, "49.9"),
+            (-30.0049, 0.0314, "−30.005"),
+            (-0.04, 1.2, "0.0"),
+            (1234.5, 230.0, "1234"),
+            (1.5, 0.0, "1.500"),
+            (f64::NAN, 1.0, "–"),
+        ] {
+            assert_eq!(fixed(value, decimals(uncertainty)), expected);
+        }
+    }
+
+    #[test]
+    fn indices_go_below() {
+        for (symbol, base, index) in [
+            ("EX0C", "E", "X0C"),
+            ("EXC_total", "E", "XC,total"),
+            ("E_radial", "E", "radial"),
+            ("W", "W", ""),
+            ("tool_x", "tool", "x"),
+            ("Eccentricity", "Eccentricity", ""),
+        ] {
+            assert_eq!(split_symbol(symbol), (base.to_owned(), index.to_owned()));
+        }
+    }
+}

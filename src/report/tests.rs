@@ -1,0 +1,186 @@
+use super::page::{Facts, render};
+use crate::record::estimate::*;
+use crate::record::plan::Plan;
+
+const SOURCES: [(&str, f64); 4] =
+    [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
+
+fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
+    let budget = SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
+    let u = scale * SOURCES.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
+    serde_json::from_value(serde_json::json!({
+        "symbol": symbol, "value": value, "unit": unit, "u": u, "U": 2.13 * u, "k": 2.13,
+        "dof": 15.4, "identifiable": true, "budget": budget,
+    }))
+    .unwrap()
+}
+
+fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Function {
+    let x: Vec<f64> = (0..24).map(|n| f64::from(n) * 15.0).collect();
+    let at = |x: &f64| {
+        let turn = x.to_radians();
+        harmonics.iter().map(|(n, size)| size * (n * turn + size).sin()).sum()
+    };
+    Function {
+        symbol: symbol.to_owned(),
+        argument: if figure == FigureKind::Polar { "θ" } else { "C" }.to_owned(),
+        argument_unit: "deg".to_owned(),
+        y: x.iter().map(at).collect(),
+        u: x.iter().map(|x| 0.4 + 0.1 * x.to_radians().cos()).collect(),
+        x,
+        unit: Unit::Um,
+        figure,
+    }
+}
+
+/// A result as the self-calibration of a rotary axis gives it.
+fn example() -> Estimate {
+    let total = [
+        wave("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FigureKind::Curve),
+        wave("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FigureKind::Curve),
+    ];
+    let axis = CircleFigure {
+        symbol: "axis_position".to_owned(),
+        unit: Unit::Um,
+        x: total[0].y.clone(),
+        y: wave("", &[(1.0, 30.0)], FigureKind::Curve)
+            .x
+            .iter()
+            .map(|x| 29.8 * x.to_radians().sin() - 30.0)
+            .collect(),
+        centre: [-13.2, -30.004],
+        radius: 30.6,
+        centre_expanded: [4.1, 3.2],
+    };
+    let mut lost = parameter("scale_xy", 0.0, Unit::UmPerM, 1.0);
+    lost.identifiable = false;
+    Estimate {
+        trued_estimate: ESTIMATE_VERSION,
+        method: "self-calibration".to_owned(),
+        parameters: vec![
+            parameter("EX0C", 49.873, Unit::Um, 1.0),
+            parameter("EY0C", -30.0041, Unit::Um, 1.05),
+            parameter("EXX1_minus_EYY1", 12.2, Unit::UmPerM, 21.0),
+            parameter("EC0Y", -8.31, Unit::Urad, 9.0),
+            lost,
+        ],
+        functions: total
+            .into_iter()
+            .chain([
+                wave("E_radial", &[(2.0, 1.1), (3.0, 0.4)], FigureKind::Curve),
+                wave("W", &[(2.0, 2.1), (3.0, 0.9), (5.0, 0.3)], FigureKind::Polar),
+            ])
+            .collect(),
+        circles: vec![axis],
+        covariance: Covariance::default(),
+        rank: 26,
+        unknowns: 26,
+        condition: 21.88,
+        gauge: vec!["the mean of W is zero".to_owned()],
+        not_identifiable: vec!["the common scale of X and Y (confounded with R)".to_owned()],
+        residual_rms_um: 0.283,
+        degrees_of_freedom: 38,
+        chi2_per_dof: 1.04,
+        verdict: Verdict::Pass,
+        warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
+        priors: Vec::new(),
+    }
+}
+
+fn plan(machine: &str) -> Plan {
+    serde_json::from_value(serde_json::json!({
+        "trued_plan": 1,
+        "method": "self-calibration",
+        "settings": {"n": 24, "probe_angles_deg": [0, 15, 90]},
+        "machine": {"name": machine, "topology": "w-C-B-X-F-Z-Y-S-t", "tool_mm": [0, 0, -120.5]},
+        "probe": {"ball_radius_mm": 3.0},
+        "artefact": {"kind": "cylinder", "centre_mm": [0.3, 0.1, 50.0], "axis": [0, 0, 1],
+                     "radius_mm": 45.0},
+        "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "1a/C000", "from": {"X": 60.0},
+                   "to": {"X": 44.0}, "feed_mm_min": 30.0, "sensor": "probe",
+                   "normal": [1.0, 0.0, 0.0]}],
+    }))
+    .unwrap()
+}
+
+fn facts() -> Facts {
+    Facts {
+        run: "12".to_owned(),
+        started: "2025-03-14T09:26:53Z".to_owned(),
+        state: "finished".to_owned(),
+        readings: 96,
+        program_version: "0.1.0".to_owned(),
+        hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
+    }
+}
+
+#[test]
+fn the_page_holds_everything() {
+    let estimate = example();
+    let page = render(&plan("mill 3"), &estimate, &facts()).unwrap();
+    let symbols = estimate.parameters.iter().map(|p| &p.symbol);
+    let symbols = symbols.chain(estimate.functions.iter().map(|f| &f.symbol));
+    for symbol in symbols.chain(estimate.circles.iter().map(|circle| &circle.symbol)) {
+        assert!(page.contains(&format!("title=\"{symbol}\"")), "{symbol}");
+    }
+    let hash = facts().hashes[0].1.clone();
+    for text in [
+        "mill 3",
+        "class=\"verdict pass\"",
+        "(49.9 ± 1.0) µm",
+        "not identifiable",
+        "E<sub>X0C</sub>",
+        "Z = 62 mm",
+        "the mean of W is zero",
+        "confounded with R",
+        "touches: 1",
+        "stylus offset",
+        "26 of 26 unknowns",
+        "21.88",
+        "cylinder, radius 45 mm",
+        "[0,15,90]",
+        "finished",
+        &hash,
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert_eq!(page.matches("<svg").count(), 5);
+    assert_eq!(page.matches("</svg>").count(), 5);
+}
+
+#[test]
+fn the_page_stands_alone() {
+    let page = render(&plan("mill"), &example(), &facts()).unwrap();
+    for foreign in ["{{", "{%", "<script", "src=", "href=", "url(", "@import", "NaN", " inf"] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+}
+
+#[test]
+fn names_cannot_break_out() {
+    let hostile = "<script>alert('1')</script>\" onload=\"x";
+    let mut estimate = example();
+    estimate.warnings = vec![hostile.to_owned()];
+    estimate.parameters[0].symbol = hostile.to_owned();
+    estimate.functions[0].symbol = hostile.to_owned();
+    estimate.functions[0].argument = hostile.to_owned();
+    estimate.circles[0].symbol = hostile.to_owned();
+    let facts = Facts { run: hostile.to_owned(), ..facts() };
+    let page = render(&plan(hostile), &estimate, &facts).unwrap();
+    assert!(!page.contains("<script") && !page.contains("\" onload"));
+    assert!(page.contains("&lt;script&gt;"));
+}
+
+#[test]
+fn an_estimate_of_nothing_still_has_a_page() {
+    let mut estimate = example();
+    estimate.parameters.clear();
+    estimate.functions.truncate(1);
+    estimate.functions[0].y = vec![f64::NAN; 24];
+    estimate.circles.clear();
+    estimate.warnings.clear();
+    estimate.verdict = Verdict::Undecided;
+    let page = render(&plan("mill"), &estimate, &Facts::default()).unwrap();
+    assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
+    assert!(!page.contains("Warnings") && !page.contains("<svg"));
+}

@@ -1,0 +1,341 @@
+//! The driver against a running LinuxCNC.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::time::{Duration, Instant};
+
+use libtest_mimic::Failed;
+use trued::base::{Axis, Position};
+use trued::controllers::linuxcnc::{LinuxCnc, Settings};
+use trued::controllers::{ControllerError, Driver as _, Halt};
+use trued::link::Address;
+use trued::record::motion::{Block, Motion, Outcome};
+
+use super::rig::{Rig, rig};
+
+/// Cylinder and ball.
+const CONTACT_RADIUS: f64 = 48.0;
+
+fn run(future: impl Future<Output = Result<(), Failed>>) -> Result<(), Failed> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(future)
+}
+
+async fn open(rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
+    let settings = Settings {
+        address: Address::Tcp { host: "127.0.0.1".to_owned(), port: rig.port },
+        directory: rig.directory.clone(),
+        axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
+    };
+    Ok(LinuxCnc::open(settings).await?)
+}
+
+fn xy(radius: f64, angle: f64) -> Position {
+    Position::new().with(Axis::X, radius * angle.cos()).with(Axis::Y, radius * angle.sin())
+}
+
+fn z(height: f64) -> Position {
+    Position::new().with(Axis::Z, height)
+}
+
+/// From above to the flank, a touch from `from` to `to` (radii), back and up.
+fn touch(step: u32, angle: f64, c: f64, from: f64, to: f64) -> Block {
+    let motions = vec![
+        Motion::Rapid { to: z(150.0) },
+        Motion::Rapid { to: xy(60.0, angle).with(Axis::B, 0.0).with(Axis::C, c) },
+        Motion::Guarded { to: z(50.0), feed_mm_min: 6000.0 },
+        Motion::Guarded { to: xy(from, angle), feed_mm_min: 2000.0 },
+        Motion::Probe { to: xy(to, angle), feed_mm_min: 30.0 },
+        Motion::BackOff { to: xy(50.0, angle), feed_mm_min: 600.0 },
+        Motion::Guarded { to: xy(60.0, angle), feed_mm_min: 6000.0 },
+    ];
+    Block { step, repeat: 0, motions }
+}
+
+fn expect(
+    result: Result<Outcome, ControllerError>,
+    wanted: fn(&ControllerError) -> bool,
+) -> Result<(), Failed> {
+    match result {
+        Err(error) if wanted(&error) => Ok(()),
+        other => Err(format!("{other:?}").into()),
+    }
+}
+
+/// The centre of the circle that the spindle's axis describes, from touches in four directions.
+async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
+    let mut at = Vec::new();
+    for quarter in 0..4 {
+        let angle = f64::from(quarter) * FRAC_PI_2;
+        let started = Instant::now();
+        let outcome = driver.execute(&touch(quarter, angle, c, 48.6, 46.0)).await?;
+        let touch = outcome.touch.ok_or("no touch")?;
+        eprintln!("touch {quarter}: {touch:?} in {:.2} s", started.elapsed().as_secs_f64());
+        if (touch.at(Axis::Z) - 50.0).abs() > 1e-4 || (touch.at(Axis::C) - c).abs() > 1e-6 {
+            return Err(format!("{touch:?}").into());
+        }
+        at.push(touch);
+    }
+    let middle = |axis, i: usize| (at[i].at(axis) + at[i + 2].at(axis)) / 2.0;
+    Ok([middle(Axis::X, 0), middle(Axis::Y, 1)])
+}
+
+pub fn finds_the_true_centre() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        let prepared = driver.prepare().await?;
+        if !prepared.identity.starts_with("LinuxCNC 2.") {
+            return Err(prepared.identity.into());
+        }
+        let still = vec![Motion::Rapid { to: z(200.0) }];
+        let started = Instant::now();
+        for step in 0..10 {
+            driver.execute(&Block { step, repeat: 0, motions: still.clone() }).await?;
+        }
+        eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
+        for c in [0.0, 2.0] {
+            let found = centre(&mut driver, c).await?;
+            // The table turns by +C, the cylinder stands eccentric on it, the stylus on the spindle.
+            let (sin, cos) = f64::sin_cos(c);
+            let truth = [
+                0.050 + 0.120 * cos + 0.080 * sin - 0.0121,
+                -0.030 + 0.120 * sin - 0.080 * cos + 0.0082,
+            ];
+            let off_um = [0, 1].map(|i| (found[i] - truth[i]) * 1e3);
+            eprintln!("C {c} rad: off by {off_um:.3?} um");
+            if off_um.iter().any(|off| off.abs() > 1.0) {
+                return Err(format!("{found:?} instead of {truth:?}").into());
+            }
+        }
+        Ok(driver.finish().await?)
+    })
+}
+
+pub fn a_touch_without_contact_ends_everything_until_it_is_prepared_again() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let missed = driver.execute(&touch(7, 0.0, 0.0, 55.0, 54.0)).await;
+        expect(missed, |error| matches!(error, ControllerError::NoContact { step: 7 }))?;
+        if (rig.joint(0)? - 54.0).abs() > 1e-3 {
+            return Err("it moved on after a missed touch".into());
+        }
+        let next = driver.execute(&touch(8, 0.0, 0.0, 48.6, 46.0)).await;
+        expect(next, |error| matches!(error, ControllerError::NotReady { .. }))?;
+        driver.prepare().await?;
+        driver.execute(&touch(9, 0.0, 0.0, 48.6, 46.0)).await?;
+        Ok(())
+    })
+}
+
+pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let hit = driver.execute(&touch(3, TAU / 3.0, 0.0, 40.0, 35.0)).await;
+        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
+        let radius = rig.joint(0)?.hypot(rig.joint(1)?);
+        if !(CONTACT_RADIUS - 2.0..CONTACT_RADIUS + 0.5).contains(&radius) {
+            return Err(format!("it stands at radius {radius}").into());
+        }
+        // Pressed: only a way out is taken.
+        driver.prepare().await?;
+        let again = driver.execute(&touch(4, 0.0, 0.0, 48.6, 46.0)).await;
+        expect(again, |error| matches!(error, ControllerError::StillTripped { step: 4 }))?;
+        driver.prepare().await?;
+        let out = vec![Motion::BackOff { to: xy(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
+        driver.execute(&Block { step: 5, repeat: 0, motions: out }).await?;
+        Ok(())
+    })
+}
+
+pub fn a_contact_in_a_rapid_stops_it() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let motions = vec![
+            Motion::Rapid { to: z(150.0) },
+            Motion::Rapid { to: xy(60.0, 0.0) },
+            Motion::Rapid { to: z(50.0) },
+            Motion::Rapid { to: xy(47.0, 0.0) },
+        ];
+        let hit = driver.execute(&Block { step: 6, repeat: 0, motions }).await;
+        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 6 }))
+    })
+}
+
+pub fn a_probe_that_does_not_open_or_close_is_found() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        rig.make_true("dead", 1.0)?;
+        let missed = driver.execute(&touch(1, 0.0, 0.0, 48.6, 47.6)).await;
+        expect(missed, |error| matches!(error, ControllerError::NoContact { step: 1 }))?;
+        let up = vec![Motion::BackOff { to: xy(60.0, 0.0), feed_mm_min: 600.0 }];
+        driver.prepare().await?;
+        driver.execute(&Block { step: 2, repeat: 0, motions: up.clone() }).await?;
+        rig.make_true("dead", 0.0)?;
+        rig.make_true("stuck", 1.0)?;
+        let stuck = driver.execute(&touch(3, 0.0, 0.0, 48.6, 46.0)).await;
+        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 3 }))?;
+        driver.prepare().await?;
+        let stuck = driver.execute(&Block { step: 4, repeat: 0, motions: up }).await;
+        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 4 }))
+    })
+}
+
+pub fn a_halt_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        for (delay_ms, feed) in [(5, 6000.0), (400, 600.0)] {
+            let (mut driver, halt) = open(&rig).await?;
+            driver.prepare().await?;
+            driver
+                .execute(&Block {
+                    step: 0,
+                    repeat: 0,
+                    motions: vec![Motion::Rapid { to: z(150.0) }],
+                })
+                .await?;
+            let motions = vec![Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: feed }];
+            let far = Block { step: 1, repeat: 0, motions };
+            let before = rig.joint(0)?.hypot(rig.joint(1)?);
+            let hit = halt.clone();
+            let person = std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(delay_ms));
+                hit.now();
+            });
+            let held = driver.execute(&far).await;
+            person.join().map_err(|_| "the halt panicked")?;
+            expect(held, |error| matches!(error, ControllerError::Halted))?;
+            let stands = rig.joint(0)?.hypot(rig.joint(1)?);
+            eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
+            expect(driver.execute(&far).await, |error| matches!(error, ControllerError::Halted))?;
+            if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
+                return Err("it goes on after a halt".into());
+            }
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            if (rig.joint(0)?.hypot(rig.joint(1)?) - stands).abs() > 1e-6 || stands > 199.0 {
+                return Err("it moves after a halt".into());
+            }
+            let mut person = rig.person()?;
+            person.mdi("G53 G0 X0 Y0")?;
+        }
+        Ok(())
+    })
+}
+
+pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let motions = vec![
+            Motion::Rapid { to: z(150.0) },
+            Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 },
+        ];
+        let block = Block { step: 12, repeat: 0, motions };
+        let stop = async {
+            tokio::time::sleep(Duration::from_millis(700)).await;
+            rig.emergency_stop()
+        };
+        let (stopped, hit) = tokio::join!(driver.execute(&block), stop);
+        hit?;
+        expect(
+            stopped,
+            |error| matches!(error, ControllerError::Alarm { meaning, .. } if meaning.contains("emergency stop")),
+        )?;
+        match driver.prepare().await {
+            Err(ControllerError::NotReady { state, .. }) if state.contains("emergency") => Ok(()),
+            other => Err(format!("{other:?}").into()),
+        }
+    })
+}
+
+/// Half a minute: run it with `--ignored`.
+pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let motions = vec![
+            Motion::Rapid { to: z(150.0) },
+            Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 200.0 },
+        ];
+        let block = Block { step: 13, repeat: 0, motions };
+        let freeze = async {
+            tokio::time::sleep(Duration::from_millis(700)).await;
+            rig.freeze(true)
+        };
+        let (hung, frozen) = tokio::join!(driver.execute(&block), freeze);
+        rig.freeze(false)?;
+        frozen?;
+        expect(hung, |error| matches!(error, ControllerError::NoAnswer { .. }))?;
+        // What was sent to it meanwhile is an abort.
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        let stands = rig.joint(0)?;
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        if rig.joint(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
+    })
+}
+
+pub fn a_limit_is_told_in_the_controls_words() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Rapid { to: xy(400.0, 0.0) }];
+        let refused = driver.execute(&Block { step: 2, repeat: 0, motions }).await;
+        expect(
+            refused,
+            |error| matches!(error, ControllerError::Refused { reply, .. } if reply.contains("limit")),
+        )
+    })
+}
+
+pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let mut person = rig.person()?;
+        person.mdi("G10 L2 P2 X11 Y-7 Z3 R30")?;
+        person.mdi("G55 G64 P0.05 G91 G20")?;
+        person.mdi("G92 X1")?;
+        let codes = person.say("get program_codes")?;
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let outcome = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await?;
+        let x = outcome.touch.ok_or("no touch")?.at(Axis::X);
+        if (x - (48.0 + 0.170 - 0.0121)).abs() > 0.001 {
+            return Err(format!("touched at {x}").into());
+        }
+        let mut person = rig.person()?;
+        let after = person.say("get program_codes")?;
+        person.mdi("G21 G90 G54 G92.1")?;
+        person.mdi("G10 L2 P2 X0 Y0 Z0 R0")?;
+        let words = |codes: &str, axis: char| {
+            codes.split(' ').filter(|c| !c.starts_with(axis)).map(str::to_owned).collect::<Vec<_>>()
+        };
+        // The motion group and F hold what ran last, not what was set.
+        let modal = |codes: &str| {
+            words(codes, 'F')
+                .into_iter()
+                .filter(|c| !matches!(c.as_str(), "G0" | "G1" | "G38.3" | "G80" | "G92"))
+                .collect::<Vec<_>>()
+        };
+        if modal(&codes) != modal(&after) {
+            return Err(format!("before {codes}, after {after}").into());
+        }
+        person.mdi("G10 L2 P9 Y0.001")?;
+        let (mut driver, _halt) = open(&rig).await?;
+        let refused = driver.prepare().await;
+        let mut person = rig.person()?;
+        person.mdi("G10 L2 P9 Y0")?;
+        match refused {
+            Err(ControllerError::NotReady { state, .. }) if state.contains("G59.3") => Ok(()),
+            other => Err(format!("{other:?}").into()),
+        }
+    })
+}
