@@ -51,15 +51,18 @@ fn regress_a_wrong_unit_names_the_right_one() {
 
 #[test]
 fn regress_a_rank_deficient_design_names_a_better_one() {
-    let machine =
-        format!("{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
+    let machine = format!(
+        "{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n"
+    );
     let (code, said) = refused(&machine);
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("[0, 22.5]"), "{said}");
 }
 
 fn with_controller(lines: &str) -> String {
-    MACHINE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
+    MACHINE
+        .replace("kind = \"simulated\"\n", &format!("{lines}\n"))
+        .replace("wire = \"memory\"\n", "")
 }
 
 #[test]

@@ -31,8 +31,7 @@ fn contact(plan: &Value, step: &Value) -> [f64; 2] {
     let c = sense * number(step, &["from", "C"]).to_radians();
     // C positive turns the part clockwise seen from +Z (ISO 841, workpiece side).
     let (dx, dy) = (PART[0] - AXIS[0], PART[1] - AXIS[1]);
-    let centre =
-        [AXIS[0] + c.cos() * dx + c.sin() * dy, AXIS[1] - c.sin() * dx + c.cos() * dy];
+    let centre = [AXIS[0] + c.cos() * dx + c.sin() * dy, AXIS[1] - c.sin() * dx + c.cos() * dy];
     let reach =
         number(plan, &["artefact", "radius_mm"]) + number(plan, &["probe", "ball_radius_mm"]);
     let start: Vec<f64> =
@@ -120,14 +119,8 @@ fn regress_bad_readings_are_refused_by_name() {
     ];
     for (what, csv, named) in cases {
         let csv_file = written(folder.path(), "bad.csv", &csv);
-        let refused = trued(&[
-            "identify",
-            "self-calibration",
-            "--plan",
-            &plan_file,
-            "--readings",
-            &csv_file,
-        ]);
+        let refused =
+            trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file]);
         let said = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(1), "{what}: {said}");
         assert!(said.contains(named), "{what}: {said}");

@@ -55,8 +55,7 @@ impl Run<'_> {
         let mut tasks = Vec::new();
         let step_of = |id: &u32| self.plan.steps.iter().find(|step| step.id == *id);
         for step in stage.steps.iter().filter_map(step_of) {
-            let block =
-                touch_block(&self.plan, step, stage.repeat, stands.as_ref(), &clearance)?;
+            let block = touch_block(&self.plan, step, stage.repeat, stands.as_ref(), &clearance)?;
             let begins = stands.clone().unwrap_or_else(|| step.from.clone());
             let seconds = machine_time_s(&block, &begins, &self.plan.machine);
             let ends = end_of(&block, &begins);

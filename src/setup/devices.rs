@@ -8,11 +8,11 @@ use tokio::task::JoinHandle;
 
 use super::machine_file::{Control, Link as LinkConfig, MachineFile, Wire};
 use super::{Pace, SetupError};
-use crate::base::clock::HostClock;
 use crate::base::Clock;
+use crate::base::clock::HostClock;
 use crate::controllers::Controller;
-use crate::controllers::grbl::firmware::{Firmware, Options};
 use crate::controllers::grbl::Grbl;
+use crate::controllers::grbl::firmware::{Firmware, Options};
 use crate::controllers::linuxcnc::{LinuxCnc, Settings as LinuxCncSettings};
 use crate::gcode::Dialect;
 use crate::link::{self, Address, Link};

@@ -37,11 +37,14 @@ impl SetupError {
         match self {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
-            Self::Address { .. } => Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned()),
-            Self::Dialect(_) => Some("choose one of them in [controller] dialect".to_owned()),
-            Self::ProgramFolder { .. } => {
-                Some("give this user the right to write there, or change [controller] program_dir".to_owned())
+            Self::Address { .. } => {
+                Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned())
             }
+            Self::Dialect(_) => Some("choose one of them in [controller] dialect".to_owned()),
+            Self::ProgramFolder { .. } => Some(
+                "give this user the right to write there, or change [controller] program_dir"
+                    .to_owned(),
+            ),
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }
             | Self::Settings { .. }

@@ -3,9 +3,9 @@
 
 use faer::Mat;
 
+use super::bend::Bend;
 use super::model::{Layout, Observation};
 use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
-use crate::estimation::trigonometric::Trigonometric;
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;
@@ -16,7 +16,7 @@ pub struct Fit {
     pub observations: Vec<Observation>,
     pub a: Mat<f64>,
     pub solution: LinearSolution,
-    pub second_order: bool,
+    bend: Option<Bend>,
 }
 
 /// A solved set of radii.
@@ -45,19 +45,19 @@ impl Fit {
             constraints: Some(gauge.as_ref()),
             rank_threshold: RANK_THRESHOLD,
         })?;
-        Ok(Self { layout, observations, a, solution, second_order })
+        let bend = second_order.then(|| Bend::new(&layout, &observations));
+        Ok(Self { layout, observations, a, solution, bend })
     }
 
     /// Solve for other radii (one per observation).
     pub fn solve(&self, radii: &[f64]) -> Solved {
         let mut corrected = radii.to_vec();
         let mut x = multiply(&self.solution.gain, &corrected);
-        if self.second_order {
+        if let Some(bend) = &self.bend {
             // The correction is some 20 um times the error of E over the radius: it contracts by
             // a factor of about 1e-3 a turn.
             for _ in 0..8 {
-                let bend = self.second_order_terms(&x);
-                corrected = radii.iter().zip(&bend).map(|(r, b)| r + b).collect();
+                corrected = radii.iter().zip(bend.terms(&x)).map(|(r, b)| r + b).collect();
                 let next = multiply(&self.solution.gain, &corrected);
                 let change = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 x = next;
@@ -69,53 +69,6 @@ impl Fit {
         let model = multiply(&self.a, &x);
         let residuals = corrected.iter().zip(&model).map(|(r, m)| r - m).collect();
         Solved { x, residuals }
-    }
-
-    /// τW′/L + τ²/2L for every observation: what the radius lacks because the ball meets the part
-    /// beside the ray by τ = (E − E_lin)·t − lateral (METHODS section 1, second order).
-    fn second_order_terms(&self, x: &[f64]) -> Vec<f64> {
-        let layout = &self.layout;
-        let design = &layout.design;
-        let heights: Vec<HeightTerms> =
-            (0..layout.heights).map(|height| HeightTerms::new(layout, height, x)).collect();
-        self.observations
-            .iter()
-            .map(|seen| {
-                let terms = &heights[seen.height];
-                let (sin, cos) = design.angle(seen.phi).sin_cos();
-                let ex = x[layout.ex(seen.height, seen.c)];
-                let ey = x[layout.ey(seen.height, seen.c)];
-                let tau = -ex * sin + ey * cos - terms.linear_axes(sin, cos) - seen.lateral;
-                let slope = terms.slope[design.theta(seen.c, seen.phi)];
-                tau * slope / terms.radius + tau * tau / (2.0 * terms.radius)
-            })
-            .collect()
-    }
-}
-
-/// What the second-order terms need to know of one height.
-struct HeightTerms {
-    radius: f64,
-    /// W′ at the grid angles, mm/rad.
-    slope: Vec<f64>,
-    scale_difference: f64,
-    squareness: f64,
-}
-
-impl HeightTerms {
-    fn new(layout: &Layout, height: usize, x: &[f64]) -> Self {
-        let n = layout.design.n;
-        let flank: Vec<f64> = (0..n).map(|i| x[layout.w(height, i)]).collect();
-        let interpolant = Trigonometric::new(&flank);
-        let slope = (0..n).map(|i| interpolant.derivative(layout.design.angle(i))).collect();
-        let radius = x[layout.radius(height)];
-        let (scale, square) = scale_and_squareness(layout, height, radius);
-        Self { radius, slope, scale_difference: dot(&scale, x), squareness: dot(&square, x) }
-    }
-
-    /// E_lin·t from the scale difference and the squareness, mm.
-    fn linear_axes(&self, sin: f64, cos: f64) -> f64 {
-        self.radius * (self.squareness * sin * sin + self.scale_difference * sin * cos)
     }
 }
 

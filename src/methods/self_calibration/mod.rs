@@ -3,6 +3,7 @@
 //! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
 
 mod assemble;
+mod bend;
 mod design;
 mod fit;
 mod identify;
