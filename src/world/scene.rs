@@ -42,11 +42,14 @@ impl Scene {
             let spec = machine.axes.get(&axis);
             spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
         };
+        let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
+        let linear_errors = LinearErrors::draw(seed, motions(Axis::X), motions(Axis::Y))
+            .tabulated([Axis::X, Axis::Y].map(travel));
         let tool = DVec3::from_array(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
-            linear_errors: LinearErrors::draw(seed, motions(Axis::X), motions(Axis::Y)),
+            linear_errors,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
             tip: tool + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),

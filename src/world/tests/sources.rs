@@ -66,6 +66,12 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
     let y = mean(|seed| draw(seed).at(0.0, 500.0).y.powi(2));
     assert_moment(y, 2.0 * 0.25 * (1.0 - (-500.0_f64.powi(2) / 8e4).exp()), 0.5);
     assert!(draw(1).at(0.0, 0.0).length() < 1e-15);
+    // The table that the world uses says the same as the cosines, within it and beyond.
+    let table = draw(1).tabulated([250.0, 250.0]);
+    for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
+        let off = (table.at(x, -x) - draw(1).at(x, -x)).length();
+        assert!(off < 1e-5 * sigma, "{off} at {x}");
+    }
 }
 
 #[test]
