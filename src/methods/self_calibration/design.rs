@@ -148,7 +148,7 @@ impl Design {
 }
 
 fn default_probes(n: usize) -> Vec<usize> {
-    if n % 4 == 0 && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
+    if n.is_multiple_of(4) && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
 }
 
 fn grid_index(deg: f64, n: usize) -> Result<usize, Refused> {
