@@ -11,7 +11,9 @@ use trued::base::random::stream;
 use trued::base::{Axis, Position};
 use trued::gcode::rs274::{Kind, ReadMotion, read};
 use trued::gcode::{Dialect, Program};
+use trued::planning::{self, Clearance};
 use trued::record::motion::{Block, Motion};
+use trued::record::plan::Plan;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Half a unit of the last decimal that it prints.
@@ -181,6 +183,45 @@ pub fn reads_as_we_do() -> Result<(), Failed> {
         agree(&text, &text)?;
     }
     Ok(())
+}
+
+/// The program of a whole plan as a person prints it, and the one of each touch as the driver runs
+/// it, of a machine for LinuxCNC and of one with other axes.
+pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
+    for file in ["linuxcnc-sim.toml", "simulated.toml"] {
+        let whole = plan(file, &["--gcode", "linuxcnc"])?;
+        let plan: Plan = serde_json::from_str(&plan(file, &["--json"])?)?;
+        let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+        let (blocks, _) = planning::blocks(&plan, &Clearance::above(&plan)?)?;
+        let motions = |blocks: &[Block]| blocks.iter().map(|b| b.motions.len()).sum::<usize>();
+        let read = agree(&whole, &whole)?;
+        eprintln!("{file}: {} touches, {read} motions", blocks.len());
+        if blocks.len() < 60 || read != motions(&blocks) {
+            return Err(format!("{read} motions in {} touches", blocks.len()).into());
+        }
+        for block in &blocks {
+            let blocks = std::slice::from_ref(block);
+            let program = Program { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
+            let text = Dialect::named("linuxcnc")?.program(&program, blocks)?;
+            if agree(&text, &text)? != motions(blocks) {
+                return Err(text.into());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What `trued plan self-calibration` prints for a machine file of ours.
+fn plan(file: &str, form: &[&str]) -> Result<String, Failed> {
+    let machine = format!("{}/config/{file}", env!("CARGO_MANIFEST_DIR"));
+    let output = Command::new(env!("CARGO_BIN_EXE_trued"))
+        .args(["plan", "self-calibration", "--machine", &machine])
+        .args(form)
+        .output()?;
+    if !output.status.success() {
+        return Err(String::from_utf8_lossy(&output.stderr).into_owned().into());
+    }
+    Ok(String::from_utf8(output.stdout)?)
 }
 
 /// The comparison above can fail: LinuxCNC is given another text than we read.

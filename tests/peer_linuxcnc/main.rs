@@ -1,6 +1,7 @@
 //! Against real LinuxCNC (Debian packages linuxcnc-uspace and linuxcnc-uspace-dev). Without it the
 //! trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail.
 
+mod cycle;
 mod interpreter;
 mod machine;
 mod rig;
@@ -45,6 +46,9 @@ fn main() {
     let trials = vec![
         rs274("rs274_reads_every_program_as_we_do", interpreter::reads_as_we_do),
         rs274("rs274_disagrees_with_another_program", interpreter::another_disagrees),
+        rs274("rs274_reads_whole_plans_as_we_do", interpreter::reads_whole_plans_as_we_do),
+        machine("linuxcnc_self_calibration", cycle::finds_the_true_axis_wherever_the_part_stands),
+        machine("linuxcnc_stop", cycle::a_stop_holds_and_keeps_what_was_read),
         machine("linuxcnc_finds_the_true_centre", machine::finds_the_true_centre),
         machine(
             "linuxcnc_missed_touch",
