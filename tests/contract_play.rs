@@ -10,7 +10,7 @@ use serde_json::Value;
 /// Where the C axis truly stands, mm.
 const AXIS: [f64; 2] = [0.040, -0.025];
 /// Centre of the part at C = 0, mm.
-const PART: [f64; 2] = [0.7, 0.4];
+const PART: [f64; 2] = [0.25, 0.15];
 
 fn trued(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trued")).args(arguments).output().expect("the program starts")

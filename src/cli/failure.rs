@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use super::Exit;
+use crate::gcode::RenderError;
 use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
 use crate::run::RunError;
@@ -62,6 +63,12 @@ impl From<Refused> for Failure {
     }
 }
 
+impl From<RenderError> for Failure {
+    fn from(error: RenderError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
 impl From<PlanningError> for Failure {
     fn from(error: PlanningError) -> Self {
         Self::new(&error, error.remedy())
@@ -69,9 +76,9 @@ impl From<PlanningError> for Failure {
 }
 
 impl Failure {
-    /// How a run ended; `moved`: it stopped on the way and the machine stands there.
+    /// How a run ended; `moved`: it ended on the way and the machine stands there.
     pub fn of_run(error: &RunError, moved: bool) -> Self {
-        let exit = if moved { Exit::Stopped } else { Exit::Error };
+        let exit = if moved || error.is_stop() { Exit::Stopped } else { Exit::Error };
         Self { what: error.to_string(), remedy: Some(error.remedy()), exit }
     }
 }

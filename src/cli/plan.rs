@@ -43,7 +43,7 @@ fn program(plan: &Plan, name: &str) -> Result<String, Failure> {
     let (blocks, _) = planning::blocks(plan, &Clearance::above(plan)?)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let program = Program { title: &plan.method, axes: &axes, log: None };
-    let text = dialect.program(&program, &blocks).map_err(Failure::plain)?;
+    let text = dialect.program(&program, &blocks)?;
     dialect.proves(&text, &blocks).map_err(Failure::plain)?;
     Ok(text)
 }

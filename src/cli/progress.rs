@@ -10,13 +10,13 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// With `quiet`, only faults are said (the estimate goes to standard output as JSON).
+    /// With `quiet`, no bar is drawn (the estimate goes to standard output as JSON).
     pub fn start(quiet: bool) -> Self {
         let bar = ProgressBar::new(0);
         if quiet {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        if let Ok(style) = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {wide_msg}") {
+        if let Ok(style) = ProgressStyle::with_template("  {bar:14} {pos:>2}/{len}  {wide_msg}") {
             bar.set_style(style);
         }
         Self { bar, last: String::new() }
@@ -24,32 +24,30 @@ impl Progress {
 
     pub fn tell(&mut self, event: &Event) {
         match event {
-            Event::Announced { text } => self.say(text),
+            // Identity and way of stopping: each on a line of its own.
+            Event::Announced { text } => text.split("; ").for_each(|line| self.say(line)),
             Event::StageStarted { stage } => {
                 self.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);
                 self.bar.set_position(0);
             }
             Event::StepStarted { label, remaining_s, .. } => {
-                let minutes = (remaining_s / 60.0).floor();
-                let seconds = remaining_s % 60.0;
-                self.bar.set_message(format!(
-                    "{label:<10} left {minutes:.0}:{seconds:02.0}  {}",
-                    self.last
-                ));
+                let left = minutes(*remaining_s);
+                self.bar.set_message(format!("{label:<12} left {left:>5}  {}", self.last));
             }
             Event::ReadingStored { reading } => {
+                // The touch in hand is named by its rotary positions: these are left out.
                 let edge: Vec<String> = reading
                     .position
                     .iter()
+                    .filter(|(axis, _)| axis.is_linear())
                     .map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)))
                     .collect();
                 self.last = format!("last {}", edge.join(" "));
                 self.bar.inc(1);
             }
-            Event::Held { reason } => self.say(&format!("HELD: {reason}")),
-            Event::Faulted { what, .. } => self.say(&format!("FAULT: {what}")),
-            Event::Finished => {}
+            // Why, and what to do, is the last word of the command.
+            Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.end(),
         }
     }
 
@@ -61,7 +59,13 @@ impl Progress {
         }
     }
 
-    pub fn end(&self) {
+    fn end(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// m:ss, rounded up: what is left is never nothing.
+fn minutes(seconds: f64) -> String {
+    let whole = seconds.ceil();
+    format!("{:.0}:{:02.0}", (whole / 60.0).floor(), whole % 60.0)
 }

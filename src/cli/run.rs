@@ -22,7 +22,6 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
     let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).wait()?;
 
     let mut progress = Progress::start(args.json);
     let mut tell = |event: &Event| progress.tell(event);
@@ -30,9 +29,11 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         .enable_all()
         .build()
         .map_err(Failure::plain)?;
-    let (plan, readings) = runtime.block_on(async {
+    let (id, plan, readings) = runtime.block_on(async {
+        // A run begins when its machine is there.
         let devices = connect(&machine, args.speed).await?;
         stop_on_signals(&devices);
+        let id = journal.begin(&new).await?;
         let mut run = Run {
             id,
             method: method.as_ref(),
@@ -45,9 +46,8 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         };
         let ended = run.execute().await;
         let Run { plan, readings, moved, .. } = run;
-        ended.map(|()| (plan, readings)).map_err(|error| Failure::of_run(&error, moved))
+        ended.map(|()| (id, plan, readings)).map_err(|error| Failure::of_run(&error, moved))
     })?;
-    progress.end();
 
     let mut estimate = method.identify(&plan, &readings, &priors)?;
     estimate.verdict = decision::judge(&estimate, &machine.tolerance);

@@ -29,6 +29,29 @@ pub enum RenderError {
     Template { template: String, why: String },
 }
 
+impl RenderError {
+    /// What to do next. Nothing has been sent.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Unsupported { what: "orient", .. } => {
+                "write spindle = \"fixed\" in the method's section of the machine file, or choose a \
+                 dialect that orients the spindle"
+                    .to_owned()
+            }
+            Self::Unsupported { dialect, what } => {
+                format!("choose another dialect, or add gcode-templates/{dialect}/{what}.j2")
+            }
+            Self::NoWord { dialect, axis } => format!(
+                "choose another dialect, or add {axis} to gcode-templates/{dialect}/dialect.toml"
+            ),
+            Self::NotFinite(_)
+            | Self::StepTooLarge(_)
+            | Self::NoTarget
+            | Self::Template { .. } => "please report this with the plan".to_owned(),
+        }
+    }
+}
+
 /// The text does not say what was meant.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Disagreement {

@@ -1,7 +1,7 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
-use crate::gcode::Disagreement;
+use crate::gcode::{Disagreement, RenderError};
 use crate::methods::Refused;
 use crate::planning::PlanningError;
 use crate::store::StoreError;
@@ -14,8 +14,8 @@ pub enum RunError {
     Planning(#[from] PlanningError),
     #[error("stage `{stage}` is not proven: {source}")]
     Unproven { stage: String, source: Disagreement },
-    #[error("stage `{stage}` cannot be written for this control: {why}")]
-    Unwritable { stage: String, why: String },
+    #[error("stage `{stage}` cannot be written for this control: {source}")]
+    Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
     #[error("step {step} ended without the position of its contact")]
@@ -30,9 +30,8 @@ impl RunError {
         match self {
             Self::Refused(refused) => refused.instead.clone(),
             Self::Planning(error) => error.remedy(),
-            Self::Unproven { .. } | Self::Unwritable { .. } => {
-                "nothing was moved; please report this with the plan".to_owned()
-            }
+            Self::Unproven { .. } => "please report this with the plan".to_owned(),
+            Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),

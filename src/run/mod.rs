@@ -36,7 +36,7 @@ impl Run<'_> {
     /// Measure to the end. The plan and the readings stay in `self`, whatever happens.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, the journal says `held` (a stop or a fault on the way)
+    /// A fault or a stop: the machine holds, the journal says `held` (a stop, or a fault on the way)
     /// or `failed` (refused before anything moved).
     pub async fn execute(&mut self) -> Result<(), RunError> {
         match self.measure().await {
@@ -52,6 +52,7 @@ impl Run<'_> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
+        let mut stage_s = self.rehearse()?.into_iter();
         let first = self.next(&[])?;
         let prepared = self.devices.controller.prepare().await?;
         self.note(Event::Announced { text: format!("{}; {}", prepared.identity, prepared.stop) })
@@ -63,7 +64,8 @@ impl Run<'_> {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.stage(self.id, &stage, &new_steps).await?;
             self.note(Event::StageStarted { stage: stage.clone() }).await?;
-            stands = self.run_stage(&stage, stands).await?;
+            stage_s.next();
+            stands = self.run_stage(&stage, stands, stage_s.as_slice().iter().sum()).await?;
             done.push(stage);
             next = self.next(&done)?;
         }
@@ -85,10 +87,10 @@ impl Run<'_> {
     /// already on its way to the person, and there is nowhere to write.
     async fn keep(&mut self, error: &RunError) {
         let event = match error {
-            error if error.is_stop() => Event::Held { reason: error.to_string() },
+            _ if error.is_stop() => Event::Held { reason: error.to_string() },
             _ => Event::Faulted { what: error.to_string(), remedy: error.remedy() },
         };
-        let state = if self.moved { RunState::Held } else { RunState::Failed };
+        let state = if self.moved || error.is_stop() { RunState::Held } else { RunState::Failed };
         drop(self.journal.event(self.id, &event).await);
         drop(self.journal.set_state(self.id, state).await);
         (self.tell)(&event);

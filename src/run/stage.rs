@@ -3,10 +3,11 @@
 use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::Program;
+use crate::methods::{Next, Source};
 use crate::planning::{Clearance, end_of, machine_time_s, touch_block};
 use crate::record::event::Event;
 use crate::record::motion::{Block, Outcome};
-use crate::record::plan::{Stage, Step};
+use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::{Flag, Reading};
 
 /// A block with what belongs to it.
@@ -20,13 +21,14 @@ struct Task {
 }
 
 impl Run<'_> {
-    /// Returns where the machine stands at the end.
+    /// `later_s`: machine time of the stages to come. Returns where the machine stands at the end.
     pub(super) async fn run_stage(
         &mut self,
         stage: &Stage,
         stands: Option<Position>,
+        later_s: f64,
     ) -> Result<Option<Position>, RunError> {
-        let tasks = self.tasks(stage, stands.clone())?;
+        let tasks = tasks(&self.plan, stage, stands.clone())?;
         self.prove(stage, &tasks)?;
         let mut stands = stands;
         for task in tasks {
@@ -36,7 +38,7 @@ impl Run<'_> {
                 step: id,
                 repeat,
                 label: step.label.clone(),
-                remaining_s,
+                remaining_s: remaining_s + later_s,
             });
             self.moved = true;
             let outcome = self.devices.controller.execute(block).await?;
@@ -49,25 +51,22 @@ impl Run<'_> {
         Ok(stands)
     }
 
-    fn tasks(&self, stage: &Stage, stands: Option<Position>) -> Result<Vec<Task>, RunError> {
-        let clearance = Clearance::above(&self.plan)?;
-        let mut stands = stands;
-        let mut tasks = Vec::new();
-        let step_of = |id: &u32| self.plan.steps.iter().find(|step| step.id == *id);
-        for step in stage.steps.iter().filter_map(step_of) {
-            let block = touch_block(&self.plan, step, stage.repeat, stands.as_ref(), &clearance)?;
-            let begins = stands.clone().unwrap_or_else(|| step.from.clone());
-            let seconds = machine_time_s(&block, &begins, &self.plan.machine);
-            let ends = end_of(&block, &begins);
-            stands = Some(ends.clone());
-            tasks.push(Task { step: step.clone(), block, remaining_s: seconds, ends });
+    /// Go through the whole run from nominal positions: what any stage would be refused for is
+    /// known before the first move. Returns the machine time of each stage, s.
+    pub(super) fn rehearse(&self) -> Result<Vec<f64>, RunError> {
+        let mut plan = self.plan.clone();
+        let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
+        while let Next::Stage { stage, new_steps } =
+            self.method.next(&plan, &done, Source::Nominal)?
+        {
+            plan.steps.extend(new_steps);
+            let tasks = tasks(&plan, &stage, stands.clone())?;
+            self.prove(&stage, &tasks)?;
+            stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
+            stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
+            done.push(stage);
         }
-        let mut left = 0.0;
-        for task in tasks.iter_mut().rev() {
-            left += task.remaining_s;
-            task.remaining_s = left;
-        }
-        Ok(tasks)
+        Ok(stage_s)
     }
 
     /// Render the whole stage for this control and read it back: what the text says must be what
@@ -77,10 +76,9 @@ impl Run<'_> {
         let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
         let program = Program { title: &stage.name, axes: &axes, log: None };
         let dialect = &self.devices.dialect;
-        let text = dialect.program(&program, &blocks).map_err(|error| RunError::Unwritable {
-            stage: stage.name.clone(),
-            why: error.to_string(),
-        })?;
+        let text = dialect
+            .program(&program, &blocks)
+            .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
         dialect
             .proves(&text, &blocks)
             .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })
@@ -98,4 +96,26 @@ impl Run<'_> {
             temperatures_c: Default::default(),
         })
     }
+}
+
+/// The blocks of a stage; nothing is planned that has no way to its start.
+fn tasks(plan: &Plan, stage: &Stage, stands: Option<Position>) -> Result<Vec<Task>, RunError> {
+    let clearance = Clearance::above(plan)?;
+    let mut stands = stands;
+    let mut tasks = Vec::new();
+    let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
+    for step in stage.steps.iter().filter_map(step_of) {
+        let block = touch_block(plan, step, stage.repeat, stands.as_ref(), &clearance)?;
+        let begins = stands.clone().unwrap_or_else(|| step.from.clone());
+        let seconds = machine_time_s(&block, &begins, &plan.machine);
+        let ends = end_of(&block, &begins);
+        stands = Some(ends.clone());
+        tasks.push(Task { step: step.clone(), block, remaining_s: seconds, ends });
+    }
+    let mut left = 0.0;
+    for task in tasks.iter_mut().rev() {
+        left += task.remaining_s;
+        task.remaining_s = left;
+    }
+    Ok(tasks)
 }

@@ -25,6 +25,8 @@ pub struct Devices {
     pub dialect: Dialect,
     /// Used where the control does not stamp its readings.
     pub clock: Arc<dyn Clock>,
+    /// The other end of a pseudo-terminal, if this program serves it; dropped after the controller.
+    _simulator: Option<Simulator>,
 }
 
 /// A simulated control on a pseudo-terminal, alive until dropped.
@@ -52,9 +54,10 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             grbl(file, Link::over("the simulated machine", near), "grbl")
         }
         Control::Simulated { wire: Wire::Pty } => {
-            let Simulator { path, .. } = &*Box::leak(Box::new(simulator(file, pace)?));
-            let address = Address::Serial { path: path.display().to_string(), baud: 115_200 };
-            grbl(file, link::open(&address).await?, "grbl")
+            let simulator = simulator(file, pace)?;
+            let path = simulator.path.display().to_string();
+            let link = link::open(&Address::Serial { path, baud: 115_200 }).await?;
+            Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, "grbl")? })
         }
         Control::Grbl { link, dialect } => {
             let address = match link {
@@ -74,6 +77,7 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
                 controller: Controller::spawn(driver, halt),
                 dialect: Dialect::named("linuxcnc")?,
                 clock: Arc::new(HostClock::start()),
+                _simulator: None,
             })
         }
     }
@@ -108,6 +112,7 @@ fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupE
         controller: Controller::spawn(driver, halt),
         dialect: Dialect::named(dialect)?,
         clock: Arc::new(HostClock::start()),
+        _simulator: None,
     })
 }
 

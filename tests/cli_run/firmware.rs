@@ -1,0 +1,98 @@
+//! The simulated control on a TCP port of this test, at the pace of a real machine. Everything that
+//! it is sent can be heard.
+
+use std::net::SocketAddr;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::net::{TcpListener, TcpStream};
+use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::setup::{self, MachineFile};
+
+pub struct Control {
+    pub address: SocketAddr,
+    heard: Receiver<Vec<u8>>,
+    server: JoinHandle<String>,
+    /// All bytes so far.
+    pub bytes: Vec<u8>,
+}
+
+impl Control {
+    /// The machine of `file` for one client.
+    pub fn start(file: &str) -> Self {
+        let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
+        let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+        let firmware = Firmware::new(world, Options::of(&file.machine, Pace::Real));
+        let (tell, heard) = channel();
+        let (listening, address) = channel();
+        let server = std::thread::spawn(move || {
+            let runtime =
+                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async {
+                let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+                listening.send(listener.local_addr().unwrap()).unwrap();
+                let (client, _) = listener.accept().await.unwrap();
+                serve(firmware, client, tell).await
+            })
+        });
+        Self { address: address.recv().unwrap(), heard, server, bytes: Vec::new() }
+    }
+
+    /// Wait until `words` were sent.
+    pub fn wait_for(&mut self, words: &str) {
+        while !self.text().contains(words) {
+            let more = self.heard.recv();
+            self.bytes.extend(more.unwrap_or_else(|_| panic!("no {words} in {}", self.text())));
+        }
+    }
+
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.bytes).into_owned()
+    }
+
+    /// Once the client has gone: all that it sent, and what the control says of itself.
+    pub fn end(mut self) -> (Vec<u8>, String) {
+        self.bytes.extend(self.heard.iter().flatten());
+        (self.bytes, self.server.join().unwrap())
+    }
+}
+
+/// Pass on what the client says, until it goes; then ask for the status.
+async fn serve(mut firmware: Firmware, client: TcpStream, tell: Sender<Vec<u8>>) -> String {
+    let (near, far) = tokio::io::duplex(4096);
+    let (served, ()) = tokio::join!(firmware.serve(far), pass_on(client, near, tell));
+    served.unwrap();
+    let (mut near, far) = tokio::io::duplex(4096);
+    let ask = async move {
+        near.write_all(b"?").await.unwrap();
+        let mut said = String::new();
+        while !said.contains('>') {
+            said.push(char::from(near.read_u8().await.unwrap()));
+        }
+        said
+    };
+    tokio::join!(firmware.serve(far), ask).1
+}
+
+async fn pass_on(client: TcpStream, control: DuplexStream, tell: Sender<Vec<u8>>) {
+    let (mut from_client, mut to_client) = client.into_split();
+    let (mut from_control, mut to_control) = tokio::io::split(control);
+    let requests = async move {
+        let mut buffer = [0; 1024];
+        // A client that was killed may reset the connection.
+        while let Ok(count @ 1..) = from_client.read(&mut buffer).await {
+            // The test may have heard enough.
+            let _ = tell.send(buffer[..count].to_vec());
+            to_control.write_all(&buffer[..count]).await.unwrap();
+        }
+        to_control.shutdown().await.unwrap();
+    };
+    let answers = async move {
+        let _ = tokio::io::copy(&mut from_control, &mut to_client).await;
+        // What nobody reads any more.
+        let _ = tokio::io::copy(&mut from_control, &mut tokio::io::sink()).await;
+    };
+    tokio::join!(requests, answers);
+}

@@ -1,0 +1,60 @@
+//! What comes out of a run, and comes out again.
+
+use serde_json::Value;
+
+use super::{Shop, estimate, machine, said};
+
+#[test]
+fn regress_exported_readings_identify_to_the_stored_bytes() {
+    let shop = Shop::new(&machine());
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(0), "{}", said(&run));
+    assert_eq!(shop.exported_steps().len(), 62);
+    let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
+    let again = shop.trued(&[
+        "identify",
+        "self-calibration",
+        "--json",
+        "--machine",
+        &file("machine.toml"),
+        "--plan",
+        &file("plan.json"),
+        "--readings",
+        &file("readings.csv"),
+    ]);
+    assert_eq!(again.status.code(), Some(0), "{}", said(&again));
+    let stored = std::fs::read_to_string(file("estimate.json")).unwrap();
+    let run = String::from_utf8(run.stdout).unwrap();
+    assert_eq!(stored.trim(), run.trim(), "the stored estimate is not what was printed");
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), run);
+    let shown = shop.trued(&["show", "1", "--json"]);
+    assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
+}
+
+#[test]
+fn regress_two_heights_find_the_tilts_of_the_axis() {
+    let settings = "positions = 12\nheights_mm = [20, 80]\n";
+    let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
+    let file = machine().replace("[simulated.errors]", errors) + settings;
+    let estimate = estimate(&Shop::new(&file).run());
+    for (symbol, truth) in [("EA0C", 40.0), ("EB0C", -25.0)] {
+        let found = estimate["parameters"].as_array().unwrap();
+        let found = found.iter().find(|p| p["symbol"] == symbol).unwrap();
+        let number = |key: &str| found[key].as_f64().unwrap();
+        assert_eq!(found["unit"], Value::from("urad"));
+        let (off, expanded) = (number("value") - truth, number("U"));
+        assert!(off.abs() < expanded && expanded < 20.0, "{symbol}: off by {off}, U {expanded}");
+    }
+}
+
+#[test]
+fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
+    let shop = Shop::new(&(machine() + "spindle = \"follow\"\n"));
+    let refused = shop.run();
+    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    for words in ["no template `orient`", "spindle = \"fixed\""] {
+        assert!(said(&refused).contains(words), "{}", said(&refused));
+    }
+    assert_eq!(shop.states(), ["failed"]);
+    assert!(shop.exported_steps().is_empty());
+}

@@ -1,0 +1,76 @@
+//! A run that does not come to its end: by Ctrl-C, SIGTERM, kill -9.
+
+use std::process::{Child, Command, Stdio};
+
+use super::firmware::Control;
+use super::{Shop, machine, said, with_control};
+
+fn signal(process: &Child, name: &str) {
+    let kill = format!("kill -{name} {}", process.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// A run over `control`, in the middle of its second touch: the first reading is acknowledged.
+fn in_mid_touch(control: &mut Control) -> (Shop, Child) {
+    let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
+    let shop = Shop::new(&with_control(&machine(), &address));
+    let mut run = shop.run_command();
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    control.wait_for("N1 G38.3 Y");
+    (shop, run)
+}
+
+fn held_by(name: &str) {
+    let mut control = Control::start(&machine());
+    let (shop, run) = in_mid_touch(&mut control);
+    signal(&run, name);
+    let ended = run.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(5), "{}", said(&ended));
+    assert!(said(&ended).contains("error: held on request\n  → "), "{}", said(&ended));
+    assert!(ended.stdout.is_empty(), "an estimate in spite of everything");
+
+    let (bytes, status) = control.end();
+    assert!(status.contains("<Hold:0"), "the machine says {status}");
+    let hold = bytes.iter().position(|byte| *byte == b'!').expect("a feed hold");
+    let after: Vec<u8> = bytes[hold..].iter().copied().filter(|b| !b"!?".contains(b)).collect();
+    assert!(after.is_empty(), "sent after the hold: {}", String::from_utf8_lossy(&after));
+
+    assert_eq!(shop.states(), ["held"]);
+    assert_eq!(shop.exported_steps()[0], 0);
+    let shown = shop.trued(&["show", "1"]);
+    assert_eq!(shown.status.code(), Some(0), "{}", said(&shown));
+    assert!(String::from_utf8_lossy(&shown.stdout).contains("held, 1 readings"));
+}
+
+#[test]
+fn regress_sigint_holds_and_keeps() {
+    held_by("INT");
+}
+
+#[test]
+fn regress_sigterm_holds_and_keeps() {
+    held_by("TERM");
+}
+
+#[test]
+fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
+    let mut control = Control::start(&machine());
+    let (shop, mut run) = in_mid_touch(&mut control);
+
+    // While it lives, it alone has the machine.
+    let second = shop.run();
+    assert_eq!(second.status.code(), Some(1), "{}", said(&second));
+    let holder = format!("in use by process {}", run.id());
+    assert!(said(&second).contains(&holder), "{}", said(&second));
+    assert_eq!(shop.states(), ["running"]);
+
+    run.kill().unwrap();
+    run.wait().unwrap();
+    drop(control);
+    // The next start on the same machine, whatever comes of it.
+    std::fs::write(shop.file("machine.toml"), machine()).unwrap();
+    let next = shop.run();
+    assert_eq!(next.status.code(), Some(0), "{}", said(&next));
+    assert_eq!(shop.states(), ["interrupted", "finished"]);
+    assert_eq!(shop.exported_steps(), [0]);
+}
