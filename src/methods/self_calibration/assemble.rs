@@ -159,7 +159,7 @@ fn axis_circle(parts: &Parts<'_>) -> Option<(Vec<Parameter>, CircleFigure)> {
         lsc.push(parameter(symbol, Unit::Um, fitted.centre[i], u[i], dof));
     }
     let figure = CircleFigure {
-        symbol: "axis of C: E_total and its least-squares circle".to_owned(),
+        symbol: "axis of C".to_owned(),
         unit: Unit::Um,
         x: x.iter().map(|v| v * 1e3).collect(),
         y: y.iter().map(|v| v * 1e3).collect(),
