@@ -43,7 +43,7 @@ fn regress_two_heights_find_the_tilts_of_the_axis() {
         let number = |key: &str| found[key].as_f64().unwrap();
         assert_eq!(found["unit"], Value::from("urad"));
         let (off, expanded) = (number("value") - truth, number("U"));
-        assert!(off.abs() < expanded && expanded < 20.0, "{symbol}: off by {off}, U {expanded}");
+        assert!(off.abs() < expanded && expanded < 25.0, "{symbol}: off by {off}, U {expanded}");
     }
 }
 
