@@ -79,6 +79,7 @@ impl Failure {
     /// How a run ended; `moved`: it ended on the way and the machine stands there.
     pub fn of_run(error: &RunError, moved: bool) -> Self {
         let exit = if moved || error.is_stop() { Exit::Stopped } else { Exit::Error };
-        Self { what: error.to_string(), remedy: Some(error.remedy()), exit }
+        let stands = if moved { "" } else { "nothing has moved; " };
+        Self { what: error.to_string(), remedy: Some(format!("{stands}{}", error.remedy())), exit }
     }
 }

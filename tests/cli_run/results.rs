@@ -43,7 +43,7 @@ fn regress_two_heights_find_the_tilts_of_the_axis() {
         let number = |key: &str| found[key].as_f64().unwrap();
         assert_eq!(found["unit"], Value::from("urad"));
         let (off, expanded) = (number("value") - truth, number("U"));
-        assert!(off.abs() < expanded && expanded < 20.0, "{symbol}: off by {off}, U {expanded}");
+        assert!(off.abs() < expanded && expanded < 25.0, "{symbol}: off by {off}, U {expanded}");
     }
 }
 
@@ -52,7 +52,7 @@ fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     let shop = Shop::new(&(machine() + "spindle = \"follow\"\n"));
     let refused = shop.run();
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
-    for words in ["no template `orient`", "spindle = \"fixed\""] {
+    for words in ["no template `orient`", "nothing has moved", "spindle = \"fixed\""] {
         assert!(said(&refused).contains(words), "{}", said(&refused));
     }
     assert_eq!(shop.states(), ["failed"]);
