@@ -88,3 +88,61 @@ fn regress_u_is_true_on_a_machine_with_poor_axes() {
     ]);
     assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
 }
+
+/// The sources that can be declared, by their name in the budget and their key; a declared
+/// repeatability cannot be zero.
+const SOURCES: [(&str, &str, &str, &str); 5] = [
+    ("repeatability of a touch", "repeatability_um", "1.0", "0.001"),
+    ("resolution", "resolution_um", "3.0", "0.0"),
+    ("stylus offset", "stylus_offset_um", "1.0", "0.0"),
+    ("probe lobing", "lobing_um", "1.0", "0.0"),
+    ("error motions of X and Y", "error_motion_um", "1.0", "0.0"),
+];
+
+/// One source alone (METHODS section 6): what its budget line says is what is seen to scatter.
+#[test]
+fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
+    for (name, key, on, _) in SOURCES {
+        let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
+        for seed in 0..100u64 {
+            let seed = (5000 + seed).to_string();
+            let mut changes = vec![("seed", seed.as_str()), ("drift_um_per_h", "0.0")];
+            // A short wavelength lets the error motions act within the part.
+            changes.push(("error_wavelength_mm", "40.0"));
+            for (_, other, _, off) in SOURCES {
+                changes.push((other, if other == key { on } else { off }));
+            }
+            let (estimate, truth) = estimate(&machine(&changes));
+            for (parameter, truth) in estimate.parameters.iter().zip(truth).take(2) {
+                squares += (parameter.value - truth).powi(2);
+                let line = parameter.budget.iter().find(|line| line.source == name);
+                stated += line.unwrap_or_else(|| panic!("no line for {name}")).u.powi(2);
+                count += 1.0;
+            }
+        }
+        let (seen, stated) = ((squares / count).sqrt(), (stated / count).sqrt());
+        let ratio = seen / stated;
+        assert!((0.8..=1.2).contains(&ratio), "{name}: seen {seen} um, stated {stated} um");
+    }
+}
+
+/// With the spindle following the probe angle neither stylus offset nor lobing reaches the axis
+/// position; with a fixed spindle they do.
+#[test]
+fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
+    let found = |spindle: &str| {
+        let changes = [("seed", "77"), ("stylus_offset_um", "20.0"), ("lobing_um", "8.0")];
+        let text = machine(&changes).text().replace(
+            "[method.self-calibration]\n",
+            &format!("[method.self-calibration]\nspindle = \"{spindle}\"\n"),
+        );
+        let (estimate, truth) =
+            estimate(&MachineFile::parse("follow.toml", text).expect("a sound machine file"));
+        let off = |i: usize| estimate.parameters[i].value - truth[i];
+        (off(0).hypot(off(1)), estimate.parameters[0].u)
+    };
+    let (fixed, u_fixed) = found("fixed");
+    let (following, u_following) = found("follow");
+    assert!(fixed > 5.0 && u_fixed > 15.0, "fixed: {fixed} um, u {u_fixed} um");
+    assert!(following < 2.0 && u_following < 0.6, "following: {following} um, u {u_following} um");
+}

@@ -28,6 +28,10 @@ pub enum PlanningError {
         "step {step}: the touch is {length:.3} mm long, so its unguarded back-off could be longer than the probe's overtravel of {overtravel} mm"
     )]
     TooLong { step: u32, length: f64, overtravel: f64 },
+    #[error(
+        "braking from the guarded feed of {feed} mm/min takes {way:.2} mm, more than the probe's overtravel of {overtravel} mm"
+    )]
+    GuardTooFast { feed: f64, way: f64, overtravel: f64 },
     #[error("step {step}: the stylus ball would enter `{name}`")]
     Keepout { step: u32, name: String },
 }
@@ -52,6 +56,7 @@ impl PlanningError {
             Self::TooLong { .. } => {
                 "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or the method's distances"
             }
+            Self::GuardTooFast { .. } => "lower [probe] guarded_feed_mm_min",
             Self::Keepout { .. } => {
                 "move the part away from the box, or the machine by hand if it stands inside; or correct [[keepout]]"
             }

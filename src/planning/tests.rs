@@ -75,7 +75,7 @@ fn regress_the_sequence_of_one_touch() {
         Motion::Orient { s: 0.5 },
         Motion::Rapid { to: at(&[(Axis::X, 48.5), (Axis::Y, 0.0)]) },
         Motion::Rapid { to: z(safe) },
-        Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 },
+        Motion::Guarded { to: z(170.0), feed_mm_min: 1500.0 },
         Motion::Probe { to: x(47.0), feed_mm_min: 30.0 },
         Motion::BackOff { to: x(48.5), feed_mm_min: 300.0 },
         Motion::Rapid { to: z(safe) },
@@ -287,4 +287,16 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
         let actual = seconds(motions.clone());
         assert!((actual - expected).abs() < 1e-9, "{actual} s, not {expected} s: {motions:?}");
     }
+}
+
+#[test]
+fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
+    // 100 mm/s against 1000 mm/s² is 5 mm, the overtravel 4 mm.
+    let mut plan = plan(vec![touch(3, 0.0, 0.0, 0.0, 0.0)]);
+    let clearance = Clearance::above(&plan).unwrap();
+    plan.probe.guarded_feed_mm_min = 6000.0;
+    let refused = touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap_err();
+    assert!(matches!(refused, PlanningError::GuardTooFast { way, .. } if (way - 5.0).abs() < 1e-9));
+    plan.probe.guarded_feed_mm_min = 5000.0;
+    touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap();
 }

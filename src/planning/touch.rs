@@ -28,6 +28,7 @@ pub fn touch_block(
     clearance: &Clearance,
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
+    check_guarded_feed(plan)?;
     let (near_feed, back_feed) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let height = |z: f64| Position::new().with(Axis::Z, z);
@@ -81,6 +82,20 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
         return Err(PlanningError::TooLong { step: id, length, overtravel });
     }
     if length > SAME { Ok(()) } else { Err(PlanningError::NoLength { step: id }) }
+}
+
+/// A guarded move that meets something must come to rest within the probe's overtravel, whichever
+/// linear axis brakes it.
+fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
+    let (feed, overtravel) = (plan.probe.guarded_feed_mm_min, plan.probe.overtravel_mm);
+    let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+    let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
+    let way = (feed / 60.0).powi(2) / (2.0 * weakest);
+    if way <= overtravel {
+        Ok(())
+    } else {
+        Err(PlanningError::GuardTooFast { feed, way, overtravel })
+    }
 }
 
 /// Motions so far, and where they lead.
