@@ -70,6 +70,28 @@ impl Fit {
         let residuals = corrected.iter().zip(&model).map(|(r, m)| r - m).collect();
         Solved { x, residuals }
     }
+
+    /// Unknowns × observations: the derivative of the whole solution by each radius, second order
+    /// included. With an eccentric part it differs from the linear gain by some W′/L, 2 % per mm.
+    pub fn sensitivity(&self, radii: &[f64]) -> Mat<f64> {
+        if self.bend.is_none() {
+            return self.solution.gain.clone();
+        }
+        let step = 1e-3;
+        let mut sensitivity = Mat::zeros(self.layout.unknowns(), radii.len());
+        for j in 0..radii.len() {
+            let moved = |by: f64| {
+                let mut moved = radii.to_vec();
+                moved[j] += by;
+                self.solve(&moved).x
+            };
+            let (up, down) = (moved(step), moved(-step));
+            for (i, (u, d)) in up.iter().zip(&down).enumerate() {
+                sensitivity[(i, j)] = (u - d) / (2.0 * step);
+            }
+        }
+        sensitivity
+    }
 }
 
 /// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:

@@ -53,7 +53,7 @@ pub fn identify(
     let parameters = outputs::parameters(&layout, heights, radius);
     let functions = all_functions(&layout, heights);
     let matrix = output_matrix(&layout, &parameters, &functions);
-    let propagated = Propagated::new(&fit, &matrix, &sources, scale);
+    let propagated = Propagated::new(&fit.sensitivity(&radii), &matrix, &sources, scale);
     let monte_carlo = propagate_by_trials(&fit, &radii, &parameters, &sources, scale, settings)?;
     Ok(assemble::estimate(&Parts {
         plan,

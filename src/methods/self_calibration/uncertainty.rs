@@ -3,7 +3,7 @@
 
 use faer::Mat;
 
-use super::fit::{Fit, multiply};
+use super::fit::multiply;
 use super::sources::{Shape, UncertaintySource, is_touch_by_touch};
 use crate::estimation::coverage;
 
@@ -42,13 +42,14 @@ impl TouchScale {
 }
 
 impl Propagated {
+    /// `sensitivity`: unknowns × observations; `outputs`: outputs × unknowns.
     pub fn new(
-        fit: &Fit,
+        sensitivity: &Mat<f64>,
         outputs: &Mat<f64>,
         sources: &[UncertaintySource],
         scale: TouchScale,
     ) -> Self {
-        let sensitivity = outputs * &fit.solution.gain;
+        let sensitivity = outputs * sensitivity;
         let count = outputs.nrows();
         let mut covariance = Mat::zeros(count, count);
         let mut touch_variance = vec![0.0; count];
