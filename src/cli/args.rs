@@ -81,8 +81,12 @@ pub struct PlanArgs {
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
     pub method: String,
-    #[arg(long, value_name = "FILE.csv")]
-    pub readings: PathBuf,
+    #[arg(long, value_name = "FILE.csv", required_unless_present = "run")]
+    pub readings: Option<PathBuf>,
+    /// Identify a stored run again, from its own plan and readings; the new estimate joins the
+    /// run, the old ones stay.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["readings", "plan"])]
+    pub run: Option<i64>,
     /// The plan that was measured; without it, the plan of the machine file.
     #[arg(long, value_name = "FILE.json")]
     pub plan: Option<PathBuf>,

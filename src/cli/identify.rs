@@ -1,16 +1,35 @@
 //! `trued identify`: readings from anywhere to an estimate.
 
+use std::path::Path;
+
 use super::args::IdentifyArgs;
 use super::failure::Failure;
-use super::run::read_estimate;
+use super::run::{read_estimate, state_folder};
 use super::{Exit, show};
 use crate::decision;
 use crate::methods;
+use crate::record::estimate::Estimate;
 use crate::record::plan::{PLAN_VERSION, Plan};
 use crate::report::readings_csv;
-use crate::setup;
+use crate::setup::{self, MachineFile, SetupError};
+use crate::store::{Journal, RunId};
 
-pub fn identify(args: &IdentifyArgs) -> Result<Exit, Failure> {
+pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
+    let estimate = match (args.run, &args.readings) {
+        (Some(run), _) => stored_run(args, RunId(run), &priors, state)?,
+        (None, Some(file)) => files(args, file, &priors)?,
+        (None, None) => return Err(Failure::plain("neither --readings nor --run is given")),
+    };
+    if args.json {
+        show::print_json(&estimate)?;
+    } else {
+        show::print_estimate(&estimate);
+    }
+    Ok(estimate.verdict.into())
+}
+
+fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimate, Failure> {
     let machine = setup::load(args.machine.as_deref())?;
     let (method, plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
@@ -20,25 +39,43 @@ pub fn identify(args: &IdentifyArgs) -> Result<Exit, Failure> {
             (method, plan)
         }
     };
-    let bytes =
-        std::fs::read(&args.readings).map_err(|error| Failure::file(&args.readings, &error))?;
+    let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
     let readings = readings_csv::read(&bytes)
-        .map_err(|error| Failure::plain(format!("{}: {error}", args.readings.display())))?;
-    let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
-    let mut estimate = method.identify(&plan, &readings, &priors)?;
+        .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
+    let mut estimate = method.identify(&plan, &readings, priors)?;
     estimate.verdict = decision::judge(&estimate, &machine.tolerance);
-    if args.json {
-        show::print_json(&estimate)?;
-    } else {
-        show::print_estimate(&estimate);
-    }
-    Ok(estimate.verdict.into())
+    Ok(estimate)
 }
 
-fn read_plan(
-    file: &std::path::Path,
-    method: &str,
-) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
+/// Judged by the tolerances of `--machine`, or of the machine file that the run was made with.
+fn stored_run(
+    args: &IdentifyArgs,
+    run: RunId,
+    priors: &[Estimate],
+    state: Option<&Path>,
+) -> Result<Estimate, Failure> {
+    let journal = Journal::open(&state_folder(state)?)?;
+    let stored = journal.load(run)?;
+    if stored.plan.method != args.method {
+        return Err(Failure::plain(format!(
+            "run {run} is of the method `{}`, not `{}`",
+            stored.plan.method, args.method
+        )));
+    }
+    let machine = match &args.machine {
+        Some(file) => setup::load(Some(file))?,
+        None => MachineFile::parse(&format!("machine file of run {run}"), stored.config)
+            .map_err(SetupError::from)?,
+    };
+    let method =
+        methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
+    let mut estimate = method.identify(&stored.plan, &stored.readings, priors)?;
+    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
+    journal.estimate(run, &estimate).wait()?;
+    Ok(estimate)
+}
+
+fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
     let wrong = |why: String| {
         Failure::new(

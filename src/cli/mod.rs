@@ -59,7 +59,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     match cli.command {
         Command::Run(args) => run::run(&args, state),
         Command::Plan(args) => plan::plan(&args),
-        Command::Identify(args) => identify::identify(&args),
+        Command::Identify(args) => identify::identify(&args, state),
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),

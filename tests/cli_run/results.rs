@@ -1,5 +1,7 @@
 //! What comes out of a run, and comes out again.
 
+use std::path::Path;
+
 use serde_json::Value;
 
 use super::{Shop, estimate, machine, said};
@@ -57,4 +59,24 @@ fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     }
     assert_eq!(shop.states(), ["failed"]);
     assert!(shop.exported_steps().is_empty());
+}
+
+#[test]
+fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
+    let shop = Shop::new(&machine());
+    let first = shop.run();
+    let tight = machine() + "[tolerance]\nEX0C_um = 1.0\n";
+    std::fs::write(shop.file("tight.toml"), tight).unwrap();
+    let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    assert_eq!(again.stdout, first.stdout, "{}", said(&again));
+    let tight = shop.file("tight.toml");
+    let judged =
+        shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
+    // The axis stands 50 um off: far outside 1 um.
+    assert_eq!(judged.status.code(), Some(3), "{}", said(&judged));
+    let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
+    let stored = journal.load(trued::store::RunId(1)).unwrap();
+    let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
+    use trued::record::estimate::Verdict;
+    assert_eq!(verdicts, [Verdict::None, Verdict::None, Verdict::Fail]);
 }

@@ -2,15 +2,16 @@
 
 use faer::Mat;
 
-use super::fit::{Fit, Solved, dot};
-use super::identify::Sense;
-use super::observe::Observed;
+use super::algebra::dot;
+use super::axis_circle::{AxisCircle, axis_circle};
+use super::fit::{Fit, Solved};
 use super::outputs::{self, Output, OutputFunction};
 use super::paper::PaperForm;
+use super::sense::Sense;
 use super::settings::{Settings, Spindle};
 use super::uncertainty::{Propagated, TouchScale};
+use crate::estimation::coverage;
 use crate::estimation::monte_carlo::{Summary, numerical_tolerance};
-use crate::estimation::{circle, coverage};
 use crate::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
     Verdict,
@@ -21,15 +22,16 @@ use crate::record::plan::Plan;
 pub struct Parts<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
-    pub observed: &'a Observed,
-    pub fit: &'a Fit,
-    pub solved: &'a Solved,
+    /// In the machine frame, mm.
+    pub heights: &'a [f64],
+    pub fit: Fit,
+    pub solved: Solved,
     pub chi2: f64,
     pub scale: TouchScale,
-    pub parameters: &'a [Output],
-    pub functions: &'a [OutputFunction],
-    pub propagated: &'a Propagated,
-    pub monte_carlo: &'a Summary,
+    pub parameters: Vec<Output>,
+    pub functions: Vec<OutputFunction>,
+    pub propagated: Propagated,
+    pub monte_carlo: Summary,
     pub sense: Sense,
     pub timed: bool,
 }
@@ -38,15 +40,17 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let solution = &parts.fit.solution;
     let residuals = &parts.solved.residuals;
     let mean_square = residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len().max(1) as f64;
-    let axis = axis_circle(parts);
     let mut parameters = reported_parameters(parts);
-    parameters.extend(axis.iter().flat_map(|(lsc, _)| lsc.clone()));
+    let circle = axis_circle(parts);
+    if let Some(circle) = &circle {
+        parameters.extend(circle_parameters(parts, circle));
+    }
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
         method: super::NAME.to_owned(),
         parameters,
         functions: reported_functions(parts),
-        circles: axis.into_iter().map(|(_, figure)| figure).collect(),
+        circles: circle.iter().map(|circle| circle_figure(parts, circle)).collect(),
         covariance: covariance(parts),
         rank: solution.rank,
         unknowns: parts.fit.layout.unknowns() - parts.fit.layout.gauge().nrows(),
@@ -88,6 +92,34 @@ fn reported_parameters(parts: &Parts<'_>) -> Vec<Parameter> {
             }
         })
         .collect()
+}
+
+/// The circle's centre, beside the mean.
+fn circle_parameters(parts: &Parts<'_>, circle: &AxisCircle) -> Vec<Parameter> {
+    ["EX0C_lsc", "EY0C_lsc"]
+        .into_iter()
+        .enumerate()
+        .map(|(i, symbol)| {
+            let dof = parts.propagated.dof(i, parts.scale);
+            parameter(symbol, Unit::Um, circle.fitted.centre[i], circle.u[i], dof)
+        })
+        .collect()
+}
+
+fn circle_figure(parts: &Parts<'_>, circle: &AxisCircle) -> CircleFigure {
+    let um = |i: usize| circle.points.iter().map(|point| point[i] * 1e3).collect();
+    let k = |i| {
+        coverage::coverage_factor(parts.propagated.dof(i, parts.scale).unwrap_or(f64::INFINITY))
+    };
+    CircleFigure {
+        symbol: "axis of C".to_owned(),
+        unit: Unit::Um,
+        x: um(0),
+        y: um(1),
+        centre: circle.fitted.centre.map(|v| v * 1e3),
+        radius: circle.fitted.radius * 1e3,
+        centre_expanded: [0, 1].map(|i| k(i) * circle.u[i] * 1e3),
+    }
 }
 
 /// A parameter from internal value and standard uncertainty.
@@ -143,67 +175,9 @@ fn covariance(parts: &Parts<'_>) -> Covariance {
     Covariance { symbols: parts.parameters.iter().map(|p| p.symbol.clone()).collect(), rows }
 }
 
-/// The least-squares circle of ISO 230-7 through the positions of E_total (first height), beside
-/// the mean: its centre as parameters and as a figure. `None` where no circle can be fitted.
-fn axis_circle(parts: &Parts<'_>) -> Option<(Vec<Parameter>, CircleFigure)> {
-    let layout = &parts.fit.layout;
-    let n = layout.design.n;
-    let x: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ex(0, i)]).collect();
-    let y: Vec<f64> = (0..n).map(|i| parts.solved.x[layout.ey(0, i)]).collect();
-    let points: Vec<[f64; 2]> = x.iter().zip(&y).map(|(x, y)| [*x, *y]).collect();
-    let fitted = circle::fit_circle(&points).ok()?;
-    let u = circle_uncertainty(parts, &points)?;
-    let mut lsc = Vec::new();
-    for (i, symbol) in ["EX0C_lsc", "EY0C_lsc"].into_iter().enumerate() {
-        let dof = parts.propagated.dof(i, parts.scale);
-        lsc.push(parameter(symbol, Unit::Um, fitted.centre[i], u[i], dof));
-    }
-    let figure = CircleFigure {
-        symbol: "axis of C".to_owned(),
-        unit: Unit::Um,
-        x: x.iter().map(|v| v * 1e3).collect(),
-        y: y.iter().map(|v| v * 1e3).collect(),
-        centre: fitted.centre.map(|v| v * 1e3),
-        radius: fitted.radius * 1e3,
-        centre_expanded: [lsc[0].expanded, lsc[1].expanded],
-    };
-    Some((lsc, figure))
-}
-
-/// Standard uncertainty of the circle's centre by first-order propagation of the covariance of its
-/// points (numerical derivative of the fit).
-fn circle_uncertainty(parts: &Parts<'_>, points: &[[f64; 2]]) -> Option<[f64; 2]> {
-    let n = points.len();
-    let start = |symbol: &str| {
-        let before = parts.functions.iter().take_while(|f| f.symbol != symbol);
-        parts.parameters.len() + before.map(|f| f.points.len()).sum::<usize>()
-    };
-    let suffix = parts.functions.first()?.symbol.strip_prefix("EXC_total")?;
-    let (first_x, first_y) =
-        (start(&format!("EXC_total{suffix}")), start(&format!("EYC_total{suffix}")));
-    let step = 1e-6;
-    let mut slopes = Mat::<f64>::zeros(2, 2 * n);
-    for j in 0..2 * n {
-        let moved = |by: f64| {
-            let mut moved = points.to_vec();
-            moved[j % n][j / n] += by;
-            circle::fit_circle(&moved).ok()
-        };
-        let (up, down) = (moved(step)?, moved(-step)?);
-        for i in 0..2 {
-            slopes[(i, j)] = (up.centre[i] - down.centre[i]) / (2.0 * step);
-        }
-    }
-    let place = |j: usize| if j < n { first_x + j } else { first_y + j - n };
-    let of_points =
-        Mat::from_fn(2 * n, 2 * n, |i, j| parts.propagated.covariance[(place(i), place(j))]);
-    let variance = &slopes * of_points * slopes.transpose();
-    Some([variance[(0, 0)].max(0.0).sqrt(), variance[(1, 1)].max(0.0).sqrt()])
-}
-
 fn gauge(parts: &Parts<'_>) -> Vec<String> {
     let mut lines = parts.fit.layout.gauge_in_words();
-    let heights: Vec<String> = parts.observed.heights.iter().map(|z| format!("{z:.3}")).collect();
+    let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
         1 => format!("EX0C and EY0C hold at Z = {} mm only", heights[0]),
         _ => format!(

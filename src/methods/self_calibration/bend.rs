@@ -2,8 +2,9 @@
 //! because the ball meets the part beside the ray. Everything that does not depend on the unknowns
 //! is worked out once, for the sake of the Monte Carlo trials.
 
-use super::fit::{dot, scale_and_squareness};
+use super::algebra::dot;
 use super::model::{Layout, Observation};
+use super::outputs::scale_and_squareness;
 use crate::estimation::trigonometric::Trigonometric;
 
 pub struct Bend {

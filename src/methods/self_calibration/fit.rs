@@ -3,6 +3,7 @@
 
 use faer::Mat;
 
+use super::algebra::multiply;
 use super::bend::Bend;
 use super::model::{Layout, Observation};
 use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
@@ -92,33 +93,4 @@ impl Fit {
         }
         sensitivity
     }
-}
-
-/// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
-/// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
-pub fn scale_and_squareness(layout: &Layout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
-    let n = layout.design.n;
-    let mut scale = vec![0.0; layout.unknowns()];
-    let mut square = vec![0.0; layout.unknowns()];
-    for i in 0..n {
-        let (sin, cos) = (2.0 * layout.design.angle(i)).sin_cos();
-        let weight = -4.0 / (n as f64 * radius);
-        scale[layout.er(height, i)] = weight * cos;
-        square[layout.er(height, i)] = weight * sin;
-    }
-    (scale, square)
-}
-
-pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
-    coefficients.iter().zip(x).map(|(c, v)| c * v).sum()
-}
-
-pub fn multiply(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
-    let mut product = vec![0.0; matrix.nrows()];
-    for (j, value) in vector.iter().enumerate() {
-        for (out, m) in product.iter_mut().zip(matrix.col(j).iter()) {
-            *out += m * value;
-        }
-    }
-    product
 }

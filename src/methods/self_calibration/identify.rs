@@ -2,12 +2,14 @@
 
 use faer::Mat;
 
+use super::algebra::dot;
 use super::assemble::{self, Parts};
 use super::design::Design;
-use super::fit::{Fit, Solved, dot};
+use super::fit::{Fit, Solved};
 use super::model::{Layout, Observation};
 use super::observe::observe;
 use super::outputs::{self, Output, OutputFunction};
+use super::sense;
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, touch_sigma};
 use super::uncertainty::{Propagated, TouchScale, disturb};
@@ -42,53 +44,57 @@ pub fn identify(
     };
     let sources =
         sources(plan, &layout, &observed.observations, settings.spindle, observed.half_duration_s);
-    let fit = fit(&layout, &observed.observations, &sources, settings)?;
+    let sigma = touch_sigma(&sources, observed.observations.len());
+    let fit = fit(&layout, &observed.observations, &sigma, settings)?;
     let radii: Vec<f64> = observed.observations.iter().map(|seen| seen.radius).collect();
     let solved = fit.solve(&radii);
-
-    let chi2 = chi2(&solved, &touch_sigma(&sources, radii.len()));
+    let chi2 = chi2(&solved, &sigma);
     let scale = TouchScale::judge(plan.probe.repeatability_um.is_some(), chi2, fit.solution.dof);
-    let radius = (0..layout.heights).map(|h| solved.x[layout.radius(h)]).sum::<f64>()
-        / layout.heights as f64;
-    let parameters = outputs::parameters(&layout, heights, radius);
+
+    let parameters = outputs::parameters(&layout, heights, mean_radius(&layout, &solved));
     let functions = all_functions(&layout, heights);
     let matrix = output_matrix(&layout, &parameters, &functions);
     let propagated = Propagated::new(&fit.sensitivity(&radii), &matrix, &sources, scale);
     let monte_carlo = propagate_by_trials(&fit, &radii, &parameters, &sources, scale, settings)?;
+    let sense = sense::judge(&fit, &sigma, &solved);
     Ok(assemble::estimate(&Parts {
         plan,
         settings,
-        observed: &observed,
-        fit: &fit,
-        solved: &solved,
+        heights,
+        fit,
+        solved,
         chi2,
         scale,
-        parameters: &parameters,
-        functions: &functions,
-        propagated: &propagated,
-        monte_carlo: &monte_carlo,
-        sense: judge_sense(&fit, settings, &sources, &solved),
+        parameters,
+        functions,
+        propagated,
+        monte_carlo,
+        sense,
         timed,
     }))
+}
+
+fn mean_radius(layout: &Layout, solved: &Solved) -> f64 {
+    let sum: f64 = (0..layout.heights).map(|height| solved.x[layout.radius(height)]).sum();
+    sum / layout.heights as f64
 }
 
 fn fit(
     layout: &Layout,
     observations: &[Observation],
-    sources: &[UncertaintySource],
+    sigma: &[f64],
     settings: &Settings,
 ) -> Result<Fit, IdentifyError> {
-    let sigma = touch_sigma(sources, observations.len());
-    Fit::new(layout.clone(), observations.to_vec(), &sigma, settings.second_order).map_err(
-        |error| match error {
+    Fit::new(layout.clone(), observations.to_vec(), sigma, settings.second_order).map_err(|error| {
+        match error {
             LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
                 rank: survey.rank,
                 unknowns: layout.unknowns(),
                 what: null_names::name_null_space(survey.null_space.as_ref(), &layout.names()),
             },
             other => IdentifyError::Numerical(other.to_string()),
-        },
-    )
+        }
+    })
 }
 
 fn chi2(solved: &Solved, sigma: &[f64]) -> f64 {
@@ -146,53 +152,4 @@ fn propagate_by_trials(
         Ok::<(), std::convert::Infallible>(())
     })
     .map_err(|error| IdentifyError::Numerical(error.to_string()))
-}
-
-/// Whether the readings confirm the stated sense of C.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sense {
-    Confirmed,
-    /// The part is too round and centred to tell.
-    NotConfirmed,
-    /// The opposite sense explains the readings far better.
-    Contradicted,
-}
-
-/// Solve with the opposite sense as well. Under the wrong one an eccentric part looks like an
-/// error motion of twice its eccentricity; under the right one the error motion is small.
-fn judge_sense(
-    fit: &Fit,
-    settings: &Settings,
-    sources: &[UncertaintySource],
-    solved: &Solved,
-) -> Sense {
-    let n = fit.layout.design.n;
-    let turned: Vec<Observation> =
-        fit.observations.iter().map(|seen| Observation { c: (n - seen.c) % n, ..*seen }).collect();
-    let radii: Vec<f64> = turned.iter().map(|seen| seen.radius).collect();
-    let linear = Settings { second_order: false, ..settings.clone() };
-    let Ok(other) = self::fit(&fit.layout, &turned, sources, &linear) else {
-        return Sense::NotConfirmed;
-    };
-    let stated = error_motion_rms(&fit.layout, &solved.x);
-    let opposite = error_motion_rms(&fit.layout, &other.solve(&radii).x);
-    // A factor of five is far beyond what scatter does to either figure.
-    if opposite > 5.0 * stated {
-        Sense::Confirmed
-    } else if stated > 5.0 * opposite {
-        Sense::Contradicted
-    } else {
-        Sense::NotConfirmed
-    }
-}
-
-fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
-    let functions = outputs::functions(layout, 0, "");
-    let squares: f64 = functions
-        .iter()
-        .filter(|f| f.symbol == "EXC" || f.symbol == "EYC")
-        .flat_map(|f| &f.points)
-        .map(|point| dot(point, x).powi(2))
-        .sum();
-    squares.sqrt()
 }

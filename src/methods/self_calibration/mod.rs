@@ -2,7 +2,9 @@
 //! Ibaraki 2020; corrected and extended as in METHODS section 1): axis position, error motion,
 //! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
 
+mod algebra;
 mod assemble;
+mod axis_circle;
 mod bend;
 mod design;
 mod fit;
@@ -12,6 +14,7 @@ mod observe;
 mod outputs;
 mod paper;
 mod plan;
+mod sense;
 mod settings;
 mod sources;
 mod uncertainty;

@@ -16,12 +16,6 @@ use crate::record::reading::{Flag, Reading};
 /// The observations of one cycle and what belongs to all of them.
 pub struct Observed {
     pub observations: Vec<Observation>,
-    /// Which pass each observation belongs to.
-    pub repeats: Vec<u32>,
-    /// Which step each observation belongs to.
-    pub steps: Vec<u32>,
-    /// Heights in the machine frame, mm.
-    pub heights: Vec<f64>,
     /// Half the duration of the cycle, s: the unit of `Observation::time`. 0 without times.
     pub half_duration_s: f64,
 }
@@ -44,21 +38,13 @@ pub fn observe(
         })
     })?;
     let by_step = sort_by_step(plan, readings)?;
-    let mut observed = Observed {
-        observations: Vec::new(),
-        repeats: Vec::new(),
-        steps: Vec::new(),
-        heights: heights.to_vec(),
-        half_duration_s: 0.0,
-    };
+    let mut observed = Observed { observations: Vec::new(), half_duration_s: 0.0 };
     for step in plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL)) {
         let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
             return Err(IdentifyError::Missing { step: step.id, label: step.label.clone() });
         };
         for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
             observed.observations.push(reduce(plan, design, heights, &chain, step, reading)?);
-            observed.repeats.push(reading.repeat);
-            observed.steps.push(step.id);
         }
     }
     observed.half_duration_s = scale_times(&mut observed.observations);

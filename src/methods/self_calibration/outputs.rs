@@ -1,7 +1,6 @@
 //! What is reported, as linear combinations of the unknowns: axis position, tilts, scale
 //! difference, squareness, and the functions of angle.
 
-use super::fit::scale_and_squareness;
 use super::model::Layout;
 use crate::record::estimate::{FigureKind, Unit};
 
@@ -120,4 +119,19 @@ fn sum(layout: &Layout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
         }
     }
     total
+}
+
+/// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
+/// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
+pub fn scale_and_squareness(layout: &Layout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = layout.design.n;
+    let mut scale = vec![0.0; layout.unknowns()];
+    let mut square = vec![0.0; layout.unknowns()];
+    for i in 0..n {
+        let (sin, cos) = (2.0 * layout.design.angle(i)).sin_cos();
+        let weight = -4.0 / (n as f64 * radius);
+        scale[layout.er(height, i)] = weight * cos;
+        square[layout.er(height, i)] = weight * sin;
+    }
+    (scale, square)
 }

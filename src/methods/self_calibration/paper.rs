@@ -5,6 +5,7 @@
 
 use faer::Mat;
 
+use super::algebra::dot;
 use super::design::{Design, Test, Touch};
 use super::fit::RANK_THRESHOLD;
 use super::model::{Layout, Observation};
@@ -57,7 +58,7 @@ impl PaperForm {
             self.touches.iter().map(|t| radius(t).map(|r| r - reference)).collect::<Option<_>>()?;
         let x = self.solve(&differences, 1.0).ok()?.x;
         let (cx, cy) = outputs::axis_position(&self.layout, 0);
-        Some([super::fit::dot(&cx[1..], &x), super::fit::dot(&cy[1..], &x)])
+        Some([dot(&cx[1..], &x), dot(&cy[1..], &x)])
     }
 }
 

@@ -6,8 +6,9 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::algebra::{dot, multiply};
 use super::design::Design;
-use super::fit::{Fit, RANK_THRESHOLD, dot};
+use super::fit::{Fit, RANK_THRESHOLD};
 use super::model::{Layout, Observation};
 use super::outputs;
 use super::paper::PaperForm;
@@ -109,7 +110,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
     let (x, y) = outputs::axis_position(&form.layout, 0);
     let u = |c: &[f64]| {
-        let product = super::fit::multiply(&solution.covariance, &c[1..]);
+        let product = multiply(&solution.covariance, &c[1..]);
         dot(&c[1..], &product).sqrt()
     };
     assert!((u(&x) - 0.97).abs() < 0.006, "{}", u(&x));
@@ -141,7 +142,7 @@ fn regress_noise_free_linear_recovery() {
         truth[zero - 1] = 0.0;
     }
     truth[l.er(0, 6) - 1] = truth[l.er(0, 2) - 1];
-    let differences = super::fit::multiply(&form.a, &truth);
+    let differences = multiply(&form.a, &truth);
     let found = form.solve(&differences, 1.0).unwrap().x;
     let worst = found.iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-9, "{worst}");
@@ -246,7 +247,7 @@ fn paper_table_6_circle_centre() {
     let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
     for _ in 0..trials {
         let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();
-        let x = super::fit::multiply(&solution.gain, &noise);
+        let x = multiply(&solution.gain, &noise);
         let points: Vec<[f64; 2]> = (0..8)
             .map(|i| [truth(i)[0] + x[layout.ex(0, i) - 1], truth(i)[1] + x[layout.ey(0, i) - 1]])
             .collect();

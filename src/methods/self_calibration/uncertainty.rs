@@ -3,7 +3,7 @@
 
 use faer::Mat;
 
-use super::fit::multiply;
+use super::algebra::multiply;
 use super::sources::{Shape, UncertaintySource, is_touch_by_touch};
 use crate::estimation::coverage;
 
