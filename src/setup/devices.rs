@@ -68,14 +68,14 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             };
             grbl(file, link::open(&address).await?, dialect)
         }
-        Control::LinuxCnc { tcp, program_dir, .. } => {
+        Control::LinuxCnc { tcp, program_dir, dialect } => {
             let axes = file.machine.axes.keys().copied().collect();
             let directory = program_dir.clone();
             let settings = LinuxCncSettings { address: tcp_address(tcp)?, directory, axes };
-            let (driver, halt) = LinuxCnc::open(settings).await?;
+            let (driver, halt) = LinuxCnc::open(settings, Dialect::named(dialect)?).await?;
             Ok(Devices {
                 controller: Controller::spawn(driver, halt),
-                dialect: Dialect::named("linuxcnc")?,
+                dialect: Dialect::named(dialect)?,
                 clock: Arc::new(HostClock::start()),
                 _simulator: None,
             })

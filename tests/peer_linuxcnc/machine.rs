@@ -7,6 +7,7 @@ use libtest_mimic::Failed;
 use trued::base::{Axis, Position};
 use trued::controllers::linuxcnc::{LinuxCnc, Settings};
 use trued::controllers::{ControllerError, Driver as _, Halt};
+use trued::gcode::Dialect;
 use trued::link::Address;
 use trued::record::motion::{Block, Motion, Outcome};
 
@@ -25,7 +26,7 @@ async fn open(rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
         directory: rig.directory.clone(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
     };
-    Ok(LinuxCnc::open(settings).await?)
+    Ok(LinuxCnc::open(settings, Dialect::named("linuxcnc")?).await?)
 }
 
 fn xy(radius: f64, angle: f64) -> Position {

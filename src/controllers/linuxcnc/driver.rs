@@ -56,10 +56,11 @@ impl LinuxCnc {
     ///
     /// # Errors
     /// No linuxcncrsh at the address; a directory that cannot be used.
-    pub async fn open(settings: Settings) -> Result<(Self, Halt), ControllerError> {
+    pub async fn open(
+        settings: Settings,
+        dialect: Dialect,
+    ) -> Result<(Self, Halt), ControllerError> {
         let files = Files::within(&settings.directory)?;
-        let dialect = Dialect::named("linuxcnc")
-            .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
         let rsh = Rsh::open(&settings.address).await?;
         let halting = Rsh::open(&settings.address).await?;
         let urgent = halting.link.urgent();
