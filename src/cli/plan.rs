@@ -18,6 +18,9 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
         print!("{}", program(&plan, dialect)?);
+        eprintln!(
+            "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
+        );
     } else {
         describe(&plan)?;
     }
