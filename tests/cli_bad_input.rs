@@ -106,3 +106,22 @@ fn regress_usage_errors_end_with_2() {
     assert_eq!(unknown.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
 }
+
+/// Settings that would fail on the way are refused before the first move, with what to choose.
+#[test]
+fn regress_settings_that_cannot_work_are_refused_before_motion() {
+    for (setting, named) in [
+        ("standoff_mm = 0.0", "greater than 0"),
+        ("search_mm = -1.0", "greater than 0"),
+        ("locate = false", "it may be 2 mm away"),
+        ("heights_mm = [150.0]", "off the flank"),
+        ("repeats = 0", "at least 1"),
+        ("monte_carlo_trials = 1", "no scatter"),
+        ("positions = 4", "choose positions = 8"),
+        ("probe_angles_deg = [0, 50]", "no multiple"),
+    ] {
+        let (code, said) = refused(&format!("{MACHINE}\n[method.self-calibration]\n{setting}\n"));
+        assert_eq!(code, Some(1), "{setting}: {said}");
+        assert!(said.contains(named) && said.contains("nothing has moved"), "{setting}: {said}");
+    }
+}

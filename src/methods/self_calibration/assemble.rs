@@ -220,7 +220,9 @@ fn warnings(parts: &Parts<'_>) -> Vec<String> {
     match parts.sense {
         Sense::Confirmed => {}
         Sense::NotConfirmed => lines.push(
-            "sense of C not confirmed: the part is too round and centred to show it".to_owned(),
+            "sense of C not confirmed by these readings: an eccentric or lobed part and a number of \
+             positions divisible by 4 show it best"
+                .to_owned(),
         ),
         Sense::Contradicted => lines.push(
             "the readings contradict the stated sense of C: check [axes.C] positive".to_owned(),

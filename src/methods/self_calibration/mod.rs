@@ -73,7 +73,7 @@ impl Method for SelfCalibration {
             return Ok(Next::Stage { stage, new_steps });
         }
         let pass = (done.len() - located) as u32;
-        if pass >= self.settings.repeats.max(1) {
+        if pass >= self.settings.repeats {
             return Ok(Next::Done);
         }
         if let Some(first) = done.get(located) {

@@ -9,7 +9,8 @@ use super::outputs;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sense {
     Confirmed,
-    /// The part is too round and centred to tell.
+    /// Either sense explains the readings: the part is too round and centred, or the design too
+    /// sparse.
     NotConfirmed,
     /// The opposite sense explains the readings far better.
     Contradicted,

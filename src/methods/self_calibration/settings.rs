@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::methods::Refused;
+use crate::record::machine::Artefact;
+
 /// What the spindle does while the probe goes round the part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -60,5 +63,45 @@ impl Default for Settings {
             search_mm: 1.0,
             monte_carlo_trials: 0,
         }
+    }
+}
+
+impl Settings {
+    /// What would fail on the way, refused before the first move.
+    pub fn check(&self, artefact: &Artefact) -> Result<(), Refused> {
+        let Artefact::Cylinder { height_mm, uncertainty_mm, .. } = artefact;
+        let must = |holds: bool, why: String, instead: &str| {
+            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
+        };
+        must(
+            self.standoff_mm > 0.0 && self.search_mm > 0.0,
+            "standoff_mm and search_mm must be greater than 0".to_owned(),
+            "leave them out, or choose about 0.5 and 1.0",
+        )?;
+        must(
+            self.locate || *uncertainty_mm < self.standoff_mm.min(self.search_mm),
+            format!(
+                "without locate the part must stand where the file says, within standoff_mm = {} and \
+                 search_mm = {}; it may be {uncertainty_mm} mm away",
+                self.standoff_mm, self.search_mm
+            ),
+            "let it be located, or set [artefact] uncertainty_mm to what you know",
+        )?;
+        let outside = self.heights_mm.iter().find(|height| !(0.0..=*height_mm).contains(*height));
+        must(
+            outside.is_none(),
+            format!("a height of {} mm lies off the flank", outside.unwrap_or(&0.0)),
+            "choose heights_mm from 0 to the part's height_mm",
+        )?;
+        must(
+            self.repeats > 0 && self.drift_order <= 3,
+            "repeats must be at least 1, drift_order at most 3".to_owned(),
+            "leave them out",
+        )?;
+        must(
+            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
+            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+        )
     }
 }
