@@ -107,6 +107,28 @@ fn regress_usage_errors_end_with_2() {
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
 }
 
+#[test]
+fn regress_a_part_that_lies_down_is_refused() {
+    let (code, said) =
+        refused(&MACHINE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
+}
+
+#[test]
+fn regress_a_limit_that_nothing_answers_to_is_named() {
+    let state = TempDir::new().unwrap();
+    let file = state.path().join("shop.toml");
+    let machine = format!(
+        "{MACHINE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n"
+    );
+    std::fs::write(&file, machine).unwrap();
+    let run = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
+    assert_eq!(run.status.code(), Some(4));
+    let said = String::from_utf8_lossy(&run.stdout);
+    assert!(said.contains("limit for EX0Q in µm matches no parameter"), "{said}");
+}
+
 /// Settings that would fail on the way are refused before the first move, with what to choose.
 #[test]
 fn regress_settings_that_cannot_work_are_refused_before_motion() {
@@ -115,7 +137,12 @@ fn regress_settings_that_cannot_work_are_refused_before_motion() {
         ("search_mm = -1.0", "greater than 0"),
         ("locate = false", "it may be 2 mm away"),
         ("heights_mm = [150.0]", "off the flank"),
+        ("heights_mm = [2.0]", "off the flank"),
+        ("heights_mm = [20.0, 20.1]", "nearly the same"),
         ("repeats = 0", "at least 1"),
+        ("drift_order = 100000", "at most 3"),
+        ("positions = 5\nreferences = false\ndrift_order = 3", "cannot tell its unknowns apart"),
+        ("probe_angles_deg = [0, 45, 45]", "stands twice"),
         ("monte_carlo_trials = 1", "no scatter"),
         ("positions = 4", "choose positions = 8"),
         ("probe_angles_deg = [0, 50]", "no multiple"),

@@ -101,6 +101,74 @@ fn regress_another_program_plays_the_plan_and_feeds_identify() {
     }
 }
 
+fn identified(folder: &Path, plan_file: &str, csv: &str) -> (Output, Value) {
+    let csv_file = written(folder, "other.csv", csv);
+    let output = trued(&[
+        "identify",
+        "self-calibration",
+        "--plan",
+        plan_file,
+        "--readings",
+        &csv_file,
+        "--json",
+    ]);
+    let estimate = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output, estimate)
+}
+
+fn u_of(estimate: &Value) -> f64 {
+    number(&estimate["parameters"][0], &["u"])
+}
+
+/// Readings without times must not look better than with them; all excluded, a full turn of C more,
+/// half of the times: told, never silently taken.
+#[test]
+fn regress_odd_but_honest_readings() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = trued(&["plan", "self-calibration", "--json"]);
+    let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
+    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let good = readings(&plan);
+    let (_, timed) = identified(folder.path(), &plan_file, &good);
+
+    let rows = good.lines().enumerate().map(|(i, line)| match line.split_once(',') {
+        Some((_, rest)) if i >= 2 => format!("{rest}\n"),
+        _ => format!("{line}\n"),
+    });
+    let (_, untimed) = identified(folder.path(), &plan_file, &rows.collect::<String>());
+    assert!(u_of(&untimed) >= 0.99 * u_of(&timed), "{} {}", u_of(&untimed), u_of(&timed));
+    assert!(untimed["warnings"].to_string().contains("no times"));
+
+    let turned: String = good
+        .lines()
+        .map(|line| match line.split(',').collect::<Vec<_>>()[..] {
+            [t, "45", ref rest @ ..] => format!("{t},405,{}\n", rest.join(",")),
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    assert_ne!(turned, good);
+    let (_, turned) = identified(folder.path(), &plan_file, &turned);
+    assert!((u_of(&turned) - u_of(&timed)).abs() < 1e-9);
+
+    let flagged = good.replace("temp_room_c", "flag").replace(",20.5", ",excluded");
+    let (output, _) = identified(folder.path(), &plan_file, &flagged);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("all are flagged"));
+
+    let (output, _) = identified(folder.path(), &plan_file, &good.replacen("\n25,", "\n,", 1));
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("t_s"));
+
+    let crooked = String::from_utf8_lossy(&printed.stdout).replacen(
+        "\"normal\": [\n        1.0",
+        "\"normal\": [\n        0.0",
+        9,
+    );
+    let crooked_file = written(folder.path(), "crooked.json", &crooked);
+    let (output, _) = identified(folder.path(), &crooked_file, &good);
+    assert_eq!(output.status.code(), Some(1), "a plan without normals");
+}
+
 /// Each bad file: a piece of the message that names the trouble. Nothing is taken silently.
 #[test]
 fn regress_bad_readings_are_refused_by_name() {

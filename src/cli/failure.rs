@@ -53,7 +53,7 @@ impl From<LockError> for Failure {
 
 impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
-        Self::plain(error)
+        Self::new(&error, error.remedy())
     }
 }
 

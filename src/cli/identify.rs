@@ -42,9 +42,8 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
     let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
     let readings = readings_csv::read(&bytes)
         .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
-    let mut estimate = method.identify(&plan, &readings, priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
-    Ok(estimate)
+    let estimate = method.identify(&plan, &readings, priors)?;
+    Ok(judged(estimate, &machine))
 }
 
 /// Judged by the tolerances of `--machine`, or of the machine file that the run was made with.
@@ -69,10 +68,16 @@ fn stored_run(
     };
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
-    let mut estimate = method.identify(&stored.plan, &stored.readings, priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
+    let estimate = judged(method.identify(&stored.plan, &stored.readings, priors)?, &machine);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)
+}
+
+/// The estimate with its verdict, and a warning for every limit that nothing answers to.
+pub fn judged(mut estimate: Estimate, machine: &MachineFile) -> Estimate {
+    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
+    estimate.warnings.extend(decision::unmatched(&estimate, &machine.tolerance));
+    estimate
 }
 
 fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {

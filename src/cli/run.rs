@@ -1,22 +1,34 @@
 //! `trued run`: from one command to a stored, judged estimate.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
 use super::args::{RunArgs, Speed};
 use super::failure::Failure;
+use super::identify::judged;
 use super::progress::Progress;
 use super::{Exit, show};
-use crate::decision;
+use crate::controllers::Halt;
+use crate::methods::Method;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
+use crate::record::plan::Plan;
+use crate::record::reading::Reading;
 use crate::run::Run;
 use crate::setup::{self, Devices, MachineFile, Pace};
 use crate::store::{Journal, MachineLock, NewRun, RunId, state_dir};
 
+/// How often a stop is looked for while the identification computes.
+const STOP_POLL: Duration = Duration::from_millis(50);
+
 pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref())?;
     let (method, plan) = setup::header(&machine, &args.method, args.repeat)?;
+    let method: Arc<dyn Method> = method.into();
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
+    method.check_priors(&priors)?;
+    check_report_folder(args)?;
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
@@ -29,7 +41,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         .enable_all()
         .build()
         .map_err(Failure::plain)?;
-    let (id, plan, readings) = runtime.block_on(async {
+    let (id, estimate) = runtime.block_on(async {
         // A run begins when its machine is there.
         let devices = connect(&machine, args.speed).await?;
         stop_on_signals(&devices);
@@ -46,17 +58,67 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         };
         let ended = run.execute().await;
         let Run { plan, readings, moved, .. } = run;
-        ended.map(|()| (id, plan, readings)).map_err(|error| Failure::of_run(&error, moved))
+        ended.map_err(|error| Failure::of_run(&error, moved))?;
+        eprintln!("identifying from {} readings", readings.len());
+        let halt = devices.controller.halt();
+        let found = identify(method.clone(), plan, readings, priors, &halt).await;
+        found.map(|estimate| (id, estimate)).map_err(|failure| kept(failure, id, &args.method))
     })?;
 
-    let mut estimate = method.identify(&plan, &readings, &priors)?;
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
+    let estimate = judged(estimate, &machine);
     journal.estimate(id, &estimate).wait()?;
     tell_result(args, id, &estimate)?;
     if let Some(file) = &args.report {
         show::write_report(&journal, id, file)?;
     }
     Ok(estimate.verdict.into())
+}
+
+/// Identify beside the runtime, so that a stop is still heard: the thread is then left behind and
+/// ends with the program.
+async fn identify(
+    method: Arc<dyn Method>,
+    plan: Plan,
+    readings: Vec<Reading>,
+    priors: Vec<Estimate>,
+    halt: &Halt,
+) -> Result<Estimate, Failure> {
+    let (answer, mut result) = tokio::sync::oneshot::channel();
+    std::thread::spawn(move || drop(answer.send(method.identify(&plan, &readings, &priors))));
+    loop {
+        // An answer not yet there leaves the receiver as it was.
+        if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
+            let ended =
+                found.map_err(|_| Failure::plain("the identification ended without answer"))?;
+            return ended.map_err(Failure::from);
+        }
+        if halt.is_halted() {
+            let exit = Exit::Stopped;
+            return Err(Failure { exit, ..Failure::plain("stopped during the identification") });
+        }
+    }
+}
+
+/// A failure after the measurement: everything measured is still there.
+fn kept(failure: Failure, id: RunId, method: &str) -> Failure {
+    let way_on = format!(
+        "run {id} and its readings are kept: `trued identify {method} --run {id}`, or `trued export {id}`"
+    );
+    let remedy = failure.remedy.map_or(way_on.clone(), |remedy| format!("{remedy}; {way_on}"));
+    Failure { remedy: Some(remedy), ..failure }
+}
+
+/// A report that cannot be written is told before the measurement.
+fn check_report_folder(args: &RunArgs) -> Result<(), Failure> {
+    let Some(file) = &args.report else { return Ok(()) };
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder {
+        Some(folder) if !folder.is_dir() => Err(Failure::new(
+            format!("{}: there is no such folder for the report", folder.display()),
+            "make it, or choose another place with --report",
+        )),
+        _ => Ok(()),
+    }
 }
 
 fn tell_result(args: &RunArgs, id: RunId, estimate: &Estimate) -> Result<(), Failure> {

@@ -29,6 +29,26 @@ pub fn judge(estimate: &Estimate, limits: &[Limit]) -> Verdict {
     }
 }
 
+/// Limits that no parameter of the estimate answers to, in words.
+pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
+    let known = |limit: &&Limit| {
+        estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
+    };
+    let symbols: Vec<&str> = estimate.parameters.iter().map(|p| p.symbol.as_str()).collect();
+    limits
+        .iter()
+        .filter(|limit| !known(limit))
+        .map(|limit| {
+            format!(
+                "the limit for {} in {} matches no parameter; there are {}",
+                limit.symbol,
+                limit.unit.symbol(),
+                symbols.join(", ")
+            )
+        })
+        .collect()
+}
+
 fn judge_one(parameter: &Parameter, limit: f64) -> Verdict {
     let magnitude = parameter.value.abs();
     if !parameter.identifiable || !magnitude.is_finite() || !parameter.expanded.is_finite() {

@@ -24,7 +24,7 @@ pub enum Next {
 
 /// A request that cannot be met, and what would work instead.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{why}; {instead}")]
+#[error("{why}")]
 pub struct Refused {
     pub why: String,
     pub instead: String,
@@ -47,6 +47,22 @@ pub enum IdentifyError {
     Numerical(String),
 }
 
+impl IdentifyError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Refused(refused) => refused.instead.clone(),
+            Self::Missing { .. } | Self::UnknownStep { .. } | Self::Duplicate { .. } => {
+                "give the plan that was measured (--plan) and all of its readings".to_owned()
+            }
+            Self::RankDeficient { .. } => {
+                "measure what is missing, or lower drift_order in the plan's settings".to_owned()
+            }
+            Self::Numerical(_) => "correct the plan or the readings named above".to_owned(),
+        }
+    }
+}
+
 /// A pure stepper. `plan` carries machine, probe, artefact, settings and the steps so far.
 pub trait Method: Send + Sync {
     /// The settings in full, as they go into the plan.
@@ -55,6 +71,9 @@ pub trait Method: Send + Sync {
     /// The next stage after the `done` stages and their readings. With `nominal`, no readings are
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
+
+    /// Whether this method can take these estimates as known; asked before anything moves.
+    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused>;
 
     /// Plan + readings + priors → estimate. A pure function: same input, same output.
     fn identify(

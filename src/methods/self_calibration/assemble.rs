@@ -45,6 +45,10 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     if let Some(circle) = &circle {
         parameters.extend(circle_parameters(parts, circle));
     }
+    for parameter in &mut parameters {
+        // Under the wrong sense of C these are answers to another question.
+        parameter.identifiable = parts.sense != Sense::Contradicted;
+    }
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
         method: super::NAME.to_owned(),
@@ -236,7 +240,11 @@ fn warnings(parts: &Parts<'_>) -> Vec<String> {
         ));
     }
     if !parts.timed && parts.settings.drift_order > 0 {
-        lines.push("the readings carry no times: drift was not fitted".to_owned());
+        lines.push(
+            "the readings carry no times: their order and the planned machine time served for the \
+             drift"
+                .to_owned(),
+        );
     }
     lines.extend(disagreement(parts));
     lines.extend(paper_comparison(parts));

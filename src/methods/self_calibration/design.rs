@@ -58,10 +58,13 @@ impl Design {
     /// gcd(k_b, N) ≠ 1: its rank deficiency is gcd − 1 (METHODS section 1). Names one that works.
     pub fn new(settings: &Settings) -> Result<Self, Refused> {
         let n = settings.positions;
-        if !(5..=360).contains(&n) {
+        if !(5..=120).contains(&n) {
             return Err(Refused {
-                why: format!("{n} positions cannot separate scale, squareness and axis position"),
-                instead: "choose positions = 8 (5 to 360)".to_owned(),
+                why: format!(
+                    "{n} positions: fewer than 5 cannot separate scale, squareness and axis \
+                     position, more than 120 take too long"
+                ),
+                instead: "choose positions = 8 (5 to 120)".to_owned(),
             });
         }
         let probes = match &settings.probe_angles_deg {
@@ -83,6 +86,10 @@ impl Design {
                 why: "Test 1 needs the probe at 0° first and at one more angle".to_owned(),
                 instead,
             });
+        }
+        let twice = |(i, k): (usize, &usize)| self.probes[..i].contains(k);
+        if self.probes.iter().enumerate().any(twice) {
+            return Err(Refused { why: "a probe angle stands twice".to_owned(), instead });
         }
         let common = self.probes.iter().fold(self.n, |acc, k| gcd(acc, *k));
         if common > 1 {
@@ -154,7 +161,7 @@ fn default_probes(n: usize) -> Vec<usize> {
 fn grid_index(deg: f64, n: usize) -> Result<usize, Refused> {
     let index = deg / 360.0 * n as f64;
     let rounded = index.round();
-    if !index.is_finite() || (index - rounded).abs() > 1e-6 {
+    if deg.abs() > 360.0 || !index.is_finite() || (index - rounded).abs() > 1e-6 {
         return Err(Refused {
             why: format!("probe angle {deg}° is no multiple of 360°/{n}"),
             instead: format!("choose multiples of {}°", 360.0 / n as f64),

@@ -9,6 +9,7 @@ use super::fit::{Fit, Solved};
 use super::model::{Layout, Observation};
 use super::observe::observe;
 use super::outputs::{self, Output, OutputFunction};
+use super::plan::Planner;
 use super::sense;
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, touch_sigma};
@@ -16,16 +17,60 @@ use super::uncertainty::{Propagated, TouchScale, disturb};
 use crate::estimation::linear::LinearError;
 use crate::estimation::monte_carlo::{Summary, Trials, propagate};
 use crate::estimation::null_names;
-use crate::methods::IdentifyError;
+use crate::methods::{IdentifyError, Refused};
 use crate::record::estimate::Estimate;
-use crate::record::plan::Plan;
-use crate::record::reading::Reading;
+use crate::record::plan::{Plan, Step};
+use crate::record::reading::{Flag, Reading};
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
 
-/// Bound of the adaptive rule, which usually stops long before.
-const MOST_TRIALS: usize = 200_000;
+/// Bound of the adaptive rule, which usually stops before: 200 000 trials, fewer for large designs,
+/// so that it stays a matter of seconds.
+fn most_trials(fit: &Fit) -> usize {
+    let products = (fit.a.nrows() * fit.a.ncols()).max(1);
+    (4_000_000_000 / products).clamp(10_000, 200_000)
+}
+
+/// Refuse a cycle whose readings could not be told apart, before the first move: the rank of the
+/// nominal design, drift and heights included.
+pub fn check_well_posed(
+    plan: &Plan,
+    settings: &Settings,
+    planner: &Planner<'_>,
+) -> Result<(), Refused> {
+    let mut plan = plan.clone();
+    plan.steps = planner.cycle_steps(planner.nominal_part())?;
+    let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
+    let refused = |why: String| Refused {
+        why: format!("this cycle cannot tell its unknowns apart: {why}"),
+        instead: "lower drift_order, keep references = true, or put the heights further apart"
+            .to_owned(),
+    };
+    let design = Design::new(settings)?;
+    let observed = observe(&plan, &design, &planner.heights(), &readings)
+        .map_err(|error| refused(error.to_string()))?;
+    let layout =
+        Layout { design, heights: planner.heights().len(), drift_order: settings.drift_order };
+    let sigma = vec![1.0; observed.observations.len()];
+    fit(&layout, &observed.observations, &sigma, settings)
+        .map(drop)
+        .map_err(|error| refused(error.to_string()))
+}
+
+/// A reading at the start of its touch: only its place in the design counts.
+fn nominal_reading(step: &Step) -> Reading {
+    Reading {
+        step: step.id,
+        repeat: 0,
+        position: step.from.clone(),
+        value_mm: None,
+        sensor: step.sensor.clone(),
+        t_s: f64::from(step.id) + 1.0,
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    }
+}
 
 /// The whole identification of one plan's readings.
 pub fn identify(
@@ -36,12 +81,7 @@ pub fn identify(
 ) -> Result<Estimate, IdentifyError> {
     let design = Design::new(settings)?;
     let observed = observe(plan, &design, heights, readings)?;
-    let timed = observed.half_duration_s > 0.0;
-    let layout = Layout {
-        design,
-        heights: heights.len(),
-        drift_order: if timed { settings.drift_order } else { 0 },
-    };
+    let layout = Layout { design, heights: heights.len(), drift_order: settings.drift_order };
     let sources =
         sources(plan, &layout, &observed.observations, settings.spindle, observed.half_duration_s);
     let sigma = touch_sigma(&sources, observed.observations.len());
@@ -70,7 +110,7 @@ pub fn identify(
         propagated,
         monte_carlo,
         sense,
-        timed,
+        timed: observed.timed,
     }))
 }
 
@@ -90,11 +130,24 @@ fn fit(
             LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
                 rank: survey.rank,
                 unknowns: layout.unknowns(),
-                what: null_names::name_null_space(survey.null_space.as_ref(), &layout.names()),
+                what: a_few(null_names::name_null_space(
+                    survey.null_space.as_ref(),
+                    &layout.names(),
+                )),
             },
             other => IdentifyError::Numerical(other.to_string()),
         }
     })
+}
+
+/// The first lines; a person needs no more to see what is wrong.
+fn a_few(mut lines: Vec<String>) -> Vec<String> {
+    let more = lines.len().saturating_sub(4);
+    lines.truncate(4);
+    if more > 0 {
+        lines.push(format!("and {more} more"));
+    }
+    lines
 }
 
 fn chi2(solved: &Solved, sigma: &[f64]) -> f64 {
@@ -133,7 +186,7 @@ fn propagate_by_trials(
     use rand::RngExt;
     use rand_distr::{Distribution, StandardNormal};
     let trials = match settings.monte_carlo_trials {
-        0 => Trials::Adaptive { digits: 2, max: MOST_TRIALS },
+        0 => Trials::Adaptive { digits: 2, max: most_trials(fit) },
         count => Trials::Fixed(count),
     };
     propagate(trials, MONTE_CARLO_SEED, parameters.len(), |rng, out| {

@@ -66,11 +66,14 @@ impl Method for SelfCalibration {
         let located = usize::from(self.settings.locate);
         if self.settings.locate && done.is_empty() {
             // Everything that can be refused is refused before the first move.
-            planner.cycle_steps(planner.nominal_part())?;
+            identify::check_well_posed(plan, &self.settings, &planner)?;
             let new_steps = planner.locating_steps()?;
             let ids = new_steps.iter().map(|step| step.id).collect();
             let stage = self.stage(plan, "locate the part".to_owned(), 0, ids);
             return Ok(Next::Stage { stage, new_steps });
+        }
+        if done.is_empty() {
+            identify::check_well_posed(plan, &self.settings, &planner)?;
         }
         let pass = (done.len() - located) as u32;
         if pass >= self.settings.repeats {
@@ -88,18 +91,23 @@ impl Method for SelfCalibration {
         self.cycle(plan, &planner, part)
     }
 
+    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
+        match priors.first() {
+            None => Ok(()),
+            Some(prior) => Err(Refused {
+                why: format!("self-calibration takes no prior yet (given: {})", prior.method),
+                instead: "leave out --with".to_owned(),
+            }),
+        }
+    }
+
     fn identify(
         &self,
         plan: &Plan,
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        if let Some(prior) = priors.first() {
-            return Err(IdentifyError::Refused(Refused {
-                why: format!("self-calibration takes no prior yet (given: {})", prior.method),
-                instead: "leave out --with".to_owned(),
-            }));
-        }
+        self.check_priors(priors)?;
         let heights = Planner::new(plan, &self.settings)?.heights();
         identify::identify(plan, &self.settings, &heights, readings)
     }

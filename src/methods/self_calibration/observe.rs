@@ -1,6 +1,7 @@
 //! From readings to observations on the grid: the ball centre along and across each ray.
 
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
@@ -10,14 +11,17 @@ use super::plan::LOCATE_LABEL;
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
+use crate::planning::{self, Clearance};
 use crate::record::plan::{Plan, Step};
 use crate::record::reading::{Flag, Reading};
 
 /// The observations of one cycle and what belongs to all of them.
 pub struct Observed {
     pub observations: Vec<Observation>,
-    /// Half the duration of the cycle, s: the unit of `Observation::time`. 0 without times.
+    /// Half the duration of the cycle, s: the unit of `Observation::time`.
     pub half_duration_s: f64,
+    /// Whether the readings carry times; otherwise their order and the planned machine time serve.
+    pub timed: bool,
 }
 
 /// How far the table may stand from where the plan puts it, rad (0.1°): more is a skipped index.
@@ -38,17 +42,37 @@ pub fn observe(
         })
     })?;
     let by_step = sort_by_step(plan, readings)?;
-    let mut observed = Observed { observations: Vec::new(), half_duration_s: 0.0 };
-    for step in plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL)) {
+    let (mut observations, mut order) = (Vec::new(), Vec::new());
+    let cycle = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL));
+    for (i, step) in cycle.enumerate() {
         let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
             return Err(IdentifyError::Missing { step: step.id, label: step.label.clone() });
         };
         for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
-            observed.observations.push(reduce(plan, design, heights, &chain, step, reading)?);
+            observations.push(reduce(plan, design, heights, &chain, step, reading)?);
+            order.push((reading.repeat as usize * plan.steps.len() + i) as f64);
         }
     }
-    observed.half_duration_s = scale_times(&mut observed.observations);
-    Ok(observed)
+    if observations.is_empty() {
+        return Err(IdentifyError::Numerical("no reading is left: all are flagged".to_owned()));
+    }
+    let mut half_duration_s = scale_times(&mut observations);
+    let timed = half_duration_s > 0.0;
+    if !timed {
+        for (seen, place) in observations.iter_mut().zip(order) {
+            seen.time = place;
+        }
+        scale_times(&mut observations);
+        half_duration_s = planned_duration_s(plan) / 2.0;
+    }
+    Ok(Observed { observations, half_duration_s, timed })
+}
+
+/// Machine time of the plan, s; 5 s a touch where it cannot be planned.
+fn planned_duration_s(plan: &Plan) -> f64 {
+    Clearance::above(plan)
+        .and_then(|clearance| planning::blocks(plan, &clearance))
+        .map_or(5.0 * plan.steps.len() as f64, |(_, seconds)| seconds)
 }
 
 /// Ball centre of a reading in the table frame at C = 0, mm: what the linear axes alone say.
@@ -88,7 +112,9 @@ fn reduce(
 ) -> Result<Observation, IdentifyError> {
     let planned = step.from.at(Axis::C);
     let stood = reading.position.get(Axis::C).unwrap_or(planned);
-    if (stood - planned).abs() > INDEX_TOLERANCE {
+    // A control may count turns differently.
+    let off = (stood - planned + PI).rem_euclid(TAU) - PI;
+    if off.abs() > INDEX_TOLERANCE {
         return Err(IdentifyError::Numerical(format!(
             "step {} ({}): C stood at {:.4}° instead of {:.4}°; was an index skipped?",
             step.id,
@@ -99,20 +125,32 @@ fn reduce(
     }
     let sense = plan.machine.axes.get(&Axis::C).map_or(1.0, |axis| axis.positive.sign());
     let [nx, ny, _] = step.normal;
+    let phi = ny.atan2(nx);
+    if (nx.hypot(ny) - 1.0).abs() > 1e-3 || !on_grid(design, phi) || !on_grid(design, planned) {
+        return Err(IdentifyError::Numerical(format!(
+            "step {} ({}): `normal` or C is not on the grid of {} positions",
+            step.id, step.label, design.n
+        )));
+    }
     let centre = ball_centre(plan, chain, step, reading);
     let height = nearest(heights, centre.z);
     Ok(Observation {
         height,
         c: grid_index(design, planned * sense),
-        phi: grid_index(design, ny.atan2(nx)),
+        phi: grid_index(design, phi),
         radius: centre.x * nx + centre.y * ny,
         lateral: -centre.x * ny + centre.y * nx,
         time: reading.t_s,
     })
 }
 
+fn on_grid(design: &Design, angle: f64) -> bool {
+    let index = angle / TAU * design.n as f64;
+    (index - index.round()).abs() < INDEX_TOLERANCE
+}
+
 fn grid_index(design: &Design, angle: f64) -> usize {
-    let index = (angle / std::f64::consts::TAU * design.n as f64).round() as i64;
+    let index = (angle / TAU * design.n as f64).round() as i64;
     index.rem_euclid(design.n as i64) as usize
 }
 

@@ -35,7 +35,7 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// Refuses a machine without a C axis on the workpiece side and a design that is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        settings.check(&plan.artefact)?;
+        settings.check(&plan.artefact, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;
         let chain = Chain::new(&plan.machine).map_err(|error| Refused {
             why: error.to_string(),

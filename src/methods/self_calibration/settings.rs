@@ -66,10 +66,14 @@ impl Default for Settings {
     }
 }
 
+const LEAST_HEIGHT_STEP_MM: f64 = 1.0;
+/// Cosine of one degree.
+const UPRIGHT: f64 = 0.99985;
+
 impl Settings {
     /// What would fail on the way, refused before the first move.
-    pub fn check(&self, artefact: &Artefact) -> Result<(), Refused> {
-        let Artefact::Cylinder { height_mm, uncertainty_mm, .. } = artefact;
+    pub fn check(&self, artefact: &Artefact, ball_radius_mm: f64) -> Result<(), Refused> {
+        let Artefact::Cylinder { height_mm, uncertainty_mm, axis, .. } = artefact;
         let must = |holds: bool, why: String, instead: &str| {
             if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
         };
@@ -87,15 +91,30 @@ impl Settings {
             ),
             "let it be located, or set [artefact] uncertainty_mm to what you know",
         )?;
-        let outside = self.heights_mm.iter().find(|height| !(0.0..=*height_mm).contains(*height));
+        let on_flank = |height: &f64| *height > ball_radius_mm && *height <= *height_mm;
+        let outside = self.heights_mm.iter().find(|height| !on_flank(height));
         must(
             outside.is_none(),
-            format!("a height of {} mm lies off the flank", outside.unwrap_or(&0.0)),
-            "choose heights_mm from 0 to the part's height_mm",
+            format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
+            "choose heights_mm above the ball's radius and up to the part's height_mm",
+        )?;
+        let close = |(i, a): (usize, &f64)| {
+            self.heights_mm[..i].iter().any(|b| (a - b).abs() < LEAST_HEIGHT_STEP_MM)
+        };
+        must(
+            !self.heights_mm.iter().enumerate().any(close),
+            "two heights are nearly the same".to_owned(),
+            "put heights_mm at least 1 mm apart, better far",
+        )?;
+        let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
+        must(
+            axis[2] > UPRIGHT * length,
+            "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
+            "this method touches the flank of an upright round part",
         )?;
         must(
-            self.repeats > 0 && self.drift_order <= 3,
-            "repeats must be at least 1, drift_order at most 3".to_owned(),
+            (1..=100).contains(&self.repeats) && self.drift_order <= 3,
+            "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
             "leave them out",
         )?;
         must(

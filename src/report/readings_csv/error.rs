@@ -30,7 +30,7 @@ pub enum Problem {
     FieldCount { found: usize, expected: usize },
     #[error("the last line has no line end; if the file is complete and not cut off, add one")]
     CutOff,
-    #[error("`{name}` is empty; every reading needs it")]
+    #[error("`{name}` is empty; every reading needs it, or, for times, leave out the column")]
     Empty { name: String },
     #[error("`{text}` in `{name}` is not a number; write it like 12 or -0.125")]
     NotANumber { name: String, text: String },

@@ -141,6 +141,8 @@ fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem
         Column::Position(axis) if axis.is_linear() && empty => {
             return Err(Problem::Empty { name: column.name() });
         }
+        // Half of the times would be taken for drift: all of them, or no such column.
+        Column::Time if empty => return Err(Problem::Empty { name: column.name() }),
         Column::Sensor => reading.sensor = text.to_owned(),
         Column::Flag => reading.flag = text.trim().parse()?,
         _ if empty => {}

@@ -78,7 +78,8 @@ impl Check<'_> {
         self.positive(&key("acceleration_per_s2"), spec.acceleration_per_s2)?;
         self.not_negative(&key("resolution_um"), spec.resolution_um)?;
         self.not_negative(&key("error_motion_um"), spec.error_motion_um)?;
-        self.positive(&key("error_wavelength_mm"), spec.error_wavelength_mm)
+        let why = format!("is {}; it must be at least 1 mm", spec.error_wavelength_mm);
+        self.that(spec.error_wavelength_mm >= 1.0, &key("error_wavelength_mm"), &why)
     }
 
     /// Every moving axis of the topology has limits, and no limits stand for an axis that is not
