@@ -84,3 +84,24 @@ fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     assert_eq!(shop.states(), ["interrupted", "finished"]);
     all_kept(&shop, &bytes);
 }
+
+#[test]
+fn regress_a_stop_is_heard_while_the_identification_computes() {
+    use std::io::{BufRead as _, BufReader, Read as _};
+    let endless = machine().replace("trials = 1000\n", "trials = 2000000000\n");
+    let shop = Shop::new(&endless);
+    let mut run = shop.run_command();
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.starts_with("identifying from 62 readings") {
+        line.clear();
+        assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it identified");
+    }
+    signal(&run, "TERM");
+    let mut rest = String::new();
+    told.read_to_string(&mut rest).unwrap();
+    assert_eq!(run.wait().unwrap().code(), Some(5), "{rest}");
+    assert!(rest.contains("trued identify self-calibration --run 1"), "{rest}");
+    assert_eq!(shop.exported_steps().len(), 62);
+}
