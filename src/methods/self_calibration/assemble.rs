@@ -239,6 +239,15 @@ fn warnings(parts: &Parts<'_>) -> Vec<String> {
             parts.scale.factor
         ));
     }
+    let dof = parts.fit.solution.dof as f64;
+    let least = coverage::chi_square_bounds(dof, 0.998).map_or(0.0, |(lower, _)| lower);
+    if parts.plan.probe.repeatability_um.is_some() && parts.chi2 < least {
+        lines.push(
+            "the touches scatter less than declared: repeatability_um may be stated too large, and \
+             the uncertainty with it"
+                .to_owned(),
+        );
+    }
     if !parts.timed && parts.settings.drift_order > 0 {
         lines.push(
             "the readings carry no times: their order and the planned machine time served for the \
