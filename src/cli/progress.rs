@@ -31,6 +31,19 @@ impl Progress {
                 self.bar.set_length(stage.steps.len() as u64);
                 self.bar.set_position(0);
             }
+            Event::StageProven { proof, .. } => {
+                if let Some(near) = &proof.nearest {
+                    let [one, other] = &near.between;
+                    self.say(&format!(
+                        "proven: nothing nearer than {:.2} mm ({one} and {other}, step {})",
+                        near.clearance_mm, near.step
+                    ));
+                }
+            }
+            Event::Acknowledged { who, what } => {
+                self.say(&format!("acknowledged by {who}: {what}"))
+            }
+            Event::Resumed { .. } => self.say("the run goes on"),
             Event::StepStarted { label, remaining_s, .. } => {
                 let left = minutes(*remaining_s);
                 self.bar.set_message(format!("{label:<12} left {left:>5}  {}", self.last));

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::sync::{mpsc, oneshot};
 
+use crate::base::Position;
 use crate::record::motion::{Block, Outcome};
 
 mod error;
@@ -24,6 +25,8 @@ pub struct Prepared {
     pub identity: String,
     /// How this control stops on a halt, and its worst-case travel, in words.
     pub stop: String,
+    /// Where the machine stands, machine coordinates: every axis that the control reports.
+    pub stands: Position,
 }
 
 /// What each control implements. One call at a time, each runs to its end.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::plan::Stage;
+use super::proof::Proof;
 use super::reading::Reading;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -11,6 +12,11 @@ pub enum Event {
     /// Free text for the person at the machine.
     Announced {
         text: String,
+    },
+    /// The text of a stage was read back and proven; nothing of it has moved yet.
+    StageProven {
+        stage: u32,
+        proof: Proof,
     },
     StageStarted {
         stage: Stage,
@@ -30,6 +36,15 @@ pub enum Event {
     Faulted {
         what: String,
         remedy: String,
+    },
+    /// A person has looked at the machine after a fault or a stop and lets it go on.
+    Acknowledged {
+        who: String,
+        what: String,
+    },
+    /// The run goes on after an interruption; `gap_s` as in the plan.
+    Resumed {
+        gap_s: f64,
     },
     Finished,
 }

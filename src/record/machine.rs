@@ -102,6 +102,17 @@ pub struct Probe {
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
     #[serde(default)]
     pub stylus_offset_um: f64,
+    /// Stem of the stylus, from the ball's centre up along the spindle axis. 0: not declared, and
+    /// not looked at.
+    #[serde(default)]
+    pub stem_radius_mm: f64,
+    #[serde(default)]
+    pub stem_length_mm: f64,
+    /// Body of the probe, from the end of the stem up. 0: not declared, and not looked at.
+    #[serde(default)]
+    pub body_radius_mm: f64,
+    #[serde(default)]
+    pub body_length_mm: f64,
     /// Farthest the stylus may be pressed beyond contact.
     #[serde(default = "default_overtravel")]
     pub overtravel_mm: f64,
@@ -156,6 +167,38 @@ pub fn default_height() -> f64 {
 
 pub fn default_uncertainty() -> f64 {
     2.0
+}
+
+/// A body that nothing may meet: a table, a clamp, the nose of the spindle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Solid {
+    pub name: String,
+    /// What carries it.
+    pub on: Carrier,
+    /// With `radius_mm` the two ends of a cylinder's axis, otherwise two opposite corners of a box;
+    /// in the carrier's frame, which is the machine frame when all axes stand at zero (of the
+    /// spindle: from the spindle datum).
+    pub from_mm: [f64; 3],
+    pub to_mm: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+}
+
+/// A part of the machine that carries solids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Carrier {
+    #[serde(rename = "bed")]
+    Bed,
+    /// The end of the chain that carries the workpiece.
+    #[serde(rename = "table")]
+    Table,
+    /// The end of the chain that carries the tool; the body does not turn with S.
+    #[serde(rename = "spindle")]
+    Spindle,
+    /// What this axis moves, directly.
+    #[serde(untagged)]
+    Axis(Axis),
 }
 
 /// A box that nothing may enter, machine frame.

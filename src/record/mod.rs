@@ -5,4 +5,5 @@ pub mod event;
 pub mod machine;
 pub mod motion;
 pub mod plan;
+pub mod proof;
 pub mod reading;

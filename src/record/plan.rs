@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::machine::{Artefact, Keepout, Machine, Probe};
+use super::machine::{Artefact, Keepout, Machine, Probe, Solid};
 use crate::base::Position;
 
 /// Version of the plan format, the value of the key `trued_plan`.
@@ -19,7 +19,13 @@ pub struct Plan {
     pub probe: Probe,
     #[serde(default)]
     pub keepout: Vec<Keepout>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub solids: Vec<Solid>,
     pub artefact: Artefact,
+    /// Times of the readings' clock, s, at which the measurement was interrupted: what was measured
+    /// before and after may lie apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gaps_s: Vec<f64>,
     #[serde(default)]
     pub steps: Vec<Step>,
 }
@@ -62,4 +68,8 @@ pub struct Stage {
     pub repeat: u32,
     /// Ids of the steps to run, in order. They stand in the plan.
     pub steps: Vec<u32>,
+    /// Where the artefact was found, if earlier stages have found it: from here on, proofs look at
+    /// this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found: Option<Artefact>,
 }

@@ -9,7 +9,6 @@ mod stage;
 
 pub use error::RunError;
 
-use crate::base::Position;
 use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
@@ -59,7 +58,7 @@ impl Run<'_> {
             .await?;
         let mut next = first;
         let mut done: Vec<Stage> = Vec::new();
-        let mut stands: Option<Position> = None;
+        let mut stands = Some(prepared.stands);
         while let Next::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.stage(self.id, &stage, &new_steps).await?;

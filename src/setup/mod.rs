@@ -48,7 +48,9 @@ pub fn header(
         machine: file.machine.clone(),
         probe: file.probe.clone(),
         keepout: file.keepout.clone(),
+        solids: file.solids.clone(),
         artefact: file.artefact.clone(),
+        gaps_s: Vec::new(),
         steps: Vec::new(),
     };
     Ok((method, plan))

@@ -84,7 +84,7 @@ fn estimate(value: f64) -> Estimate {
 }
 
 fn stage(id: u32, steps: Vec<u32>) -> Stage {
-    Stage { id, name: format!("Test {id}"), repeat: 0, steps }
+    Stage { id, name: format!("Test {id}"), repeat: 0, steps, found: None }
 }
 
 #[test]

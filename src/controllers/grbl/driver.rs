@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::message::Message;
+use super::message::{Message, Status};
 use super::wire::{Wire, not_ready};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
@@ -213,6 +213,14 @@ impl Grbl {
         Ok(Touch { position, hit, t_s })
     }
 
+    fn stands(&self, status: Status) -> Result<Position, ControllerError> {
+        let values = status.position.ok_or_else(|| ControllerError::NotReady {
+            state: "its reports hide the machine position".to_owned(),
+            remedy: "set $10=511 at the control".to_owned(),
+        })?;
+        self.position(&values)
+    }
+
     fn position(&self, values: &[f64]) -> Result<Position, ControllerError> {
         if values.len() != self.axes.len() {
             return Err(ControllerError::Garbled { text: format!("[PRB:{values:?}]") });
@@ -263,8 +271,9 @@ impl Driver for Grbl {
         }
         self.remember_modes().await?;
         self.send_frame(Dialect::head).await?;
-        self.wire.idle().await?;
-        Ok(Prepared { identity, stop: self.stop.clone() })
+        let status = self.wire.idle().await?;
+        let stands = self.stands(status)?;
+        Ok(Prepared { identity, stop: self.stop.clone(), stands })
     }
 
     async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {

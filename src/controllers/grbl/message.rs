@@ -29,12 +29,14 @@ pub(super) enum Message {
 }
 
 /// `<Idle|..>`; every field but the state may be masked by the user.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Status {
     /// Without the substate: `Hold` for `Hold:0`.
     pub state: String,
     pub substate: Option<String>,
     pub probe_closed: bool,
+    /// `MPos:`, machine position in the order of the axis words, mm and degrees.
+    pub position: Option<Vec<f64>>,
     /// `T:`, an extension of the simulated control.
     pub t_s: Option<f64>,
 }
@@ -78,13 +80,17 @@ impl Message {
 
 fn touch(value: &str) -> Option<Message> {
     let (list, hit) = value.rsplit_once(':')?;
-    let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
-    let values = values.ok().filter(|values| values.iter().all(|value| value.is_finite()))?;
+    let values = values(list)?;
     match hit {
         "0" => Some(Message::Touch { values, hit: false }),
         "1" => Some(Message::Touch { values, hit: true }),
         _ => None,
     }
+}
+
+fn values(list: &str) -> Option<Vec<f64>> {
+    let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
+    values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
 
 fn status(report: &str) -> Option<Status> {
@@ -97,9 +103,10 @@ fn status(report: &str) -> Option<Status> {
     if state.is_empty() || !state.chars().all(|c| c.is_ascii_alphabetic()) {
         return None;
     }
-    let mut status = Status { state: state.to_owned(), substate, probe_closed: false, t_s: None };
+    let mut status = Status { state: state.to_owned(), substate, ..Status::default() };
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
+            "MPos" => status.position = values(value),
             "Pn" => status.probe_closed = value.contains('P'),
             "T" => status.t_s = value.parse().ok(),
             _ => {}

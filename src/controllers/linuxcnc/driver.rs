@@ -10,7 +10,7 @@ use super::files::Files;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
-use crate::base::Axis;
+use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
@@ -23,6 +23,8 @@ const STOPPED: Duration = Duration::from_millis(60);
 /// Running for so long without moving or logging: it hangs (killed parts of LinuxCNC do).
 const STALL: Duration = Duration::from_secs(10);
 const STEP_OF_NO_BLOCK: u32 = 0;
+/// The order of positions in its answers.
+const REPORTED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Where it is and what it has.
@@ -111,7 +113,18 @@ impl LinuxCnc {
             stop: "a halt aborts: the machine decelerates and stays; the abort acts within 20 ms \
                    (0.1 s at worst), then it travels feed²/(2·acceleration)"
                 .to_owned(),
+            stands: self.stands().await?,
         })
+    }
+
+    /// Where the machine stands; linuxcncrsh gives six numbers, mm and degrees on a metric machine.
+    async fn stands(&mut self) -> Result<Position, ControllerError> {
+        let said = self.rsh.get("abs_act_pos").await?;
+        let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
+        let numbers = numbers.ok().filter(|numbers| numbers.len() >= REPORTED.len());
+        let numbers = numbers.ok_or(ControllerError::Garbled { text: said })?;
+        let axes = REPORTED.into_iter().zip(numbers).map(|(axis, at)| (axis, axis.from_edge(at)));
+        Ok(axes.filter(|(axis, _)| self.settings.axes.contains(axis)).collect())
     }
 
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {

@@ -45,7 +45,13 @@ impl SelfCalibration {
 
     fn stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
         let id = plan.steps.last().map_or(0, |step| step.stage + 1);
-        Stage { id: if repeat == 0 { id } else { id + repeat - 1 }, name, repeat, steps }
+        Stage {
+            id: if repeat == 0 { id } else { id + repeat - 1 },
+            name,
+            repeat,
+            steps,
+            found: None,
+        }
     }
 
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
 use crate::record::estimate::Limit;
-use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe};
+use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe, Solid};
 
 mod artefact;
 mod check;
@@ -33,12 +33,13 @@ pub use value::{Fault, Value};
 /// The machine that serves when no file is given.
 const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
 
-const SECTIONS: [&str; 9] = [
+const SECTIONS: [&str; 10] = [
     "machine",
     "axes",
     "controller",
     "probe",
     "keepout",
+    "solid",
     "artefact",
     "method",
     "tolerance",
@@ -53,6 +54,7 @@ pub struct MachineFile {
     pub controller: ControllerConfig,
     pub probe: Probe,
     pub keepout: Vec<Keepout>,
+    pub solids: Vec<Solid>,
     pub artefact: Artefact,
     /// Empty: no verdict.
     pub tolerance: Vec<Limit>,
@@ -81,11 +83,13 @@ impl MachineFile {
         let keepout: Vec<Keepout> =
             document.section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
         check::keepouts(&document, &keepout)?;
+        let solids: Vec<Solid> =
+            document.section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
         let artefact = artefact::read(&document)?;
         check::artefact(&document, &artefact)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;
-        Ok(Self { machine, controller, probe, keepout, artefact, tolerance, document })
+        Ok(Self { machine, controller, probe, keepout, solids, artefact, tolerance, document })
     }
 
     /// The file as it was read, for the record.
