@@ -3,6 +3,8 @@
 use std::io;
 
 mod address;
+#[cfg(test)]
+mod fuzz;
 mod lines;
 mod stream;
 #[cfg(test)]

@@ -6,6 +6,8 @@
 
 mod driver;
 pub mod firmware;
+#[cfg(test)]
+mod fuzz;
 mod message;
 #[cfg(test)]
 mod testing;
