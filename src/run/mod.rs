@@ -51,7 +51,7 @@ impl Run<'_> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let mut stage_s = self.rehearse()?.into_iter();
+        let mut stage_s = self.rehearse().await?.into_iter();
         let first = self.next(&[])?;
         let prepared = self.devices.controller.prepare().await?;
         self.note(Event::Announced { text: format!("{}; {}", prepared.identity, prepared.stop) })
@@ -64,7 +64,7 @@ impl Run<'_> {
             self.journal.stage(self.id, &stage, &new_steps).await?;
             self.note(Event::StageStarted { stage: stage.clone() }).await?;
             stage_s.next();
-            stands = self.run_stage(&stage, stands, stage_s.as_slice().iter().sum()).await?;
+            stands = self.run_stage(&done, &stage, stands, stage_s.as_slice().iter().sum()).await?;
             done.push(stage);
             next = self.next(&done)?;
         }
