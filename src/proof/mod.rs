@@ -33,7 +33,6 @@ mod sweep;
 mod touch;
 mod walk;
 
-
 pub use refusal::{Reason, Refusal};
 
 use crate::base::Position;
