@@ -9,6 +9,7 @@ mod progress;
 mod run;
 mod runs;
 mod show;
+mod signals;
 mod simulate;
 
 use std::process::ExitCode;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::message::{Message, Status};
-use super::wire::{Wire, not_ready};
+use super::wire::{Patience, Wire, not_ready};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
 use crate::gcode::{Dialect, Program, RenderError};
@@ -28,7 +28,7 @@ const RESTORED: [&str; 16] = [
 
 /// The driver of one control.
 pub struct Grbl {
-    pub(super) wire: Wire,
+    wire: Wire,
     dialect: Dialect,
     machine: String,
     /// Axes that the machine file names, without the spindle.
@@ -59,6 +59,12 @@ impl Grbl {
             spindle: None,
         };
         (grbl, halt)
+    }
+
+    /// Wait otherwise than by default.
+    pub fn with_patience(mut self, patience: Patience) -> Self {
+        self.wire.patience = patience;
+        self
     }
 
     /// Who is there; axes and buffer from `$I`.

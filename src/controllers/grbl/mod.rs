@@ -14,3 +14,4 @@ mod tests;
 mod wire;
 
 pub use driver::Grbl;
+pub use wire::Patience;

@@ -10,7 +10,7 @@ use crate::link::{Link, LinkError, Received, Urgent};
 
 /// How long the driver waits, host time.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patience {
+pub struct Patience {
     /// A living control answers `?` within this time.
     pub answer: Duration,
     /// How often a waiting driver asks whether the link lives.
