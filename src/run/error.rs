@@ -1,9 +1,11 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
-use crate::gcode::{Disagreement, RenderError};
+use crate::decision::references::{Scatter, Shift};
+use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
+use crate::proof::Refusal;
 use crate::store::StoreError;
 
 #[derive(Debug, thiserror::Error)]
@@ -13,13 +15,24 @@ pub enum RunError {
     #[error(transparent)]
     Planning(#[from] PlanningError),
     #[error("stage `{stage}` is not proven: {source}")]
-    Unproven { stage: String, source: Disagreement },
+    Unproven { stage: String, source: Refusal },
+    #[error("the proof of stage `{stage}` ended without answer")]
+    ProofGone { stage: String },
     #[error("stage `{stage}` cannot be written for this control: {source}")]
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
+    #[error(
+        "no reference was measured before the stop: nobody can say whether the machine stands as it stood"
+    )]
+    NoReferences,
+    #[error(
+        "the machine does not stand as it stood before the stop: {}; {}",
+        list(shifts), scatter.in_words()
+    )]
+    Moved { shifts: Vec<Shift>, scatter: Scatter },
     #[error("nothing more is measured, because it could not be kept: {0}")]
     Store(#[from] StoreError),
 }
@@ -30,16 +43,34 @@ impl RunError {
         match self {
             Self::Refused(refused) => refused.instead.clone(),
             Self::Planning(error) => error.remedy(),
-            Self::Unproven { .. } => "please report this with the plan".to_owned(),
+            Self::Unproven { source, .. } => source.remedy().to_owned(),
+            Self::ProofGone { .. } => "please report this with the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
+            Self::NoReferences => {
+                "the run is closed, its readings are kept; start a new run".to_owned()
+            }
+            Self::Moved { .. } => {
+                "the run is closed, its readings are kept (`trued identify` with \
+                                   --run tells what they hold); start a new run"
+                    .to_owned()
+            }
         }
+    }
+
+    /// The run can never go on; its readings stay.
+    pub fn closes(&self) -> bool {
+        matches!(self, Self::NoReferences | Self::Moved { .. })
     }
 
     /// A person asked for it.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
+}
+
+fn list(shifts: &[Shift]) -> String {
+    shifts.iter().map(Shift::to_string).collect::<Vec<_>>().join(", ")
 }

@@ -21,6 +21,11 @@ pub(super) enum Message {
     Buffer(usize),
     /// `[AXS:n:letters]`
     Axes(String),
+    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: a name of `$#` and its values.
+    Offset {
+        name: String,
+        values: Vec<f64>,
+    },
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
     /// `$10=..`: what status reports hold.
@@ -72,6 +77,8 @@ impl Message {
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
             "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::Buffer),
             "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
+            "G92" | "TLO" => offset(name, value),
+            slot if slot.starts_with("G5") => offset(slot, value),
             "GC" => Some(Self::Modes(value.split_whitespace().map(str::to_owned).collect())),
             _ => None,
         }
@@ -86,6 +93,10 @@ fn touch(value: &str) -> Option<Message> {
         "1" => Some(Message::Touch { values, hit: true }),
         _ => None,
     }
+}
+
+fn offset(name: &str, value: &str) -> Option<Message> {
+    values(value).map(|values| Message::Offset { name: name.to_owned(), values })
 }
 
 fn values(list: &str) -> Option<Vec<f64>> {

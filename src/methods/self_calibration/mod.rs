@@ -8,6 +8,7 @@ mod axis_circle;
 mod bend;
 mod design;
 mod fit;
+mod gaps;
 mod identify;
 mod model;
 mod observe;
@@ -57,8 +58,23 @@ impl SelfCalibration {
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
         let new_steps = planner.cycle_steps(part)?;
         let ids = new_steps.iter().map(|step| step.id).collect();
-        let stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        let mut stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        stage.found = self.settings.locate.then(|| self.found(plan, part));
         Ok(Next::Stage { stage, new_steps })
+    }
+
+    /// The artefact where it was located. From one turn of the table to the next it may stand
+    /// elsewhere by twice the offset of the rotary axis, which is what is measured: the touches are
+    /// made for as much as their standoff, and half of that is granted.
+    fn found(&self, plan: &Plan, part: Part) -> Artefact {
+        let Artefact::Cylinder { centre_mm, axis, height_mm, .. } = plan.artefact;
+        Artefact::Cylinder {
+            centre_mm: [part.centre[0], part.centre[1], centre_mm[2]],
+            axis,
+            radius_mm: part.reach - plan.probe.ball_radius_mm,
+            height_mm,
+            uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
+        }
     }
 }
 
@@ -87,11 +103,14 @@ impl Method for SelfCalibration {
         }
         if let Some(first) = done.get(located) {
             let name = format!("Tests 1a to 3, pass {}", pass + 1);
-            let stage = self.stage(plan, name, pass, first.steps.clone());
+            let mut stage = self.stage(plan, name, pass, first.steps.clone());
+            stage.found = first.found.clone();
             return Ok(Next::Stage { stage, new_steps: Vec::new() });
         }
         let part = match source {
-            Source::Measured(readings) if self.settings.locate => located_part(plan, readings)?,
+            Source::Measured(readings) if self.settings.locate => {
+                located_part(plan, planner.nominal_part(), readings)?
+            }
             _ => planner.nominal_part(),
         };
         self.cycle(plan, &planner, part)
@@ -120,7 +139,7 @@ impl Method for SelfCalibration {
 }
 
 /// Centre and radius of the ball centres from the locating touches.
-fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
+fn located_part(plan: &Plan, nominal: Part, readings: &[Reading]) -> Result<Part, Refused> {
     let refused = |why: String| Refused {
         why,
         instead: "check that the part of [artefact] stands on the table, then start again"
@@ -129,25 +148,26 @@ fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
     let chain =
         crate::kinematics::Chain::new(&plan.machine).map_err(|error| refused(error.to_string()))?;
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
-    let centres: Vec<[f64; 2]> = plan
+    let (tops, flank): (Vec<_>, Vec<_>) = plan
         .steps
         .iter()
         .filter(is_locating)
         .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
-        .map(|(step, reading)| observe::ball_centre(plan, &chain, step, reading))
-        .map(|centre| [centre.x, centre.y])
-        .collect();
+        .map(|(step, reading)| (step, observe::ball_centre(plan, &chain, step, reading)))
+        .partition(|(step, _)| plan::touches_top(step));
+    let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
     let found = circle::fit_circle(&centres)
         .map_err(|error| refused(format!("the part could not be located: {error}")))?;
-    let Artefact::Cylinder { centre_mm, radius_mm, uncertainty_mm, .. } = plan.artefact;
-    let reach = radius_mm + plan.probe.ball_radius_mm;
-    let away = (found.centre[0] - centre_mm[0]).hypot(found.centre[1] - centre_mm[1]);
-    if away > uncertainty_mm || (found.radius - reach).abs() > uncertainty_mm {
+    let Artefact::Cylinder { uncertainty_mm, .. } = plan.artefact;
+    let top = tops.first().map_or(nominal.top, |(_, centre)| centre.z);
+    let part = Part { centre: found.centre, reach: found.radius, top };
+    let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
+    let (larger, higher) = (part.reach - nominal.reach, part.top - nominal.top);
+    if away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm {
         return Err(refused(format!(
-            "the part was found {away:.3} mm from its stated place and {:.3} mm larger in radius, \
-             beyond uncertainty_mm = {uncertainty_mm}",
-            found.radius - reach
+            "the part was found {away:.3} mm from its stated place, {larger:.3} mm larger in radius and \
+             {higher:.3} mm higher, beyond uncertainty_mm = {uncertainty_mm}"
         )));
     }
-    Ok(Part { centre: found.centre, reach: found.radius })
+    Ok(part)
 }

@@ -109,6 +109,12 @@ impl MachineFile {
         self.document.section(&["simulated"], T::deserialize)
     }
 
+    /// `[[simulated.fault]]`; empty where the file is silent.
+    pub fn simulated_faults<'t, T: Deserialize<'t>>(&'t self) -> Result<Vec<T>, MachineFileError> {
+        let faults = self.document.section(&["simulated", "fault"], Deserialize::deserialize)?;
+        Ok(faults.unwrap_or_default())
+    }
+
     /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table
     /// where the file is silent.
     pub fn method<R>(
