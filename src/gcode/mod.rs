@@ -8,6 +8,7 @@ mod dialect;
 mod error;
 #[cfg(test)]
 mod fuzz;
+mod options;
 mod proof;
 mod render;
 pub mod rs274;
@@ -16,3 +17,4 @@ mod tests;
 
 pub use dialect::{Dialect, Program};
 pub use error::{DialectError, Disagreement, RenderError};
+pub use options::ProbeFault;
