@@ -9,9 +9,7 @@ use jiff::Timestamp;
 use super::args::ResumeArgs;
 use super::failure::Failure;
 use super::progress::Progress;
-use super::run::{
-    Measured, check_report_folder, conclude, connect, identify, kept, state_folder,
-};
+use super::run::{Measured, check_report_folder, conclude, connect, identify, kept, state_folder};
 use super::signals::stop_on_signals;
 use super::{Exit, runs};
 use crate::methods::{self, Method};

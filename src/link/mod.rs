@@ -5,6 +5,8 @@ use std::io;
 
 mod address;
 pub mod faults;
+#[cfg(test)]
+mod fuzz;
 mod lines;
 mod stream;
 #[cfg(test)]

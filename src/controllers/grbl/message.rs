@@ -73,7 +73,7 @@ impl Message {
         let (name, value) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         match name {
             "PRB" => touch(value),
-            "T" => value.parse().ok().map(Self::Time),
+            "T" => seconds(value).map(Self::Time),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
             "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::Buffer),
             "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
@@ -104,6 +104,11 @@ fn values(list: &str) -> Option<Vec<f64>> {
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
 
+/// A stamp that is no number would make a reading that cannot be kept.
+fn seconds(value: &str) -> Option<f64> {
+    value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
+}
+
 fn status(report: &str) -> Option<Status> {
     let mut fields = report.split('|');
     let full = fields.next()?;
@@ -119,7 +124,7 @@ fn status(report: &str) -> Option<Status> {
         match name {
             "MPos" => status.position = values(value),
             "Pn" => status.probe_closed = value.contains('P'),
-            "T" => status.t_s = value.parse().ok(),
+            "T" => status.t_s = seconds(value),
             _ => {}
         }
     }

@@ -11,6 +11,8 @@
 mod check;
 mod driver;
 pub mod firmware;
+#[cfg(test)]
+mod fuzz;
 mod message;
 #[cfg(test)]
 mod testing;

@@ -119,12 +119,8 @@ impl LinuxCnc {
 
     /// Where the machine stands; linuxcncrsh gives six numbers, mm and degrees on a metric machine.
     async fn stands(&mut self) -> Result<Position, ControllerError> {
-        let said = self.rsh.get("abs_act_pos").await?;
-        let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
-        let numbers = numbers.ok().filter(|numbers| numbers.len() >= REPORTED.len());
-        let numbers = numbers.ok_or(ControllerError::Garbled { text: said })?;
-        let axes = REPORTED.into_iter().zip(numbers).map(|(axis, at)| (axis, axis.from_edge(at)));
-        Ok(axes.filter(|(axis, _)| self.settings.axes.contains(axis)).collect())
+        let at = reported(&self.rsh.get("abs_act_pos").await?)?;
+        Ok(at.only(|axis| self.settings.axes.contains(&axis)))
     }
 
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
@@ -267,6 +263,18 @@ impl Driver for LinuxCnc {
             None => Ok(()),
         }
     }
+}
+
+/// The position in an answer to `get abs_act_pos`.
+pub(super) fn reported(said: &str) -> Result<Position, ControllerError> {
+    let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
+    let are_six = |numbers: &Vec<f64>| {
+        numbers.len() >= REPORTED.len() && numbers.iter().all(|number| number.is_finite())
+    };
+    let numbers = numbers.ok().filter(are_six);
+    let numbers = numbers.ok_or_else(|| ControllerError::Garbled { text: said.to_owned() })?;
+    let axes = REPORTED.into_iter().zip(numbers);
+    Ok(axes.map(|(axis, at)| (axis, axis.from_edge(at))).collect())
 }
 
 fn dwell(block: &Block) -> Duration {

@@ -19,6 +19,8 @@
 mod driver;
 mod fault;
 mod files;
+#[cfg(test)]
+mod fuzz;
 mod prepare;
 mod result;
 mod rsh;

@@ -19,6 +19,8 @@ mod check;
 mod controller;
 mod document;
 mod error;
+#[cfg(test)]
+mod fuzz;
 mod hint;
 #[cfg(test)]
 mod tests;
