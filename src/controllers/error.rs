@@ -22,6 +22,16 @@ pub enum ControllerError {
     UnexpectedContact { step: u32 },
     #[error("step {step}: the probe reads closed although the stylus should be free")]
     StillTripped { step: u32 },
+    #[error("the emergency stop was pressed")]
+    EmergencyStop,
+    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
+    SwitchedOff { said: String },
+    #[error("the machine is held at the control: {how}")]
+    HeldThere { how: String },
+    #[error("the control has stopped working: it takes no command, and what it shows is old")]
+    Frozen,
+    #[error("step {step}: the control refuses to leave its travel: {said}")]
+    OutOfTravel { step: u32, said: String },
     #[error("the control reset itself in mid-job: {banner}")]
     Reset { banner: String },
     #[error("held on request")]
@@ -59,6 +69,20 @@ impl ControllerError {
             }
             Self::StillTripped { .. } => {
                 "retract by hand; check the probe's battery, cable and polarity"
+            }
+            Self::EmergencyStop => {
+                "look at the machine; release the stop, switch it on, home it if it asks"
+            }
+            Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
+            Self::HeldThere { .. } => {
+                "what was held has been given up: release it at the control; nothing goes on by itself"
+            }
+            Self::Frozen => {
+                "the machine may still end the moves it has, and hears no halt: press its emergency \
+                 stop, start the control anew, home it"
+            }
+            Self::OutOfTravel { .. } => {
+                "make [axes] min and max as narrow as the control's limits, or move the part"
             }
             Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
             Self::Halted => "nothing moves until a person starts a run again",

@@ -22,5 +22,7 @@ mod files;
 mod prepare;
 mod result;
 mod rsh;
+mod state;
+mod watch;
 
 pub use driver::{LinuxCnc, Settings};
