@@ -12,6 +12,16 @@ pub enum ControllerError {
     Refused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]
     Alarm { code: u32, meaning: String },
+    #[error("the emergency stop was pressed")]
+    EmergencyStop,
+    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
+    SwitchedOff { said: String },
+    #[error("the machine is held at the control: {how}")]
+    Paused { how: String },
+    #[error("the control has stopped working: it takes no command, and what it shows is old")]
+    Frozen,
+    #[error("step {step}: the control refuses to leave its travel: {said}")]
+    OutOfTravel { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     #[error("this control cannot do it: {what}")]
@@ -22,16 +32,6 @@ pub enum ControllerError {
     UnexpectedContact { step: u32 },
     #[error("step {step}: the probe reads closed although the stylus should be free")]
     StillTripped { step: u32 },
-    #[error("the emergency stop was pressed")]
-    EmergencyStop,
-    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
-    SwitchedOff { said: String },
-    #[error("the machine is held at the control: {how}")]
-    HeldThere { how: String },
-    #[error("the control has stopped working: it takes no command, and what it shows is old")]
-    Frozen,
-    #[error("step {step}: the control refuses to leave its travel: {said}")]
-    OutOfTravel { step: u32, said: String },
     #[error("the control reset itself in mid-job: {banner}")]
     Reset { banner: String },
     #[error("held on request")]
@@ -61,20 +61,11 @@ impl ControllerError {
             Self::Alarm { .. } => {
                 "look at the machine, clear the alarm there, home it if it asks, start again"
             }
-            Self::NoContact { .. } => {
-                "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
-            }
-            Self::UnexpectedContact { .. } => {
-                "the stylus may be pressed: retract by hand, then check the part's position and the fixtures"
-            }
-            Self::StillTripped { .. } => {
-                "retract by hand; check the probe's battery, cable and polarity"
-            }
             Self::EmergencyStop => {
                 "look at the machine; release the stop, switch it on, home it if it asks"
             }
             Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
-            Self::HeldThere { .. } => {
+            Self::Paused { .. } => {
                 "what was held has been given up: release it at the control; nothing goes on by itself"
             }
             Self::Frozen => {
@@ -83,6 +74,15 @@ impl ControllerError {
             }
             Self::OutOfTravel { .. } => {
                 "make [axes] min and max as narrow as the control's limits, or move the part"
+            }
+            Self::NoContact { .. } => {
+                "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
+            }
+            Self::UnexpectedContact { .. } => {
+                "the stylus may be pressed: retract by hand, then check the part's position and the fixtures"
+            }
+            Self::StillTripped { .. } => {
+                "retract by hand; check the probe's battery, cable and polarity"
             }
             Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
             Self::Halted => "nothing moves until a person starts a run again",

@@ -122,7 +122,7 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
             let (held, since) = tokio::join!(driver.execute(&block), hand);
             eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
             let error = held.err().ok_or("it ended")?;
-            if !matches!(&error, ControllerError::HeldThere { how } if how.contains(words)) {
+            if !matches!(&error, ControllerError::Paused { how } if how.contains(words)) {
                 return Err(format!("{error:?}").into());
             }
             let stands = rig.stands()?;

@@ -99,5 +99,5 @@ async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
 }
 
 fn held(how: &str) -> ControllerError {
-    ControllerError::HeldThere { how: how.to_owned() }
+    ControllerError::Paused { how: how.to_owned() }
 }
