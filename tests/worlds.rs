@@ -30,7 +30,7 @@ fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
     let mut world = setup::world(file).expect("a world");
     let (plan, readings) = support::measure(&mut world, method.as_ref(), header);
     let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
-    let cycle: Vec<f64> = readings.iter().skip(4).map(|reading| reading.t_s).collect();
+    let cycle: Vec<f64> = readings.iter().skip(5).map(|reading| reading.t_s).collect();
     let middle = (cycle[0] + cycle[cycle.len() - 1]) / 2.0;
     let [x, y] = world.true_axis_mm(Axis::C, 50.0, middle);
     (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])

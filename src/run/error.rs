@@ -1,6 +1,7 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
+use crate::decision::references::{Scatter, Shift};
 use crate::gcode::{Disagreement, RenderError};
 use crate::methods::Refused;
 use crate::planning::PlanningError;
@@ -20,6 +21,15 @@ pub enum RunError {
     Controller(#[from] ControllerError),
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
+    #[error(
+        "no reference was measured before the stop: nobody can say whether the machine stands as it stood"
+    )]
+    NoReferences,
+    #[error(
+        "the machine does not stand as it stood before the stop: {}; {}",
+        list(shifts), scatter.in_words()
+    )]
+    Moved { shifts: Vec<Shift>, scatter: Scatter },
     #[error("nothing more is measured, because it could not be kept: {0}")]
     Store(#[from] StoreError),
 }
@@ -35,11 +45,28 @@ impl RunError {
             Self::Controller(error) => error.remedy(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
+            Self::NoReferences => {
+                "the run is closed, its readings are kept; start a new run".to_owned()
+            }
+            Self::Moved { .. } => {
+                "the run is closed, its readings are kept (`trued identify` with \
+                                   --run tells what they hold); start a new run"
+                    .to_owned()
+            }
         }
+    }
+
+    /// The run can never go on; its readings stay.
+    pub fn closes(&self) -> bool {
+        matches!(self, Self::NoReferences | Self::Moved { .. })
     }
 
     /// A person asked for it.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
+}
+
+fn list(shifts: &[Shift]) -> String {
+    shifts.iter().map(Shift::to_string).collect::<Vec<_>>().join(", ")
 }

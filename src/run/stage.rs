@@ -84,14 +84,14 @@ impl Run<'_> {
             .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })
     }
 
-    fn reading(&self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
+    fn reading(&mut self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
         Ok(Reading {
             step: step.id,
             repeat,
             position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
             value_mm: None,
             sensor: step.sensor.clone(),
-            t_s: outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s()),
+            t_s: self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: Flag::None,
             temperatures_c: Default::default(),
         })

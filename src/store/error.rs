@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
-use rusqlite::ffi::SQLITE_CONSTRAINT_FOREIGNKEY;
+use rusqlite::ffi::{SQLITE_CONSTRAINT_FOREIGNKEY, SQLITE_CONSTRAINT_UNIQUE};
 
 use super::RunId;
 
@@ -39,6 +39,8 @@ pub enum Fault {
     NoRun(RunId),
     #[error("{what} holds a number that is not finite and cannot be kept")]
     NotFinite { what: String },
+    #[error("step {step} repeat {repeat} was measured already; a touch is kept once")]
+    Doubled { step: u32, repeat: u32 },
     #[error("its writer has ended")]
     WriterGone,
     #[error("SQLite: {0}")]
@@ -67,7 +69,7 @@ impl StoreError {
             Fault::Newer { .. } => "use the newer trued, or another place with --state",
             Fault::NoLog { .. } => "put the journal on a local disk with --state",
             Fault::NoRun(_) => "`trued runs` lists them",
-            Fault::NotFinite { .. } | Fault::WriterGone | Fault::Sql(_) => {
+            Fault::NotFinite { .. } | Fault::Doubled { .. } | Fault::WriterGone | Fault::Sql(_) => {
                 "please report this with the run's export"
             }
         }
@@ -75,6 +77,22 @@ impl StoreError {
 }
 
 impl Fault {
+    /// The same, where a broken uniqueness can only mean that this touch is there already.
+    pub(super) fn of_reading(
+        run: RunId,
+        step: u32,
+        repeat: u32,
+    ) -> impl Fn(rusqlite::Error) -> Fault {
+        move |error| match &error {
+            rusqlite::Error::SqliteFailure(code, _)
+                if code.extended_code == SQLITE_CONSTRAINT_UNIQUE =>
+            {
+                Fault::Doubled { step, repeat }
+            }
+            _ => Fault::of_run(run)(error),
+        }
+    }
+
     /// The same, where a broken foreign key can only mean that `run` does not exist.
     pub(super) fn of_run(run: RunId) -> impl Fn(rusqlite::Error) -> Fault {
         move |error| match &error {
