@@ -12,6 +12,16 @@ pub enum ControllerError {
     Refused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]
     Alarm { code: u32, meaning: String },
+    #[error("the emergency stop was pressed")]
+    EmergencyStop,
+    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
+    SwitchedOff { said: String },
+    #[error("the machine is held at the control: {how}")]
+    Paused { how: String },
+    #[error("the control has stopped working: it takes no command, and what it shows is old")]
+    Frozen,
+    #[error("step {step}: the control refuses to leave its travel: {said}")]
+    OutOfTravel { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     #[error("this control cannot do it: {what}")]
@@ -60,6 +70,20 @@ impl ControllerError {
             }
             Self::Alarm { .. } => {
                 "look at the machine, clear the alarm there, home it if it asks, start again"
+            }
+            Self::EmergencyStop => {
+                "look at the machine; release the stop, switch it on, home it if it asks"
+            }
+            Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
+            Self::Paused { .. } => {
+                "what was held has been given up: release it at the control; nothing goes on by itself"
+            }
+            Self::Frozen => {
+                "the machine may still end the moves it has, and hears no halt: press its emergency \
+                 stop, start the control anew, home it"
+            }
+            Self::OutOfTravel { .. } => {
+                "make [axes] min and max as narrow as the control's limits, or move the part"
             }
             Self::NoContact { .. } => {
                 "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"

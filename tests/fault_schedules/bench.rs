@@ -109,16 +109,7 @@ impl Bench {
                 halt.now();
             }
         };
-        let mut run = Run {
-            id,
-            method: method.as_ref(),
-            devices: &devices,
-            journal: &self.journal,
-            plan,
-            readings: Vec::new(),
-            moved: false,
-            tell: &mut tell,
-        };
+        let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, plan, &mut tell);
         let result = run.execute().await;
         let mark = wired.near.entries().len();
         let Run { readings, moved, .. } = run;

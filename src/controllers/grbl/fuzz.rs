@@ -56,8 +56,7 @@ fn size(message: &Message) -> usize {
         size_of_val(values)
     };
     let heap = match message {
-        Message::Touch { values, .. } => numbers(values),
-        Message::Offset { name, values } => name.len() + numbers(values),
+        Message::Touch { values, .. } | Message::Offset { values, .. } => numbers(values),
         Message::Time(t_s) => numbers(&[*t_s]),
         Message::Status(Status { state, substate, position, t_s, .. }) => {
             let words = state.len() + substate.as_ref().map_or(0, String::len);

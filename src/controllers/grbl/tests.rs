@@ -19,6 +19,7 @@ fn grbl(link: Link) -> (Grbl, Halt) {
         answer: Duration::from_millis(300),
         poll: Duration::from_millis(20),
         aftermath: Duration::from_millis(100),
+        ..Patience::default()
     };
     (driver.with_patience(patience), halt)
 }

@@ -57,8 +57,8 @@ async fn ask_all(input: &[u8]) -> usize {
             Ok(answer) => {
                 heard += answer.len();
                 drop(prepare::judge_switches("OFF", "ON", &answer, 5));
-                if let Ok(at) = super::driver::reported(&answer) {
-                    assert!(at.iter().all(|(_, value)| value.is_finite()), "{answer}");
+                if let Ok(at) = super::state::reported(&answer) {
+                    assert!(at.iter().all(|value| value.is_finite()), "{answer}");
                 }
             }
             Err(ControllerError::Link(_)) => return heard,

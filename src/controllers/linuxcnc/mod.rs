@@ -24,5 +24,7 @@ mod fuzz;
 mod prepare;
 mod result;
 mod rsh;
+mod state;
+mod watch;
 
 pub use driver::{LinuxCnc, Settings};
