@@ -42,7 +42,8 @@ pub fn nominal(
 }
 
 fn program(plan: &Plan, name: &str) -> Result<String, Failure> {
-    let dialect = Dialect::named(name).map_err(Failure::plain)?;
+    let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
+    let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::blocks(plan, &Clearance::above(plan)?)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let program = Program { title: &plan.method, axes: &axes, log: None };

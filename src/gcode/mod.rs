@@ -9,6 +9,8 @@ mod error;
 #[cfg(test)]
 mod fuzz;
 mod options;
+#[cfg(test)]
+mod options_tests;
 mod proof;
 mod render;
 pub mod rs274;

@@ -11,6 +11,11 @@ use super::error::DialectError;
 use super::rs274::{Declared, Switch};
 use crate::base::{Axis, Position};
 use crate::record::machine::{Clamp, Machine, Probe};
+use crate::record::motion::Motion;
+
+/// A probe that was switched on is ready after this time; the heads of controls that are sent line
+/// by line wait as long.
+const PROBE_WAKES_S: f64 = 1.0;
 
 /// None of it: the plain dialect.
 #[derive(Debug, Clone, Default)]
@@ -55,8 +60,26 @@ impl Dialect {
         same
     }
 
+    pub fn switches_probe_on(&self) -> bool {
+        self.options.probe_on.is_some()
+    }
+
     pub fn switches_probe_off(&self) -> bool {
         self.options.probe_off.is_some()
+    }
+
+    /// How long after the head what it switches is ready, s; `None`: it switches nothing.
+    pub fn wakes_s(&self) -> Option<f64> {
+        let probe = self.options.probe_on.iter().map(|_| PROBE_WAKES_S);
+        let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
+        probe.chain(clamps).reduce(f64::max)
+    }
+
+    /// How long the clamps rest in the lines of `motion`, s.
+    pub fn clamps_rest_s(&self, motion: &Motion) -> f64 {
+        let Motion::Rapid { to } = motion else { return 0.0 };
+        let moved = self.options.clamps.iter().filter(|(axis, _)| to.get(**axis).is_some());
+        moved.map(|(_, clamp)| 2.0 * clamp.wait_s).sum()
     }
 
     /// The inputs that tell of the probe's health, and what each says when it is on.
@@ -74,6 +97,15 @@ impl Dialect {
 pub enum ProbeFault {
     Error,
     Battery,
+}
+
+impl ProbeFault {
+    pub fn says(self) -> &'static str {
+        match self {
+            Self::Error => "reports an error",
+            Self::Battery => "says that its battery is low",
+        }
+    }
 }
 
 impl Options {

@@ -52,6 +52,7 @@ impl Run<'_> {
             let reading = self.reading(&step, repeat, outcome)?;
             self.journal.reading(self.id, &reading).await?;
             self.readings.push(reading.clone());
+            self.probe_lives = true;
             (self.tell)(&Event::ReadingStored { reading });
             stands = Some(ends);
         }

@@ -81,8 +81,9 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             let axes = file.machine.axes.keys().copied().collect();
             let directory = program_dir.clone();
             let settings = LinuxCncSettings { address: tcp_address(tcp)?, directory, axes };
-            let (driver, halt) = LinuxCnc::open(settings, Dialect::named(dialect)?).await?;
-            Ok(Devices::new(Controller::spawn(driver, halt), Dialect::named(dialect)?))
+            let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
+            let (driver, halt) = LinuxCnc::open(settings, dialect.clone()).await?;
+            Ok(Devices::new(Controller::spawn(driver, halt), dialect))
         }
     }
 }
@@ -132,8 +133,9 @@ fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
 }
 
 fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupError> {
-    let (driver, halt) = Grbl::new(link, &file.machine, Dialect::named(dialect)?);
-    Ok(Devices::new(Controller::spawn(driver, halt), Dialect::named(dialect)?))
+    let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
+    let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
+    Ok(Devices::new(Controller::spawn(driver, halt), dialect))
 }
 
 fn tcp_address(tcp: &str) -> Result<Address, SetupError> {

@@ -147,8 +147,10 @@ impl Grbl {
         let program = Program { title: &self.machine, axes: &self.wanted, log: None };
         let lines = lines(&self.dialect, &program)
             .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
+        let still = self.dialect.wakes_s().unwrap_or_default();
+        let still = Duration::try_from_secs_f64(still).unwrap_or_default();
         for line in &lines {
-            self.wire.ask(line).await?;
+            self.wire.ask_within(line, still).await?;
         }
         Ok(lines)
     }
@@ -162,12 +164,14 @@ impl Grbl {
         let unit = Block { motions: vec![motion.clone()], ..*block };
         let why = |why| ControllerError::Render { step: block.step, why };
         let lines = self.dialect.block(&unit).map_err(|error| why(error.to_string()))?;
+        let clamps = self.dialect.clamps_rest_s(motion);
+        let still = standstill(motion) + Duration::try_from_secs_f64(clamps).unwrap_or_default();
         let mut said = Vec::new();
         for line in lines {
             if line.len() >= self.line_limit {
                 return Err(why(format!("a line is longer than the control's buffer: `{line}`")));
             }
-            said.extend(self.wire.ask_within(&line, standstill(motion)).await?);
+            said.extend(self.wire.ask_within(&line, still).await?);
         }
         Ok(said)
     }
@@ -342,23 +346,25 @@ impl Grbl {
         }
         let identity = self.identify().await?;
         self.check_reports().await?;
-        if self.wire.idle().await?.probe_closed {
-            return Err(ControllerError::NotReady {
-                state: "the probe reads closed".to_owned(),
-                remedy: "free the stylus; check the probe's battery, cable and polarity".to_owned(),
-            });
+        if !self.dialect.switches_probe_on() {
+            check::probe_open(&self.wire.idle().await?)?;
         }
         self.remember_modes().await?;
         let head = self.send_frame(Dialect::head).await?;
         let modes = self.wire.ask("$G").await?;
         check::modes(&head, &modes, &self.wire.ask("$#").await?)?;
         let status = self.wire.idle().await?;
+        check::probe_open(&status)?;
+        check::probe_health(&status, &self.dialect)?;
         self.stood = self.stands(status)?;
         Ok(Prepared { identity, stop: self.stop.clone(), stands: self.stood.clone() })
     }
 
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
+        if self.dialect.health_inputs().next().is_some() {
+            check::probe_health(&self.wire.status().await?, &self.dialect)?;
+        }
         for motion in &block.motions {
             self.act(block, motion, &mut outcome).await?;
         }
@@ -400,6 +406,10 @@ impl Driver for Grbl {
         outcome.map_err(|error| self.failed(error))
     }
 
+    async fn probe_closed(&mut self) -> Result<bool, ControllerError> {
+        Ok(self.wire.status().await?.probe_closed)
+    }
+
     async fn finish(&mut self) -> Result<(), ControllerError> {
         // A blank line ends a latched error.
         self.wire.ask("").await?;
@@ -426,6 +436,7 @@ fn stands_after(error: &ControllerError) -> bool {
             | E::Astray { .. }
             | E::Doubtful { .. }
             | E::NotReady { .. }
+            | E::Probe { .. }
             | E::Render { .. }
     )
 }

@@ -58,8 +58,8 @@ fn size(message: &Message) -> usize {
     let heap = match message {
         Message::Touch { values, .. } | Message::Offset { values, .. } => numbers(values),
         Message::Time(t_s) => numbers(&[*t_s]),
-        Message::Status(Status { state, substate, position, t_s, .. }) => {
-            let words = state.len() + substate.as_ref().map_or(0, String::len);
+        Message::Status(Status { state, substate, position, t_s, pins, .. }) => {
+            let words = state.len() + substate.as_ref().map_or(0, String::len) + pins.len();
             words + numbers(position.as_deref().unwrap_or_default()) + numbers(t_s.as_slice())
         }
         Message::Banner(text)
