@@ -6,6 +6,7 @@ mod desk;
 mod faults;
 mod interpreter;
 mod machine;
+mod resume;
 mod rig;
 mod states;
 
@@ -65,6 +66,8 @@ fn main() {
         machine("linuxcnc_run_feed_hold", faults::feed_hold),
         machine("linuxcnc_run_soft_limit", faults::soft_limit),
         machine("linuxcnc_run_foreign_contact", faults::foreign_contact),
+        machine("linuxcnc_resume_after_a_stop", resume::after_an_emergency_stop),
+        machine("linuxcnc_resume_refused", resume::not_when_the_part_has_moved),
         machine("linuxcnc_finds_the_true_centre", machine::finds_the_true_centre),
         machine(
             "linuxcnc_missed_touch",
