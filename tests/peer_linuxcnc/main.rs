@@ -4,6 +4,7 @@
 mod cycle;
 mod desk;
 mod faults;
+mod halt;
 mod interpreter;
 mod machine;
 mod resume;
@@ -79,7 +80,8 @@ fn main() {
         ),
         machine("linuxcnc_contact_in_a_rapid", machine::a_contact_in_a_rapid_stops_it),
         machine("linuxcnc_faulty_probe", machine::a_probe_that_does_not_open_or_close_is_found),
-        machine("linuxcnc_halt", machine::a_halt_holds_and_nothing_moves_after_it),
+        machine("linuxcnc_halt", halt::it_holds_and_nothing_moves_after_it),
+        machine("linuxcnc_halt_is_fast", halt::it_is_on_the_wire_at_once),
         machine("linuxcnc_emergency_stop", machine::the_emergency_stop_is_named),
         machine("linuxcnc_limit", machine::a_limit_is_told_in_the_controls_words),
         machine("linuxcnc_hangs", machine::a_control_that_hangs_is_given_up),
