@@ -15,6 +15,7 @@ pub mod kinematics;
 pub mod link;
 pub mod methods;
 pub mod planning;
+pub mod proof;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -126,6 +126,10 @@ pub struct IdentifyArgs {
 pub struct SimulateArgs {
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
+    /// Put a bad wire in between: it delays, drops, doubles, flips, splits, stalls and cuts, as the
+    /// seed says, and tells what it does.
+    #[arg(long, value_name = "SEED")]
+    pub faults: Option<u64>,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }

@@ -10,6 +10,7 @@ mod resume;
 mod run;
 mod runs;
 mod show;
+mod signals;
 mod simulate;
 
 use std::process::ExitCode;

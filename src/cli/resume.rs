@@ -9,9 +9,8 @@ use jiff::Timestamp;
 use super::args::ResumeArgs;
 use super::failure::Failure;
 use super::progress::Progress;
-use super::run::{
-    Measured, check_report_folder, conclude, connect, identify, kept, state_folder, stop_on_signals,
-};
+use super::run::{Measured, check_report_folder, conclude, connect, identify, kept, state_folder};
+use super::signals::stop_on_signals;
 use super::{Exit, runs};
 use crate::methods::{self, Method};
 use crate::record::event::Event;
@@ -45,7 +44,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         .map_err(Failure::plain)?;
     let estimate = runtime.block_on(async {
         let devices = connect(&machine, args.output.speed).await?;
-        stop_on_signals(&devices);
+        stop_on_signals(devices.controller.halt())?;
         let elapsed_s = elapsed_s(&stored);
         let StoredRun { plan, stages, readings, .. } = stored;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);

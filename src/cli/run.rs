@@ -8,6 +8,7 @@ use super::args::{OutputArgs, RunArgs, Speed};
 use super::failure::Failure;
 use super::identify::judged;
 use super::progress::Progress;
+use super::signals::stop_on_signals;
 use super::{Exit, show};
 use crate::controllers::Halt;
 use crate::methods::Method;
@@ -44,7 +45,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let (id, estimate) = runtime.block_on(async {
         // A run begins when its machine is there.
         let devices = connect(&machine, args.output.speed).await?;
-        stop_on_signals(&devices);
+        stop_on_signals(devices.controller.halt())?;
         let id = journal.begin(&new).await?;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
         let ended = run.execute().await;
@@ -151,21 +152,6 @@ pub async fn connect(machine: &MachineFile, speed: Speed) -> Result<Devices, Fai
         Speed::Fast => Pace::Fast,
     };
     Ok(setup::devices(machine, pace).await?)
-}
-
-/// Ctrl-C and SIGTERM hold the machine; the run then ends by itself, everything kept.
-pub fn stop_on_signals(devices: &Devices) {
-    use tokio::signal::unix::{SignalKind, signal};
-    for kind in [SignalKind::interrupt(), SignalKind::terminate()] {
-        let halt = devices.controller.halt();
-        if let Ok(mut stream) = signal(kind) {
-            tokio::spawn(async move {
-                while stream.recv().await.is_some() {
-                    halt.now();
-                }
-            });
-        }
-    }
 }
 
 /// Where journal and locks live.

@@ -34,6 +34,16 @@ pub enum ControllerError {
     StillTripped { step: u32 },
     #[error("the control reset itself in mid-job: {banner}")]
     Reset { banner: String },
+    #[error(
+        "the control said `{heard}` although it was not asked: answers may belong to other lines"
+    )]
+    OutOfStep { heard: String },
+    #[error("the machine stands at {stands}, not at {wanted}: the line was not received as sent")]
+    Astray { wanted: String, stands: String },
+    #[error("step {step}: the control tells the touch as `{first}` and as `{again}`")]
+    Doubtful { step: u32, first: String, again: String },
+    #[error("held at the machine: the control says {state}")]
+    HeldThere { state: String },
     #[error("held on request")]
     Halted,
     #[error("the program for step {step} cannot be written: {why}")]
@@ -85,6 +95,18 @@ impl ControllerError {
                 "retract by hand; check the probe's battery, cable and polarity"
             }
             Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
+            Self::OutOfStep { .. } | Self::Doubtful { .. } => {
+                "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
+                 which check what they carry, are better than a bare serial line"
+            }
+            Self::Astray { .. } => {
+                "look at the machine; a wire that alters bytes moved it elsewhere (USB or a network \
+                 are safer than a bare serial line), or somebody else commands it"
+            }
+            Self::HeldThere { .. } => {
+                "nothing more is sent; what the control still holds moves when somebody resumes it \
+                 there: reset the control instead, look at the machine, then go on"
+            }
             Self::Halted => "nothing moves until a person starts a run again",
             Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {
                 "please report this with the run's export"

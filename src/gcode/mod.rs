@@ -6,6 +6,8 @@
 
 mod dialect;
 mod error;
+#[cfg(test)]
+mod fuzz;
 mod proof;
 mod render;
 pub mod rs274;

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::dialect::Dialect;
 use super::error::Disagreement;
-use super::rs274::{self, Frame, Kind, ReadMotion};
+use super::rs274::{self, Frame, Kind, ReadError, ReadMotion};
 use crate::base::Axis;
 use crate::record::motion::{Block, Motion};
 
@@ -12,13 +12,32 @@ use crate::record::motion::{Block, Motion};
 const THIRD_DECIMAL: f64 = 0.000_501;
 
 impl Dialect {
+    /// The motions of `text`, which this dialect rendered, as its control will understand them.
+    ///
+    /// # Errors
+    /// The first line that is not understood.
+    pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
+        rs274::read(text, Some(&self.spec.work_offset))
+    }
+
+    /// How far a position may be from the one that was meant, mm or rad: half a unit of the last
+    /// decimal, and a little for the decimal fraction itself.
+    pub fn rounding(&self, axis: Axis) -> f64 {
+        let decimals = match axis {
+            Axis::S => return axis.from_edge(THIRD_DECIMAL),
+            axis if axis.is_linear() => self.spec.decimals_mm,
+            _ => self.spec.decimals_deg,
+        };
+        axis.from_edge(0.501 * 0.1_f64.powi(decimals as i32))
+    }
+
     /// Does `text`, a whole program, say exactly what `blocks` mean? Targets to half a unit of the
     /// last decimal, every one of them in machine coordinates.
     ///
     /// # Errors
     /// The first line that cannot be read or means something else.
     pub fn proves(&self, text: &str, blocks: &[Block]) -> Result<(), Disagreement> {
-        let read = rs274::read(text, Some(&self.spec.work_offset))?;
+        let read = self.read_back(text)?;
         let meant = blocks.iter().flat_map(|b| b.motions.iter().map(move |m| (b.step, m)));
         let count = meant.clone().count();
         if count != read.len() {
@@ -60,9 +79,7 @@ impl Dialect {
         }
         for (axis, value) in to.iter() {
             let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
-            let decimals =
-                if axis.is_linear() { self.spec.decimals_mm } else { self.spec.decimals_deg };
-            let half_unit = 0.501 * 0.1_f64.powi(decimals as i32);
+            let half_unit = axis.to_edge(self.rounding(axis));
             near(&axis.to_string(), axis.to_edge(value), axis.to_edge(other), half_unit)?;
         }
         match (feed, read.feed_mm_min) {

@@ -1,5 +1,7 @@
 //! One joint with the errors that stand at it.
 
+use std::f64::consts::PI;
+
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::KinematicsError;
@@ -52,6 +54,29 @@ impl Joint {
 
     pub(super) fn point(&self) -> DVec3 {
         self.point
+    }
+
+    /// The joint's motion without errors.
+    pub(super) fn nominal(&self, command: f64) -> DAffine3 {
+        if self.axis.is_linear() {
+            DAffine3::from_translation(self.sign * command * self.direction)
+        } else {
+            turn(self.direction, self.point, self.sign * command)
+        }
+    }
+
+    /// Distance of `point` from the axis of rotation; 0 for a linear joint.
+    pub(super) fn distance(&self, point: DVec3) -> f64 {
+        if self.axis.is_linear() {
+            return 0.0;
+        }
+        self.direction.cross(point - self.point).length()
+    }
+
+    /// The longest way between two places of a point `reach` away from the axis of rotation, while
+    /// the command changes by `change` at most.
+    pub(super) fn longest(&self, change: f64, reach: f64) -> f64 {
+        if self.axis.is_linear() { change } else { 2.0 * (change.min(PI) / 2.0).sin() * reach }
     }
 
     /// Location errors and error motions, then the joint, then gains.

@@ -7,12 +7,14 @@
 //! inserted locally, in axes parallel to the machine's when all axes stand at zero; angular ones
 //! turn about the axis' own point (the machine's origin for linear axes).
 
+mod carrier;
 mod chain;
 mod jacobian;
 mod joint;
 mod parameter;
 mod topology;
 
+pub use carrier::{Carried, Commands, Side};
 pub use chain::Chain;
 pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 pub use topology::{Topology, TopologyError};

@@ -36,27 +36,30 @@ impl fmt::Display for Address {
     }
 }
 
-/// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock) and start the
-/// task that owns it. Call inside a tokio runtime.
+/// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread
+/// that will own it.
 pub async fn open(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
-    match address {
+    match address.clone() {
         Address::Serial { path, baud } => {
-            let stream = tokio_serial::new(path, *baud)
-                .open_native_async()
-                .map_err(|error| serial_error(name.clone(), error))?;
-            Ok(Link::over(name, stream))
+            Link::opened(name, async move { serial(path, baud) }).await
         }
-        Address::Tcp { host, port } => {
-            // A connection that is not there yet can be given up without harm.
-            let stream = timeout(CONNECT, TcpStream::connect((host.as_str(), *port)))
-                .await
-                .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
-                .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-                .map_err(|source| tcp_error(name.clone(), source))?;
-            Ok(Link::over(name, stream))
-        }
+        Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
     }
+}
+
+fn serial(path: String, baud: u32) -> Result<SerialStream, LinkError> {
+    let opened = tokio_serial::new(&path, baud).open_native_async();
+    opened.map_err(|error| serial_error(path, error))
+}
+
+async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
+    // A connection that is not there yet can be given up without harm.
+    timeout(CONNECT, TcpStream::connect((host.as_str(), port)))
+        .await
+        .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
+        .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
+        .map_err(|source| tcp_error(name, source))
 }
 
 fn serial_error(address: String, error: tokio_serial::Error) -> LinkError {

@@ -1,8 +1,12 @@
-//! Floor 2: ports. Today the byte stream (serial, TCP, pty, in-process); knows no device.
+//! Floor 2: ports. Today the byte stream (serial, TCP, pty, in-process), and a bad wire to test
+//! with; knows no device.
 
 use std::io;
 
 mod address;
+pub mod faults;
+#[cfg(test)]
+mod fuzz;
 mod lines;
 mod stream;
 #[cfg(test)]

@@ -4,8 +4,8 @@ use glam::{DAffine3, DVec3};
 
 use super::PlanningError;
 use crate::base::{Axis, Point, Position, Spindle};
-use crate::kinematics::{Chain, KinematicsError};
-use crate::record::machine::{Artefact, Machine};
+use crate::kinematics::{Chain, KinematicsError, Side};
+use crate::record::machine::{Artefact, Carrier, Machine, Solid};
 use crate::record::plan::Plan;
 
 /// Free distance between the stylus ball and the highest point of the part, mm.
@@ -16,8 +16,9 @@ const ROTARY_STRIDE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// Z commands, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearance {
-    /// At or above it the stylus ball passes over the part, at every rotary position of the plan
-    /// and on the way between them.
+    /// At or above it the stylus ball, and with it all that is higher, passes over the part and over
+    /// every solid and kept-out box that Z can pass over, at every rotary position of the plan and on
+    /// the way between them.
     pub safe_z: f64,
     /// The upper end of Z, where the first block goes if nobody knows where the machine stands.
     pub top_z: f64,
@@ -25,7 +26,8 @@ pub struct Clearance {
 
 impl Clearance {
     /// Above the artefact of `plan` as its steps turn it, with a margin of 10 mm and the declared
-    /// uncertainty of its place. Only the stylus ball and the artefact are looked at.
+    /// uncertainty of its place. A solid so high that Z ends below it does not count: whether the way
+    /// leads past it is for the proof to say.
     ///
     /// # Errors
     /// Z ends below that height, or goes down on a positive command; a machine without kinematics.
@@ -41,11 +43,17 @@ impl Clearance {
         if seeker.z_over(&zero, free + 1.0)? < seeker.z_over(&zero, free)? {
             return Err(PlanningError::ZDown);
         }
+        let (min, max) = z_travel(machine)?;
+        let neighbours = neighbours(plan);
         let mut needed = f64::NEG_INFINITY;
         for pose in rotary_poses(plan) {
             needed = needed.max(seeker.z_over(&pose, free)?);
+            for solid in &neighbours {
+                let top = seeker.top_of(solid, &pose) + MARGIN + plan.probe.ball_radius_mm;
+                let over = seeker.z_at(&pose, top)?;
+                needed = if over > max { needed } else { needed.max(over) };
+            }
         }
-        let (min, max) = z_travel(machine)?;
         if needed > max {
             return Err(PlanningError::NoRoomAbove { needed, max });
         }
@@ -63,8 +71,31 @@ impl Seeker<'_> {
     /// Z command that holds the ball centre `free` above the highest point of the artefact.
     fn z_over(&self, pose: &Position, free: f64) -> Result<f64, PlanningError> {
         let table = self.chain.machine_from_table(pose, &[]);
+        self.z_at(pose, highest(self.artefact, &table) + free)
+    }
+
+    /// Height of the highest point of a solid in the machine frame, mm.
+    fn top_of(&self, solid: &Solid, pose: &Position) -> f64 {
+        let Some(carried) = self.chain.carried(solid.on) else { return f64::NEG_INFINITY };
+        let commands = Axis::ALL.map(|axis| pose.at(axis));
+        let (frame, _) = carried.sweep(&commands, &Default::default(), DVec3::ZERO, 0.0);
+        let (from, to) = (DVec3::from_array(solid.from_mm), DVec3::from_array(solid.to_mm));
+        let up = frame.matrix3.transpose() * DVec3::Z;
+        let highest = match solid.radius_mm {
+            Some(radius) => {
+                let axis = (to - from).normalize_or_zero();
+                from.dot(up).max(to.dot(up)) + radius * (up - axis * axis.dot(up)).length()
+            }
+            None => (from * up).max(to * up).element_sum(),
+        };
+        frame.translation.z + highest
+    }
+
+    /// Z command that holds the ball centre at a height in the machine frame.
+    fn z_at(&self, pose: &Position, height: f64) -> Result<f64, PlanningError> {
+        let table = self.chain.machine_from_table(pose, &[]);
         let ball = self.chain.machine_from_spindle(pose, &[]).transform_point3(self.tip.mm);
-        let over = DVec3::new(ball.x, ball.y, highest(self.artefact, &table) + free);
+        let over = DVec3::new(ball.x, ball.y, height);
         let target = Point::from_vec(table.inverse().transform_point3(over));
         Ok(self.chain.linear_axes_for(target, self.tip, pose, &[])?.at(Axis::Z))
     }
@@ -82,6 +113,21 @@ fn highest(artefact: &Artefact, table: &DAffine3) -> f64 {
             table.translation.z + end + radius_mm * (up - axis * axis.dot(up)).length()
         }
     }
+}
+
+/// What the tool may have to pass over, beside the artefact. Kept-out boxes stand on the bed.
+fn neighbours(plan: &Plan) -> Vec<Solid> {
+    let boxes = plan.keepout.iter().map(|keepout| Solid {
+        name: keepout.name.clone(),
+        on: Carrier::Bed,
+        from_mm: keepout.min_mm,
+        to_mm: keepout.max_mm,
+        radius_mm: None,
+    });
+    let chain = Chain::new(&plan.machine).ok();
+    let side = |on| chain.as_ref()?.carried(on).map(|carried| carried.side());
+    let beside = plan.solids.iter().filter(|solid| side(solid.on) != Some(Side::Tool));
+    beside.cloned().chain(boxes).collect()
 }
 
 fn uncertainty(artefact: &Artefact) -> f64 {

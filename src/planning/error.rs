@@ -32,8 +32,6 @@ pub enum PlanningError {
         "braking from the guarded feed of {feed} mm/min takes {way:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]
     GuardTooFast { feed: f64, way: f64, overtravel: f64 },
-    #[error("step {step}: the stylus ball would enter `{name}`")]
-    Keepout { step: u32, name: String },
 }
 
 impl PlanningError {
@@ -57,9 +55,6 @@ impl PlanningError {
                 "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or the method's distances"
             }
             Self::GuardTooFast { .. } => "lower [probe] guarded_feed_mm_min",
-            Self::Keepout { .. } => {
-                "move the part away from the box, or the machine by hand if it stands inside; or correct [[keepout]]"
-            }
         };
         text.to_owned()
     }

@@ -1,9 +1,9 @@
-//! Floor 3: from steps to motions. The touch cycle, clearances, first checks of travel and of
-//! kept-out boxes, machine time. Knows no method.
+//! Floor 3: from steps to motions. The touch cycle, clearances, first checks of travel, machine time.
+//! Knows no method. Whether something is in the way is not asked here but of the rendered text, by
+//! `proof`.
 
 mod clearance;
 mod error;
-mod keepout;
 mod limits;
 mod time;
 mod touch;

@@ -5,7 +5,6 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde_json::json;
 
 use super::*;
-use crate::record::machine::Keepout;
 use crate::record::plan::{Step, StepKind};
 
 /// Stylus 120 mm long with a ball of 3 mm; a part 100 mm high, radius 45 mm, on the table.
@@ -78,7 +77,7 @@ fn regress_the_sequence_of_one_touch() {
         Motion::Guarded { to: z(170.0), feed_mm_min: 1500.0 },
         Motion::Probe { to: x(47.0), feed_mm_min: 30.0 },
         Motion::BackOff { to: x(48.5), feed_mm_min: 300.0 },
-        Motion::Rapid { to: z(safe) },
+        Motion::Guarded { to: z(safe), feed_mm_min: 1500.0 },
     ];
     assert_eq!(block.motions, expected);
     // A second touch of the same point needs neither rise nor turn.
@@ -99,11 +98,11 @@ fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
         let turns = to.iter().any(|(axis, _)| !axis.is_linear());
         assert!(!turns || high(&stands), "turns low: {motion:?}");
         match motion {
-            // Unguarded: high at both ends, or straight up.
+            // Unguarded: high at both ends, or straight up from nobody knows where.
             Motion::Rapid { .. } if high(&stands) => assert!(high(&next), "{motion:?}"),
             Motion::Rapid { .. } => {
                 assert!(to.iter().all(|(axis, _)| axis == Axis::Z), "{motion:?}");
-                assert!(stands.get(Axis::Z).is_none_or(|z| next.at(Axis::Z) >= z), "{motion:?}");
+                assert!(stands.get(Axis::Z).is_none(), "{motion:?}");
                 assert!(high(&next));
             }
             Motion::Probe { .. } => {
@@ -227,23 +226,6 @@ fn a_limit_in_degrees_may_be_reached() {
     let plan = plan(vec![touch(0, 0.0, 0.0, full, 0.0)]);
     let clearance = Clearance::above(&plan).unwrap();
     assert!(touch_block(&plan, &plan.steps[0], 0, None, &clearance).is_ok());
-}
-
-/// From one side of the part to the other, over the top: the ball flies at 115 mm.
-#[test]
-fn a_box_on_the_way_of_the_ball_is_refused() {
-    let mut plan = plan(vec![touch(0, 0.0, 0.0, 0.0, 0.0), touch(1, PI, 0.0, 0.0, 0.0)]);
-    let clearance = Clearance::above(&plan).unwrap();
-    let mut with_box = |min_mm: [f64; 3], max_mm: [f64; 3]| {
-        plan.keepout = vec![Keepout { name: "clamp".into(), min_mm, max_mm }];
-        blocks(&plan, &clearance)
-    };
-    let refused = Err(PlanningError::Keepout { step: 1, name: "clamp".into() });
-    assert_eq!(with_box([-20.0, -5.0, 0.0], [-10.0, 5.0, 113.0]), refused);
-    assert_eq!(with_box([-20.0, 2.5, 0.0], [-10.0, 9.0, 300.0]), refused);
-    // 115 − 3 mm of ball over 111 mm; and beside the way.
-    assert!(with_box([-20.0, -5.0, 0.0], [-10.0, 5.0, 111.0]).is_ok());
-    assert!(with_box([-20.0, 3.5, 0.0], [-10.0, 9.0, 300.0]).is_ok());
 }
 
 /// X at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².

@@ -1,6 +1,6 @@
 //! One touch as a safe sequence of motions.
 
-use super::{Clearance, PlanningError, keepout, limits};
+use super::{Clearance, PlanningError, limits};
 use crate::base::{Axis, Position};
 use crate::record::motion::{Block, Motion};
 use crate::record::plan::{Plan, Step, StepKind};
@@ -9,8 +9,9 @@ use crate::record::plan::{Plan, Step, StepKind};
 const SAME: f64 = 1e-9;
 
 /// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
-/// start, guarded down to `from`, touch towards `to`, back off to `from`, up again. It goes over
-/// the top between any two touches. A move to where an axis already stands is left out.
+/// start, guarded down to `from`, touch towards `to`, back off to `from`, guarded up again. It goes
+/// over the top between any two touches. A move to where an axis already stands is left out. Below
+/// the safe height all moves but the back-off are guarded.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
 /// came; so that it is never longer than the probe's overtravel, the touch must not be either.
@@ -18,8 +19,7 @@ const SAME: f64 = 1e-9;
 /// `current`: where the machine stands; `None` if nobody knows, then Z goes to its upper end first.
 ///
 /// # Errors
-/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel,
-/// a kept-out box on the way.
+/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,
@@ -36,23 +36,23 @@ pub fn touch_block(
 
     let begins = current.cloned().unwrap_or_default();
     let mut path = Path { stands: begins.clone(), motions: Vec::new() };
+    let near = |to| Motion::Guarded { to, feed_mm_min: near_feed };
     match begins.get(Axis::Z) {
         Some(z) if z >= safe_z => {}
-        Some(_) => path.rapid(&height(safe_z)),
+        Some(_) => path.feed(&height(safe_z), near),
         None => path.rapid(&height(clearance.top_z.max(safe_z))),
     }
     path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
     path.orient(from.get(Axis::S));
     path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     path.rapid(&height(safe_z));
-    path.feed(&height(from.at(Axis::Z)), |to| Motion::Guarded { to, feed_mm_min: near_feed });
+    path.feed(&height(from.at(Axis::Z)), near);
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
-    path.rapid(&height(safe_z));
+    path.feed(&height(safe_z), near);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
     limits::check(&block, &plan.machine)?;
-    keepout::check(&block, &begins, plan)?;
     Ok(block)
 }
 

@@ -2,9 +2,10 @@
 
 use crate::controllers::ControllerError;
 use crate::decision::references::{Scatter, Shift};
-use crate::gcode::{Disagreement, RenderError};
+use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
+use crate::proof::Refusal;
 use crate::store::StoreError;
 
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +15,9 @@ pub enum RunError {
     #[error(transparent)]
     Planning(#[from] PlanningError),
     #[error("stage `{stage}` is not proven: {source}")]
-    Unproven { stage: String, source: Disagreement },
+    Unproven { stage: String, source: Refusal },
+    #[error("the proof of stage `{stage}` ended without answer")]
+    ProofGone { stage: String },
     #[error("stage `{stage}` cannot be written for this control: {source}")]
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
@@ -40,7 +43,8 @@ impl RunError {
         match self {
             Self::Refused(refused) => refused.instead.clone(),
             Self::Planning(error) => error.remedy(),
-            Self::Unproven { .. } => "please report this with the plan".to_owned(),
+            Self::Unproven { source, .. } => source.remedy().to_owned(),
+            Self::ProofGone { .. } => "please report this with the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),

@@ -80,7 +80,7 @@ impl<'a> Run<'a> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let stage_s = self.rehearse()?;
+        let stage_s = self.rehearse().await?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
         let stands = self.prepare().await?;
@@ -110,7 +110,7 @@ impl<'a> Run<'a> {
             self.journal.stage(self.id, &stage, &new_steps).await?;
             self.note(Event::StageStarted { stage: stage.clone() }).await?;
             stage_s.next();
-            stands = self.run_stage(&stage, stands, stage_s.as_slice().iter().sum()).await?;
+            stands = self.run_stage(&done, &stage, stands, stage_s.as_slice().iter().sum()).await?;
             done.push(stage);
             next = self.next(&done)?;
         }

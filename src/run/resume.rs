@@ -62,7 +62,7 @@ impl Run<'_> {
         let stage = References::of(&self.plan, &self.readings).stage(stages);
         self.journal.stage(self.id, &stage, &[]).await?;
         self.note(Event::StageStarted { stage: stage.clone() }).await?;
-        let stands = self.run_stage(&stage, Some(stands), 0.0).await?;
+        let stands = self.run_stage(stages, &stage, Some(stands), 0.0).await?;
         let (before, after) = self.readings.split_at(count);
         let (mut shifts, scatter) = References::of(&self.plan, before).compare(&stage, after);
         if shifts.iter().all(Shift::agrees) {
@@ -91,7 +91,7 @@ impl Run<'_> {
             return Ok((stages, stands));
         }
         self.note(Event::StageStarted { stage: rest.clone() }).await?;
-        let stands = self.run_stage(&rest, stands, 0.0).await?;
+        let stands = self.run_stage(&stages, &rest, stands, 0.0).await?;
         Ok((stages, stands))
     }
 }

@@ -1,13 +1,18 @@
-//! One stage: check all of its blocks, then execute them.
+//! One stage: plan all of its blocks, prove the text they become, then execute them.
 
 use super::{Run, RunError};
+use tokio::sync::oneshot;
+
 use crate::base::{Axis, Position};
-use crate::gcode::Program;
+use crate::gcode::{Dialect, Program};
 use crate::methods::{Next, Source};
 use crate::planning::{Clearance, end_of, machine_time_s, touch_block};
+use crate::proof::{self, Request, Staged};
 use crate::record::event::Event;
+use crate::record::machine::Artefact;
 use crate::record::motion::{Block, Outcome};
 use crate::record::plan::{Plan, Stage, Step};
+use crate::record::proof::Proof;
 use crate::record::reading::{Flag, Reading};
 
 /// A block with what belongs to it.
@@ -21,15 +26,17 @@ struct Task {
 }
 
 impl Run<'_> {
-    /// `later_s`: machine time of the stages to come. Returns where the machine stands at the end.
+    /// `done`: the stages before; `later_s`: machine time of the stages to come. Returns where the
+    /// machine stands at the end.
     pub(super) async fn run_stage(
         &mut self,
+        done: &[Stage],
         stage: &Stage,
         stands: Option<Position>,
         later_s: f64,
     ) -> Result<Option<Position>, RunError> {
-        let tasks = tasks(&self.plan, stage, stands.clone())?;
-        self.prove(stage, &tasks)?;
+        let (tasks, proof) = self.prove(&self.plan, done, stage, stands.clone()).await?;
+        self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
             let Task { step, block, remaining_s, ends } = task;
@@ -53,15 +60,14 @@ impl Run<'_> {
 
     /// Go through the whole run from nominal positions: what any stage would be refused for is
     /// known before the first move. Returns the machine time of each stage, s.
-    pub(super) fn rehearse(&self) -> Result<Vec<f64>, RunError> {
+    pub(super) async fn rehearse(&self) -> Result<Vec<f64>, RunError> {
         let mut plan = self.plan.clone();
         let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
         while let Next::Stage { stage, new_steps } =
             self.method.next(&plan, &done, Source::Nominal)?
         {
             plan.steps.extend(new_steps);
-            let tasks = tasks(&plan, &stage, stands.clone())?;
-            self.prove(&stage, &tasks)?;
+            let (tasks, _) = self.prove(&plan, &done, &stage, stands.clone()).await?;
             stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
             stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
             done.push(stage);
@@ -69,19 +75,22 @@ impl Run<'_> {
         Ok(stage_s)
     }
 
-    /// Render the whole stage for this control and read it back: what the text says must be what
-    /// the blocks mean.
-    fn prove(&self, stage: &Stage, tasks: &[Task]) -> Result<(), RunError> {
-        let axes: Vec<Axis> = self.plan.machine.axes.keys().copied().collect();
-        let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
-        let program = Program { title: &stage.name, axes: &axes, log: None };
-        let dialect = &self.devices.dialect;
-        let text = dialect
-            .program(&program, &blocks)
-            .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
-        dialect
-            .proves(&text, &blocks)
-            .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })
+    /// Plan and prove beside the runtime: a halt must not wait for it.
+    async fn prove(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        stage: &Stage,
+        stands: Option<Position>,
+    ) -> Result<(Vec<Task>, Proof), RunError> {
+        let (answer, result) = oneshot::channel();
+        let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
+        let (plan, dialect) = (plan.clone(), self.devices.dialect.clone());
+        let (stage, name) = (stage.clone(), stage.name.clone());
+        std::thread::spawn(move || {
+            drop(answer.send(proven(&plan, &stage, found.as_ref(), stands, &dialect)));
+        });
+        result.await.map_err(|_| RunError::ProofGone { stage: name })?
     }
 
     fn reading(&mut self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
@@ -96,6 +105,28 @@ impl Run<'_> {
             temperatures_c: Default::default(),
         })
     }
+}
+
+/// The blocks of a stage, and the proof of the text that they become for this control.
+fn proven(
+    plan: &Plan,
+    stage: &Stage,
+    found: Option<&Artefact>,
+    stands: Option<Position>,
+    dialect: &Dialect,
+) -> Result<(Vec<Task>, Proof), RunError> {
+    let tasks = tasks(plan, stage, stands.clone())?;
+    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+    let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
+    let program = Program { title: &stage.name, axes: &axes, log: None };
+    let text = dialect
+        .program(&program, &blocks)
+        .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
+    let stages = [Staged { steps: &stage.steps, found }];
+    let request = Request { plan, stages: &stages, stands: stands.as_ref(), dialect, text: &text };
+    let proof = proof::prove(&request)
+        .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })?;
+    Ok((tasks, proof))
 }
 
 /// The blocks of a stage; nothing is planned that has no way to its start.

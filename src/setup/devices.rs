@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use tokio::task::JoinHandle;
 
@@ -15,6 +16,7 @@ use crate::controllers::grbl::Grbl;
 use crate::controllers::grbl::firmware::{Firmware, Options};
 use crate::controllers::linuxcnc::{LinuxCnc, Settings as LinuxCncSettings};
 use crate::gcode::Dialect;
+use crate::link::faults::{BadWire, Planned};
 use crate::link::{self, Address, Link};
 use crate::world::{Truth, World};
 
@@ -27,6 +29,13 @@ pub struct Devices {
     pub clock: Arc<dyn Clock>,
     /// The other end of a pseudo-terminal, if this program serves it; dropped after the controller.
     _simulator: Option<Simulator>,
+}
+
+impl Devices {
+    /// A control that is open already, timed by the host's clock where it does not stamp.
+    pub fn new(controller: Controller, dialect: Dialect) -> Self {
+        Self { controller, dialect, clock: Arc::new(HostClock::start()), _simulator: None }
+    }
 }
 
 /// A simulated control on a pseudo-terminal, alive until dropped.
@@ -73,12 +82,7 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
             let directory = program_dir.clone();
             let settings = LinuxCncSettings { address: tcp_address(tcp)?, directory, axes };
             let (driver, halt) = LinuxCnc::open(settings, Dialect::named(dialect)?).await?;
-            Ok(Devices {
-                controller: Controller::spawn(driver, halt),
-                dialect: Dialect::named(dialect)?,
-                clock: Arc::new(HostClock::start()),
-                _simulator: None,
-            })
+            Ok(Devices::new(Controller::spawn(driver, halt), Dialect::named(dialect)?))
         }
     }
 }
@@ -95,6 +99,26 @@ pub fn simulator(file: &MachineFile, pace: Pace) -> Result<Simulator, SetupError
     Ok(Simulator { path, task })
 }
 
+/// As [`simulator`], behind a bad wire; `tell` hears what it does, and when. Once the wire is cut
+/// the pseudo-terminal is gone.
+pub fn bad_simulator(
+    file: &MachineFile,
+    pace: Pace,
+    wire: BadWire,
+    tell: fn(Duration, Planned),
+) -> Result<Simulator, SetupError> {
+    let pty = link::pty()?;
+    let mut firmware = firmware(file, pace)?;
+    let path = PathBuf::from(pty.path.clone());
+    let task = tokio::spawn(async move {
+        let _client_side = pty.client_side;
+        let (near, far) = tokio::io::duplex(WIRE_BYTES);
+        let control = async move { drop(firmware.serve(far).await) };
+        tokio::join!(control, async { drop(wire.join(pty.device, near, &tell).await) });
+    });
+    Ok(Simulator { path, task })
+}
+
 /// The simulated truth of a machine file.
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
@@ -103,17 +127,13 @@ pub fn world(file: &MachineFile) -> Result<World, SetupError> {
 
 fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
     let world = Arc::new(Mutex::new(world(file)?));
-    Ok(Firmware::new(world, Options::of(&file.machine, pace)))
+    let faults = file.simulated_faults()?;
+    Ok(Firmware::new(world, Options { faults, ..Options::of(&file.machine, pace) }))
 }
 
 fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupError> {
     let (driver, halt) = Grbl::new(link, &file.machine, Dialect::named(dialect)?);
-    Ok(Devices {
-        controller: Controller::spawn(driver, halt),
-        dialect: Dialect::named(dialect)?,
-        clock: Arc::new(HostClock::start()),
-        _simulator: None,
-    })
+    Ok(Devices::new(Controller::spawn(driver, halt), Dialect::named(dialect)?))
 }
 
 fn tcp_address(tcp: &str) -> Result<Address, SetupError> {

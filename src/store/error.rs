@@ -1,12 +1,15 @@
 //! What can go wrong with the journal, and what a person should do next.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
 use rusqlite::ffi::{SQLITE_CONSTRAINT_FOREIGNKEY, SQLITE_CONSTRAINT_UNIQUE};
 
 use super::RunId;
+
+/// `errno` of a disk that fails, the same on every Linux.
+const EIO: i32 = 5;
 
 /// A fault with the journal it concerns. Whatever was acknowledged before stays.
 #[derive(Debug, thiserror::Error)]
@@ -34,7 +37,7 @@ pub enum Fault {
     #[error("its disk cannot hold a write-ahead log (SQLite chose `{mode}`)")]
     NoLog { mode: String },
     #[error(transparent)]
-    Io(#[from] io::Error),
+    Io(io::Error),
     #[error("there is no run {0}")]
     NoRun(RunId),
     #[error("{what} holds a number that is not finite and cannot be kept")]
@@ -102,6 +105,17 @@ impl Fault {
                 Fault::NoRun(run)
             }
             _ => error.into(),
+        }
+    }
+}
+
+impl From<io::Error> for Fault {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            ErrorKind::StorageFull => Fault::Full,
+            // EIO has no kind of its own.
+            _ if error.raw_os_error() == Some(EIO) => Fault::Disk(error.to_string()),
+            _ => Fault::Io(error),
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
 mod error;
+mod folder;
 mod journal;
 mod lock;
 mod read;

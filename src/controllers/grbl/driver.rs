@@ -1,11 +1,13 @@
 //! The driver: blocks in, outcomes out.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
+use super::check;
 use super::message::{Message, Status};
-use super::wire::{Wire, not_ready};
+use super::wire::{Patience, Wire, not_ready};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
 use crate::gcode::{Dialect, Program, RenderError};
@@ -28,11 +30,17 @@ const RESTORED: [&str; 16] = [
 
 /// The driver of one control.
 pub struct Grbl {
-    pub(super) wire: Wire,
+    wire: Wire,
     dialect: Dialect,
     machine: String,
     /// Axes that the machine file names, without the spindle.
     wanted: Vec<Axis>,
+    /// How far from its target each may stand, mm or rad.
+    tolerance: BTreeMap<Axis, f64>,
+    /// Where the machine last stood still.
+    stood: Position,
+    /// Prepared, and no fault since.
+    ready: bool,
     stop: String,
     /// Axis words in the order of the control's reports; `None` for one that has no name here.
     axes: Vec<Option<Axis>>,
@@ -46,11 +54,19 @@ impl Grbl {
     /// After a halt the link takes no line any more: a new run opens a new one.
     pub fn new(link: Link, machine: &Machine, dialect: Dialect) -> (Self, Halt) {
         let (wire, halt) = Wire::new(link);
-        let wanted = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let wanted: Vec<Axis> =
+            machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let tolerance = wanted.iter().map(|axis| {
+            let spec = machine.axes.get(axis);
+            (*axis, check::tolerance(*axis, spec))
+        });
         let grbl = Self {
             wire,
             dialect,
             machine: machine.name.clone(),
+            tolerance: tolerance.collect(),
+            stood: Position::new(),
+            ready: false,
             wanted,
             stop: stop_in_words(machine),
             axes: Vec::new(),
@@ -59,6 +75,12 @@ impl Grbl {
             spindle: None,
         };
         (grbl, halt)
+    }
+
+    /// Wait otherwise than by default.
+    pub fn with_patience(mut self, patience: Patience) -> Self {
+        self.wire.patience = patience;
+        self
     }
 
     /// Who is there; axes and buffer from `$I`.
@@ -120,15 +142,15 @@ impl Grbl {
         Ok(())
     }
 
-    /// Send the dialect's head or foot.
-    async fn send_frame(&mut self, lines: Frame) -> Result<(), ControllerError> {
+    /// Send the dialect's head or foot; the lines.
+    async fn send_frame(&mut self, lines: Frame) -> Result<Vec<String>, ControllerError> {
         let program = Program { title: &self.machine, axes: &self.wanted, log: None };
         let lines = lines(&self.dialect, &program)
             .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
-        for line in lines {
-            self.wire.ask(&line).await?;
+        for line in &lines {
+            self.wire.ask(line).await?;
         }
-        Ok(())
+        Ok(lines)
     }
 
     /// Send the lines of one motion; what was said while they ran.
@@ -158,23 +180,28 @@ impl Grbl {
     ) -> Result<(), ControllerError> {
         let step = block.step;
         match motion {
-            Motion::Rapid { .. } | Motion::Dwell { .. } => {
+            Motion::Dwell { .. } => {
                 self.send(block, motion).await?;
             }
             Motion::Orient { s } => {
                 self.send(block, motion).await?;
                 self.spindle = Some(*s);
             }
-            Motion::BackOff { .. } => {
+            Motion::Rapid { to } => {
                 self.send(block, motion).await?;
-                self.wire.idle().await?;
+                self.arrive(to).await?;
+            }
+            Motion::BackOff { to, .. } => {
+                self.send(block, motion).await?;
+                self.arrive(to).await?;
                 self.open_probe(step).await?;
             }
-            Motion::Guarded { .. } => {
+            Motion::Guarded { to, .. } => {
                 let said = self.probe(block, motion).await?;
                 if said.hit {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
+                self.arrive(to).await?;
             }
             Motion::Probe { .. } => {
                 self.wire.idle().await?;
@@ -183,11 +210,49 @@ impl Grbl {
                 if !said.hit {
                     return Err(ControllerError::NoContact { step });
                 }
-                outcome.touch = Some(said.position);
+                self.confirm(step, &said).await?;
+                outcome.touch = Some(self.position(&said.values)?);
                 outcome.t_s = said.t_s;
             }
         }
         Ok(())
+    }
+
+    /// Wait until the machine stands, and see that it stands where it was sent.
+    async fn arrive(&mut self, target: &Position) -> Result<(), ControllerError> {
+        let deadline = Instant::now() + self.wire.patience.aftermath;
+        let target = target.only(|axis| axis != Axis::S);
+        loop {
+            let status = self.wire.idle().await?;
+            self.stood = self.stands(status)?;
+            match check::astray(&target, &self.stood, |axis| self.tolerance(axis)) {
+                None => return Ok(()),
+                // The reports may be older than the motion.
+                Some(error) if Instant::now() > deadline => return Err(error),
+                Some(_) => sleep(self.wire.patience.poll / 10).await,
+            }
+        }
+    }
+
+    fn tolerance(&self, axis: Axis) -> f64 {
+        // Axes that the machine file does not name do not matter.
+        self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
+    }
+
+    /// The control tells a touch again on `$#`: both must be the same to the last digit, and lie on
+    /// the way that the machine came.
+    async fn confirm(&mut self, step: u32, said: &Touch) -> Result<(), ControllerError> {
+        let from = self.stood.clone();
+        let status = self.wire.idle().await?;
+        self.stood = self.stands(status)?;
+        let again = touch_of(&self.wire.ask("$#").await?)?;
+        if again != *said {
+            let (first, again) = (format!("{said:?}"), format!("{again:?}"));
+            return Err(ControllerError::Doubtful { step, first, again });
+        }
+        let contact = self.position(&said.values)?.only(|axis| axis != Axis::S);
+        let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
+        astray.map_or(Ok(()), Err)
     }
 
     /// A probing line: its result stands between the line and its `ok`.
@@ -198,19 +263,7 @@ impl Grbl {
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
         })?;
-        let mut found = None;
-        let mut t_s = None;
-        for message in &said {
-            match message {
-                Message::Touch { values, hit } => found = Some((self.position(values)?, *hit)),
-                Message::Time(stamp) => t_s = Some(*stamp),
-                _ => {}
-            }
-        }
-        let (position, hit) = found.ok_or_else(|| ControllerError::Garbled {
-            text: format!("no [PRB:..] before ok, but {said:?}"),
-        })?;
-        Ok(Touch { position, hit, t_s })
+        touch_of(&said)
     }
 
     fn stands(&self, status: Status) -> Result<Position, ControllerError> {
@@ -249,14 +302,40 @@ impl Grbl {
 
 type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;
 
+/// The result of a probing move as the control tells it.
+#[derive(Debug, Clone, PartialEq)]
 struct Touch {
-    position: Position,
+    /// In the order of the control's reports, mm and degrees.
+    values: Vec<f64>,
     hit: bool,
     t_s: Option<f64>,
 }
 
-impl Driver for Grbl {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+/// The one result among what was said.
+fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
+    let mut found = None;
+    let mut t_s = None;
+    for message in said {
+        match message {
+            Message::Touch { values, hit } if found.is_none() => {
+                found = Some((values.clone(), *hit));
+            }
+            Message::Touch { .. } => {
+                let text = format!("two results of one probing move: {said:?}");
+                return Err(ControllerError::Garbled { text });
+            }
+            Message::Time(stamp) => t_s = Some(*stamp),
+            _ => {}
+        }
+    }
+    let (values, hit) = found.ok_or_else(|| ControllerError::Garbled {
+        text: format!("no [PRB:..] before ok, but {said:?}"),
+    })?;
+    Ok(Touch { values, hit, t_s })
+}
+
+impl Grbl {
+    async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
         let status = self.wire.wake().await?;
         if status.state != "Idle" {
             return Err(not_ready(&status));
@@ -270,13 +349,15 @@ impl Driver for Grbl {
             });
         }
         self.remember_modes().await?;
-        self.send_frame(Dialect::head).await?;
+        let head = self.send_frame(Dialect::head).await?;
+        let modes = self.wire.ask("$G").await?;
+        check::modes(&head, &modes, &self.wire.ask("$#").await?)?;
         let status = self.wire.idle().await?;
-        let stands = self.stands(status)?;
-        Ok(Prepared { identity, stop: self.stop.clone(), stands })
+        self.stood = self.stands(status)?;
+        Ok(Prepared { identity, stop: self.stop.clone(), stands: self.stood.clone() })
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
         for motion in &block.motions {
             self.act(block, motion, &mut outcome).await?;
@@ -284,6 +365,39 @@ impl Driver for Grbl {
         let status = self.wire.idle().await?;
         outcome.t_s = outcome.t_s.or(status.t_s);
         Ok(outcome)
+    }
+
+    /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
+    /// stands, it is held; then only a new link takes lines again.
+    fn failed(&mut self, error: ControllerError) -> ControllerError {
+        self.ready = false;
+        if !stands_after(&error) {
+            self.wire.hold();
+        }
+        error
+    }
+}
+
+impl Driver for Grbl {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.set_up().await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        if self.wire.is_halted() {
+            return Err(ControllerError::Halted);
+        }
+        if !self.ready {
+            return Err(ControllerError::NotReady {
+                state: "it was not prepared since the last fault".to_owned(),
+                remedy: "start again".to_owned(),
+            });
+        }
+        let outcome = self.block(block).await;
+        outcome.map_err(|error| self.failed(error))
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
@@ -295,6 +409,25 @@ impl Driver for Grbl {
         }
         self.wire.idle().await.map(|_| ())
     }
+}
+
+/// Faults that the control itself reports at a standstill.
+fn stands_after(error: &ControllerError) -> bool {
+    use ControllerError as E;
+    matches!(
+        error,
+        E::Halted
+            | E::HeldThere { .. }
+            | E::Alarm { .. }
+            | E::Reset { .. }
+            | E::NoContact { .. }
+            | E::UnexpectedContact { .. }
+            | E::StillTripped { .. }
+            | E::Astray { .. }
+            | E::Doubtful { .. }
+            | E::NotReady { .. }
+            | E::Render { .. }
+    )
 }
 
 /// How long a motion may take while the control reports idle.

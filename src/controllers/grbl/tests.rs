@@ -6,8 +6,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 use super::firmware::{Firmware, Options, Pace};
-use super::wire::Patience;
-use super::{Grbl, testing};
+use super::{Grbl, Patience, testing};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt};
 use crate::gcode::Dialect;
@@ -15,13 +14,14 @@ use crate::link::{Address, Link, open, pty};
 use crate::record::motion::{Block, Motion, Outcome};
 
 fn grbl(link: Link) -> (Grbl, Halt) {
-    let (mut driver, halt) = Grbl::new(link, &testing::machine(), Dialect::named("grbl").unwrap());
-    driver.wire.patience = Patience {
+    let (driver, halt) = Grbl::new(link, &testing::machine(), Dialect::named("grbl").unwrap());
+    let patience = Patience {
         answer: Duration::from_millis(300),
         poll: Duration::from_millis(20),
         aftermath: Duration::from_millis(100),
+        ..Patience::default()
     };
-    (driver, halt)
+    (driver.with_patience(patience), halt)
 }
 
 fn position(axes: &[(Axis, f64)]) -> Position {

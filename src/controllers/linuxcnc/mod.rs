@@ -27,6 +27,8 @@
 mod driver;
 mod fault;
 mod files;
+#[cfg(test)]
+mod fuzz;
 mod prepare;
 mod result;
 mod rsh;

@@ -43,11 +43,14 @@ impl Log {
             log.lines += 1;
             let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
             let garbled = || ControllerError::Garbled { text: line.trim().to_owned() };
+            // Rust reads `nan` as a number; a position it is not.
             let numbers: Vec<f64> = rest
                 .split_whitespace()
                 .map(str::parse)
                 .collect::<Result<_, _>>()
-                .map_err(|_| garbled())?;
+                .ok()
+                .filter(|numbers: &Vec<f64>| numbers.iter().all(|number| number.is_finite()))
+                .ok_or_else(garbled)?;
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.ended = true,
                 ("offset", []) => log.verdict = Some(Verdict::Offset),

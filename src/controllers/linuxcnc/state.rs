@@ -77,10 +77,17 @@ pub(super) async fn opened(rsh: &mut Rsh, program: &str) -> Result<(), Controlle
 }
 
 async fn numbers(rsh: &mut Rsh, key: &str) -> Result<Vec<f64>, ControllerError> {
-    let said = rsh.get(key).await?;
+    reported(&rsh.get(key).await?)
+}
+
+/// The numbers of an answer, one for each axis that it may report.
+pub(super) fn reported(said: &str) -> Result<Vec<f64>, ControllerError> {
     let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
-    let numbers = numbers.ok().filter(|numbers| numbers.len() >= REPORTED.len());
-    numbers.ok_or(ControllerError::Garbled { text: format!("{key} {said}") })
+    let are_whole = |numbers: &Vec<f64>| {
+        numbers.len() >= REPORTED.len() && numbers.iter().all(|number| number.is_finite())
+    };
+    let numbers = numbers.ok().filter(are_whole);
+    numbers.ok_or_else(|| ControllerError::Garbled { text: said.to_owned() })
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::line::{Line, Words};
+use super::line::{Line, Words, code};
 use super::{Frame, Kind, ReadMotion};
 use crate::base::{Axis, Position};
 
@@ -119,7 +119,7 @@ impl State {
             return Err("a word after the program's end".to_owned());
         }
         self.started = true;
-        let n = words.take('N').map(|n| n as u32);
+        let n = words.take('N').map(|n| code(n, 'N')).transpose()?;
         self.set_modal(&mut words)?;
         self.ended |= words.take_m(2) || words.take_m(30);
         let motion = self.action(&mut words)?;
@@ -197,14 +197,14 @@ impl State {
 
     /// G10 L2: an offset that is set to zero is known; one that is set to anything else is refused.
     fn zero_slot(&mut self, words: &mut Words) -> Result<(), String> {
-        let wanted = (words.take('L'), words.take('P').map(|p| p as usize));
-        let (Some(2.0), Some(p @ 1..=9)) = wanted else {
+        let slot = words.take('P').map(|p| code(p, 'P')).transpose()?;
+        let (Some(2.0), Some(p @ 1..=9)) = (words.take('L'), slot) else {
             return Err("of G10 only L2 with P1 to P9 is understood".to_owned());
         };
         for axis in Axis::ALL {
             match words.take(axis.letter()) {
                 Some(0.0) => {
-                    self.zeroed.entry(SLOTS[p - 1].0).or_default().insert(axis);
+                    self.zeroed.entry(SLOTS[p as usize - 1].0).or_default().insert(axis);
                 }
                 Some(value) => return Err(format!("an offset of {value} in {axis}")),
                 None => {}

@@ -58,8 +58,23 @@ impl SelfCalibration {
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
         let new_steps = planner.cycle_steps(part)?;
         let ids = new_steps.iter().map(|step| step.id).collect();
-        let stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        let mut stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        stage.found = self.settings.locate.then(|| self.found(plan, part));
         Ok(Next::Stage { stage, new_steps })
+    }
+
+    /// The artefact where it was located. From one turn of the table to the next it may stand
+    /// elsewhere by twice the offset of the rotary axis, which is what is measured: the touches are
+    /// made for as much as their standoff, and half of that is granted.
+    fn found(&self, plan: &Plan, part: Part) -> Artefact {
+        let Artefact::Cylinder { centre_mm, axis, height_mm, .. } = plan.artefact;
+        Artefact::Cylinder {
+            centre_mm: [part.centre[0], part.centre[1], centre_mm[2]],
+            axis,
+            radius_mm: part.reach - plan.probe.ball_radius_mm,
+            height_mm,
+            uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
+        }
     }
 }
 
@@ -88,7 +103,8 @@ impl Method for SelfCalibration {
         }
         if let Some(first) = done.get(located) {
             let name = format!("Tests 1a to 3, pass {}", pass + 1);
-            let stage = self.stage(plan, name, pass, first.steps.clone());
+            let mut stage = self.stage(plan, name, pass, first.steps.clone());
+            stage.found = first.found.clone();
             return Ok(Next::Stage { stage, new_steps: Vec::new() });
         }
         let part = match source {

@@ -1,0 +1,87 @@
+//! Any part of the machine that carries something: its pose, and how far what it carries can stray
+//! while the axes move. Nominal: error parameters are not looked at.
+
+use glam::{DAffine3, DVec3};
+
+use super::chain::Chain;
+use super::joint::Joint;
+use crate::base::Axis;
+use crate::record::machine::Carrier;
+
+/// Positions of all axes in the order of [`Axis::ALL`], mm and rad.
+pub type Commands = [f64; Axis::ALL.len()];
+
+/// Which way from the bed a carrier stands. Two carriers of one side move together in part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    Bed,
+    Work,
+    Tool,
+}
+
+/// The joints between the bed and a carrier, the one next to the bed first.
+#[derive(Debug, Clone)]
+pub struct Carried {
+    side: Side,
+    joints: Vec<Joint>,
+}
+
+impl Chain {
+    /// `None`: the machine has no such axis.
+    pub fn carried(&self, carrier: Carrier) -> Option<Carried> {
+        let up_to = |branch: &[Joint], axis: Axis| {
+            let last = branch.iter().position(|joint| joint.axis() == axis)?;
+            Some(branch.iter().take(last + 1).cloned().collect())
+        };
+        let (side, joints) = match carrier {
+            Carrier::Bed => (Side::Bed, Vec::new()),
+            Carrier::Table => (Side::Work, self.workpiece.clone()),
+            Carrier::Spindle => {
+                let still = |joint: &&Joint| joint.axis() != Axis::S;
+                (Side::Tool, self.tool.iter().filter(still).cloned().collect())
+            }
+            Carrier::Axis(axis) => match up_to(&self.workpiece, axis) {
+                Some(joints) => (Side::Work, joints),
+                None => (Side::Tool, up_to(&self.tool, axis)?),
+            },
+        };
+        Some(Carried { side, joints })
+    }
+}
+
+impl Carried {
+    pub fn side(&self) -> Side {
+        self.side
+    }
+
+    /// The axes that move it.
+    pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
+        self.joints.iter().map(Joint::axis)
+    }
+
+    /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
+    /// of the ball of `radius` about `centre` (carrier frame) is from where it stands at `middle`,
+    /// as long as every axis stays within `half` of it, whatever way the axes take together.
+    ///
+    /// A point stands at M₁…Mₙ·p. Changing one joint after the other, the outermost first, each
+    /// moves it by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at
+    /// `middle`* from that axis; the joints further out keep that length. The sum bounds the whole.
+    pub fn sweep(
+        &self,
+        middle: &Commands,
+        half: &Commands,
+        centre: DVec3,
+        radius: f64,
+    ) -> (DAffine3, f64) {
+        let (mut pose, mut stray) = (DAffine3::IDENTITY, 0.0);
+        for joint in self.joints.iter().rev() {
+            let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
+            if half > 0.0 {
+                let reach = joint.distance(pose.transform_point3(centre)) + radius;
+                stray += joint.longest(half, reach);
+            }
+            pose = joint.nominal(command) * pose;
+        }
+        (pose, stray)
+    }
+}

@@ -1,0 +1,75 @@
+//! Floor 4: what must hold before a stage may move. It looks at the *rendered text as read back*
+//! and at the plan's steps, never at what the planner meant: a slip anywhere between step and text
+//! is seen here. It moves nothing.
+//!
+//! It holds of a proven text that
+//! - every motion belongs to the step whose turn it is, in machine coordinates, within the limits;
+//! - each step touches once: from its `from` to its `to`, at its feed, no longer than the probe's
+//!   overtravel; the ball stands clear of the artefact at `from`, wherever within its uncertainty
+//!   that is, and contact with the nominal artefact comes before `to`; then straight back to `from`;
+//! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
+//!   everything and stop within the overtravel if they should meet something all the same;
+//! - rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every
+//!   step ends that far away.
+//!
+//! The artefact is grown by its uncertainty. During a touch only what rides on the spindle may be
+//! nearer to it, and only as far as contact lets it come ([`touch`]).
+//!
+//! Bodies: stylus ball, stem, probe body and the solids of the tool side against artefact, keep-out
+//! boxes and the solids of the workpiece side and the bed; workpiece side against bed. Two bodies of
+//! one side are *not* looked at: what rides together meets only by its maker's design. Errors of the
+//! machine are far below the margin and not looked at either. The spindle's axis is Z; a spindle that
+//! nobody orients stands as `tool_mm` was measured.
+//!
+//! Whether the identification is well-posed is the method's matter: `Method::next` refuses what it
+//! could not solve before the first stage, and nothing is rendered.
+
+mod body;
+mod gap;
+mod refusal;
+mod rules;
+mod scene;
+mod sweep;
+mod touch;
+mod walk;
+
+pub use refusal::{Reason, Refusal};
+
+use crate::base::Position;
+use crate::gcode::Dialect;
+use crate::record::machine::Artefact;
+use crate::record::plan::Plan;
+use crate::record::proof::Proof;
+
+/// Distance that rapids and turning axes keep from everything, mm.
+pub const MARGIN_MM: f64 = 2.0;
+
+/// A text, and what it must say.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'a> {
+    pub plan: &'a Plan,
+    /// One for each stage in the text, in order.
+    pub stages: &'a [Staged<'a>],
+    /// Where the machine stands at the start, as far as it is known. What moves before X, Y and Z
+    /// are known is not looked at, and the proof says so.
+    pub stands: Option<&'a Position>,
+    pub dialect: &'a Dialect,
+    pub text: &'a str,
+}
+
+/// The steps of one stage.
+#[derive(Debug, Clone, Copy)]
+pub struct Staged<'a> {
+    /// Ids in the order in which they must be run; they stand in the plan.
+    pub steps: &'a [u32],
+    /// Where the artefact was found; `None`: where the plan says.
+    pub found: Option<&'a Artefact>,
+}
+
+/// Does the text do what the steps say, and does nothing meet that must not?
+///
+/// # Errors
+/// The first line that is wrong or cannot be shown to be right.
+pub fn prove(request: &Request<'_>) -> Result<Proof, Refusal> {
+    walk::Walk::begin(request)?.through()
+}

@@ -1,0 +1,323 @@
+//! The text, motion by motion, against the steps whose turn it is.
+
+use std::f64::consts::PI;
+
+use super::refusal::{Reason, Refusal};
+use super::scene::{Meets, Scene};
+use super::sweep::{Demand, Way, sweep};
+use super::{MARGIN_MM, Request, rules, touch};
+use crate::base::{Axis, Position};
+use crate::gcode::rs274::{Frame, Kind, ReadMotion};
+use crate::kinematics::Commands;
+use crate::record::plan::Step;
+use crate::record::proof::{Clearance, Proof};
+
+/// How far a step has come.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Approach,
+    /// The touch is over, the machine stands where contact stopped it.
+    Touched,
+    /// Back at `from`.
+    Back,
+}
+
+pub struct Walk<'a> {
+    request: &'a Request<'a>,
+    motions: Vec<ReadMotion>,
+    /// Steps of all stages, each with the number of its stage.
+    turns: Vec<(&'a Step, usize)>,
+    scenes: Vec<Scene>,
+    /// Number of the turn in hand.
+    turn: Option<usize>,
+    phase: Phase,
+    stands: Position,
+    /// Line in hand, from 1.
+    line: usize,
+    proof: Proof,
+    /// Smallest clearance of the step in hand.
+    nearest: Option<Clearance>,
+    /// Lines whose way is not known.
+    blind: Vec<usize>,
+}
+
+type Checked = Result<(), Reason>;
+
+impl<'a> Walk<'a> {
+    pub fn begin(request: &'a Request<'a>) -> Result<Self, Refusal> {
+        let at = |line| move |reason| Refusal { step: None, line, reason };
+        let motions = request
+            .dialect
+            .read_back(request.text)
+            .map_err(|error| at(error.line)(Reason::Unreadable(error.why)))?;
+        let mut turns = Vec::new();
+        let mut scenes = Vec::new();
+        for (stage, staged) in request.stages.iter().enumerate() {
+            let artefact = staged.found.unwrap_or(&request.plan.artefact);
+            scenes.push(Scene::new(request.plan, artefact).map_err(at(1))?);
+            for id in staged.steps {
+                let step = request.plan.steps.iter().find(|step| step.id == *id);
+                turns.push((step.ok_or(Reason::NoSuchStep(*id)).map_err(at(1))?, stage));
+            }
+        }
+        let stands = request.stands.cloned().unwrap_or_default();
+        Ok(Self {
+            request,
+            motions,
+            turns,
+            scenes,
+            turn: None,
+            phase: Phase::Back,
+            stands,
+            line: 1,
+            proof: Proof::default(),
+            nearest: None,
+            blind: Vec::new(),
+        })
+    }
+
+    /// All of it.
+    pub fn through(mut self) -> Result<Proof, Refusal> {
+        for motion in std::mem::take(&mut self.motions) {
+            self.line = motion.line;
+            self.motion(&motion).map_err(|reason| self.refusal(reason))?;
+            self.proof.motions += 1;
+        }
+        self.end().map_err(|reason| self.refusal(reason))?;
+        Ok(self.found())
+    }
+
+    fn refusal(&self, reason: Reason) -> Refusal {
+        let step = self.step().map(|step| (step.id, step.label.clone()));
+        Refusal { step, line: self.line, reason }
+    }
+
+    fn step(&self) -> Option<&'a Step> {
+        self.turns.get(self.turn?).map(|(step, _)| *step)
+    }
+
+    /// The scene of the stage in hand; of the first one before any step.
+    fn scene(&self) -> Option<&Scene> {
+        let stage = self.turn.and_then(|turn| self.turns.get(turn)).map_or(0, |(_, stage)| *stage);
+        self.scenes.get(stage)
+    }
+
+    fn motion(&mut self, motion: &ReadMotion) -> Checked {
+        self.take_turn(motion.n.ok_or(Reason::NoStep)?)?;
+        if let Frame::Work(slot) = &motion.frame {
+            return Err(Reason::Frame(slot.clone()));
+        }
+        let machine = &self.request.plan.machine;
+        rules::limits(motion, machine, self.request.dialect)?;
+        match motion.kind {
+            Kind::Dwell { .. } => Ok(()),
+            Kind::Feed => self.back(motion),
+            _ if self.phase == Phase::Touched => Err(Reason::NotBack),
+            Kind::Orient { s } => self.orient(s),
+            Kind::Rapid => self.go(&motion.target, MARGIN_MM),
+            Kind::Probe { must_touch } => self.probe(motion, must_touch),
+        }
+    }
+
+    /// The step in hand goes on, or it is complete and the next one begins.
+    fn take_turn(&mut self, n: u32) -> Checked {
+        let next = self.turn.map_or(0, |turn| turn + 1);
+        let expected = self.turns.get(next).map(|(step, _)| step.id);
+        match self.step() {
+            Some(step) if step.id == n => return Ok(()),
+            _ if expected != Some(n) => return Err(Reason::OutOfTurn { found: n, expected }),
+            Some(_) => self.complete()?,
+            None => {}
+        }
+        (self.turn, self.phase) = (Some(next), Phase::Approach);
+        Ok(())
+    }
+
+    fn complete(&mut self) -> Checked {
+        match self.phase {
+            Phase::Approach => return Err(Reason::Unfinished("its touch")),
+            Phase::Touched => return Err(Reason::Unfinished("its way back from contact")),
+            Phase::Back => self.go(&Position::new(), MARGIN_MM)?,
+        }
+        self.proof.steps.extend(self.nearest.take());
+        Ok(())
+    }
+
+    fn end(&mut self) -> Checked {
+        if self.turn.is_some() {
+            self.complete()?;
+        }
+        let next = self.turn.map_or(0, |turn| turn + 1);
+        self.turns.get(next).map_or(Ok(()), |(step, _)| Err(Reason::Missing(step.id)))
+    }
+
+    /// The touch of the step in hand if it begins at its `from`, otherwise a guarded move.
+    fn probe(&mut self, motion: &ReadMotion, must_touch: bool) -> Checked {
+        let step = self.step().ok_or(Reason::NoStep)?;
+        let dialect = self.request.dialect;
+        let starts = rules::differs(&self.stands, &step.from, dialect).is_none();
+        let turns = motion
+            .target
+            .iter()
+            .any(|(axis, value)| !axis.is_linear() && self.stands.get(axis) != Some(value));
+        let goes = rules::differs(&self.stands.updated_by(&motion.target), &step.to, dialect);
+        if starts && self.phase == Phase::Approach && !turns {
+            return match goes {
+                None => self.touch(motion, step),
+                Some(Ok((axis, is, meant))) => Err(Reason::NotTo { axis, is, meant }),
+                Some(Err(axis)) => Err(Reason::Unknown(axis)),
+            };
+        }
+        if starts && self.phase == Phase::Back && goes.is_none() {
+            return Err(Reason::SecondTouch);
+        }
+        if must_touch {
+            return Err(Reason::NotATouch);
+        }
+        let probe = &self.request.plan.probe;
+        rules::feed_at_most("a guarded move", motion, probe.guarded_feed_mm_min)?;
+        rules::braking(motion, &self.request.plan.machine, probe)?;
+        self.go(&motion.target, if turns { MARGIN_MM } else { 0.0 })
+    }
+
+    fn touch(&mut self, motion: &ReadMotion, step: &Step) -> Checked {
+        let plan = self.request.plan;
+        rules::feed_is("the touch is", motion, step.feed_mm_min)?;
+        let braking = rules::braking(motion, &plan.machine, &plan.probe)?;
+        let to = self.stands.updated_by(&motion.target);
+        rules::length(&self.stands, &to, plan.probe.overtravel_mm)?;
+        let from = self.commands(&self.stands)?;
+        let way = Way { from, to: self.commands(&to)? };
+        let reach = {
+            let scene = self.scene().ok_or(Reason::NoStep)?;
+            touch::reach(scene, &way, braking).ok_or(Reason::NoContact)?
+        };
+        // Where it begins the ball is clear of the artefact, wherever that stands.
+        self.look(&Way { from, to: from }, 0.0, |_| true, None)?;
+        self.look(&way, 0.0, |meets| meets == Meets::Never, None)?;
+        self.look(&reach.way, 0.0, |meets| meets == Meets::Beside, Some(reach.across))?;
+        self.stands = self.stands.only(|axis| motion.target.get(axis).is_none());
+        self.phase = Phase::Touched;
+        Ok(())
+    }
+
+    /// G1: from contact straight back to `from`, over the way that the touch has proven.
+    fn back(&mut self, motion: &ReadMotion) -> Checked {
+        let step = self.step().ok_or(Reason::NoStep)?;
+        if self.phase != Phase::Touched {
+            return Err(Reason::FeedMove);
+        }
+        let probe = &self.request.plan.probe;
+        rules::feed_at_most("the way back from contact", motion, probe.search_feed_mm_min)?;
+        let ends = self.stands.updated_by(&motion.target);
+        match rules::differs(&ends, &step.from, self.request.dialect) {
+            Some(Ok((axis, is, meant))) => return Err(Reason::NotFrom { axis, is, meant }),
+            Some(Err(axis)) => return Err(Reason::Unknown(axis)),
+            None => {}
+        }
+        (self.stands, self.phase) = (ends, Phase::Back);
+        Ok(())
+    }
+
+    /// The spindle turns to `s`, nobody knows which way round.
+    fn orient(&mut self, s: f64) -> Checked {
+        let turned = |by: f64| self.stands.clone().with(Axis::S, s + by);
+        let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
+        match (from, to) {
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, MARGIN_MM, |_| true, None)?,
+            _ => self.blind.push(self.line),
+        }
+        self.stands.set(Axis::S, s);
+        Ok(())
+    }
+
+    /// Straight to `target`, keeping `need` from everything.
+    fn go(&mut self, target: &Position, need: f64) -> Checked {
+        let ends = self.stands.updated_by(target);
+        match (self.commands(&self.stands), self.commands(&ends)) {
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, need, |_| true, None)?,
+            _ => self.blind.push(self.line),
+        }
+        self.stands = ends;
+        Ok(())
+    }
+
+    /// Commands of all axes; a spindle that nobody has oriented stands at zero.
+    fn commands(&self, position: &Position) -> Result<Commands, Reason> {
+        let axes = self.request.plan.machine.axes.keys();
+        let mut unknown = axes.filter(|axis| **axis != Axis::S && position.get(**axis).is_none());
+        match unknown.next() {
+            Some(axis) => Err(Reason::Unknown(*axis)),
+            None => Ok(Axis::ALL.map(|axis| position.at(axis))),
+        }
+    }
+
+    /// Every pair that `which` names, all the way.
+    fn look(
+        &mut self,
+        way: &Way,
+        need: f64,
+        which: impl Fn(Meets) -> bool,
+        across: Option<super::gap::Across>,
+    ) -> Checked {
+        let mut nearest = self.nearest.take();
+        let looked = self.look_for(way, need, which, across, &mut nearest);
+        self.nearest = nearest;
+        looked
+    }
+
+    fn look_for(
+        &self,
+        way: &Way,
+        need: f64,
+        which: impl Fn(Meets) -> bool,
+        across: Option<super::gap::Across>,
+        nearest: &mut Option<Clearance>,
+    ) -> Checked {
+        let Some(scene) = self.scene() else { return Ok(()) };
+        for pair in scene.pairs.iter().filter(|pair| which(pair.meets)) {
+            let (one, other) = (&scene.bodies[pair.one], &scene.bodies[pair.other]);
+            // The ball is meant to come near the artefact; that says nothing of how safe it is.
+            let counts = pair.meets != Meets::Touch || need > 0.0;
+            let demand = Demand {
+                need,
+                grown: if across.is_some() { 0.0 } else { scene.grown(pair) },
+                across,
+                nearest: match nearest {
+                    _ if !counts => need,
+                    Some(found) => found.clearance_mm,
+                    None => f64::INFINITY,
+                },
+            };
+            let found = sweep(way, one, other, &demand).map_err(|clearance| Reason::Near {
+                what: one.name.clone(),
+                other: other.name.clone(),
+                clearance: clearance.max(0.0),
+                need,
+            })?;
+            if let Some(clearance_mm) = found.filter(|_| counts) {
+                *nearest = Some(Clearance {
+                    step: self.step().map_or(0, |step| step.id),
+                    line: self.line,
+                    clearance_mm,
+                    between: [one.name.clone(), other.name.clone()],
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn found(self) -> Proof {
+        let mut proof = self.proof;
+        let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
+        proof.nearest = proof.steps.iter().min_by(least).cloned();
+        let scene = self.scenes.into_iter().next();
+        proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.not_declared);
+        if let (Some(first), Some(last)) = (self.blind.first(), self.blind.last()) {
+            proof.not_looked_at.push(format!(
+                "the way of lines {first} to {last}, before it is known where all axes stand"
+            ));
+        }
+        proof
+    }
+}
