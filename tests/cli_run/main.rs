@@ -5,8 +5,10 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+mod bench;
 mod firmware;
 mod results;
+mod resume;
 mod stops;
 mod wires;
 
