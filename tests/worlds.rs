@@ -211,7 +211,7 @@ fn interrupted(seed: u64, kept: usize) -> (Estimate, [f64; 4]) {
 /// cycle was interrupted. Without the gap in the plan this fails by far.
 #[test]
 fn regress_u_is_true_across_an_interruption() {
-    let (worlds, mut sum) = (60, 0.0);
+    let (worlds, mut sum) = (120, 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;
         let (estimate, truth) = interrupted(9000 + world, kept);

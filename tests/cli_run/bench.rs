@@ -22,12 +22,17 @@ pub struct Bench {
 #[derive(Default)]
 struct Session {
     heard: String,
-    gate: Option<String>,
+    gate: Vec<String>,
 }
 
 impl Session {
     fn is_short(&self) -> bool {
-        self.gate.as_ref().is_some_and(|gate| self.heard.contains(gate))
+        let after = |rest: &mut &str, words: &String| {
+            *rest = rest.split_once(words.as_str())?.1;
+            Some(())
+        };
+        let mut rest = self.heard.as_str();
+        !self.gate.is_empty() && self.gate.iter().all(|words| after(&mut rest, words).is_some())
     }
 }
 
@@ -61,10 +66,10 @@ impl Bench {
         Self { address: address.recv().unwrap(), session, wishes }
     }
 
-    /// The next client's lines are lost from the one on that holds these words; what acts at once
-    /// still comes through.
-    pub fn stop_at(&self, words: &str) {
-        self.session.lock().unwrap().gate = Some(words.to_owned());
+    /// The next client's lines are lost from the one on that holds the last of these words, after
+    /// the others in their order; what acts at once still comes through.
+    pub fn stop_at(&self, words: &[&str]) {
+        self.session.lock().unwrap().gate = words.iter().map(|&words| words.to_owned()).collect();
     }
 
     /// Until the client has sent them.
@@ -110,7 +115,7 @@ async fn live(
                 let (near, far) = tokio::io::duplex(4096);
                 let (served, ()) = tokio::join!(machine.serve(far), pass_on(client.unwrap().0, near, &session));
                 served.unwrap();
-                session.lock().unwrap().gate = None;
+                session.lock().unwrap().gate.clear();
             }
             wish = wished.recv() => match wish {
                 None => return,

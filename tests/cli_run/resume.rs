@@ -14,9 +14,9 @@ use super::{Shop, changed, estimate, machine, said, with_control};
 /// Where the C axis of the built-in machine truly stands, µm (drift moves it by less than 0.5 µm).
 const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 
-/// A run on `bench`, stopped when it sends `words`: by a signal, or by `KILL`.
+/// A run on `bench`, stopped when it sends `words` (several in their order, with commas): by a signal, or by `KILL`.
 fn stopped(bench: &Bench, mut command: std::process::Command, words: &str, name: &str) -> Output {
-    bench.stop_at(words);
+    bench.stop_at(&words.split(", ").collect::<Vec<_>>());
     let run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     bench.wait();
     signal(&run, name);
@@ -147,7 +147,7 @@ fn a_run_survives_any_number_of_ends() {
 fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
-    bench.stop_at("N25 G38.3");
+    bench.stop_at(&["N25 G38.3"]);
     let run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     bench.wait();
     signal(&run, "INT");
@@ -246,4 +246,25 @@ fn another_machine_file_is_another_run() {
     assert!(said(&refused).contains("is not the machine file"), "{}", said(&refused));
     assert!(bench.heard().is_empty());
     assert_eq!(shop.states(), ["held"]);
+}
+
+/// The cycle is measured twice; the second pass is interrupted. Its steps are told from those of the
+/// first, and from the references after the stop.
+#[test]
+fn a_later_pass_goes_on_as_well() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    let mut run = shop.run_command();
+    run.args(["--repeat", "2"]);
+    stopped(&bench, run, "N68 G38.3, N25 G38.3", "INT");
+    let resumed = resume(&shop);
+    let known = estimate(&resumed);
+    for (symbol, truth) in TRUTH_UM {
+        let (value, expanded) = found(&known, symbol);
+        assert!((value - truth).abs() < expanded, "{symbol}: {value} ± {expanded}");
+    }
+    let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
+    assert_eq!(touched(&bench.heard()), rest);
+    // Located once, twice the cycle, the references.
+    assert_eq!(shop.exported_steps().len(), 5 + 2 * 64 + 4);
 }
