@@ -83,6 +83,7 @@ fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
         ],
         readings: stored.readings.len(),
         state: stored.summary.state.as_str().to_owned(),
+        story: super::runs::story(&stored),
     };
     page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)
 }

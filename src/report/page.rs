@@ -18,6 +18,8 @@ pub struct Facts {
     pub run: String,
     pub started: String,
     pub state: String,
+    /// Stops, faults and acknowledgements: when, and in words.
+    pub story: Vec<(String, String)>,
     pub readings: usize,
     pub program_version: String,
     /// What is hashed (machine file, plan, ..) and its SHA-256.
@@ -48,6 +50,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             quality => quality(estimate),
             plan => plan_rows(plan),
             facts => fact_rows(facts, &estimate.priors),
+            story => facts.story.clone(),
             program_version => facts.program_version.as_str(),
         },
     )

@@ -5,9 +5,11 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+mod bench;
 mod firmware;
 mod probe;
 mod results;
+mod resume;
 mod stops;
 mod wires;
 
