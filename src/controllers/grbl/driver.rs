@@ -210,8 +210,9 @@ impl Grbl {
                 if !said.hit {
                     return Err(ControllerError::NoContact { step });
                 }
-                self.confirm(step, &said).await?;
-                outcome.touch = Some(self.position(&said.values)?);
+                let contact = self.position(&said.values)?;
+                self.confirm(step, &said, &contact).await?;
+                outcome.touch = Some(contact);
                 outcome.t_s = said.t_s;
             }
         }
@@ -241,7 +242,12 @@ impl Grbl {
 
     /// The control tells a touch again on `$#`: both must be the same to the last digit, and lie on
     /// the way that the machine came.
-    async fn confirm(&mut self, step: u32, said: &Touch) -> Result<(), ControllerError> {
+    async fn confirm(
+        &mut self,
+        step: u32,
+        said: &Touch,
+        contact: &Position,
+    ) -> Result<(), ControllerError> {
         let from = self.stood.clone();
         let status = self.wire.idle().await?;
         self.stood = self.stands(status)?;
@@ -250,7 +256,7 @@ impl Grbl {
             let (first, again) = (format!("{said:?}"), format!("{again:?}"));
             return Err(ControllerError::Doubtful { step, first, again });
         }
-        let contact = self.position(&said.values)?.only(|axis| axis != Axis::S);
+        let contact = contact.only(|axis| axis != Axis::S);
         let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
         astray.map_or(Ok(()), Err)
     }
