@@ -63,6 +63,11 @@ pub struct BadWire {
 }
 
 impl BadWire {
+    /// A few harms in a run of sixty touches; some delays are longer than any patience.
+    pub fn to_rehearse(seed: u64) -> Self {
+        Self { seed, spacing: 300.0, longest_delay: Duration::from_secs(4) }
+    }
+
     /// All that will go wrong in one direction, in order; it never ends.
     pub fn schedule(&self, direction: Direction) -> impl Iterator<Item = Planned> + use<> {
         let wire = *self;

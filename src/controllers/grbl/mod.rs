@@ -10,12 +10,15 @@
 
 mod check;
 mod driver;
+mod fault;
 pub mod firmware;
 mod message;
+mod prepare;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
+mod touch;
 mod wire;
 
 pub use driver::Grbl;
