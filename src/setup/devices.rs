@@ -1,7 +1,7 @@
 //! Opens what the machine file names and puts it together. One simulated world is shared by
 //! everything that is simulated.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -81,15 +81,7 @@ pub async fn devices(
             let link = link::open(&Address::Serial { path, baud: 115_200 }).await?;
             Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, "grbl")? })
         }
-        Control::Grbl { link, dialect } => {
-            let address = match link {
-                LinkConfig::Serial { path, baud } => {
-                    Address::Serial { path: path.display().to_string(), baud: *baud }
-                }
-                LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
-            };
-            grbl(file, link::open(&address).await?, dialect)
-        }
+        Control::Grbl { link, dialect } => grbl(file, link::open(&address(link)?).await?, dialect),
         Control::LinuxCnc { tcp, program_dir, dialect } => {
             let axes = file.machine.axes.keys().copied().collect();
             let directory = program_dir.clone();
@@ -130,7 +122,7 @@ pub fn bad_simulator(
     tell: fn(Duration, Planned),
 ) -> Result<Simulator, SetupError> {
     let pty = link::pty()?;
-    let mut firmware = firmware(file, pace)?;
+    let mut firmware = firmware(file, pace, Past::default())?;
     let path = PathBuf::from(pty.path.clone());
     let task = tokio::spawn(async move {
         let _client_side = pty.client_side;
@@ -161,6 +153,18 @@ fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupE
     let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
     let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
     Ok(Devices::new(Controller::spawn(driver, halt), dialect))
+}
+
+fn address(link: &LinkConfig) -> Result<Address, SetupError> {
+    let serial =
+        |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
+    Ok(match link {
+        LinkConfig::Serial { path, baud } => serial(path, *baud),
+        LinkConfig::SerialId { id, baud } => {
+            serial(&link::by_id(Path::new(link::BY_ID), id)?, *baud)
+        }
+        LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
+    })
 }
 
 fn tcp_address(tcp: &str) -> Result<Address, SetupError> {
