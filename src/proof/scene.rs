@@ -87,7 +87,8 @@ impl Builder {
             _ => Reason::NoStep,
         };
         let carried = self.chain.carried(carrier).ok_or_else(missing)?;
-        self.bodies.push(Body { name: name.to_owned(), shape, carried });
+        let corners = shape.corners();
+        self.bodies.push(Body { name: name.to_owned(), shape, carried, corners });
         Ok(())
     }
 
