@@ -144,8 +144,8 @@ fn what_turns_is_looked_at_on_the_way() {
             {"name": "column", "on": "bed", "from_mm": [-220.0, -20.0, -80.0],
              "to_mm": [-120.0, 20.0, -60.0]}]);
     });
-    assert_eq!(refused(&fenced, "N0 G53 G0 B5\n"), None);
-    assert_near(&fenced, "N0 G53 G0 B-30\n", ["arm", "column"], 2.0);
+    assert_eq!(refused(&fenced, "N0 G53 G0 B-5\n"), None);
+    assert_near(&fenced, "N0 G53 G0 B30\n", ["arm", "column"], 2.0);
 }
 
 #[test]
