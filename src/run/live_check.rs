@@ -21,7 +21,8 @@ impl Run<'_> {
     pub(super) async fn live_check(&mut self) -> Result<(), RunError> {
         match self.plan.probe.live_check {
             LiveCheck::Touch => {
-                let text = "the first touch shows whether the probe lives: have the stop at hand";
+                let text = "the first approach is slow, and the first touch shows whether the probe \
+                            lives: have the stop at hand";
                 self.note(Event::Announced { text: text.to_owned() }).await
             }
             LiveCheck::Person => {
