@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 mod firmware;
+mod proven;
 mod results;
 mod stops;
 mod wires;
