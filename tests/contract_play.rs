@@ -21,8 +21,17 @@ fn number(value: &Value, path: &[&str]) -> f64 {
     found.as_f64().unwrap_or_else(|| panic!("no number at {path:?}"))
 }
 
-/// Contact of one touch in X and Y, mm: the ball centre comes to `reach` from the part's axis.
-fn contact(plan: &Value, step: &Value) -> [f64; 2] {
+/// Contact of one touch, mm: the ball centre comes to `reach` from the part's axis, or stands on its
+/// top face.
+fn contact(plan: &Value, step: &Value) -> [f64; 3] {
+    let height = number(step, &["from", "Z"]);
+    if number(&step["normal"][2], &[]) > 0.5 {
+        let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]]
+            .map(|path| number(plan, &path));
+        let z = top + ball - plan["machine"]["tool_mm"][2].as_f64().unwrap();
+        assert!(number(step, &["to", "Z"]) < z && z < height, "step {} misses", step["id"]);
+        return [number(step, &["from", "X"]), number(step, &["from", "Y"]), z];
+    }
     let tool: Vec<f64> = (0..3).map(|i| plan["machine"]["tool_mm"][i].as_f64().unwrap()).collect();
     let sense = match plan["machine"]["axes"]["C"]["positive"].as_str().unwrap() {
         "iso" => 1.0,
@@ -44,7 +53,7 @@ fn contact(plan: &Value, step: &Value) -> [f64; 2] {
     let b = way[0] * off[0] + way[1] * off[1];
     let s = (-b - (b * b - a * (off[0] * off[0] + off[1] * off[1] - reach * reach)).sqrt()) / a;
     assert!((0.0..=1.0).contains(&s), "step {} misses the part", step["id"]);
-    [start[0] + s * way[0] - tool[0], start[1] + s * way[1] - tool[1]]
+    [start[0] + s * way[0] - tool[0], start[1] + s * way[1] - tool[1], height]
 }
 
 /// Columns in an order of this program's own, rotary axes and times included.
@@ -52,12 +61,8 @@ fn readings(plan: &Value) -> String {
     let mut csv = "# trued-readings 1\n# played by another program\n".to_owned();
     csv.push_str("t_s,c_deg,step,repeat,y_mm,x_mm,z_mm,b_deg,temp_room_c\n");
     for (i, step) in plan["steps"].as_array().unwrap().iter().enumerate() {
-        let [x, y] = contact(plan, step);
-        let (z, b, c) = (
-            number(step, &["from", "Z"]),
-            number(step, &["from", "B"]),
-            number(step, &["from", "C"]),
-        );
+        let [x, y, z] = contact(plan, step);
+        let (b, c) = (number(step, &["from", "B"]), number(step, &["from", "C"]));
         let id = step["id"].as_u64().unwrap();
         writeln!(csv, "{},{c},{id},0,{y},{x},{z},{b},20.5", 5 * i).unwrap();
     }

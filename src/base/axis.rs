@@ -41,13 +41,22 @@ impl Axis {
 
     /// Internal value (mm or rad) from an edge value (mm or degrees).
     pub fn from_edge(self, edge: f64) -> f64 {
-        if self.is_linear() { edge } else { edge * PI / 180.0 }
+        if self.is_linear() {
+            return edge;
+        }
+        let rad = edge * PI / 180.0;
+        // No machine turns so far that this overflows; what a file says may.
+        if rad.is_finite() { rad } else { edge.to_radians() }
     }
 
     /// Edge value (mm or degrees) from an internal one (mm or rad). Degrees are rounded to 1e-9,
     /// far below any machine's resolution, so that 120° prints as 120 and not 119.99999999999999.
     pub fn to_edge(self, value: f64) -> f64 {
-        if self.is_linear() { value } else { (value * 180.0 / PI * 1e9).round() / 1e9 }
+        if self.is_linear() {
+            return value;
+        }
+        let rounded = (value * 180.0 / PI * 1e9).round() / 1e9;
+        if rounded.is_finite() { rounded } else { value.to_degrees() }
     }
 }
 

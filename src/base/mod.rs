@@ -3,6 +3,8 @@
 pub mod axis;
 pub mod clock;
 pub mod frame;
+#[cfg(test)]
+pub mod fuzz;
 pub mod random;
 
 pub use axis::{Axis, Position};

@@ -19,6 +19,8 @@ pub struct Cli {
 pub enum Command {
     /// Measure, identify, judge and store.
     Run(RunArgs),
+    /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
+    Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
     Plan(PlanArgs),
     /// Turn readings into an estimate.
@@ -54,6 +56,13 @@ pub struct RunArgs {
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// What comes out of a measurement, and how fast.
+#[derive(Debug, Args)]
+pub struct OutputArgs {
     /// Print the estimate as JSON.
     #[arg(long)]
     pub json: bool,
@@ -63,6 +72,21 @@ pub struct RunArgs {
     /// Pace of the simulated machine; a real one has its own.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// Number of the run, as `trued runs` lists it.
+    pub run: i64,
+    /// Your name: you have looked at the machine, its way is free and the stylus whole. On a
+    /// terminal you are asked for it.
+    #[arg(long, value_name = "NAME")]
+    pub acknowledge: Option<String>,
+    /// The machine file that the run began with, for comparison; without it, the stored one serves.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    #[command(flatten)]
+    pub output: OutputArgs,
 }
 
 #[derive(Debug, Args)]
@@ -102,6 +126,10 @@ pub struct IdentifyArgs {
 pub struct SimulateArgs {
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
+    /// Put a bad wire in between: it delays, drops, doubles, flips, splits, stalls and cuts, as the
+    /// seed says, and tells what it does.
+    #[arg(long, value_name = "SEED")]
+    pub faults: Option<u64>,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }

@@ -9,7 +9,7 @@ use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
 use crate::run::RunError;
 use crate::setup::SetupError;
-use crate::store::{LockError, StoreError};
+use crate::store::{LockError, RunId, StoreError};
 
 #[derive(Debug)]
 pub struct Failure {
@@ -76,10 +76,23 @@ impl From<PlanningError> for Failure {
 }
 
 impl Failure {
-    /// How a run ended; `moved`: it ended on the way and the machine stands there.
-    pub fn of_run(error: &RunError, moved: bool) -> Self {
-        let exit = if moved || error.is_stop() { Exit::Stopped } else { Exit::Error };
+    /// How a run ended; `moved`: it ended on the way and the machine stands there; `resumed`: it was
+    /// interrupted before.
+    pub fn of_run(error: &RunError, moved: bool, resumed: bool) -> Self {
+        let exit = match error {
+            _ if error.closes() => Exit::Error,
+            _ if moved || resumed || error.is_stop() => Exit::Stopped,
+            _ => Exit::Error,
+        };
         let stands = if moved { "" } else { "nothing has moved; " };
         Self { what: error.to_string(), remedy: Some(format!("{stands}{}", error.remedy())), exit }
+    }
+
+    /// Of a run in the journal: with the way on, where there is one.
+    pub fn of_stored(mut self, run: RunId) -> Self {
+        if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
+            remedy.push_str(&format!("; `trued resume {run}` goes on from here"));
+        }
+        self
     }
 }

@@ -6,9 +6,11 @@ mod failure;
 mod identify;
 mod plan;
 mod progress;
+mod resume;
 mod run;
 mod runs;
 mod show;
+mod signals;
 mod simulate;
 
 use std::process::ExitCode;
@@ -24,6 +26,7 @@ use crate::record::estimate::Verdict;
 enum Exit {
     Pass = 0,
     Error = 1,
+    Usage = 2,
     Fail = 3,
     Undecided = 4,
     Stopped = 5,
@@ -58,6 +61,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::run(&args, state),
+        Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),
         Command::Identify(args) => identify::identify(&args, state),
         Command::Simulate(args) => simulate::simulate(&args),

@@ -62,7 +62,8 @@ pub fn nominal(
 
 /// The whole program, each step once, and its proof. Nobody knows where the machine stands.
 fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
-    let dialect = Dialect::named(name).map_err(Failure::plain)?;
+    let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
+    let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::blocks(plan, &Clearance::above(plan)?)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let program = Program { title: &plan.method, axes: &axes, log: None };

@@ -43,7 +43,7 @@ impl Progress {
             Event::Acknowledged { who, what } => {
                 self.say(&format!("acknowledged by {who}: {what}"))
             }
-            Event::Resumed { .. } => self.say("the run goes on"),
+            Event::Resumed { .. } => self.say("the run goes on, references first"),
             Event::StepStarted { label, remaining_s, .. } => {
                 let left = minutes(*remaining_s);
                 self.bar.set_message(format!("{label:<12} left {left:>5}  {}", self.last));

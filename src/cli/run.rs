@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::args::{RunArgs, Speed};
+use super::args::{OutputArgs, RunArgs, Speed};
 use super::failure::Failure;
 use super::identify::judged;
 use super::progress::Progress;
+use super::signals::stop_on_signals;
 use super::{Exit, show};
 use crate::controllers::Halt;
 use crate::methods::Method;
@@ -15,8 +16,8 @@ use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
-use crate::run::Run;
-use crate::setup::{self, Devices, MachineFile, Pace};
+use crate::run::{Run, RunError};
+use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, NewRun, RunId, state_dir};
 
 /// How often a stop is looked for while the identification computes.
@@ -28,14 +29,14 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let method: Arc<dyn Method> = method.into();
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
     method.check_priors(&priors)?;
-    check_report_folder(args)?;
+    check_report_folder(&args.output)?;
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
     let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
 
-    let mut progress = Progress::start(args.json);
+    let mut progress = Progress::start(args.output.json);
     let mut tell = |event: &Event| progress.tell(event);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -43,46 +44,60 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         .map_err(Failure::plain)?;
     let (id, estimate) = runtime.block_on(async {
         // A run begins when its machine is there.
-        let devices = connect(&machine, args.speed).await?;
-        stop_on_signals(&devices);
+        let devices = connect(&machine, args.output.speed, Past::default()).await?;
+        stop_on_signals(devices.controller.halt())?;
         let id = journal.begin(&new).await?;
-        let mut run = Run {
-            id,
-            method: method.as_ref(),
-            devices: &devices,
-            journal: &journal,
-            plan,
-            readings: Vec::new(),
-            moved: false,
-            tell: &mut tell,
-        };
+        let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
         let ended = run.execute().await;
-        let Run { plan, readings, moved, .. } = run;
-        ended.map_err(|error| Failure::of_run(&error, moved))?;
-        eprintln!("identifying from {} readings", readings.len());
-        let halt = devices.controller.halt();
-        let found = identify(method.clone(), plan, readings, priors, &halt).await;
+        let measured = Measured::of(run, ended)?;
+        let found = identify(&method, measured, priors, &devices.controller.halt()).await;
         found.map(|estimate| (id, estimate)).map_err(|failure| kept(failure, id, &args.method))
     })?;
+    conclude(&journal, &machine, (id, estimate), &args.output)
+}
 
-    let estimate = judged(estimate, &machine);
+/// Judge, store, tell.
+pub fn conclude(
+    journal: &Journal,
+    machine: &MachineFile,
+    (id, estimate): (RunId, Estimate),
+    output: &OutputArgs,
+) -> Result<Exit, Failure> {
+    let estimate = judged(estimate, machine);
     journal.estimate(id, &estimate).wait()?;
-    tell_result(args, id, &estimate)?;
-    if let Some(file) = &args.report {
-        show::write_report(&journal, id, file)?;
+    tell_result(output, id, &estimate)?;
+    if let Some(file) = &output.report {
+        show::write_report(journal, id, file)?;
     }
     Ok(estimate.verdict.into())
 }
 
-/// Identify beside the runtime, so that a stop is still heard: the thread is then left behind and
-/// ends with the program.
-async fn identify(
-    method: Arc<dyn Method>,
+/// What a run that came to its end has measured.
+pub struct Measured {
     plan: Plan,
     readings: Vec<Reading>,
+}
+
+impl Measured {
+    pub fn of(run: Run<'_>, ended: Result<(), RunError>) -> Result<Self, Failure> {
+        let Run { id, plan, readings, moved, resumed, .. } = run;
+        match ended {
+            Ok(()) => Ok(Self { plan, readings }),
+            Err(error) => Err(Failure::of_run(&error, moved, resumed).of_stored(id)),
+        }
+    }
+}
+
+/// Identify beside the runtime, so that a stop is still heard: the thread is then left behind and
+/// ends with the program.
+pub async fn identify(
+    method: &Arc<dyn Method>,
+    Measured { plan, readings }: Measured,
     priors: Vec<Estimate>,
     halt: &Halt,
 ) -> Result<Estimate, Failure> {
+    eprintln!("identifying from {} readings", readings.len());
+    let method = method.clone();
     let (answer, mut result) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || drop(answer.send(method.identify(&plan, &readings, &priors))));
     loop {
@@ -100,7 +115,7 @@ async fn identify(
 }
 
 /// A failure after the measurement: everything measured is still there.
-fn kept(failure: Failure, id: RunId, method: &str) -> Failure {
+pub fn kept(failure: Failure, id: RunId, method: &str) -> Failure {
     let way_on = format!(
         "run {id} and its readings are kept: `trued identify {method} --run {id}`, or `trued export {id}`"
     );
@@ -109,8 +124,8 @@ fn kept(failure: Failure, id: RunId, method: &str) -> Failure {
 }
 
 /// A report that cannot be written is told before the measurement.
-fn check_report_folder(args: &RunArgs) -> Result<(), Failure> {
-    let Some(file) = &args.report else { return Ok(()) };
+pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
+    let Some(file) = &output.report else { return Ok(()) };
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {
         Some(folder) if !folder.is_dir() => Err(Failure::new(
@@ -121,8 +136,8 @@ fn check_report_folder(args: &RunArgs) -> Result<(), Failure> {
     }
 }
 
-fn tell_result(args: &RunArgs, id: RunId, estimate: &Estimate) -> Result<(), Failure> {
-    if args.json {
+fn tell_result(output: &OutputArgs, id: RunId, estimate: &Estimate) -> Result<(), Failure> {
+    if output.json {
         show::print_json(estimate)
     } else {
         show::print_estimate(estimate);
@@ -131,27 +146,16 @@ fn tell_result(args: &RunArgs, id: RunId, estimate: &Estimate) -> Result<(), Fai
     }
 }
 
-async fn connect(machine: &MachineFile, speed: Speed) -> Result<Devices, Failure> {
+pub async fn connect(
+    machine: &MachineFile,
+    speed: Speed,
+    past: Past<'_>,
+) -> Result<Devices, Failure> {
     let pace = match speed {
         Speed::Real => Pace::Real,
         Speed::Fast => Pace::Fast,
     };
-    Ok(setup::devices(machine, pace).await?)
-}
-
-/// Ctrl-C and SIGTERM hold the machine; the run then ends by itself, everything kept.
-fn stop_on_signals(devices: &Devices) {
-    use tokio::signal::unix::{SignalKind, signal};
-    for kind in [SignalKind::interrupt(), SignalKind::terminate()] {
-        let halt = devices.controller.halt();
-        if let Ok(mut stream) = signal(kind) {
-            tokio::spawn(async move {
-                while stream.recv().await.is_some() {
-                    halt.now();
-                }
-            });
-        }
-    }
+    Ok(setup::devices(machine, pace, past).await?)
 }
 
 /// Where journal and locks live.

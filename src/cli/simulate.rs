@@ -1,8 +1,11 @@
 //! `trued simulate`: the simulated firmware on a pseudo-terminal, for any program to drive.
 
+use std::time::Duration;
+
 use super::Exit;
 use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
+use crate::link::faults::{BadWire, Planned};
 use crate::setup::{self, Pace};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
@@ -16,7 +19,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
         .build()
         .map_err(Failure::plain)?;
     runtime.block_on(async {
-        let simulator = setup::simulator(&machine, pace)?;
+        let simulator = match args.faults {
+            None => setup::simulator(&machine, pace)?,
+            Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), tell)?,
+        };
         println!("{}", simulator.path.display());
         eprintln!(
             "a simulated grblHAL machine speaks there; in a machine file:\n  [controller]\n  kind = \
@@ -28,4 +34,9 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
         ended.map_err(Failure::plain)
     })?;
     Ok(Exit::Pass)
+}
+
+fn tell(at: Duration, planned: Planned) {
+    let Planned { direction, line, byte, harm } = planned;
+    eprintln!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
 }

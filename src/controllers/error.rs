@@ -1,5 +1,6 @@
 //! What can go wrong at a control, and what a person should do next.
 
+use crate::gcode::ProbeFault;
 use crate::link::LinkError;
 
 #[derive(Debug, thiserror::Error)]
@@ -12,6 +13,16 @@ pub enum ControllerError {
     Refused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]
     Alarm { code: u32, meaning: String },
+    #[error("the emergency stop was pressed")]
+    EmergencyStop,
+    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
+    SwitchedOff { said: String },
+    #[error("the machine is held at the control: {how}")]
+    Paused { how: String },
+    #[error("the control has stopped working: it takes no command, and what it shows is old")]
+    Frozen,
+    #[error("step {step}: the control refuses to leave its travel: {said}")]
+    OutOfTravel { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     #[error("this control cannot do it: {what}")]
@@ -24,6 +35,18 @@ pub enum ControllerError {
     StillTripped { step: u32 },
     #[error("the control reset itself in mid-job: {banner}")]
     Reset { banner: String },
+    #[error(
+        "the control said `{heard}` although it was not asked: answers may belong to other lines"
+    )]
+    OutOfStep { heard: String },
+    #[error("the machine stands at {stands}, not at {wanted}: the line was not received as sent")]
+    Astray { wanted: String, stands: String },
+    #[error("step {step}: the control tells the touch as `{first}` and as `{again}`")]
+    Doubtful { step: u32, first: String, again: String },
+    #[error("held at the machine: the control says {state}")]
+    HeldThere { state: String },
+    #[error("the probe {}", fault.says())]
+    Probe { fault: ProbeFault },
     #[error("held on request")]
     Halted,
     #[error("the program for step {step} cannot be written: {why}")]
@@ -51,6 +74,20 @@ impl ControllerError {
             Self::Alarm { .. } => {
                 "look at the machine, clear the alarm there, home it if it asks, start again"
             }
+            Self::EmergencyStop => {
+                "look at the machine; release the stop, switch it on, home it if it asks"
+            }
+            Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
+            Self::Paused { .. } => {
+                "what was held has been given up: release it at the control; nothing goes on by itself"
+            }
+            Self::Frozen => {
+                "the machine may still end the moves it has, and hears no halt: press its emergency \
+                 stop, start the control anew, home it"
+            }
+            Self::OutOfTravel { .. } => {
+                "make [axes] min and max as narrow as the control's limits, or move the part"
+            }
             Self::NoContact { .. } => {
                 "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
             }
@@ -61,6 +98,24 @@ impl ControllerError {
                 "retract by hand; check the probe's battery, cable and polarity"
             }
             Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
+            Self::OutOfStep { .. } | Self::Doubtful { .. } => {
+                "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
+                 which check what they carry, are better than a bare serial line"
+            }
+            Self::Astray { .. } => {
+                "look at the machine; a wire that alters bytes moved it elsewhere (USB or a network \
+                 are safer than a bare serial line), or somebody else commands it"
+            }
+            Self::HeldThere { .. } => {
+                "nothing more is sent; what the control still holds moves when somebody resumes it \
+                 there: reset the control instead, look at the machine, then go on"
+            }
+            Self::Probe { fault: ProbeFault::Battery } => {
+                "put in a fresh battery, then start again; the readings so far are kept"
+            }
+            Self::Probe { fault: ProbeFault::Error } => {
+                "look at the probe and its receiver: is it on, in sight and undamaged?"
+            }
             Self::Halted => "nothing moves until a person starts a run again",
             Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {
                 "please report this with the run's export"

@@ -1,5 +1,7 @@
 //! Floor 3: decision rules.
 
+pub mod references;
+
 use crate::record::estimate::{Estimate, Limit, Parameter, Verdict};
 
 /// Judge every parameter that has a tolerance, with the expanded uncertainty as guard band on both

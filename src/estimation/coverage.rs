@@ -15,7 +15,13 @@ pub fn coverage_factor(dof: f64) -> f64 {
         // Abramowitz & Stegun 26.7.5: z + (z³ + z)/(4·dof) with z = 2.
         return 2.0 + 2.5 / dof;
     }
-    let upper = 0.5 * (1.0 + COVERAGE_PROBABILITY);
+    two_sided(COVERAGE_PROBABILITY, dof)
+}
+
+/// t such that a Student variable with `dof` degrees of freedom lies within ±t with `probability`;
+/// infinite without degrees of freedom.
+pub fn two_sided(probability: f64, dof: f64) -> f64 {
+    let upper = 0.5 * (1.0 + probability);
     StudentsT::new(0.0, 1.0, dof).map_or(f64::INFINITY, |student| student.inverse_cdf(upper))
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::net::TcpStream;
@@ -36,27 +37,59 @@ impl fmt::Display for Address {
     }
 }
 
-/// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock) and start the
-/// task that owns it. Call inside a tokio runtime.
+/// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread
+/// that will own it.
 pub async fn open(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
-    match address {
+    match address.clone() {
         Address::Serial { path, baud } => {
-            let stream = tokio_serial::new(path, *baud)
-                .open_native_async()
-                .map_err(|error| serial_error(name.clone(), error))?;
-            Ok(Link::over(name, stream))
+            Link::opened(name, async move { serial(path, baud) }).await
         }
-        Address::Tcp { host, port } => {
-            // A connection that is not there yet can be given up without harm.
-            let stream = timeout(CONNECT, TcpStream::connect((host.as_str(), *port)))
-                .await
-                .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
-                .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-                .map_err(|source| tcp_error(name.clone(), source))?;
-            Ok(Link::over(name, stream))
-        }
+        Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
     }
+}
+
+/// Where udev keeps the names that a serial port has whatever its number.
+pub const BY_ID: &str = "/dev/serial/by-id";
+
+/// The port below `directory` whose name is `id`, or the only one whose name contains it: the same
+/// device under whatever number it has come back.
+///
+/// # Errors
+/// None, or more than one.
+pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
+    // No such folder: no port with a name.
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    if names.iter().any(|name| name == id) {
+        return Ok(directory.join(id));
+    }
+    let (mut alike, others): (Vec<_>, Vec<_>) =
+        names.into_iter().partition(|name| !id.is_empty() && name.contains(id));
+    match (alike.pop(), alike.is_empty()) {
+        (Some(name), true) => Ok(directory.join(name)),
+        (Some(last), false) => {
+            alike.push(last);
+            Err(LinkError::NoneNamed { id: id.to_owned(), there: alike })
+        }
+        (None, _) => Err(LinkError::NoneNamed { id: id.to_owned(), there: others }),
+    }
+}
+
+fn serial(path: String, baud: u32) -> Result<SerialStream, LinkError> {
+    let opened = tokio_serial::new(&path, baud).open_native_async();
+    opened.map_err(|error| serial_error(path, error))
+}
+
+async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
+    // A connection that is not there yet can be given up without harm.
+    timeout(CONNECT, TcpStream::connect((host.as_str(), port)))
+        .await
+        .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
+        .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
+        .map_err(|source| tcp_error(name, source))
 }
 
 fn serial_error(address: String, error: tokio_serial::Error) -> LinkError {

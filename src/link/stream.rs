@@ -1,12 +1,14 @@
-//! A byte stream and the one task that owns it. The handles are channels: a dropped or timed-out
-//! wait never drops an IO operation half-way.
+//! A byte stream and the one task that owns it, on a thread of its own: whatever computes or waits
+//! elsewhere, an urgent byte goes out. The handles are channels: a dropped or timed-out wait never
+//! drops an IO operation half-way.
 
 use std::collections::VecDeque;
+use std::future::Future;
 use std::io;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::LinkError;
@@ -50,20 +52,38 @@ impl Urgent {
 }
 
 impl Link {
-    /// Start the owning task for `stream`; `name` is how errors call it. Call inside a tokio
-    /// runtime.
+    /// Start the owning thread for `stream`; `name` is how errors call it. A stream that belongs to
+    /// a runtime's reactor must be opened by [`Link::opened`].
     pub fn over(
         name: impl Into<String>,
         stream: impl AsyncRead + AsyncWrite + Send + 'static,
     ) -> Self {
+        let (link, ends) = Self::ends(name.into());
+        let (opened, _) = oneshot::channel();
+        // Without a thread the ends are dropped, and the link is lost from the start.
+        let _ = start(ends, async { Ok(stream) }, opened);
+        link
+    }
+
+    /// Start the owning thread and let it open its stream.
+    pub(super) async fn opened<S: AsyncRead + AsyncWrite + Send + 'static>(
+        name: String,
+        open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let (link, ends) = Self::ends(name);
+        let (opened, result) = oneshot::channel();
+        let fault = |source| LinkError::Open { address: link.name.clone(), source };
+        start(ends, open, opened).map_err(fault)?;
+        result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
+        Ok(link)
+    }
+
+    fn ends(name: String) -> (Self, Ends) {
         let (lines, incoming) = mpsc::channel(WAITING_LINES);
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        let (reader, writer) = tokio::io::split(stream);
-        let pending = VecDeque::new();
-        let owner = Owner { reader, writer, lines, queued, urgent_queue, closed: false, pending };
-        tokio::spawn(owner.run());
-        Self { name: name.into(), incoming, outgoing, urgent: Urgent(urgent), lost: None }
+        let link = Self { name, incoming, outgoing, urgent: Urgent(urgent), lost: None };
+        (link, Ends { lines, queued, urgent_queue })
     }
 
     /// Queue one message; it is written whole, in order.
@@ -107,13 +127,37 @@ impl Link {
     }
 }
 
+/// The other ends of the handles' channels.
+struct Ends {
+    lines: mpsc::Sender<Result<Received, String>>,
+    queued: mpsc::UnboundedReceiver<Vec<u8>>,
+    urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+}
+
+/// A thread that opens a stream, says whether it could, and owns it to the end.
+fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
+    ends: Ends,
+    open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+    opened: oneshot::Sender<Result<(), LinkError>>,
+) -> io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let own = async move {
+        let stream = match open.await {
+            Ok(stream) => stream,
+            Err(error) => return drop(opened.send(Err(error))),
+        };
+        let _ = opened.send(Ok(()));
+        Owner::new(stream, ends).run().await;
+    };
+    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(own))?;
+    Ok(())
+}
+
 /// What the task owns.
 struct Owner<S> {
     reader: ReadHalf<S>,
     writer: WriteHalf<S>,
-    lines: mpsc::Sender<Result<Received, String>>,
-    queued: mpsc::UnboundedReceiver<Vec<u8>>,
-    urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+    ends: Ends,
     /// After a hold nothing but urgent bytes goes out.
     closed: bool,
     /// Messages to be written; of the first, some bytes may be gone already.
@@ -126,7 +170,12 @@ struct Message {
     urgent: bool,
 }
 
-impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
+impl<S: AsyncRead + AsyncWrite> Owner<S> {
+    fn new(stream: S, ends: Ends) -> Self {
+        let (reader, writer) = tokio::io::split(stream);
+        Self { reader, writer, ends, closed: false, pending: VecDeque::new() }
+    }
+
     async fn run(mut self) {
         let end = self.pump().await;
         let why = match end {
@@ -136,7 +185,7 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
             }
             Err(error) => error.to_string(),
         };
-        let _ = self.lines.send(Err(why)).await;
+        let _ = self.ends.lines.send(Err(why)).await;
     }
 
     /// Read and write until the handle is dropped (`Ok`) or the link is lost.
@@ -147,15 +196,17 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
             // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
             tokio::select! {
                 biased;
-                Some(ahead) = self.urgent_queue.recv() => self.put_ahead(ahead),
+                Some(ahead) = self.ends.urgent_queue.recv() => self.put_ahead(ahead),
                 written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
                     advance(&mut self.pending, written?);
                 }
-                message = self.queued.recv(), if self.pending.is_empty() => match message {
+                message = self.ends.queued.recv(), if self.pending.is_empty() => match message {
                     Some(_) if self.closed => {}
                     Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
                     None => return Ok(()),
                 },
+                // The peer may have stopped reading: then the queue never comes to its end.
+                () = self.ends.lines.closed() => return Ok(()),
                 read = self.reader.read(&mut buffer) => {
                     let count = read?;
                     if count == 0 {
@@ -180,7 +231,7 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
 
     fn pass_on(&self, received: Vec<Received>) -> io::Result<()> {
         for item in received {
-            match self.lines.try_send(Ok(item)) {
+            match self.ends.lines.try_send(Ok(item)) {
                 Err(mpsc::error::TrySendError::Full(_)) => {
                     return Err(io::Error::other("the other side floods it with lines"));
                 }
@@ -192,7 +243,13 @@ impl<S: AsyncRead + AsyncWrite + Send + 'static> Owner<S> {
 
     /// A hold that was asked for in the last moment still goes out.
     async fn say_last_words(&mut self) {
-        while let Ok(ahead) = self.urgent_queue.try_recv() {
+        while let Ok(bytes) = self.ends.queued.try_recv() {
+            if self.closed {
+                continue;
+            }
+            self.pending.push_back(Message { bytes, written: 0, urgent: false });
+        }
+        while let Ok(ahead) = self.ends.urgent_queue.try_recv() {
             self.put_ahead(ahead);
         }
         let write = async {

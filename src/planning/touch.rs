@@ -9,7 +9,7 @@ use crate::record::plan::{Plan, Step, StepKind};
 const SAME: f64 = 1e-9;
 
 /// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
-/// start, guarded down to `from`, touch towards `to`, back off to `from`, guarded up again. It goes
+/// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to `from`, guarded up again. It goes
 /// over the top between any two touches. A move to where an axis already stands is left out. Below
 /// the safe height all moves but the back-off are guarded.
 ///
@@ -47,6 +47,9 @@ pub fn touch_block(
     path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     path.rapid(&height(safe_z));
     path.feed(&height(from.at(Axis::Z)), near);
+    if plan.probe.settle_s > 0.0 {
+        path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
+    }
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.feed(&height(safe_z), near);

@@ -9,6 +9,10 @@ use crate::base::Position;
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
+/// Repeats from here on are references measured again after a stop; no method counts its passes so
+/// far.
+pub const REPEAT_AFTER_STOP: u32 = 1000;
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub trued_plan: u32,
@@ -22,8 +26,8 @@ pub struct Plan {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
-    /// Times of the readings' clock, s, at which the measurement was interrupted: what was measured
-    /// before and after may lie apart.
+    /// Times of the readings' clock, s, at which the measurement was interrupted: each is that of the
+    /// last reading before. What was measured before and after may lie apart.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gaps_s: Vec<f64>,
     #[serde(default)]
@@ -64,7 +68,8 @@ pub struct Step {
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// How often each step has been measured before: 0 in the first pass.
+    /// How often each step has been measured before: 0 in the first pass. From
+    /// [`REPEAT_AFTER_STOP`] on: references measured again after a stop, counted by stops.
     pub repeat: u32,
     /// Ids of the steps to run, in order. They stand in the plan.
     pub steps: Vec<u32>,

@@ -19,6 +19,8 @@ pub struct Facts {
     pub run: String,
     pub started: String,
     pub state: String,
+    /// Stops, faults and acknowledgements: when, and in words.
+    pub story: Vec<(String, String)>,
     pub readings: usize,
     pub program_version: String,
     /// What is hashed (machine file, plan, ..) and its SHA-256.
@@ -52,6 +54,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             plan => plan_rows(plan),
             proof => proof(plan, &facts.proofs),
             facts => fact_rows(facts, &estimate.priors),
+            story => facts.story.clone(),
             program_version => facts.program_version.as_str(),
         },
     )

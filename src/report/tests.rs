@@ -121,6 +121,7 @@ fn facts() -> Facts {
         started: "2025-03-14T09:26:53Z".to_owned(),
         state: "finished".to_owned(),
         readings: 96,
+        story: vec![("10:02".to_owned(), "acknowledged by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
         proofs: vec![proof(0, 2.25), proof(0, 1.26)],
@@ -153,6 +154,8 @@ fn the_page_holds_everything() {
         "cylinder, radius 45 mm",
         "[0,15,90]",
         "finished",
+        "On the way",
+        "acknowledged by Ada: the way is free",
         "1.26 mm between stylus stem and vice, step 0 (1a",
         "<li>probe body</li>",
         &hash,
@@ -198,5 +201,5 @@ fn an_estimate_of_nothing_still_has_a_page() {
     estimate.verdict = Verdict::Undecided;
     let page = render(&plan("mill"), &estimate, &Facts::default()).unwrap();
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
-    assert!(!page.contains("Warnings") && !page.contains("<svg"));
+    assert!(!page.contains("Warnings") && !page.contains("On the way") && !page.contains("<svg"));
 }

@@ -1,6 +1,7 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
+use crate::decision::references::{Scatter, Shift};
 use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
@@ -21,8 +22,21 @@ pub enum RunError {
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
+    DeadProbe { closed: bool, seconds: u64 },
+    #[error("step {step}: the first touch met nothing up to its end")]
+    NoFirstContact { step: u32 },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
+    #[error(
+        "no reference was measured before the stop: nobody can say whether the machine stands as it stood"
+    )]
+    NoReferences,
+    #[error(
+        "the machine does not stand as it stood before the stop: {}; {}",
+        list(shifts), scatter.in_words()
+    )]
+    Moved { shifts: Vec<Shift>, scatter: Scatter },
     #[error("nothing more is measured, because it could not be kept: {0}")]
     Store(#[from] StoreError),
 }
@@ -37,13 +51,49 @@ impl RunError {
             Self::ProofGone { .. } => "please report this with the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
+            Self::DeadProbe { .. } => {
+                "deflect the stylus and watch the probe's input at the control: is the probe on, its \
+                 battery fresh, its cable whole?"
+                    .to_owned()
+            }
+            Self::NoFirstContact { .. } => {
+                "the probe may be dead: deflect the stylus and watch its input at the control, before \
+                 anything moves again; if it lives, is the part where the machine file says \
+                 ([artefact] centre_mm, radius_mm)?"
+                    .to_owned()
+            }
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
+            Self::NoReferences => {
+                "the run is closed, its readings are kept; start a new run".to_owned()
+            }
+            Self::Moved { .. } => {
+                "the run is closed, its readings are kept (`trued identify` with \
+                                   --run tells what they hold); start a new run"
+                    .to_owned()
+            }
         }
+    }
+
+    /// The same, if nothing has shown yet that the probe lives.
+    pub(super) fn of_first_touch(self) -> Self {
+        match self {
+            Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
+            other => other,
+        }
+    }
+
+    /// The run can never go on; its readings stay.
+    pub fn closes(&self) -> bool {
+        matches!(self, Self::NoReferences | Self::Moved { .. })
     }
 
     /// A person asked for it.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
+}
+
+fn list(shifts: &[Shift]) -> String {
+    shifts.iter().map(Shift::to_string).collect::<Vec<_>>().join(", ")
 }

@@ -5,10 +5,17 @@
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
 mod error;
+mod live_check;
+mod references;
+mod resume;
 mod stage;
+mod timeline;
 
 pub use error::RunError;
+pub use resume::Interrupted;
 
+use self::timeline::Timeline;
+use crate::base::Position;
 use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
@@ -27,23 +34,59 @@ pub struct Run<'a> {
     pub readings: Vec<Reading>,
     /// Whether anything was sent that moves the machine.
     pub moved: bool,
+    /// Whether the run goes on after an interruption.
+    pub resumed: bool,
+    timeline: Timeline,
+    /// A person or a touch has shown it since the machine was prepared.
+    probe_lives: bool,
     /// Told of everything that happens, after it is durable.
-    pub tell: &'a mut dyn FnMut(&Event),
+    tell: &'a mut dyn FnMut(&Event),
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// A run that the journal knows as `id`; its plan has no steps yet.
+    pub fn new(
+        id: RunId,
+        method: &'a dyn Method,
+        devices: &'a Devices,
+        journal: &'a Journal,
+        plan: Plan,
+        tell: &'a mut dyn FnMut(&Event),
+    ) -> Self {
+        Self {
+            id,
+            method,
+            devices,
+            journal,
+            plan,
+            readings: Vec::new(),
+            moved: false,
+            resumed: false,
+            timeline: Timeline::new(),
+            probe_lives: false,
+            tell,
+        }
+    }
+
     /// Measure to the end. The plan and the readings stay in `self`, whatever happens.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, the journal says `held` (a stop, or a fault on the way)
-    /// or `failed` (refused before anything moved).
+    /// A fault or a stop: the machine holds, the journal says `held` (a stop, or a fault on the way),
+    /// `failed` (refused before anything moved) or `closed` (it cannot go on).
     pub async fn execute(&mut self) -> Result<(), RunError> {
-        match self.measure().await {
+        let ended = self.measure().await;
+        self.end(ended).await
+    }
+
+    /// Write down how it ended.
+    async fn end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
+        match ended {
             Ok(()) => {
                 self.journal.set_state(self.id, RunState::Finished).await?;
                 self.note(Event::Finished).await
             }
             Err(error) => {
+                let error = if self.probe_lives { error } else { error.of_first_touch() };
                 self.keep(&error).await;
                 Err(error)
             }
@@ -51,14 +94,32 @@ impl Run<'_> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let mut stage_s = self.rehearse().await?.into_iter();
-        let first = self.next(&[])?;
+        let stage_s = self.rehearse().await?;
+        // What the method refuses is refused before anything moves.
+        self.next(&[])?;
+        let stands = self.prepare().await?;
+        self.stages(Vec::new(), Some(stands), &stage_s).await
+    }
+
+    /// Where the machine stands, ready.
+    async fn prepare(&mut self) -> Result<Position, RunError> {
         let prepared = self.devices.controller.prepare().await?;
-        self.note(Event::Announced { text: format!("{}; {}", prepared.identity, prepared.stop) })
-            .await?;
-        let mut next = first;
-        let mut done: Vec<Stage> = Vec::new();
-        let mut stands = Some(prepared.stands);
+        let text = format!("{}; {}", prepared.identity, prepared.stop);
+        self.note(Event::Announced { text }).await?;
+        self.live_check().await?;
+        Ok(prepared.stands)
+    }
+
+    /// All stages after the `done` ones, to the end. `stage_s`: machine time of each, as far as it
+    /// is known.
+    async fn stages(
+        &mut self,
+        mut done: Vec<Stage>,
+        mut stands: Option<Position>,
+        stage_s: &[f64],
+    ) -> Result<(), RunError> {
+        let mut stage_s = stage_s.iter();
+        let mut next = self.next(&done)?;
         while let Next::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.stage(self.id, &stage, &new_steps).await?;
@@ -89,7 +150,11 @@ impl Run<'_> {
             _ if error.is_stop() => Event::Held { reason: error.to_string() },
             _ => Event::Faulted { what: error.to_string(), remedy: error.remedy() },
         };
-        let state = if self.moved || error.is_stop() { RunState::Held } else { RunState::Failed };
+        let state = match error {
+            _ if error.closes() => RunState::Closed,
+            _ if self.moved || self.resumed || error.is_stop() => RunState::Held,
+            _ => RunState::Failed,
+        };
         drop(self.journal.event(self.id, &event).await);
         drop(self.journal.set_state(self.id, state).await);
         (self.tell)(&event);

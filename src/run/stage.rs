@@ -52,6 +52,7 @@ impl Run<'_> {
             let reading = self.reading(&step, repeat, outcome)?;
             self.journal.reading(self.id, &reading).await?;
             self.readings.push(reading.clone());
+            self.probe_lives = true;
             (self.tell)(&Event::ReadingStored { reading });
             stands = Some(ends);
         }
@@ -93,14 +94,14 @@ impl Run<'_> {
         result.await.map_err(|_| RunError::ProofGone { stage: name })?
     }
 
-    fn reading(&self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
+    fn reading(&mut self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
         Ok(Reading {
             step: step.id,
             repeat,
             position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
             value_mm: None,
             sensor: step.sensor.clone(),
-            t_s: outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s()),
+            t_s: self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: Flag::None,
             temperatures_c: Default::default(),
         })

@@ -1,12 +1,15 @@
 //! What can go wrong with the journal, and what a person should do next.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
-use rusqlite::ffi::SQLITE_CONSTRAINT_FOREIGNKEY;
+use rusqlite::ffi::{SQLITE_CONSTRAINT_FOREIGNKEY, SQLITE_CONSTRAINT_UNIQUE};
 
 use super::RunId;
+
+/// `errno` of a disk that fails, the same on every Linux.
+const EIO: i32 = 5;
 
 /// A fault with the journal it concerns. Whatever was acknowledged before stays.
 #[derive(Debug, thiserror::Error)]
@@ -34,11 +37,13 @@ pub enum Fault {
     #[error("its disk cannot hold a write-ahead log (SQLite chose `{mode}`)")]
     NoLog { mode: String },
     #[error(transparent)]
-    Io(#[from] io::Error),
+    Io(io::Error),
     #[error("there is no run {0}")]
     NoRun(RunId),
     #[error("{what} holds a number that is not finite and cannot be kept")]
     NotFinite { what: String },
+    #[error("step {step} repeat {repeat} was measured already; a touch is kept once")]
+    Doubled { step: u32, repeat: u32 },
     #[error("its writer has ended")]
     WriterGone,
     #[error("SQLite: {0}")]
@@ -67,7 +72,7 @@ impl StoreError {
             Fault::Newer { .. } => "use the newer trued, or another place with --state",
             Fault::NoLog { .. } => "put the journal on a local disk with --state",
             Fault::NoRun(_) => "`trued runs` lists them",
-            Fault::NotFinite { .. } | Fault::WriterGone | Fault::Sql(_) => {
+            Fault::NotFinite { .. } | Fault::Doubled { .. } | Fault::WriterGone | Fault::Sql(_) => {
                 "please report this with the run's export"
             }
         }
@@ -75,6 +80,22 @@ impl StoreError {
 }
 
 impl Fault {
+    /// The same, where a broken uniqueness can only mean that this touch is there already.
+    pub(super) fn of_reading(
+        run: RunId,
+        step: u32,
+        repeat: u32,
+    ) -> impl Fn(rusqlite::Error) -> Fault {
+        move |error| match &error {
+            rusqlite::Error::SqliteFailure(code, _)
+                if code.extended_code == SQLITE_CONSTRAINT_UNIQUE =>
+            {
+                Fault::Doubled { step, repeat }
+            }
+            _ => Fault::of_run(run)(error),
+        }
+    }
+
     /// The same, where a broken foreign key can only mean that `run` does not exist.
     pub(super) fn of_run(run: RunId) -> impl Fn(rusqlite::Error) -> Fault {
         move |error| match &error {
@@ -84,6 +105,17 @@ impl Fault {
                 Fault::NoRun(run)
             }
             _ => error.into(),
+        }
+    }
+}
+
+impl From<io::Error> for Fault {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            ErrorKind::StorageFull => Fault::Full,
+            // EIO has no kind of its own.
+            _ if error.raw_os_error() == Some(EIO) => Fault::Disk(error.to_string()),
+            _ => Fault::Io(error),
         }
     }
 }

@@ -12,7 +12,7 @@ use rusqlite::Connection;
 use tokio::sync::oneshot;
 
 use super::{Fault, MachineLock, RunId, RunState, RunSummary, StoreError, StoredRun};
-use super::{read, schema, write};
+use super::{folder, read, schema, write};
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage, Step};
@@ -71,8 +71,10 @@ impl Journal {
     }
 
     fn start(dir: &Path, path: &Path) -> Result<Self, Fault> {
-        std::fs::create_dir_all(dir)?;
+        folder::make(dir)?;
         let connection = schema::open_writer(path)?;
+        // SQLite does this as well, but passes over it if it fails.
+        folder::sync(dir)?;
         let (jobs, inbox) = mpsc::channel();
         let writer = thread::Builder::new()
             .name("journal".to_owned())

@@ -2,13 +2,13 @@
 //! when the process ends, however it ends.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::sha256_text;
+use super::{folder, sha256_text};
 
 /// Who holds a machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,9 +39,13 @@ impl LockError {
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Held { .. } => "wait for that run to end, or stop it, then start again",
-            Self::Unavailable { .. } => {
-                "give this user the right to write there, or choose another place with --state"
-            }
+            Self::Unavailable { source, .. } => match source.kind() {
+                ErrorKind::StorageFull => "make room on that disk, then start again",
+                ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                    "give this user the right to write there, or choose another place with --state"
+                }
+                _ => "check that disk, or choose another place with --state",
+            },
         }
     }
 }
@@ -98,7 +102,7 @@ impl Drop for MachineLock {
 
 fn open(path: &Path) -> io::Result<File> {
     if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent)?;
+        folder::make(parent)?;
     }
     File::options().read(true).write(true).create(true).truncate(false).open(path)
 }

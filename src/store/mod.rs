@@ -11,6 +11,7 @@ use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
 mod error;
+mod folder;
 mod journal;
 mod lock;
 mod read;
@@ -46,11 +47,13 @@ pub enum RunState {
     Failed,
     /// Its process died; a person looks at the machine before anything else.
     Interrupted,
+    /// It cannot go on, because its references moved or were never measured; what it measured stays.
+    Closed,
 }
 
 impl RunState {
-    const ALL: [RunState; 5] =
-        [Self::Running, Self::Held, Self::Finished, Self::Failed, Self::Interrupted];
+    const ALL: [RunState; 6] =
+        [Self::Running, Self::Held, Self::Finished, Self::Failed, Self::Interrupted, Self::Closed];
 
     pub fn as_str(self) -> &'static str {
         match self {
@@ -59,7 +62,13 @@ impl RunState {
             Self::Finished => "finished",
             Self::Failed => "failed",
             Self::Interrupted => "interrupted",
+            Self::Closed => "closed",
         }
+    }
+
+    /// Whether a person may let it go on.
+    pub fn is_resumable(self) -> bool {
+        matches!(self, Self::Held | Self::Interrupted)
     }
 
     fn parse(text: &str) -> Option<Self> {
@@ -94,6 +103,8 @@ pub struct StoredRun {
     pub stages: Vec<Stage>,
     /// In the order in which they were acknowledged.
     pub readings: Vec<Reading>,
+    /// When the last of them was; `None` without readings, or if an older version kept them.
+    pub measured_until: Option<Timestamp>,
     pub events: Vec<(Timestamp, Event)>,
     /// Oldest first; the last one counts.
     pub estimates: Vec<StoredEstimate>,

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Fault, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
 use crate::base::Axis;
+use crate::record::event::Event;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
@@ -41,6 +42,14 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
             run,
             reading,
         )?,
+        measured_until: snapshot
+            .query_row(
+                "SELECT kept FROM readings WHERE run = ?1 AND kept IS NOT NULL
+                 ORDER BY seq DESC LIMIT 1",
+                [run.0],
+                |row| parsed(row, 0),
+            )
+            .optional()?,
         events: rows(&snapshot, "SELECT at, event FROM events", run, |row| {
             Ok((parsed(row, 0)?, json(row, 1)?))
         })?,
@@ -53,7 +62,7 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
     })
 }
 
-/// The plan as far as it is written.
+/// The plan as far as it is written, with the interruptions so far.
 pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     let mut plan: Plan = connection
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| json(row, 0))
@@ -61,7 +70,22 @@ pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
         .ok_or(Fault::NoRun(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
     plan.steps = statement.query_map([run.0], |row| json(row, 0))?.collect::<Result<_, _>>()?;
+    plan.gaps_s = gaps(connection, run)?;
     Ok(plan)
+}
+
+/// When the run was interrupted, on the readings' clock; once each.
+fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
+    let events = rows(connection, "SELECT event FROM events", run, |row| json::<Event>(row, 0))?;
+    let mut gaps: Vec<f64> = events
+        .into_iter()
+        .filter_map(|event| match event {
+            Event::Resumed { gap_s } => Some(gap_s),
+            _ => None,
+        })
+        .collect();
+    gaps.dedup();
+    Ok(gaps)
 }
 
 fn rows<T>(

@@ -11,7 +11,8 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 1] = ["
+const MIGRATIONS: [&str; 2] = [
+    "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     started TEXT NOT NULL,
@@ -67,7 +68,30 @@ CREATE INDEX stages_of ON stages (run);
 CREATE INDEX readings_of ON readings (run);
 CREATE INDEX events_of ON events (run);
 CREATE INDEX estimates_of ON estimates (run);
-"];
+",
+    // A run may be `closed` (the program alone knows the states from here on); no touch stands
+    // twice; readings know when they were kept.
+    "
+CREATE TABLE runs_anew (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    started TEXT NOT NULL,
+    ended TEXT,
+    method TEXT NOT NULL,
+    machine TEXT NOT NULL,
+    state TEXT NOT NULL,
+    program_version TEXT NOT NULL,
+    config TEXT NOT NULL,
+    config_sha256 TEXT NOT NULL,
+    plan_head TEXT NOT NULL,
+    plan_sha256 TEXT NOT NULL
+) STRICT;
+INSERT INTO runs_anew SELECT * FROM runs;
+DROP TABLE runs;
+ALTER TABLE runs_anew RENAME TO runs;
+ALTER TABLE readings ADD COLUMN kept TEXT;
+CREATE UNIQUE INDEX touches_once ON readings (run, step, repeat) WHERE value_mm IS NULL;
+",
+];
 
 /// How long a writer waits for another process that writes.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -82,8 +106,10 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
         return Err(Fault::NoLog { mode });
     }
     connection.pragma_update(None, "synchronous", "FULL")?;
-    connection.pragma_update(None, "foreign_keys", true)?;
+    // Off while tables are made anew: what refers to one stays as it is.
+    connection.pragma_update(None, "foreign_keys", false)?;
     migrate(&mut connection)?;
+    connection.pragma_update(None, "foreign_keys", true)?;
     Ok(connection)
 }
 

@@ -65,6 +65,10 @@ fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Resul
             params![run.0, step.id, text],
         )?;
     }
+    hash_plan(transaction, run)
+}
+
+fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
     let hash = sha256_text(&json("the plan", &read::plan(transaction, run)?)?);
     transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
     Ok(())
@@ -85,8 +89,8 @@ pub(super) fn reading(
     connection
         .execute(
             "INSERT INTO readings (run, step, repeat, x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad,
-                                   value_mm, sensor, t_s, flag, temperatures_c)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
+                                   value_mm, sensor, t_s, flag, temperatures_c, kept)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)",
             params![
                 run.0,
                 reading.step,
@@ -103,21 +107,26 @@ pub(super) fn reading(
                 reading.t_s,
                 reading.flag.as_str(),
                 json(&what(), &reading.temperatures_c)?,
+                now(),
             ],
         )
-        .map_err(Fault::of_run(run))?;
+        .map_err(Fault::of_reading(run, reading.step, reading.repeat))?;
     Ok(())
 }
 
 pub(super) fn event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), Fault> {
     let text = json("an event", event)?;
-    connection
+    let transaction = begin_writing(connection)?;
+    transaction
         .execute(
             "INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)",
             params![run.0, now(), text],
         )
         .map_err(Fault::of_run(run))?;
-    Ok(())
+    if matches!(event, Event::Resumed { .. }) {
+        hash_plan(&transaction, run)?;
+    }
+    Ok(transaction.commit()?)
 }
 
 pub(super) fn estimate(

@@ -93,6 +93,9 @@ struct RandomFunction {
 
 impl RandomFunction {
     const WAVES: usize = 64;
+    /// On either side of zero: a metre and more at the shortest length, whatever the limits of an
+    /// axis are. Farther out the cosines serve.
+    const MOST_KNOTS: f64 = 20_000.0;
 
     fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
         if sigma == 0.0 {
@@ -113,7 +116,7 @@ impl RandomFunction {
     /// The same function, fast within `reach` of zero.
     fn tabulated(mut self, reach: f64) -> Self {
         if !self.waves.is_empty() {
-            let half = (reach / self.pitch).ceil() as i64;
+            let half = (reach / self.pitch).ceil().min(Self::MOST_KNOTS) as i64;
             let knot = |i: i64| {
                 let x = i as f64 * self.pitch;
                 let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();

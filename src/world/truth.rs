@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
@@ -29,6 +30,9 @@ pub struct Truth {
     pub roughness_um: f64,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
+    /// What the control does wrong: the simulated control reads it, the world does not.
+    #[serde(skip_serializing)]
+    pub fault: IgnoredAny,
 }
 
 /// `cos·cos(nq) + sin·sin(nq)`, q the angle of the axis; um for EX., EY., EZ., urad for EA., EB., EC.

@@ -11,7 +11,7 @@ fn regress_exported_readings_identify_to_the_stored_bytes() {
     let shop = Shop::new(&machine());
     let run = shop.run();
     assert_eq!(run.status.code(), Some(0), "{}", said(&run));
-    assert_eq!(shop.exported_steps().len(), 62);
+    assert_eq!(shop.exported_steps().len(), 69);
     let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
     let again = shop.trued(&[
         "identify",

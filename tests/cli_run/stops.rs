@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use super::firmware::Control;
 use super::{Shop, machine, said, with_control};
 
-fn signal(process: &Child, name: &str) {
+pub fn signal(process: &Child, name: &str) {
     let kill = format!("kill -{name} {}", process.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
@@ -94,7 +94,7 @@ fn regress_a_stop_is_heard_while_the_identification_computes() {
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
     let mut line = String::new();
-    while !line.starts_with("identifying from 62 readings") {
+    while !line.starts_with("identifying from 69 readings") {
         line.clear();
         assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it identified");
     }
@@ -103,5 +103,5 @@ fn regress_a_stop_is_heard_while_the_identification_computes() {
     told.read_to_string(&mut rest).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(5), "{rest}");
     assert!(rest.contains("trued identify self-calibration --run 1"), "{rest}");
-    assert_eq!(shop.exported_steps().len(), 62);
+    assert_eq!(shop.exported_steps().len(), 69);
 }

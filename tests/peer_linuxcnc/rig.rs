@@ -1,10 +1,12 @@
-//! The rig `tests/peers/linuxcnc/rig`: started once for all trials, ends with this process.
+//! The rig `tests/peers/linuxcnc/rig`: started once for all trials, ends with this process. Everything
+//! that can go wrong with a machine can be made to go wrong here.
 
 use std::io::{BufRead, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::sleep;
 use std::time::Duration;
 
 use libtest_mimic::Failed;
@@ -20,10 +22,12 @@ const TRUTH: [(&str, f64); 8] = [
     ("stuck", 0.0),
     ("dead", 0.0),
 ];
+/// Of X, as in rig.ini.
+const LIMIT_MM: f64 = 300.0;
 
 pub struct Rig {
     /// Its standard input is the rig's life line.
-    _process: Child,
+    process: Child,
     /// Id of the session in which all of LinuxCNC runs.
     session: String,
     pub port: u16,
@@ -33,18 +37,20 @@ pub struct Rig {
 /// The one rig, for one trial at a time; switched on, homed, the truth as it was.
 pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
     static RIG: OnceLock<Result<Mutex<Rig>, String>> = OnceLock::new();
-    let rig = RIG.get_or_init(|| start().map(Mutex::new).map_err(|error| error.to_string()));
-    let rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-    for (name, value) in TRUTH {
-        rig.make_true(name, value)?;
-    }
-    rig.switch_on()?;
+    let rig = RIG.get_or_init(|| {
+        free_port().and_then(start).map(Mutex::new).map_err(|error| error.to_string())
+    });
+    let mut rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+    rig.mend()?;
     Ok(rig)
 }
 
-fn start() -> Result<Rig, Box<dyn std::error::Error>> {
+fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
+    Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
+}
+
+fn start(port: u16) -> Result<Rig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
-    let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
     let mut process =
         Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
             .arg(&directory)
@@ -57,7 +63,7 @@ fn start() -> Result<Rig, Box<dyn std::error::Error>> {
     let Some(session) = said.trim().strip_prefix("ready ").map(str::to_owned) else {
         return Err(format!("the rig does not start: see {}", directory.display()).into());
     };
-    Ok(Rig { _process: process, session, port, directory })
+    Ok(Rig { process, session, port, directory })
 }
 
 fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
@@ -66,6 +72,15 @@ fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
         return Err(format!("halcmd {arguments:?}: {output:?}").into());
     }
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+fn kill(signal: &str, process: &str) -> Result<(), Failed> {
+    let done = Command::new("kill").args([signal, process]).output()?;
+    if done.status.success() {
+        Ok(())
+    } else {
+        Err(format!("no process `{process}` for {signal}").into())
+    }
 }
 
 impl Rig {
@@ -85,23 +100,135 @@ impl Rig {
         halcmd(&["setp", "iocontrol.0.emc-enable-in", "0"]).map(drop)
     }
 
-    /// LinuxCNC's task hangs, or goes on.
-    pub fn freeze(&self, frozen: bool) -> Result<(), Failed> {
-        let task = Command::new("pgrep")
-            .args(["-s", &self.session, "-r", "DRST", "-x", "milltask"])
-            .output()?;
-        let task = String::from_utf8_lossy(&task.stdout).trim().to_owned();
-        let signal = if frozen { "-STOP" } else { "-CONT" };
-        let done = Command::new("kill").args([signal, &task]).status()?.success();
-        if done { Ok(()) } else { Err(format!("no milltask `{task}`").into()) }
+    /// Somebody releases the emergency stop; it still has to be acknowledged at the control.
+    pub fn release(&self) -> Result<(), Failed> {
+        halcmd(&["net", "estop", "iocontrol.0.emc-enable-in"]).map(drop)
+    }
+
+    /// The kinematics compensate the rotary axes, or do not. (What M428 and M429 do.)
+    pub fn tool_centre_point(&self, on: bool) -> Result<(), Failed> {
+        halcmd(&["setp", "motion.switchkins-type", if on { "1" } else { "0" }])?;
+        sleep(Duration::from_millis(100));
+        Ok(())
+    }
+
+    /// Something foreign deflects the stylus for a moment.
+    pub fn foreign_contact(&self) -> Result<(), Failed> {
+        self.make_true("stuck", 1.0)?;
+        sleep(Duration::from_millis(20));
+        self.make_true("stuck", 0.0)
+    }
+
+    /// The part is not on the table any more.
+    pub fn remove_part(&self) -> Result<(), Failed> {
+        self.make_true("ecc-x", 400.0)
+    }
+
+    /// Contacts so far.
+    pub fn touches(&self) -> Result<u64, Failed> {
+        Ok(halcmd(&["getp", "truth.touches"])?.parse()?)
+    }
+
+    /// Somebody presses a button at the machine: `program.pause`, `machine.off` …
+    pub fn press(&self, button: &str) -> Result<(), Failed> {
+        halcmd(&["setp", &format!("halui.{button}"), "1"])?;
+        sleep(Duration::from_millis(100));
+        halcmd(&["setp", &format!("halui.{button}"), "0"]).map(drop)
+    }
+
+    /// Somebody turns the feed override down to nothing.
+    pub fn no_feed(&self) -> Result<(), Failed> {
+        halcmd(&["setp", "halui.feed-override.scale", "1"])?;
+        self.press("feed-override.decrease")
+    }
+
+    /// A guard opens: the axes hold, and nobody is told.
+    pub fn feed_hold(&self, on: bool) -> Result<(), Failed> {
+        halcmd(&["setp", "motion.feed-inhibit", if on { "1" } else { "0" }]).map(drop)
+    }
+
+    /// Somebody narrows the travel of X at the control.
+    pub fn limit_x(&self, mm: f64) -> Result<(), Failed> {
+        halcmd(&["setp", "ini.0.max_limit", &mm.to_string()])?;
+        halcmd(&["setp", "ini.x.max_limit", &mm.to_string()]).map(drop)
+    }
+
+    /// LinuxCNC's task: `-STOP`, `-CONT`, `-KILL`.
+    pub fn task(&self, signal: &str) -> Result<(), Failed> {
+        kill(signal, &self.pid_of_task()?)
+    }
+
+    fn pid_of_task(&self) -> Result<String, Failed> {
+        let arguments = ["-s", &self.session, "-r", "DRST", "-x", "milltask"];
+        let task = Command::new("pgrep").args(arguments).output()?;
+        Ok(String::from_utf8_lossy(&task.stdout).trim().to_owned())
+    }
+
+    /// linuxcncrsh: `-STOP`, `-CONT`, `-KILL`.
+    pub fn rsh(&self, signal: &str) -> Result<(), Failed> {
+        kill(signal, std::fs::read_to_string(self.directory.join("rsh.pid"))?.trim())
+    }
+
+    /// Somebody starts linuxcncrsh again.
+    pub fn start_rsh(&self) -> Result<(), Failed> {
+        kill("-USR1", &self.process.id().to_string())?;
+        for _ in 0..100 {
+            sleep(Duration::from_millis(50));
+            if self.person().is_ok() {
+                return Ok(());
+            }
+        }
+        Err("linuxcncrsh does not come back".into())
+    }
+
+    /// Somebody switches LinuxCNC off and on; it is homed then, and the truth is as it was.
+    pub fn restart(&mut self) -> Result<(), Failed> {
+        drop(self.process.stdin.take());
+        self.process.wait()?;
+        *self = start(self.port).map_err(|error| error.to_string())?;
+        self.mend()
+    }
+
+    /// Wait until nothing moves; where the joints stand then.
+    pub fn stands(&self) -> Result<Vec<f64>, Failed> {
+        let joints = || (0..5).map(|joint| self.joint(joint)).collect::<Result<Vec<_>, _>>();
+        let mut last = joints()?;
+        for _ in 0..100 {
+            sleep(Duration::from_millis(200));
+            let now = joints()?;
+            if now == last {
+                return Ok(now);
+            }
+            last = now;
+        }
+        Err("it does not come to rest".into())
+    }
+
+    /// Everything as it should be when a trial begins: a person has been busy.
+    pub fn mend(&mut self) -> Result<(), Failed> {
+        let _ = self.rsh("-CONT");
+        if self.pid_of_task()?.is_empty() {
+            return self.restart();
+        }
+        self.task("-CONT")?;
+        if self.person().is_err() {
+            self.start_rsh()?;
+        }
+        for (name, value) in TRUTH {
+            self.make_true(name, value)?;
+        }
+        self.limit_x(LIMIT_MM)?;
+        self.feed_hold(false)?;
+        self.tool_centre_point(false)?;
+        self.switch_on()
     }
 
     /// A person releases the stop, switches on and clears the part. Homing survives a stop.
-    fn switch_on(&self) -> Result<(), Failed> {
-        halcmd(&["net", "estop", "iocontrol.0.emc-enable-in"])?;
+    pub fn switch_on(&self) -> Result<(), Failed> {
+        self.release()?;
         let mut person = self.person()?;
         // While it is stopped, it refuses an abort.
-        for line in ["set estop off", "set machine on", "set abort"] {
+        for line in ["set estop off", "set machine on", "set abort", "set feed_override 100"] {
             person.say(line)?;
         }
         person.mdi("G53 G0 Z200")?;
@@ -142,7 +269,7 @@ impl Person {
         self.say("set mode mdi")?;
         self.say(&format!("set mdi {line}"))?;
         while !self.say("get program_status")?.contains("IDLE") {
-            std::thread::sleep(Duration::from_millis(5));
+            sleep(Duration::from_millis(5));
         }
         Ok(())
     }

@@ -21,6 +21,11 @@ pub(super) enum Message {
     Buffer(usize),
     /// `[AXS:n:letters]`
     Axes(String),
+    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: a name of `$#` and its values.
+    Offset {
+        name: String,
+        values: Vec<f64>,
+    },
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
     /// `$10=..`: what status reports hold.
@@ -35,6 +40,8 @@ pub(super) struct Status {
     pub state: String,
     pub substate: Option<String>,
     pub probe_closed: bool,
+    /// `Pn:`, the letters of all inputs that are on.
+    pub pins: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
     pub position: Option<Vec<f64>>,
     /// `T:`, an extension of the simulated control.
@@ -68,10 +75,12 @@ impl Message {
         let (name, value) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         match name {
             "PRB" => touch(value),
-            "T" => value.parse().ok().map(Self::Time),
+            "T" => seconds(value).map(Self::Time),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
             "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::Buffer),
             "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
+            "G92" | "TLO" => offset(name, value),
+            slot if slot.starts_with("G5") => offset(slot, value),
             "GC" => Some(Self::Modes(value.split_whitespace().map(str::to_owned).collect())),
             _ => None,
         }
@@ -88,9 +97,18 @@ fn touch(value: &str) -> Option<Message> {
     }
 }
 
+fn offset(name: &str, value: &str) -> Option<Message> {
+    values(value).map(|values| Message::Offset { name: name.to_owned(), values })
+}
+
 fn values(list: &str) -> Option<Vec<f64>> {
     let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
+}
+
+/// A stamp that is no number would make a reading that cannot be kept.
+fn seconds(value: &str) -> Option<f64> {
+    value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
 }
 
 fn status(report: &str) -> Option<Status> {
@@ -107,8 +125,11 @@ fn status(report: &str) -> Option<Status> {
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
             "MPos" => status.position = values(value),
-            "Pn" => status.probe_closed = value.contains('P'),
-            "T" => status.t_s = value.parse().ok(),
+            "Pn" => {
+                status.probe_closed = value.contains('P');
+                status.pins = value.to_owned();
+            }
+            "T" => status.t_s = seconds(value),
             _ => {}
         }
     }

@@ -4,19 +4,22 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::message::{Message, Status, alarm_meaning, error_meaning};
+use super::fault::{not_ready, out_of_step, refused, silent, state_of, stranger};
+use super::message::{Message, Status, alarm_meaning};
 use crate::controllers::{ControllerError, Halt};
 use crate::link::{Link, LinkError, Received, Urgent};
 
 /// How long the driver waits, host time.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patience {
+pub struct Patience {
     /// A living control answers `?` within this time.
     pub answer: Duration,
     /// How often a waiting driver asks whether the link lives.
     pub poll: Duration,
     /// What follows an alarm (`ok`, or a banner) comes within this time.
     pub aftermath: Duration,
+    /// A control that says it moves shows another position within this time.
+    pub stall: Duration,
 }
 
 impl Default for Patience {
@@ -25,6 +28,7 @@ impl Default for Patience {
             answer: Duration::from_secs(2),
             poll: Duration::from_millis(200),
             aftermath: Duration::from_millis(500),
+            stall: Duration::from_secs(10),
         }
     }
 }
@@ -33,6 +37,8 @@ pub(super) struct Wire {
     link: Link,
     urgent: Urgent,
     halt: Halt,
+    /// A line was sent whose answer has not come.
+    asked: bool,
     pub(super) patience: Patience,
 }
 
@@ -42,18 +48,28 @@ impl Wire {
         let urgent = link.urgent();
         let hold = urgent.clone();
         let halt = Halt::new(move || hold.send_and_close(b"!"));
-        (Self { link, urgent, halt: halt.clone(), patience: Patience::default() }, halt)
+        let patience = Patience::default();
+        (Self { link, urgent, halt: halt.clone(), asked: false, patience }, halt)
+    }
+
+    pub(super) fn is_halted(&self) -> bool {
+        self.halt.is_halted()
+    }
+
+    /// Hold the machine after a fault: whatever it is doing, and whatever is still on its way.
+    pub(super) fn hold(&self) {
+        self.urgent.send_and_close(b"!");
     }
 
     /// Send `line` and wait for its `ok`; what was said before the `ok` is the result.
     ///
     /// # Errors
-    /// A refusal, an alarm, a reset, silence; `Halted` once a halt was asked for.
+    /// A refusal, an alarm, a reset, silence, an answer too many; `Halted` once a halt was asked for.
     pub(super) async fn ask(&mut self, line: &str) -> Result<Vec<Message>, ControllerError> {
         self.ask_within(line, Duration::ZERO).await
     }
 
-    /// As `ask`, for a line during which the control reports idle for up to `still`.
+    /// As `ask`, for a line during which the control stands for up to `still`.
     pub(super) async fn ask_within(
         &mut self,
         line: &str,
@@ -64,48 +80,55 @@ impl Wire {
             return Err(ControllerError::Halted);
         }
         self.link.send_line(line)?;
+        self.asked = true;
         let mut said = Vec::new();
         let mut heard = Instant::now();
-        let mut idle_since = None;
+        let mut watch = Watch::default();
         loop {
             match self.next(Instant::now() + self.patience.poll).await? {
-                Some(Message::Ok) => return Ok(said),
+                Some(Message::Ok) => {
+                    self.asked = false;
+                    return Ok(said);
+                }
                 Some(Message::Error(code)) => return Err(refused(line, code)),
-                Some(Message::Alarm(code)) => return Err(self.aftermath(code).await?),
-                Some(Message::Banner(banner)) => return Err(ControllerError::Reset { banner }),
                 Some(Message::Status(status)) => {
                     heard = Instant::now();
-                    let idle = status.state == "Idle";
-                    idle_since = idle.then(|| idle_since.unwrap_or(heard));
+                    if !self.halt.is_halted() {
+                        self.check(&status).await?;
+                        watch.look(&status, &self.patience, still, line)?;
+                    }
                 }
-                Some(other) => said.push(other),
+                Some(Message::Other(_)) => {}
+                Some(other) => said.push(self.unless_it_ends_the_job(other).await?),
                 None => self.urgent.send(b"?"),
             }
             if self.halt.is_halted() {
                 return Err(self.halted().await);
             }
-            // Deaf, or idle with an answer outstanding: a byte got lost.
-            let patience = self.patience.answer;
-            let too_still = |since: Instant| since.elapsed() > patience + still;
-            if heard.elapsed() > patience || idle_since.is_some_and(too_still) {
-                return Err(silent(line, patience));
+            if heard.elapsed() > self.patience.answer {
+                return Err(silent(line, self.patience.answer));
             }
         }
     }
 
-    /// The control's status, asked for now.
+    /// The control's status, asked for now; asked again if a byte gets lost.
     pub(super) async fn status(&mut self) -> Result<Status, ControllerError> {
-        self.urgent.send(b"?");
         let deadline = Instant::now() + self.patience.answer;
-        loop {
-            match self.next(deadline).await? {
-                Some(Message::Status(status)) => return Ok(status),
-                Some(Message::Alarm(code)) => return Err(self.aftermath(code).await?),
-                Some(Message::Banner(banner)) => return Err(ControllerError::Reset { banner }),
-                Some(_) => {}
-                None => return Err(silent("?", self.patience.answer)),
+        while Instant::now() < deadline {
+            self.urgent.send(b"?");
+            let again = deadline.min(Instant::now() + self.patience.poll);
+            while let Some(message) = self.next(again).await? {
+                match self.unless_it_ends_the_job(message).await? {
+                    Message::Status(status) => return Ok(status),
+                    Message::Other(_) => {}
+                    // A line may be under way when a halt comes.
+                    Message::Ok | Message::Error(_) if self.asked => self.asked = false,
+                    _ if self.asked => {}
+                    other => return Err(out_of_step(&other)),
+                }
             }
         }
+        Err(silent("?", self.patience.answer))
     }
 
     /// Wait until the machine stands still. Two reports in a row: the first may be older than the
@@ -113,22 +136,53 @@ impl Wire {
     pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
         let mut seen = 0;
         let mut pause = Duration::from_millis(1);
+        let mut watch = Watch::default();
         loop {
             let status = self.status().await?;
             if self.halt.is_halted() {
                 return Err(self.halted().await);
             }
-            match status.state.as_str() {
-                "Idle" if seen > 0 => return Ok(status),
-                "Idle" => seen += 1,
-                "Alarm" | "Sleep" => return Err(not_ready(&status)),
-                // Run, or a hold, door or tool change that a person at the machine will end.
-                _ => {
-                    seen = 0;
-                    sleep(pause).await;
-                    pause = (pause * 2).min(self.patience.poll);
+            self.check(&status).await?;
+            if status.state == "Idle" {
+                if seen > 0 {
+                    return Ok(status);
                 }
+                seen += 1;
+                continue;
             }
+            watch.look(&status, &self.patience, Duration::ZERO, "?")?;
+            seen = 0;
+            sleep(pause).await;
+            // Every move ends here: a long pause would cost more than the question.
+            pause = (pause * 2).min(self.patience.poll / 10);
+        }
+    }
+
+    /// A state that the run did not ask for ends it.
+    async fn check(&mut self, status: &Status) -> Result<(), ControllerError> {
+        match status.state.as_str() {
+            "Hold" | "Door" | "Tool" => Err(ControllerError::HeldThere { state: state_of(status) }),
+            "Alarm" | "Sleep" => {
+                // Which alarm it is may follow, or have got lost.
+                let deadline = Instant::now() + self.patience.aftermath;
+                while let Some(message) = self.next(deadline).await? {
+                    self.unless_it_ends_the_job(message).await?;
+                }
+                Err(not_ready(status))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An alarm or a reset does.
+    async fn unless_it_ends_the_job(
+        &mut self,
+        message: Message,
+    ) -> Result<Message, ControllerError> {
+        match message {
+            Message::Alarm(code) => Err(self.aftermath(code).await?),
+            Message::Banner(banner) => Err(ControllerError::Reset { banner }),
+            other => Ok(other),
         }
     }
 
@@ -169,13 +223,13 @@ impl Wire {
         Ok(())
     }
 
-    /// What was said while nobody asked: a reset or an alarm ends the job.
+    /// What was said while nobody asked: a reset or an alarm ends the job, and so does an answer
+    /// too many, which could be taken for the next line's.
     async fn catch_up(&mut self) -> Result<(), ControllerError> {
         while let Some(message) = self.next(Instant::now()).await? {
-            match message {
-                Message::Alarm(code) => return Err(self.aftermath(code).await?),
-                Message::Banner(banner) => return Err(ControllerError::Reset { banner }),
-                _ => {}
+            match self.unless_it_ends_the_job(message).await? {
+                Message::Status(_) | Message::Other(_) => {}
+                other => return Err(out_of_step(&other)),
             }
         }
         Ok(())
@@ -219,6 +273,29 @@ impl Wire {
     }
 }
 
+/// Whether a control that answers gets anywhere.
+#[derive(Default)]
+struct Watch(Option<(Status, Instant)>);
+
+impl Watch {
+    /// Idle with an answer outstanding: a byte got lost. Moving without moving: it hangs.
+    fn look(
+        &mut self,
+        status: &Status,
+        patience: &Patience,
+        still: Duration,
+        line: &str,
+    ) -> Result<(), ControllerError> {
+        let same = |last: &&(Status, Instant)| {
+            last.0.state == status.state && last.0.position == status.position
+        };
+        let since = self.0.as_ref().filter(same).map_or_else(Instant::now, |(_, since)| *since);
+        self.0 = Some((status.clone(), since));
+        let limit = if status.state == "Idle" { patience.answer } else { patience.stall };
+        if since.elapsed() > limit + still { Err(silent(line, limit)) } else { Ok(()) }
+    }
+}
+
 fn stands(status: &Status) -> bool {
     match status.state.as_str() {
         "Hold" => status.substate.as_deref() == Some("0"),
@@ -226,51 +303,4 @@ fn stands(status: &Status) -> bool {
         "Run" | "Jog" | "Home" => false,
         _ => true,
     }
-}
-
-fn refused(line: &str, code: u32) -> ControllerError {
-    ControllerError::Refused {
-        line: line.to_owned(),
-        reply: format!("error:{code}"),
-        meaning: error_meaning(code).to_owned(),
-    }
-}
-
-fn silent(line: &str, waited: Duration) -> ControllerError {
-    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
-}
-
-/// Somebody or nobody is there, but no Grbl.
-fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
-    if noise {
-        return ControllerError::NotReady {
-            state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
-            remedy: "check baud in [controller] of the machine file".to_owned(),
-        };
-    }
-    match foreign {
-        Some(text) => ControllerError::NotReady {
-            state: format!("it does not answer as Grbl does: `{text}`"),
-            remedy: "check kind and the address in [controller] of the machine file".to_owned(),
-        },
-        None => silent("?", waited),
-    }
-}
-
-/// The control is there but will not move.
-pub(super) fn not_ready(status: &Status) -> ControllerError {
-    let remedy = match status.state.as_str() {
-        "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
-        "Hold" => "a move is held: resume or reset it at the control",
-        "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
-        "Door" => "close the door",
-        "Check" => "leave the check mode ($C)",
-        "Sleep" => "wake the control with a reset",
-        _ => "bring the control to Idle",
-    };
-    let state = match &status.substate {
-        Some(substate) => format!("{}:{substate}", status.state),
-        None => status.state.clone(),
-    };
-    ControllerError::NotReady { state, remedy: remedy.to_owned() }
 }

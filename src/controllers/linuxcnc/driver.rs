@@ -3,28 +3,23 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use tokio::time::{Instant, sleep};
+use tokio::time::sleep;
 
 use super::fault;
 use super::files::Files;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
+use super::{state, watch};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
 use crate::record::motion::{Block, Motion, Outcome};
 
-/// LinuxCNC's task runs every 5 ms in its own samples.
-const POLL: Duration = Duration::from_millis(4);
-/// Idle for so long without the log's end: the program was stopped.
-const STOPPED: Duration = Duration::from_millis(60);
-/// Running for so long without moving or logging: it hangs (killed parts of LinuxCNC do).
-const STALL: Duration = Duration::from_secs(10);
+/// The link's task writes within this time.
+const ON_THE_WIRE: Duration = Duration::from_millis(20);
 const STEP_OF_NO_BLOCK: u32 = 0;
-/// The order of positions in its answers.
-const REPORTED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Where it is and what it has.
@@ -98,116 +93,137 @@ impl LinuxCnc {
         let mode = self.rsh.get("mode").await?;
         self.mode_found.get_or_insert(mode);
         self.rsh.messages().await?;
+        state::full_speed(&mut self.rsh).await?;
+        // Both hold for all connections. With a time-out it would acknowledge what was not taken.
         self.rsh.set("set_wait received").await?;
-        self.rsh.set("mode auto").await?;
+        self.rsh.set("timeout 0").await?;
+        self.rsh.command("mode auto").await?;
         self.files.write(&prepare::program(&self.files.log_name()))?;
-        self.rsh.set(&format!("open {}", self.files.program_name())).await?;
-        let log = self.run(STEP_OF_NO_BLOCK, STALL).await?;
+        self.rsh.command(&format!("open {}", self.files.program_name())).await?;
+        let log = watch::run(&mut self.rsh, &self.files, STEP_OF_NO_BLOCK, Duration::ZERO).await?;
         if !log.ended {
             self.files.expect_log()?;
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
         }
         let version = prepare::judge(&log.state)?;
+        if let Some(seconds) = self.dialect.wakes_s() {
+            self.switch(&self.dialect.keeping_probe_on()).await?;
+            sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
+        }
+        let axes = &self.settings.axes;
+        state::axes_are_joints(&mut self.rsh, axes).await?;
         Ok(Prepared {
             identity: format!("LinuxCNC {version} ({})", self.rsh.server),
             stop: "a halt aborts: the machine decelerates and stays; the abort acts within 20 ms \
                    (0.1 s at worst), then it travels feed²/(2·acceleration)"
                 .to_owned(),
-            stands: self.stands().await?,
+            stands: state::stands(&mut self.rsh, axes).await?,
         })
     }
 
-    /// Where the machine stands; linuxcncrsh gives six numbers, mm and degrees on a metric machine.
-    async fn stands(&mut self) -> Result<Position, ControllerError> {
-        let said = self.rsh.get("abs_act_pos").await?;
-        let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
-        let numbers = numbers.ok().filter(|numbers| numbers.len() >= REPORTED.len());
-        let numbers = numbers.ok_or(ControllerError::Garbled { text: said })?;
-        let axes = REPORTED.into_iter().zip(numbers).map(|(axis, at)| (axis, axis.from_edge(at)));
-        Ok(axes.filter(|(axis, _)| self.settings.axes.contains(axis)).collect())
-    }
-
+    /// A program for each part of the block: after a back-off the probe must read open before
+    /// anything else moves.
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
-        let step = block.step;
-        let text = self.render(block)?;
-        let leaves_contact = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
-        if !leaves_contact && self.rsh.get("probe_value").await? != "0" {
-            return Err(ControllerError::StillTripped { step });
-        }
-        self.files.write(&text)?;
-        self.refuse_if_halted()?;
-        let log = self.run(step, STALL + dwell(block)).await?;
-        if !log.ended {
-            return Err(self.reason(step, log).await);
-        }
-        let backed_off =
-            block.motions.iter().any(|motion| matches!(motion, Motion::BackOff { .. }));
-        if backed_off && self.rsh.get("probe_value").await? != "0" {
-            return Err(ControllerError::StillTripped { step });
-        }
-        let turned = block.motions.iter().rev().find_map(|motion| match motion {
-            Motion::Orient { s } => Some(*s),
-            _ => None,
-        });
-        self.spindle = turned.or(self.spindle);
-        let touch = match log.verdict {
-            Some(Verdict::Touch(at)) => {
-                let mut touch = at.only(|axis| self.settings.axes.contains(&axis));
-                if let Some(s) = self.spindle {
-                    touch.set(Axis::S, s);
-                }
-                Some(touch)
-            }
-            _ => None,
-        };
-        let touches = |motion: &Motion| matches!(motion, Motion::Probe { .. });
-        if touch.is_some() != block.motions.iter().any(touches) {
-            return Err(ControllerError::Garbled { text: format!("log of step {step}") });
+        let mut touch = None;
+        for motions in block.motions.split_inclusive(backs_off) {
+            let part = Block { step: block.step, repeat: block.repeat, motions: motions.to_vec() };
+            touch = self.part(&part).await?.or(touch);
         }
         Ok(Outcome { touch, t_s: None })
     }
 
-    /// The program, proven to say what the block means.
+    async fn part(&mut self, part: &Block) -> Result<Option<Position>, ControllerError> {
+        let step = part.step;
+        let text = self.render(part)?;
+        if !part.motions.first().is_some_and(backs_off) {
+            self.probe_is_open(step).await?;
+        }
+        state::full_speed(&mut self.rsh).await?;
+        state::opened(&mut self.rsh, &self.files.program_name()).await?;
+        self.files.write(&text)?;
+        self.refuse_if_halted()?;
+        let rests = self.rests(part);
+        let log = match watch::run(&mut self.rsh, &self.files, step, rests).await {
+            Err(refusal @ ControllerError::Refused { .. }) => {
+                return Err(fault::refused(&mut self.rsh, refusal).await);
+            }
+            ended => ended?,
+        };
+        if !log.ended {
+            return Err(self.reason(step, log).await);
+        }
+        if part.motions.last().is_some_and(backs_off) {
+            self.probe_is_open(step).await?;
+        }
+        state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
+        self.touched(part, log.verdict)
+    }
+
+    async fn probe_is_open(&mut self, step: u32) -> Result<(), ControllerError> {
+        match self.rsh.get("probe_value").await?.as_str() {
+            "0" => Ok(()),
+            _ => Err(ControllerError::StillTripped { step }),
+        }
+    }
+
+    /// The position at the trigger, if `part` has a touch.
+    fn touched(
+        &mut self,
+        part: &Block,
+        verdict: Option<Verdict>,
+    ) -> Result<Option<Position>, ControllerError> {
+        let turned = part.motions.iter().rev().find_map(|motion| match motion {
+            Motion::Orient { s } => Some(*s),
+            _ => None,
+        });
+        self.spindle = turned.or(self.spindle);
+        let touches = part.motions.iter().any(|motion| matches!(motion, Motion::Probe { .. }));
+        match (touches, verdict) {
+            (true, Some(Verdict::Touch(at))) => {
+                let at = at.only(|axis| self.settings.axes.contains(&axis));
+                Ok(Some(self.spindle.map_or(at.clone(), |s| at.with(Axis::S, s))))
+            }
+            (false, None) => Ok(None),
+            _ => Err(ControllerError::Garbled { text: format!("log of step {}", part.step) }),
+        }
+    }
+
+    /// A program that moves nothing: the head and the foot of `dialect`.
+    async fn switch(&mut self, dialect: &Dialect) -> Result<(), ControllerError> {
+        let log = self.files.log_name();
+        let program = Program { title: "no step", axes: &self.settings.axes, log: Some(&log) };
+        let text = dialect.program(&program, &[]).map_err(|error| ControllerError::Render {
+            step: STEP_OF_NO_BLOCK,
+            why: error.to_string(),
+        })?;
+        self.files.write(&text)?;
+        self.refuse_if_halted()?;
+        let log = watch::run(&mut self.rsh, &self.files, STEP_OF_NO_BLOCK, Duration::ZERO).await?;
+        if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
+    }
+
+    /// The program, proven to say what the block means. The probe stays on from block to block.
     fn render(&self, block: &Block) -> Result<String, ControllerError> {
         let fault = |why: String| ControllerError::Render { step: block.step, why };
         let title = format!("step {} repeat {}", block.step, block.repeat);
         let log = self.files.log_name();
         let program = Program { title: &title, axes: &self.settings.axes, log: Some(&log) };
         let blocks = std::slice::from_ref(block);
-        let text = self.dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
-        self.dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
+        let dialect = self.dialect.keeping_probe_on();
+        let text = dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
+        dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
         Ok(text)
     }
 
-    /// Run the program and wait until it stands still.
-    async fn run(&mut self, step: u32, patience: Duration) -> Result<Log, ControllerError> {
-        self.rsh.set("run").await?;
-        let (mut changed, mut last) = (Instant::now(), (String::new(), 0));
-        let mut idle_since = None;
-        loop {
-            let idle = self.rsh.get("program_status").await? == "IDLE";
-            let log = self.files.log(step)?;
-            if idle {
-                let since = *idle_since.get_or_insert_with(Instant::now);
-                if log.ended || since.elapsed() > STOPPED {
-                    return Ok(log);
-                }
-            } else {
-                idle_since = None;
-                let now = (self.rsh.get("abs_act_pos").await?, log.lines);
-                if now != last {
-                    (changed, last) = (Instant::now(), now);
-                }
-                if changed.elapsed() > patience {
-                    let line = format!("the program of step {step}");
-                    return Err(ControllerError::NoAnswer {
-                        line,
-                        seconds: patience.as_secs_f64(),
-                    });
-                }
-            }
-            sleep(POLL).await;
-        }
+    /// How long a block stands still by itself.
+    fn rests(&self, block: &Block) -> Duration {
+        let seconds = block.motions.iter().map(|motion| match motion {
+            Motion::Dwell { seconds } => seconds.max(0.0),
+            // As long as the dialect lets it take.
+            Motion::Orient { .. } => 20.0,
+            _ => self.dialect.clamps_rest_s(motion),
+        });
+        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::ZERO)
     }
 
     /// Why a program stopped before its end.
@@ -228,15 +244,17 @@ impl LinuxCnc {
         if self.halt.is_halted() {
             return ControllerError::Halted;
         }
-        if self.rsh.set("abort").await.is_err() && !self.is_idle().await {
-            // The other connection may still live.
+        // Who did not answer is not asked again on the same connection. The other may still live,
+        // and a frozen task that wakes up takes the abort first.
+        let dumb = matches!(
+            error,
+            ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
+        );
+        if dumb || self.rsh.command("abort").await.is_err() {
             self.halting.link.urgent().send(HALT);
+            sleep(ON_THE_WIRE).await;
         }
         error
-    }
-
-    async fn is_idle(&mut self) -> bool {
-        self.rsh.get("program_status").await.is_ok_and(|status| status == "IDLE")
     }
 }
 
@@ -259,22 +277,23 @@ impl Driver for LinuxCnc {
         }
     }
 
-    /// Every program restores the modal state itself; what is left is the mode.
+    async fn probe_closed(&mut self) -> Result<bool, ControllerError> {
+        Ok(self.rsh.get("probe_value").await? != "0")
+    }
+
+    /// Every program restores the modal state itself; what is left is the probe and the mode.
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
+        if self.dialect.switches_probe_off() {
+            self.switch(&self.dialect.clone()).await?;
+        }
         match self.mode_found.take() {
-            Some(mode) => self.rsh.set(&format!("mode {mode}")).await,
+            Some(mode) => self.rsh.command(&format!("mode {mode}")).await,
             None => Ok(()),
         }
     }
 }
 
-fn dwell(block: &Block) -> Duration {
-    let seconds = block.motions.iter().map(|motion| match motion {
-        Motion::Dwell { seconds } => seconds.max(0.0),
-        // As long as the dialect lets it take.
-        Motion::Orient { .. } => 20.0,
-        _ => 0.0,
-    });
-    Duration::try_from_secs_f64(seconds.sum()).unwrap_or(STALL)
+fn backs_off(motion: &Motion) -> bool {
+    matches!(motion, Motion::BackOff { .. })
 }

@@ -10,6 +10,7 @@ pub(super) async fn reason(rsh: &mut Rsh, step: u32, verdict: Option<&Verdict>) 
         Some(Verdict::Contact) => ControllerError::UnexpectedContact { step },
         Some(Verdict::Tripped) => ControllerError::StillTripped { step },
         Some(Verdict::NoContact) => ControllerError::NoContact { step },
+        Some(Verdict::Probe(fault)) => ControllerError::Probe { fault: *fault },
         Some(Verdict::Offset) => not_ready(
             "somebody has set the work offset slot G59.3",
             "enter G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0, then start again",
@@ -20,19 +21,25 @@ pub(super) async fn reason(rsh: &mut Rsh, step: u32, verdict: Option<&Verdict>) 
     }
 }
 
+/// Why a command was refused: `refusal`, unless a switch explains it.
+pub(super) async fn refused(rsh: &mut Rsh, refusal: ControllerError) -> ControllerError {
+    match switches(rsh).await {
+        Ok(Some(reason)) | Err(reason) => reason,
+        Ok(None) => refusal,
+    }
+}
+
 /// What the control says of it; `Err` if it does not even say that.
 async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerError> {
-    // LinuxCNC has no numbers for them.
-    let alarm = |meaning: &str| ControllerError::Alarm { code: 0, meaning: meaning.to_owned() };
-    if rsh.get("estop").await? != "OFF" {
-        return Ok(alarm("the emergency stop is pressed"));
-    }
-    if rsh.get("machine").await? != "ON" {
-        return Ok(alarm("the machine has switched off"));
+    if let Some(reason) = switches(rsh).await? {
+        return Ok(reason);
     }
     let said = rsh.messages().await?;
     if said.iter().any(|text| text.contains("Probe tripped")) {
         return Ok(ControllerError::UnexpectedContact { step });
+    }
+    if said.iter().any(|text| text.contains("xceed") && text.contains("limit")) {
+        return Ok(ControllerError::OutOfTravel { step, said: said.join("; ") });
     }
     let meaning = if said.is_empty() {
         "it stopped without a message: somebody stopped it at the control"
@@ -44,4 +51,15 @@ async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerErr
         reply: said.join("; "),
         meaning: meaning.to_owned(),
     })
+}
+
+/// An emergency stop comes without a message.
+async fn switches(rsh: &mut Rsh) -> Result<Option<ControllerError>, ControllerError> {
+    if rsh.get("estop").await? != "OFF" {
+        return Ok(Some(ControllerError::EmergencyStop));
+    }
+    if rsh.get("machine").await? != "ON" {
+        return Ok(Some(ControllerError::SwitchedOff { said: rsh.messages().await?.join("; ") }));
+    }
+    Ok(None)
 }

@@ -2,6 +2,7 @@
 
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+use crate::gcode::ProbeFault;
 
 /// Closer than this to where it started, a contact was there before the move, mm. A measuring touch
 /// that is this close is not one.
@@ -32,6 +33,8 @@ pub(super) enum Verdict {
     Tripped,
     /// The work offset slot is not zero.
     Offset,
+    /// The probe says so on an input.
+    Probe(ProbeFault),
 }
 
 impl Log {
@@ -43,14 +46,19 @@ impl Log {
             log.lines += 1;
             let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
             let garbled = || ControllerError::Garbled { text: line.trim().to_owned() };
+            // Rust reads `nan` as a number; a position it is not.
             let numbers: Vec<f64> = rest
                 .split_whitespace()
                 .map(str::parse)
                 .collect::<Result<_, _>>()
-                .map_err(|_| garbled())?;
+                .ok()
+                .filter(|numbers: &Vec<f64>| numbers.iter().all(|number| number.is_finite()))
+                .ok_or_else(garbled)?;
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.ended = true,
                 ("offset", []) => log.verdict = Some(Verdict::Offset),
+                ("probe_error", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Error)),
+                ("probe_battery", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Battery)),
                 ("state", _) => log.state = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),

@@ -7,8 +7,8 @@ use tokio::time::Instant;
 use crate::controllers::ControllerError;
 use crate::link::{self, Address, Link, Received};
 
-/// A healthy linuxcncrsh answers within 0.1 s.
-const ANSWER: Duration = Duration::from_secs(5);
+/// A healthy linuxcncrsh answers within 0.1 s, a task takes a command within 5 ms.
+const ANSWER: Duration = Duration::from_secs(3);
 
 pub(super) struct Rsh {
     pub link: Link,
@@ -48,6 +48,7 @@ impl Rsh {
         Ok(answer)
     }
 
+    /// `set` what concerns linuxcncrsh alone.
     pub async fn set(&mut self, what: &str) -> Result<(), ControllerError> {
         let line = format!("set {what}");
         let key = what.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
@@ -56,6 +57,14 @@ impl Rsh {
             return Ok(());
         }
         Err(refused(&line, answer, "it is not allowed now, or another program has taken command"))
+    }
+
+    /// `set` what the task must take; linuxcncrsh acknowledges when the task has taken it.
+    pub async fn command(&mut self, what: &str) -> Result<(), ControllerError> {
+        match self.set(what).await {
+            Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::Frozen),
+            answer => answer,
+        }
     }
 
     /// Send `line`; the rest of the first line that begins with one of `starts`.

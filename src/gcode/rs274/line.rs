@@ -15,7 +15,7 @@ pub(super) enum Line {
 }
 
 /// Words by letter; G and M may stand several times.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Words {
     /// Ten times the G words: G38.2 is 382.
     pub g: Vec<u32>,
@@ -29,6 +29,11 @@ impl Words {
     /// The value of a word, which then counts as understood.
     pub fn take(&mut self, letter: char) -> Option<f64> {
         self.values.remove(&letter)
+    }
+
+    /// Of the words other than G and M.
+    pub fn letters(&self) -> impl Iterator<Item = char> {
+        self.values.keys().copied()
     }
 
     /// Is this G word (times ten) here? It then counts as understood.
@@ -70,9 +75,10 @@ impl Words {
     }
 }
 
-fn code(value: f64, letter: char) -> Result<u32, String> {
+/// A word that counts or names: whole, not negative, below ten million.
+pub(super) fn code(value: f64, letter: char) -> Result<u32, String> {
     let whole = value.round();
-    if (value - whole).abs() < 1e-6 && (0.0..10_000.0).contains(&whole) {
+    if (value - whole).abs() < 1e-6 && (0.0..10_000_000.0).contains(&whole) {
         return Ok(whole as u32);
     }
     Err(format!("a {letter} word that does not exist"))
@@ -97,7 +103,8 @@ impl Line {
             let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+');
             let end = after.find(|c| !is_number(c)).unwrap_or(after.len());
             let (number, next) = after.split_at(end);
-            let value = number.parse().map_err(|_| format!("`{rest}` is not a word"))?;
+            let value = number.parse().ok().filter(|value: &f64| value.is_finite());
+            let value = value.ok_or_else(|| format!("`{rest}` is not a word"))?;
             words.put(letter, value)?;
             rest = next;
         }

@@ -5,6 +5,7 @@ use faer::Mat;
 use super::algebra::dot;
 use super::axis_circle::{AxisCircle, axis_circle};
 use super::fit::{Fit, Solved};
+use super::model::DRIFTING;
 use super::outputs::{self, Output, OutputFunction};
 use super::paper::PaperForm;
 use super::sense::Sense;
@@ -34,6 +35,8 @@ pub struct Parts<'a> {
     pub monte_carlo: Summary,
     pub sense: Sense,
     pub timed: bool,
+    /// Readings that no step connects with the rest.
+    pub left_out: usize,
 }
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
@@ -192,8 +195,9 @@ fn gauge(parts: &Parts<'_>) -> Vec<String> {
     if parts.fit.layout.drift_order > 0 {
         lines.push(format!(
             "drift of X, Y and radius fitted (order {}) and removed; values hold at the middle of \
-             the cycle",
-            parts.fit.layout.drift_order
+             the cycle{}",
+            parts.fit.layout.drift_order,
+            if parts.plan.gaps_s.is_empty() { "" } else { ", interruptions left out" }
         ));
     }
     lines
@@ -255,8 +259,33 @@ fn warnings(parts: &Parts<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
+    lines.extend(steps(parts));
     lines.extend(disagreement(parts));
     lines.extend(paper_comparison(parts));
+    lines
+}
+
+/// What the machine did in the interruptions, with U from the touches' scatter.
+fn steps(parts: &Parts<'_>) -> Vec<String> {
+    let layout = &parts.fit.layout;
+    let k = coverage::coverage_factor(parts.scale.dof.unwrap_or(f64::INFINITY));
+    let um = |gap: usize, what: usize| {
+        let at = layout.step(what, gap);
+        let u = parts.scale.factor * parts.fit.solution.covariance[(at, at)].max(0.0).sqrt();
+        format!("{} {:+.2} ± {:.2}", DRIFTING[what], parts.solved.x[at] * 1e3, k * u * 1e3)
+    };
+    let mut lines: Vec<String> = (0..layout.gaps.len())
+        .map(|gap| {
+            let steps: Vec<String> = (0..DRIFTING.len()).map(|what| um(gap, what)).collect();
+            format!("interrupted: a step was fitted and removed, {} µm", steps.join(", "))
+        })
+        .collect();
+    if parts.left_out > 0 {
+        lines.push(format!(
+            "{} readings stand between interruptions without references and are left out",
+            parts.left_out
+        ));
+    }
     lines
 }
 

@@ -32,6 +32,10 @@ pub enum Test {
 }
 
 impl Test {
+    pub fn is_reference(self) -> bool {
+        matches!(self, Test::Reference(_))
+    }
+
     pub fn name(self) -> String {
         match self {
             Test::One(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),

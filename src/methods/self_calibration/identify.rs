@@ -50,8 +50,12 @@ pub fn check_well_posed(
     let design = Design::new(settings)?;
     let observed = observe(&plan, &design, &planner.heights(), &readings)
         .map_err(|error| refused(error.to_string()))?;
-    let layout =
-        Layout { design, heights: planner.heights().len(), drift_order: settings.drift_order };
+    let layout = Layout {
+        design,
+        heights: planner.heights().len(),
+        drift_order: settings.drift_order,
+        gaps: observed.gaps,
+    };
     let sigma = vec![1.0; observed.observations.len()];
     fit(&layout, &observed.observations, &sigma, settings)
         .map(drop)
@@ -81,7 +85,8 @@ pub fn identify(
 ) -> Result<Estimate, IdentifyError> {
     let design = Design::new(settings)?;
     let observed = observe(plan, &design, heights, readings)?;
-    let layout = Layout { design, heights: heights.len(), drift_order: settings.drift_order };
+    let gaps = observed.gaps;
+    let layout = Layout { design, heights: heights.len(), drift_order: settings.drift_order, gaps };
     let sources =
         sources(plan, &layout, &observed.observations, settings.spindle, observed.half_duration_s);
     let sigma = touch_sigma(&sources, observed.observations.len());
@@ -111,6 +116,7 @@ pub fn identify(
         monte_carlo,
         sense,
         timed: observed.timed,
+        left_out: observed.left_out,
     }))
 }
 

@@ -8,6 +8,7 @@ mod axis_circle;
 mod bend;
 mod design;
 mod fit;
+mod gaps;
 mod identify;
 mod model;
 mod observe;
@@ -107,7 +108,9 @@ impl Method for SelfCalibration {
             return Ok(Next::Stage { stage, new_steps: Vec::new() });
         }
         let part = match source {
-            Source::Measured(readings) if self.settings.locate => located_part(plan, readings)?,
+            Source::Measured(readings) if self.settings.locate => {
+                located_part(plan, planner.nominal_part(), readings)?
+            }
             _ => planner.nominal_part(),
         };
         self.cycle(plan, &planner, part)
@@ -136,7 +139,7 @@ impl Method for SelfCalibration {
 }
 
 /// Centre and radius of the ball centres from the locating touches.
-fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
+fn located_part(plan: &Plan, nominal: Part, readings: &[Reading]) -> Result<Part, Refused> {
     let refused = |why: String| Refused {
         why,
         instead: "check that the part of [artefact] stands on the table, then start again"
@@ -145,25 +148,26 @@ fn located_part(plan: &Plan, readings: &[Reading]) -> Result<Part, Refused> {
     let chain =
         crate::kinematics::Chain::new(&plan.machine).map_err(|error| refused(error.to_string()))?;
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
-    let centres: Vec<[f64; 2]> = plan
+    let (tops, flank): (Vec<_>, Vec<_>) = plan
         .steps
         .iter()
         .filter(is_locating)
         .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
-        .map(|(step, reading)| observe::ball_centre(plan, &chain, step, reading))
-        .map(|centre| [centre.x, centre.y])
-        .collect();
+        .map(|(step, reading)| (step, observe::ball_centre(plan, &chain, step, reading)))
+        .partition(|(step, _)| plan::touches_top(step));
+    let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
     let found = circle::fit_circle(&centres)
         .map_err(|error| refused(format!("the part could not be located: {error}")))?;
-    let Artefact::Cylinder { centre_mm, radius_mm, uncertainty_mm, .. } = plan.artefact;
-    let reach = radius_mm + plan.probe.ball_radius_mm;
-    let away = (found.centre[0] - centre_mm[0]).hypot(found.centre[1] - centre_mm[1]);
-    if away > uncertainty_mm || (found.radius - reach).abs() > uncertainty_mm {
+    let Artefact::Cylinder { uncertainty_mm, .. } = plan.artefact;
+    let top = tops.first().map_or(nominal.top, |(_, centre)| centre.z);
+    let part = Part { centre: found.centre, reach: found.radius, top };
+    let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
+    let (larger, higher) = (part.reach - nominal.reach, part.top - nominal.top);
+    if away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm {
         return Err(refused(format!(
-            "the part was found {away:.3} mm from its stated place and {:.3} mm larger in radius, \
-             beyond uncertainty_mm = {uncertainty_mm}",
-            found.radius - reach
+            "the part was found {away:.3} mm from its stated place, {larger:.3} mm larger in radius and \
+             {higher:.3} mm higher, beyond uncertainty_mm = {uncertainty_mm}"
         )));
     }
-    Ok(Part { centre: found.centre, reach: found.radius })
+    Ok(part)
 }

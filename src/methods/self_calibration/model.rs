@@ -23,7 +23,7 @@ pub struct Observation {
     pub radius: f64,
     /// Ball centre across the ray (counter-clockwise positive), mm.
     pub lateral: f64,
-    /// Time, scaled so that the cycle spans −1 … 1.
+    /// Time, scaled so that the cycle spans −1 … 1; interruptions are left out of it.
     pub time: f64,
 }
 
@@ -34,10 +34,13 @@ pub struct Layout {
     pub design: Design,
     pub heights: usize,
     pub drift_order: usize,
+    /// When the cycle was interrupted, as `Observation::time`. At each a step is fitted: nobody knows
+    /// what the machine did meanwhile.
+    pub gaps: Vec<f64>,
 }
 
 /// The three things that drift: the table against the spindle in X and Y, and the radius.
-const DRIFTING: usize = 3;
+pub const DRIFTING: [&str; 3] = ["X", "Y", "radius"];
 
 impl Layout {
     fn block(&self) -> usize {
@@ -45,7 +48,7 @@ impl Layout {
     }
 
     pub fn unknowns(&self) -> usize {
-        self.heights * self.block() + DRIFTING * self.drift_order
+        self.heights * self.block() + DRIFTING.len() * (self.drift_order + self.gaps.len())
     }
 
     pub fn radius(&self, height: usize) -> usize {
@@ -72,6 +75,12 @@ impl Layout {
         self.heights * self.block() + what * self.drift_order + power - 1
     }
 
+    /// The step of one of the drifting things at an interruption.
+    pub fn step(&self, what: usize, gap: usize) -> usize {
+        let before = self.heights * self.block() + DRIFTING.len() * self.drift_order;
+        before + DRIFTING.len() * gap + what
+    }
+
     pub fn names(&self) -> Vec<String> {
         let mut names = vec![String::new(); self.unknowns()];
         for height in 0..self.heights {
@@ -85,9 +94,12 @@ impl Layout {
                 names[self.w(height, i)] = format!("W_radial({deg}°){at}");
             }
         }
-        for power in 1..=self.drift_order {
-            for (what, name) in ["X", "Y", "radius"].into_iter().enumerate() {
+        for (what, name) in DRIFTING.into_iter().enumerate() {
+            for power in 1..=self.drift_order {
                 names[self.drift(what, power)] = format!("drift of {name}, power {power}");
+            }
+            for gap in 0..self.gaps.len() {
+                names[self.step(what, gap)] = format!("step of {name}, interruption {}", gap + 1);
             }
         }
         names
@@ -104,11 +116,13 @@ impl Layout {
             a[(row, self.ey(seen.height, seen.c))] = sin;
             a[(row, self.er(seen.height, seen.phi))] = -1.0;
             a[(row, self.w(seen.height, theta))] = 1.0;
-            for power in 1..=self.drift_order {
-                let t = seen.time.powi(power as i32);
-                a[(row, self.drift(0, power))] = t * cos;
-                a[(row, self.drift(1, power))] = t * sin;
-                a[(row, self.drift(2, power))] = t;
+            for (what, along) in [cos, sin, 1.0].into_iter().enumerate() {
+                for power in 1..=self.drift_order {
+                    a[(row, self.drift(what, power))] = seen.time.powi(power as i32) * along;
+                }
+                for (gap, at) in self.gaps.iter().enumerate() {
+                    a[(row, self.step(what, gap))] = stepped(seen.time, *at) * along;
+                }
             }
         }
         a
@@ -161,4 +175,10 @@ impl Layout {
             origin.to_owned(),
         ]
     }
+}
+
+/// A step at `at`, nothing at time zero: values hold at the middle of the cycle, as with drift.
+fn stepped(time: f64, at: f64) -> f64 {
+    let after = |t: f64| if t > at { 1.0 } else { 0.0 };
+    after(time) - after(0.0)
 }

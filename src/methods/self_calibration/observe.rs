@@ -6,8 +6,9 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use super::design::Design;
+use super::gaps;
 use super::model::Observation;
-use super::plan::LOCATE_LABEL;
+use super::plan::{LOCATE_LABEL, touches_top};
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
@@ -22,6 +23,10 @@ pub struct Observed {
     pub half_duration_s: f64,
     /// Whether the readings carry times; otherwise their order and the planned machine time serve.
     pub timed: bool,
+    /// Interruptions, as `Observation::time`.
+    pub gaps: Vec<f64>,
+    /// Readings between interruptions that nothing connects with the rest.
+    pub left_out: usize,
 }
 
 /// How far the table may stand from where the plan puts it, rad (0.1°): more is a skipped index.
@@ -48,6 +53,9 @@ pub fn observe(
         let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
             return Err(IdentifyError::Missing { step: step.id, label: step.label.clone() });
         };
+        if touches_top(step) {
+            continue;
+        }
         for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
             observations.push(reduce(plan, design, heights, &chain, step, reading)?);
             order.push((reading.repeat as usize * plan.steps.len() + i) as f64);
@@ -56,16 +64,17 @@ pub fn observe(
     if observations.is_empty() {
         return Err(IdentifyError::Numerical("no reading is left: all are flagged".to_owned()));
     }
-    let mut half_duration_s = scale_times(&mut observations);
+    let (mut gaps, left_out) = gaps::close(&mut observations, &plan.gaps_s)?;
+    let mut half_duration_s = scale_times(&mut observations, &mut gaps);
     let timed = half_duration_s > 0.0;
     if !timed {
         for (seen, place) in observations.iter_mut().zip(order) {
             seen.time = place;
         }
-        scale_times(&mut observations);
+        scale_times(&mut observations, &mut []);
         half_duration_s = planned_duration_s(plan) / 2.0;
     }
-    Ok(Observed { observations, half_duration_s, timed })
+    Ok(Observed { observations, half_duration_s, timed, gaps, left_out })
 }
 
 /// Machine time of the plan, s; 5 s a touch where it cannot be planned.
@@ -160,13 +169,13 @@ fn nearest(heights: &[f64], z: f64) -> usize {
 }
 
 /// Times to −1 … 1 about the middle of the cycle; returns half its duration, s.
-fn scale_times(observations: &mut [Observation]) -> f64 {
+fn scale_times(observations: &mut [Observation], gaps: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|seen| seen.time);
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);
     let half = if last > first { (last - first) / 2.0 } else { 0.0 };
-    for seen in observations.iter_mut() {
-        seen.time = if half > 0.0 { (seen.time - first - half) / half } else { 0.0 };
+    for time in observations.iter_mut().map(|seen| &mut seen.time).chain(gaps) {
+        *time = if half > 0.0 { (*time - first - half) / half } else { 0.0 };
     }
     half
 }

@@ -24,7 +24,8 @@ pub struct PaperForm {
 impl PaperForm {
     pub fn new(design: &Design) -> Self {
         let touches: Vec<Touch> = design.cycle(false);
-        let layout = Layout { design: design.clone(), heights: 1, drift_order: 0 };
+        let layout =
+            Layout { design: design.clone(), heights: 1, drift_order: 0, gaps: Vec::new() };
         let observations: Vec<Observation> = touches.iter().map(|t| place(*t)).collect();
         let full = layout.matrix(&observations);
         let without_r = layout.unknowns() - 1;

@@ -13,12 +13,19 @@ use crate::record::plan::{Plan, Step, StepKind};
 /// Prefix of the labels of the locating touches; they serve no identification.
 pub const LOCATE_LABEL: &str = "locate/";
 
+/// Whether the step touches the top face, which tells nothing of C.
+pub fn touches_top(step: &Step) -> bool {
+    step.normal[2] > 0.5
+}
+
 /// What is known of the part: centre in the table frame at C = 0, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     pub centre: [f64; 2],
     /// Part radius + ball radius.
     pub reach: f64,
+    /// Height of the ball centre on the top face, table frame.
+    pub top: f64,
 }
 
 /// Writes steps for one plan.
@@ -65,37 +72,47 @@ impl<'a> Planner<'a> {
 
     /// The part as the plan states it.
     pub fn nominal_part(&self) -> Part {
-        let Artefact::Cylinder { centre_mm, radius_mm, .. } = self.plan.artefact;
+        let Artefact::Cylinder { centre_mm, radius_mm, height_mm, .. } = self.plan.artefact;
+        let ball = self.plan.probe.ball_radius_mm;
         Part {
             centre: [centre_mm[0], centre_mm[1]],
-            reach: radius_mm + self.plan.probe.ball_radius_mm,
+            reach: radius_mm + ball,
+            top: centre_mm[2] + height_mm + ball,
         }
     }
 
-    /// Four search touches, wide enough for the stated uncertainty of the part's place.
+    /// Four search touches round the part and one on its top, wide enough for the stated uncertainty
+    /// of its place.
     pub fn locating_steps(&self) -> Result<Vec<Step>, Refused> {
         let Artefact::Cylinder { uncertainty_mm, .. } = self.plan.artefact;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
+        let spec = |id, place: String| StepSpec {
+            id,
+            stage: 0,
+            kind: StepKind::Touch,
+            label: format!("{LOCATE_LABEL}{place}"),
+            out: margin,
+            inward: margin + uncertainty_mm,
+            c: 0,
+            feed_mm_min: self.plan.probe.search_feed_mm_min,
+        };
         let z = self.heights()[0];
-        (0..4u32)
-            .map(|quarter| {
-                let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
-                let ray = Ray { start: part.centre, angle };
-                self.step(&StepSpec {
-                    id: quarter,
-                    stage: 0,
-                    kind: StepKind::Touch,
-                    label: format!("{LOCATE_LABEL}P{:03}", 90 * quarter),
-                    ray,
-                    out: part.reach + margin,
-                    inward: margin + uncertainty_mm,
-                    z,
-                    c: 0,
-                    feed_mm_min: self.plan.probe.search_feed_mm_min,
-                })
-            })
-            .collect()
+        let round = (0..4u32).map(|quarter| {
+            let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
+            let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
+            let centre = DVec3::new(part.centre[0], part.centre[1], z);
+            let place = format!("P{:03}", 90 * quarter);
+            self.step(&spec(quarter, place), centre + part.reach * normal, normal)
+        });
+        let top = || self.step(&spec(4, "Z".to_owned()), self.on_top(part), DVec3::Z);
+        round.chain(self.settings.touches_top().then(top)).collect()
+    }
+
+    /// Ball centre on the top face.
+    fn on_top(&self, part: Part) -> DVec3 {
+        let [x, y] = self.settings.z_reference_at_mm;
+        DVec3::new(part.centre[0] + x, part.centre[1] + y, part.top)
     }
 
     /// The whole cycle at every height, around the part where it really stands.
@@ -104,15 +121,30 @@ impl<'a> Planner<'a> {
         let stage = self.plan.steps.last().map_or(0, |step| step.stage + 1);
         let heights = self.heights();
         let touches = self.design.cycle(self.settings.references);
-        heights
-            .iter()
-            .flat_map(|z| touches.iter().map(move |touch| (*z, *touch)))
-            .enumerate()
-            .map(|(i, (z, touch))| {
-                let label = self.label(touch, (heights.len() > 1).then_some(z));
-                self.cycle_step((first + i) as u32, stage, label, z, touch, part)
-            })
-            .collect()
+        let mut steps = Vec::new();
+        for z in &heights {
+            let suffix = if heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
+            for (i, touch) in touches.iter().enumerate() {
+                let id = (first + steps.len()) as u32;
+                let label = format!("{}{suffix}", self.label(*touch));
+                steps.push(self.cycle_step(
+                    self.cycle_spec(id, stage, label, *touch),
+                    *z,
+                    *touch,
+                    part,
+                )?);
+                let next = touches.get(i + 1).map(|next| next.test);
+                if touch.test.is_reference()
+                    && next != Some(touch.test)
+                    && self.settings.z_reference
+                {
+                    let label = format!("{}/Z{suffix}", touch.test.name());
+                    let spec = self.cycle_spec(id + 1, stage, label, *touch);
+                    steps.push(self.step(&spec, self.on_top(part), DVec3::Z)?);
+                }
+            }
+        }
+        Ok(steps)
     }
 
     /// Heights of the touches in the machine frame, mm.
@@ -124,53 +156,52 @@ impl<'a> Planner<'a> {
         self.settings.heights_mm.iter().map(|height| centre_mm[2] + height).collect()
     }
 
-    fn label(&self, touch: Touch, z: Option<f64>) -> String {
+    fn label(&self, touch: Touch) -> String {
         let degrees = |index| self.design.angle(index).to_degrees().round();
         let place = if touch.c == 0 && !matches!(touch.test, super::design::Test::One(_)) {
             format!("P{:03}", degrees(touch.phi))
         } else {
             format!("C{:03}", degrees(touch.c))
         };
-        let height = z.map_or(String::new(), |z| format!("/Z{z:.0}"));
-        format!("{}/{place}{height}", touch.test.name())
+        format!("{}/{place}", touch.test.name())
     }
 
+    fn cycle_spec(&self, id: u32, stage: u32, label: String, touch: Touch) -> StepSpec {
+        let kind = if touch.test.is_reference() { StepKind::Reference } else { StepKind::Touch };
+        StepSpec {
+            id,
+            stage,
+            kind,
+            label,
+            out: self.settings.standoff_mm,
+            inward: self.settings.standoff_mm + self.settings.search_mm,
+            c: touch.c,
+            feed_mm_min: self.plan.probe.feed_mm_min,
+        }
+    }
+
+    /// A touch of the flank along its ray through the machine's origin.
     fn cycle_step(
         &self,
-        id: u32,
-        stage: u32,
-        label: String,
+        spec: StepSpec,
         z: f64,
         touch: Touch,
         part: Part,
     ) -> Result<Step, Refused> {
         let angle = self.design.angle(touch.phi);
-        let out =
+        let radius =
             expected_radius(part, self.design.angle(touch.c), angle).ok_or_else(|| Refused {
-                why: format!("at {label} the ray from the axis misses the part"),
+                why: format!("at {} the ray from the axis misses the part", spec.label),
                 instead: "bring the part nearer to the axis, or correct [artefact] centre_mm"
                     .to_owned(),
             })?;
-        let kind = match touch.test {
-            super::design::Test::Reference(_) => StepKind::Reference,
-            _ => StepKind::Touch,
-        };
-        self.step(&StepSpec {
-            id,
-            stage,
-            kind,
-            label,
-            ray: Ray { start: [0.0, 0.0], angle },
-            out: out + self.settings.standoff_mm,
-            inward: self.settings.standoff_mm + self.settings.search_mm,
-            z,
-            c: touch.c,
-            feed_mm_min: self.plan.probe.feed_mm_min,
-        })
+        let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
+        self.step(&spec, radius * normal + DVec3::new(0.0, 0.0, z), normal)
     }
 
-    fn step(&self, spec: &StepSpec) -> Result<Step, Refused> {
-        let (sin, cos) = spec.ray.angle.sin_cos();
+    /// A touch against `normal`, contact expected with the ball centre at `contact`; machine frame,
+    /// as the table frame stands with C at zero.
+    fn step(&self, spec: &StepSpec, contact: DVec3, normal: DVec3) -> Result<Step, Refused> {
         let mut rotary = Position::new().with(Axis::C, self.command(spec.c)?);
         let still = |axis: &&Axis| !axis.is_linear() && !matches!(axis, Axis::C | Axis::S);
         for axis in self.plan.machine.axes.keys().filter(still) {
@@ -178,11 +209,10 @@ impl<'a> Planner<'a> {
         }
         // A fixed spindle is not commanded: it keeps the orientation it has.
         if self.settings.spindle == Spindle::Follow {
-            rotary.set(Axis::S, spec.ray.angle);
+            rotary.set(Axis::S, normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU));
         }
-        let place = |distance: f64| {
-            let [x, y] = spec.ray.start;
-            let target = Point::<Table>::new(x + distance * cos, y + distance * sin, spec.z);
+        let place = |out: f64| {
+            let target = Point::<Table>::from_vec(contact + out * normal);
             // The table frame turns with C; the ray does not: solve with C at zero.
             let still = rotary.updated_by(&Position::new().with(Axis::C, 0.0));
             let linear = self.chain.linear_axes_for(target, self.tip, &still, &[]);
@@ -203,7 +233,7 @@ impl<'a> Planner<'a> {
             to: to.updated_by(&rotary).as_written(),
             feed_mm_min: spec.feed_mm_min,
             sensor: "probe".to_owned(),
-            normal: [cos, sin, 0.0],
+            normal: normal.to_array(),
         })
     }
 
@@ -231,23 +261,16 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// A radial line in the plane of measurement.
-struct Ray {
-    start: [f64; 2],
-    angle: f64,
-}
-
 struct StepSpec {
     id: u32,
     stage: u32,
     kind: StepKind,
     label: String,
-    ray: Ray,
-    /// Where the touch starts, from the ray's start.
+    /// Where the touch starts, outside of the expected contact.
     out: f64,
-    /// How far it goes inwards.
+    /// How far it goes.
     inward: f64,
-    z: f64,
+    /// Index of the table angle.
     c: usize,
     feed_mm_min: f64,
 }

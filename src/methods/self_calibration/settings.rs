@@ -33,6 +33,10 @@ pub struct Settings {
     pub locate: bool,
     /// Touch the part at 0°, 90° and 180° between the tests, to see drift.
     pub references: bool,
+    /// Touch the top face of the part with each round of references, to see whether Z stands.
+    pub z_reference: bool,
+    /// Where on the top face, from the part's axis in X and Y at C = 0, mm: beside a bore, say.
+    pub z_reference_at_mm: [f64; 2],
     /// Order of the drift polynomial in X, Y and radius; 0 fits none.
     pub drift_order: usize,
     /// Correct for the touches being off the radial line (METHODS section 1, second order).
@@ -56,6 +60,8 @@ impl Default for Settings {
             spindle: Spindle::Fixed,
             locate: true,
             references: true,
+            z_reference: true,
+            z_reference_at_mm: [0.0, 0.0],
             drift_order: 1,
             second_order: true,
             repeats: 1,
@@ -71,9 +77,14 @@ const LEAST_HEIGHT_STEP_MM: f64 = 1.0;
 const UPRIGHT: f64 = 0.99985;
 
 impl Settings {
+    /// Whether the top face of the part is touched at all.
+    pub fn touches_top(&self) -> bool {
+        self.references && self.z_reference
+    }
+
     /// What would fail on the way, refused before the first move.
     pub fn check(&self, artefact: &Artefact, ball_radius_mm: f64) -> Result<(), Refused> {
-        let Artefact::Cylinder { height_mm, uncertainty_mm, axis, .. } = artefact;
+        let Artefact::Cylinder { height_mm, uncertainty_mm, axis, radius_mm, .. } = artefact;
         let must = |holds: bool, why: String, instead: &str| {
             if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
         };
@@ -97,6 +108,12 @@ impl Settings {
             outside.is_none(),
             format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
             "choose heights_mm above the ball's radius and up to the part's height_mm",
+        )?;
+        let [x, y] = self.z_reference_at_mm;
+        must(
+            !self.touches_top() || x.hypot(y) + uncertainty_mm < *radius_mm,
+            format!("the Z reference at [{x}, {y}] mm may miss the top face"),
+            "choose z_reference_at_mm well inside the part's radius, or z_reference = false",
         )?;
         let close = |(i, a): (usize, &f64)| {
             self.heights_mm[..i].iter().any(|b| (a - b).abs() < LEAST_HEIGHT_STEP_MM)

@@ -183,7 +183,7 @@ fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
             time: 0.0,
         })
         .collect();
-    let layout = Layout { design, heights: 1, drift_order: 0 };
+    let layout = Layout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
     let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
     let sigma = vec![1e-3; radii.len()];
     let fit = Fit::new(layout, observations, &sigma, second_order).unwrap();
@@ -285,7 +285,7 @@ fn regress_drift_needs_references_only_where_it_says_so() {
             Observation { height: 0, c: t.c, phi: t.phi, radius, lateral: 0.0, time }
         })
         .collect();
-    let layout = Layout { design, heights: 1, drift_order: 1 };
+    let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
     let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
     let fit = Fit::new(layout, observations, &vec![1e-3; radii.len()], true).unwrap();
     let x = fit.solve(&radii).x;
@@ -298,7 +298,7 @@ fn regress_drift_needs_references_only_where_it_says_so() {
 fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
         let design = Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
-        let layout = Layout { design, heights: 1, drift_order: 1 };
+        let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
         let touches = layout.design.cycle(true);
         let last = touches.len() as f64;
         let seen: Vec<Observation> = touches

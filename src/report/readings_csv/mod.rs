@@ -10,6 +10,8 @@ use crate::base::Axis;
 use crate::record::reading::Reading;
 
 mod error;
+#[cfg(test)]
+mod fuzz;
 mod read;
 #[cfg(test)]
 mod tests;

@@ -29,6 +29,7 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
     check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
     check.positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
     check.positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)?;
+    check.short(&["probe", "settle_s"], probe.settle_s)?;
     check.not_negative(&["probe", "stem_radius_mm"], probe.stem_radius_mm)?;
     check.not_negative(&["probe", "stem_length_mm"], probe.stem_length_mm)?;
     check.not_negative(&["probe", "body_radius_mm"], probe.body_radius_mm)?;
@@ -115,6 +116,12 @@ impl Check<'_> {
         self.that(value >= 0.0, key, &format!("is {value}; it must not be negative"))
     }
 
+    /// A wait: none, or not so long that a control seems dead.
+    fn short(&self, key: &[&str], seconds: f64) -> Checked {
+        let why = format!("is {seconds}; it must be from 0 to 10 s");
+        self.that((0.0..=10.0).contains(&seconds), key, &why)
+    }
+
     fn axis(&self, axis: Axis, spec: &AxisSpec) -> Checked {
         let name = axis.to_string();
         let key = |key: &'static str| ["axes", name.as_str(), key];
@@ -124,6 +131,11 @@ impl Check<'_> {
         self.positive(&key("acceleration_per_s2"), spec.acceleration_per_s2)?;
         self.not_negative(&key("resolution_um"), spec.resolution_um)?;
         self.not_negative(&key("error_motion_um"), spec.error_motion_um)?;
+        if let Some(clamp) = &spec.clamp {
+            let turns = !axis.is_linear() && axis != Axis::S;
+            self.that(turns, &key("clamp"), "belongs to A, B or C: remove it here")?;
+            self.short(&["axes", &name, "clamp", "wait_s"], clamp.wait_s)?;
+        }
         let why = format!("is {}; it must be at least 1 mm", spec.error_wavelength_mm);
         self.that(spec.error_wavelength_mm >= 1.0, &key("error_wavelength_mm"), &why)
     }

@@ -19,6 +19,8 @@ mod check;
 mod controller;
 mod document;
 mod error;
+#[cfg(test)]
+mod fuzz;
 mod hint;
 #[cfg(test)]
 mod tests;
@@ -106,6 +108,12 @@ impl MachineFile {
     /// `[simulated]` as its owner's type; `None` where the file has no such section.
     pub fn simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
         self.document.section(&["simulated"], T::deserialize)
+    }
+
+    /// `[[simulated.fault]]`; empty where the file is silent.
+    pub fn simulated_faults<'t, T: Deserialize<'t>>(&'t self) -> Result<Vec<T>, MachineFileError> {
+        let faults = self.document.section(&["simulated", "fault"], Deserialize::deserialize)?;
+        Ok(faults.unwrap_or_default())
     }
 
     /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED, Pace};
 use crate::base::{Axis, Position};
-use crate::world::{Contact, Speed, World};
+use crate::world::{Contact, Probed, Speed, World};
 
 #[derive(Debug, Clone)]
 pub(super) enum Job {
@@ -13,6 +13,48 @@ pub(super) enum Job {
     Probe { to: Position, feed_mm_min: f64, strict: bool, n: u32 },
     Orient { s: f64 },
     Dwell { seconds: f64 },
+}
+
+/// The result of a probing move.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Last {
+    position: Position,
+    hit: bool,
+    t_s: Option<f64>,
+}
+
+/// What the probe's input shows instead of the truth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Sham {
+    #[default]
+    No,
+    Closed,
+    Open,
+    /// Something stands in the way of the next probing move.
+    Early,
+}
+
+impl Sham {
+    fn probe(self, world: &mut World, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
+        let way = |share: f64| {
+            let from = world.position();
+            to.iter()
+                .map(|(axis, end)| (axis, from.at(axis) + share * (end - from.at(axis))))
+                .collect()
+        };
+        let end: Position = match self {
+            Sham::No | Sham::Closed => return world.probe(to, feed_mm_min, n),
+            Sham::Open => to.clone(),
+            Sham::Early => way(0.4),
+        };
+        let moved = world.travel(&end, Speed::Feed { mm_min: feed_mm_min });
+        let contact = Contact { position: world.position(), t_s: world.time_s() };
+        Probed {
+            contact: (self == Sham::Early).then_some(contact),
+            crashed: moved.crashed,
+            duration_s: moved.duration_s,
+        }
+    }
 }
 
 /// A job under way.
@@ -65,14 +107,14 @@ impl Job {
         !matches!(self, Job::Travel { .. })
     }
 
-    fn run(&self, world: &mut World) -> Done {
+    fn run(&self, world: &mut World, sham: Sham) -> Done {
         match self {
             Job::Travel { to, feed_mm_min } => {
                 let speed = feed_mm_min.map_or(Speed::Rapid, |mm_min| Speed::Feed { mm_min });
                 Done::Moved { crashed: world.travel(to, speed).crashed }
             }
             Job::Probe { to, feed_mm_min, strict, n } => {
-                let probed = world.probe(to, *feed_mm_min, *n);
+                let probed = sham.probe(world, to, *feed_mm_min, *n);
                 Done::Probed { contact: probed.contact, crashed: probed.crashed, strict: *strict }
             }
             Job::Orient { s } => {
@@ -106,7 +148,7 @@ impl Job {
 impl Firmware {
     pub(super) fn start_next(&mut self) {
         let Some(job) = self.queue.pop_front() else { return };
-        if matches!(job, Job::Probe { .. }) && self.with_world(|world| world.tripped()) {
+        if matches!(job, Job::Probe { .. }) && self.tripped() {
             self.say(&format!("ALARM:{PROBE_CLOSED}"));
             self.stop_here();
             self.alarm = Some(Lock::Light);
@@ -125,13 +167,14 @@ impl Firmware {
         }
         let mut copy = self.with_world(|world| world.clone());
         let begun_s = copy.time_s();
-        job.run(&mut copy);
+        job.run(&mut copy, self.sham);
         (copy.position(), Duration::from_secs_f64((copy.time_s() - begun_s).max(0.0)))
     }
 
     pub(super) fn finish_active(&mut self) {
         let Some(active) = self.active.take() else { return };
-        let done = self.with_world(|world| active.job.run(world));
+        let sham = self.sham;
+        let done = self.with_world(|world| active.job.run(world, sham));
         let waited_for = active.job.is_waited_for();
         match done {
             Done::Waited => {}
@@ -155,11 +198,31 @@ impl Firmware {
             self.alarm = Some(Lock::Light);
         }
         let hit = contact.is_some();
+        self.touches += u64::from(hit);
+        if self.sham == Sham::Early {
+            self.sham = Sham::No;
+        }
         let t_s = contact.as_ref().map(|contact| contact.t_s);
         let position = contact.map_or_else(|| self.stand(), |contact| contact.position);
-        self.say(&format!("[PRB:{}:{}]", self.list(&position), u8::from(hit)));
-        if let Some(t_s) = t_s.filter(|_| self.options.stamps) {
+        self.last = Some(Last { position, hit, t_s });
+        self.say_last();
+    }
+
+    /// The last probing move; a control that has not probed yet says zeros.
+    pub(super) fn say_last(&mut self) {
+        let last = self.last.clone().unwrap_or_default();
+        self.say(&format!("[PRB:{}:{}]", self.list(&last.position), u8::from(last.hit)));
+        if let Some(t_s) = last.t_s.filter(|_| self.options.stamps) {
             self.say(&format!("[T:{t_s}]"));
+        }
+    }
+
+    /// What the probe's input reads.
+    pub(super) fn tripped(&self) -> bool {
+        match self.sham {
+            Sham::Closed => true,
+            Sham::Open => false,
+            Sham::No | Sham::Early => self.with_world(|world| world.tripped()),
         }
     }
 

@@ -4,6 +4,7 @@
 //! One extension, switched by [`Options::stamps`]: the status report carries `|T:<seconds>`, the
 //! simulated time, and a contact is followed by `[T:<seconds>]`, the time of its trigger.
 
+mod fault;
 mod job;
 mod modal;
 mod parse;
@@ -19,7 +20,9 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use job::{Active, Job};
+use fault::Answer;
+pub use fault::{Fault, FaultKind};
+use job::{Active, Job, Last, Sham};
 use modal::{Act, Modal};
 use parse::Code;
 
@@ -60,6 +63,8 @@ pub struct Options {
     /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
     pub native: bool,
     pub stamps: bool,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
 }
 
 impl Options {
@@ -69,7 +74,8 @@ impl Options {
         let limits: BTreeMap<Axis, (f64, f64)> = turning
             .map(|(axis, spec)| (*axis, (axis.from_edge(spec.min), axis.from_edge(spec.max))))
             .collect();
-        Self { axes: limits.keys().copied().collect(), limits, pace, native: true, stamps: true }
+        let axes = limits.keys().copied().collect();
+        Self { axes, limits, pace, native: true, stamps: true, faults: Vec::new() }
     }
 }
 
@@ -101,6 +107,15 @@ pub struct Firmware {
     latched: Option<Code>,
     booted: bool,
     reported: bool,
+    /// The last probing move, for `$#`.
+    last: Option<Last>,
+    /// Lines received and contacts made so far.
+    lines: u64,
+    touches: u64,
+    sham: Sham,
+    answer: Answer,
+    hung: bool,
+    door: bool,
     /// Host time zero, and the time since then at the last event.
     since: Instant,
     now: Duration,
@@ -123,6 +138,13 @@ impl Firmware {
             latched: None,
             booted: false,
             reported: false,
+            last: None,
+            lines: 0,
+            touches: 0,
+            sham: Sham::default(),
+            answer: Answer::default(),
+            hung: false,
+            door: false,
             since: Instant::now(),
             now: Duration::ZERO,
         };
@@ -147,7 +169,7 @@ impl Firmware {
             match byte {
                 b'?' => self.say_status(),
                 b'!' => self.hold(),
-                b'~' => self.held = false,
+                b'~' => (self.held, self.door) = (false, false),
                 0x18 => self.reset(),
                 0x80.. => {}
                 byte if self.rx.len() < RX_BUFFER => self.rx.push_back(*byte),
@@ -174,7 +196,7 @@ impl Firmware {
     }
 
     fn next_line(&mut self) -> Option<String> {
-        if self.waiting || self.queue.len() >= PLANNER {
+        if self.waiting || self.hung || self.queue.len() >= PLANNER {
             return None;
         }
         let end = self.rx.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
@@ -185,7 +207,7 @@ impl Firmware {
         Some(String::from_utf8_lossy(&bytes).trim().to_owned())
     }
 
-    fn line(&mut self, line: &str) {
+    fn obey(&mut self, line: &str) {
         if self.alarm == Some(Lock::Mute) {
             return;
         }
@@ -283,6 +305,8 @@ impl Firmware {
         self.stop_here();
         self.rx.clear();
         self.held = false;
+        self.door = false;
+        self.hung = false;
         self.latched = None;
         self.reported = false;
         self.alarm = moving.then_some(Lock::Light);

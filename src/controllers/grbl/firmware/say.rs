@@ -1,5 +1,6 @@
 //! What the simulated control says: its reports, answers and `$` commands.
 
+use super::fault::Answer;
 use super::parse::Code;
 use super::{Firmware, Lock, PLANNER, RX_BUFFER};
 use crate::base::Position;
@@ -8,12 +9,22 @@ const BUILD: &str = "1.1f.20260817";
 
 impl Firmware {
     pub(super) fn say(&mut self, line: &str) {
+        if self.hung {
+            return;
+        }
         self.out.extend_from_slice(line.as_bytes());
         self.out.extend_from_slice(b"\r\n");
     }
 
     pub(super) fn say_ok(&mut self) {
-        self.say("ok");
+        match std::mem::take(&mut self.answer) {
+            Answer::Once => self.say("ok"),
+            Answer::Twice => {
+                self.say("ok");
+                self.say("ok");
+            }
+            Answer::Never => {}
+        }
     }
 
     pub(super) fn say_error(&mut self, code: Code) {
@@ -40,6 +51,7 @@ impl Firmware {
     fn state(&self) -> &'static str {
         match () {
             () if self.alarm.is_some() => "Alarm",
+            () if self.door => "Door:1",
             () if self.held => "Hold:0",
             () if self.is_moving() => "Run",
             () => "Idle",
@@ -59,8 +71,8 @@ impl Firmware {
             self.list(&position),
             PLANNER.saturating_sub(planned)
         );
-        let (tripped, t_s) = self.with_world(|world| (world.tripped(), world.time_s()));
-        if tripped {
+        let t_s = self.with_world(|world| world.time_s());
+        if self.tripped() {
             report += "|Pn:P";
         }
         if !self.reported {
@@ -108,5 +120,6 @@ impl Firmware {
             self.say(&format!("[{name}:{}]", self.list(&offset)));
         }
         self.say("[TLO:0.000,0.000,0.000]");
+        self.say_last();
     }
 }

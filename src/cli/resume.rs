@@ -1,0 +1,136 @@
+//! `trued resume`: a person has looked at the machine; the run goes on.
+
+use std::io::{BufRead as _, IsTerminal as _};
+use std::path::Path;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+
+use super::args::ResumeArgs;
+use super::failure::Failure;
+use super::progress::Progress;
+use super::run::{Measured, check_report_folder, conclude, connect, identify, kept, state_folder};
+use super::signals::stop_on_signals;
+use super::{Exit, runs};
+use crate::methods::{self, Method};
+use crate::record::event::Event;
+use crate::run::{Interrupted, Run};
+use crate::setup::{MachineFile, Past, SetupError};
+use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
+
+pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    check_report_folder(&args.output)?;
+    let folder = state_folder(state)?;
+    let (journal, id) = (Journal::open(&folder)?, RunId(args.run));
+    let lock = MachineLock::acquire(&folder, &journal.load(id)?.summary.machine)?;
+    journal.mark_interrupted(&lock).wait()?;
+    let stored = journal.load(id)?;
+    check_state(&stored)?;
+    check_machine_file(args, &stored)?;
+    let machine = MachineFile::parse(&format!("machine file of run {id}"), stored.config.clone())
+        .map_err(SetupError::from)?;
+    let name = stored.plan.method.clone();
+    let method: Arc<dyn Method> =
+        methods::configure(&name, stored.plan.settings.clone()).map_err(Failure::plain)?.into();
+    let acknowledged = acknowledge(args, &stored)?;
+    journal.event(id, &acknowledged).wait()?;
+
+    let mut progress = Progress::start(args.output.json);
+    let mut tell = |event: &Event| progress.tell(event);
+    tell(&acknowledged);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(Failure::plain)?;
+    let estimate = runtime.block_on(async {
+        let elapsed_s = elapsed_s(&stored);
+        let past = Past { readings: &stored.readings, elapsed_s };
+        let devices = connect(&machine, args.output.speed, past).await?;
+        stop_on_signals(devices.controller.halt())?;
+        let StoredRun { plan, stages, readings, .. } = stored;
+        let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
+        let ended = run.resume(Interrupted { stages, readings, elapsed_s }).await;
+        let measured = Measured::of(run, ended)?;
+        let found = identify(&method, measured, Vec::new(), &devices.controller.halt()).await;
+        found.map_err(|failure| kept(failure, id, &name))
+    })?;
+    conclude(&journal, &machine, (id, estimate), &args.output)
+}
+
+fn check_state(stored: &StoredRun) -> Result<(), Failure> {
+    let (id, state) = (stored.summary.id, stored.summary.state);
+    if state.is_resumable() {
+        return Ok(());
+    }
+    let why = match state {
+        RunState::Finished => "has come to its end",
+        RunState::Failed => "was refused before anything moved",
+        RunState::Closed => "is closed",
+        _ => "is under way",
+    };
+    let way_on = runs::way_on(state, &stored.summary.method, id);
+    Err(Failure::new(
+        format!("run {id} {why}: there is nothing to resume"),
+        way_on.unwrap_or_else(|| "start a new run".to_owned()),
+    ))
+}
+
+/// Another machine file is another run.
+fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failure> {
+    let Some(file) = &args.machine else { return Ok(()) };
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+    if text == stored.config {
+        return Ok(());
+    }
+    let pairs = text.lines().zip(stored.config.lines()).enumerate();
+    let differs = pairs.into_iter().find(|(_, (now, then))| now != then);
+    let what = differs.map_or("one is longer".to_owned(), |(i, (now, then))| {
+        format!("line {} is `{now}` and was `{then}`", i + 1)
+    });
+    Err(Failure::new(
+        format!(
+            "{} is not the machine file that run {} began with: {what}",
+            file.display(),
+            stored.summary.id
+        ),
+        "another machine file is another run: resume without --machine, or start a new run",
+    ))
+}
+
+/// A person's word that the machine may move.
+fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> {
+    let ended = runs::how_it_ended(stored);
+    let who = match &args.acknowledge {
+        Some(name) => name.trim().to_owned(),
+        None if std::io::stdin().is_terminal() => {
+            eprintln!("{ended}");
+            eprintln!(
+                "look at the machine: is the way free? is the stylus whole? Z goes straight up \
+                 first, then the references are touched.\ntype your name to go on, nothing to \
+                 leave it as it is:"
+            );
+            let mut line = String::new();
+            std::io::stdin().lock().read_line(&mut line).map_err(Failure::plain)?;
+            line.trim().to_owned()
+        }
+        None => String::new(),
+    };
+    if who.is_empty() {
+        let remedy = format!(
+            "look at the machine (is the way free, the stylus whole?), then \
+             `trued resume {} --acknowledge YOUR_NAME`",
+            stored.summary.id
+        );
+        let exit = Exit::Usage;
+        let what = format!("{ended}\nnobody has acknowledged it; nothing has moved");
+        return Err(Failure { exit, ..Failure::new(what, remedy) });
+    }
+    let what = format!("{ended}; the way is free and the stylus whole");
+    Ok(Event::Acknowledged { who, what })
+}
+
+/// Wall time since the last reading, s.
+fn elapsed_s(stored: &StoredRun) -> f64 {
+    let since = stored.measured_until.or(stored.summary.ended);
+    since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64())
+}

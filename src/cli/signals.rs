@@ -1,0 +1,46 @@
+//! Ctrl-C and SIGTERM hold the machine; the run then ends by itself, everything kept.
+
+use std::io;
+use std::sync::mpsc::{Sender, channel};
+
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+use super::failure::Failure;
+use crate::controllers::Halt;
+
+/// From the return of this call on, and on a thread of its own: a stop does not wait until whatever
+/// the run computes is done.
+pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
+    let (ready, is_ready) = channel();
+    std::thread::Builder::new()
+        .name("signals".to_owned())
+        .spawn(move || listen(&halt, &ready))
+        .map_err(Failure::plain)?;
+    let listening = is_ready.recv().unwrap_or_else(|_| Err(io::ErrorKind::BrokenPipe.into()));
+    listening.map_err(|error| Failure::plain(format!("signals cannot be heard: {error}")))
+}
+
+fn listen(halt: &Halt, ready: &Sender<io::Result<()>>) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let ended = runtime.and_then(|runtime| runtime.block_on(hear(halt, ready)));
+    // Said already, or there was nothing to listen with.
+    let _ = ended.map_err(|error| ready.send(Err(error)));
+}
+
+async fn hear(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let _ = ready.send(Ok(()));
+    while either(&mut interrupt, &mut terminate).await.is_some() {
+        halt.now();
+    }
+    Ok(())
+}
+
+async fn either(one: &mut Signal, other: &mut Signal) -> Option<()> {
+    // `recv` is cancel safe: a signal not taken stays.
+    tokio::select! {
+        heard = one.recv() => heard,
+        heard = other.recv() => heard,
+    }
+}

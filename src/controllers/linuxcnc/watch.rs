@@ -1,0 +1,103 @@
+//! Runs a program and watches it: that it moves, and that LinuxCNC's task is alive.
+//!
+//! linuxcncrsh answers `get` from a copy of the task's state. When the task is frozen or dead the
+//! copy grows old and the answers go on. Only what the task must acknowledge proves that it lives: a
+//! `set` waits for it. So when nothing has changed for [`QUIET`], a setting is set to what it is.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::files::Files;
+use super::result::Log;
+use super::rsh::Rsh;
+use crate::controllers::ControllerError;
+
+/// LinuxCNC's task runs every 5 ms in its own samples.
+const POLL: Duration = Duration::from_millis(4);
+/// Idle for so long without the log's end: the program was stopped.
+const STOPPED: Duration = Duration::from_millis(60);
+/// After so long without a change it is asked for a sign of life, and again each time.
+const QUIET: Duration = Duration::from_secs(1);
+/// Alive, running, and neither moving nor logging for so long: something holds it.
+const STALL: Duration = Duration::from_secs(10);
+
+/// Run the program that is open and wait until it stands still; `rests` is how long it may do
+/// nothing, and more.
+pub(super) async fn run(
+    rsh: &mut Rsh,
+    files: &Files,
+    step: u32,
+    rests: Duration,
+) -> Result<Log, ControllerError> {
+    rsh.command("run").await?;
+    let mut idle_since = None;
+    let mut still = Still::now();
+    loop {
+        let status = rsh.get("program_status").await?;
+        let log = files.log(step)?;
+        match status.as_str() {
+            "IDLE" => {
+                let since = *idle_since.get_or_insert_with(Instant::now);
+                if log.ended || since.elapsed() > STOPPED {
+                    return Ok(log);
+                }
+            }
+            "PAUSED" => return Err(held("pause was pressed")),
+            _ => {
+                idle_since = None;
+                still.judge(rsh, log.lines, rests).await?;
+            }
+        }
+        sleep(POLL).await;
+    }
+}
+
+/// How long nothing has changed.
+struct Still {
+    since: Instant,
+    last: (String, usize),
+    /// When it was last asked for a sign of life.
+    asked: Instant,
+}
+
+impl Still {
+    fn now() -> Self {
+        Self { since: Instant::now(), last: (String::new(), 0), asked: Instant::now() }
+    }
+
+    async fn judge(
+        &mut self,
+        rsh: &mut Rsh,
+        lines: usize,
+        rests: Duration,
+    ) -> Result<(), ControllerError> {
+        let now = (rsh.get("abs_act_pos").await?, lines);
+        if now != self.last {
+            *self = Self { last: now, ..Self::now() };
+        }
+        if self.asked.elapsed() < QUIET {
+            return Ok(());
+        }
+        sign_of_life(rsh).await?;
+        if rsh.get("feed_override").await? == "0" {
+            return Err(held("the feed override stands at 0 %"));
+        }
+        if self.since.elapsed() > STALL + rests {
+            return Err(held("it runs and nothing moves: a feed hold, or an interlock"));
+        }
+        self.asked = Instant::now();
+        Ok(())
+    }
+}
+
+/// Set a harmless setting to what it is. The task must acknowledge that; it is done at once, also
+/// while a program runs. (`set mode auto` is not harmless: it aborts.)
+async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
+    let stop = rsh.get("optional_stop").await?;
+    rsh.command(&format!("optional_stop {stop}")).await
+}
+
+fn held(how: &str) -> ControllerError {
+    ControllerError::Paused { how: how.to_owned() }
+}

@@ -1,0 +1,76 @@
+//! Interruptions of the cycle: time stands still in them, and the drift model may step there.
+//!
+//! A line through hours in which nobody measured would say more than anybody knows. So the drift goes
+//! on after an interruption as it went before, from wherever the references find the machine.
+
+use super::model::Observation;
+use crate::methods::IdentifyError;
+
+/// Directions that must be touched between two interruptions, so that its step in X, Y and radius is
+/// known: any three different ones will do.
+const DIRECTIONS: usize = 3;
+
+/// Take the interruptions out of the times (s), and the observations that no step can connect with
+/// the rest. Returns when the interruptions were, on the times that are left, and how many
+/// observations were left out.
+///
+/// # Errors
+/// Readings without times: nobody knows which were taken before an interruption.
+pub fn close(
+    observations: &mut Vec<Observation>,
+    gaps_s: &[f64],
+) -> Result<(Vec<f64>, usize), IdentifyError> {
+    if gaps_s.is_empty() {
+        return Ok((Vec::new(), 0));
+    }
+    if observations.iter().all(|seen| seen.time == observations[0].time) {
+        return Err(IdentifyError::Numerical(
+            "the measurement was interrupted, but its readings carry no times (t_s)".to_owned(),
+        ));
+    }
+    let count = observations.len();
+    let segment = |time: f64| gaps_s.iter().filter(|gap| time > **gap).count();
+    let mut segments: Vec<Vec<Observation>> = vec![Vec::new(); gaps_s.len() + 1];
+    for seen in observations.iter() {
+        segments[segment(seen.time)].push(*seen);
+    }
+    segments.retain(|seen| directions(seen) >= DIRECTIONS);
+    let gaps = join(&mut segments);
+    *observations = segments.concat();
+    let left_out = count - observations.len();
+    if observations.is_empty() {
+        return Err(IdentifyError::Numerical(
+            "too little was measured between the interruptions".to_owned(),
+        ));
+    }
+    Ok((gaps, left_out))
+}
+
+fn directions(seen: &[Observation]) -> usize {
+    let mut angles: Vec<usize> = seen.iter().map(|seen| seen.phi).collect();
+    angles.sort_unstable();
+    angles.dedup();
+    angles.len()
+}
+
+/// Let each segment begin one touch after the end of the one before; the times in between.
+fn join(segments: &mut [Vec<Observation>]) -> Vec<f64> {
+    let span = |seen: &[Observation]| {
+        let times = || seen.iter().map(|seen| seen.time);
+        (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let measured: f64 = segments.iter().map(|s| span(s)).map(|(first, last)| last - first).sum();
+    let pauses: usize = segments.iter().map(|s| s.len() - 1).sum();
+    let pause = measured / pauses.max(1) as f64;
+    let mut gaps = Vec::new();
+    let mut end = None;
+    for segment in segments {
+        let (first, last) = span(segment);
+        if let Some(end) = end {
+            gaps.push(end + pause / 2.0);
+            segment.iter_mut().for_each(|seen| seen.time += end + pause - first);
+        }
+        end = Some(end.map_or(last, |end| end + pause + last - first));
+    }
+    gaps
+}

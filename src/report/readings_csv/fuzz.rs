@@ -1,0 +1,51 @@
+//! Any file as readings.
+
+use super::{read, write};
+use crate::base::Axis;
+use crate::base::fuzz::fuzz;
+use crate::record::reading::Reading;
+
+const FILE: &[u8] = b"# trued-readings 1
+# run 3: self-calibration on bench
+step,repeat,x_mm,y_mm,z_mm,b_deg,c_deg,s_deg,value_mm,sensor,t_s,flag,temp_table left_c
+0,0,-47.99,0.0012,50,0,45,,,probe,12.25,,21.5
+1,0,0.001,47.99,50,0,90,,,probe,14.5,excluded,
+2,1,1e-3,-47.99,50,0,-90,180,0.125,\"laser, \"\"red\"\"\",15,range,21.75
+";
+
+#[test]
+fn the_readings_reader_bears_anything() {
+    let words = [
+        "# trued-readings 1\n",
+        "step",
+        ",x_mm,y_mm,z_mm",
+        ",value_mm",
+        ",t_s",
+        ",flag",
+        ",sensor",
+        ",temp_a_c",
+        "\n",
+        "0,",
+        "1.5,",
+        "\"",
+        "excluded",
+        "#",
+    ];
+    fuzz("readings-csv", &[FILE], &words, |input| match read(input) {
+        Err(error) => error.to_string().len(),
+        Ok(readings) => {
+            let mut again = Vec::new();
+            write(&readings, &[], &mut again).unwrap();
+            let read_again = read(&again).unwrap();
+            assert_eq!(read_again.len(), readings.len());
+            for (one, two) in readings.iter().zip(&read_again) {
+                // Degrees are written rounded: that far the same, all else to the last bit.
+                let near = |axis| (one.position.at(axis) - two.position.at(axis)).abs();
+                let far = |(axis, at): &(Axis, f64)| near(*axis) > 1e-11 + 1e-15 * at.abs();
+                assert!(!one.position.iter().any(|at| far(&at)), "{one:?} {two:?}");
+                assert_eq!(&Reading { position: one.position.clone(), ..two.clone() }, one);
+            }
+            size_of_val(readings.as_slice())
+        }
+    });
+}

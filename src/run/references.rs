@@ -1,0 +1,128 @@
+//! The references of a plan: places that are touched again and again to see whether the machine
+//! stands as it stood.
+
+use crate::base::{Axis, Position};
+use crate::decision::references::{Pair, Scatter, Shift};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage, Step, StepKind};
+use crate::record::reading::{Flag, Reading};
+
+/// Positions nearer than this are the same place, mm or rad.
+const SAME: f64 = 1e-9;
+
+/// One place, and what was read there before the stop.
+struct Place<'a> {
+    /// The newest step that touched it.
+    step: &'a Step,
+    /// In the order of measurement.
+    readings: Vec<&'a Reading>,
+}
+
+/// The places that can be compared.
+pub(super) struct References<'a> {
+    plan: &'a Plan,
+    places: Vec<Place<'a>>,
+}
+
+impl<'a> References<'a> {
+    /// What was measured again after an earlier stop counts only if the run went on after it:
+    /// otherwise nobody has found it to agree.
+    pub fn of(plan: &'a Plan, readings: &'a [Reading]) -> Self {
+        let ordinary = |reading: &Reading| reading.repeat < REPEAT_AFTER_STOP;
+        let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
+        let mut places: Vec<Place<'a>> = Vec::new();
+        for reading in readings.iter().take(agreed).filter(|r| r.flag == Flag::None) {
+            let is_read =
+                |step: &&Step| step.id == reading.step && step.kind == StepKind::Reference;
+            let Some(step) = plan.steps.iter().find(is_read) else { continue };
+            match places.iter_mut().find(|place| same_place(place.step, step)) {
+                Some(place) => {
+                    place.step = step;
+                    place.readings.push(reading);
+                }
+                None => places.push(Place { step, readings: vec![reading] }),
+            }
+        }
+        Self { plan, places }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// All places once more, after the given stages.
+    pub fn stage(&self, stages: &[Stage]) -> Stage {
+        let stops = stages.iter().filter(|stage| stage.repeat >= REPEAT_AFTER_STOP).count();
+        let last = stages.last();
+        Stage {
+            id: last.map_or(0, |stage| stage.id),
+            name: "references after a stop".to_owned(),
+            repeat: REPEAT_AFTER_STOP + stops as u32,
+            steps: self.places.iter().map(|place| place.step.id).collect(),
+            found: last.and_then(|stage| stage.found.clone()),
+        }
+    }
+
+    /// Each place, read again in `stage`, against its last reading before; and what the limits
+    /// follow from.
+    pub fn compare(&self, stage: &Stage, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
+        let series: Vec<Vec<f64>> = self.places.iter().map(Place::series).collect();
+        let declared = self.plan.probe.repeatability_um.map(|um| um * 1e-3);
+        let scatter = Scatter::of(declared, &series);
+        let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
+        let shifts = self
+            .places
+            .iter()
+            .filter_map(|place| {
+                let is_new = |r: &&Reading| r.step == place.step.id && r.repeat == stage.repeat;
+                let (before, after) = (place.readings.last()?, readings.iter().find(is_new)?);
+                let pair = Pair {
+                    label: place.step.label.clone(),
+                    position_mm: [before, after].map(|r| outward(place.step, &r.position)),
+                    t_s: [before.t_s, after.t_s],
+                    resolution_mm: self.resolution(place.step),
+                };
+                Some(Shift::of(&pair, scatter, drift_mm_per_s))
+            })
+            .collect();
+        (shifts, scatter)
+    }
+
+    /// One step of the displayed axes along the touch, mm.
+    fn resolution(&self, step: &Step) -> f64 {
+        let width = |axis| self.plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
+        let parts = direction(step).map(|(axis, part)| (part * width(axis) * 1e-3).powi(2));
+        parts.iter().sum::<f64>().sqrt()
+    }
+}
+
+impl Place<'_> {
+    /// What the ordinary passes read here.
+    fn series(&self) -> Vec<f64> {
+        let ordinary = self.readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP);
+        ordinary.map(|reading| outward(self.step, &reading.position)).collect()
+    }
+}
+
+/// Unit vector of the touch.
+fn direction(step: &Step) -> [(Axis, f64); 3] {
+    let way = Axis::LINEAR.map(|axis| step.to.at(axis) - step.from.at(axis));
+    let length = way.iter().map(|part| part * part).sum::<f64>().sqrt();
+    let [x, y, z] = way.map(|part| if length > 0.0 { part / length } else { 0.0 });
+    let [ax, ay, az] = Axis::LINEAR;
+    [(ax, x), (ay, y), (az, z)]
+}
+
+/// Position against the direction of the touch, mm.
+fn outward(step: &Step, position: &Position) -> f64 {
+    -direction(step).map(|(axis, part)| part * position.at(axis)).iter().sum::<f64>()
+}
+
+fn same_place(one: &Step, other: &Step) -> bool {
+    let same = |a: &Position, b: &Position| {
+        Axis::ALL.into_iter().all(|axis| match (a.get(axis), b.get(axis)) {
+            (Some(a), Some(b)) => (a - b).abs() <= SAME,
+            (a, b) => a.is_none() && b.is_none(),
+        })
+    };
+    same(&one.from, &other.from) && same(&one.to, &other.to)
+}

@@ -1,0 +1,97 @@
+//! A run that goes on after a stop: a person has acknowledged, the references are measured again
+//! and compared, and the next touch is the first one that has no reading yet.
+
+use super::references::References;
+use super::timeline::Timeline;
+use super::{Run, RunError};
+use crate::base::Position;
+use crate::decision::references::Shift;
+use crate::record::event::Event;
+use crate::record::plan::{REPEAT_AFTER_STOP, Stage};
+use crate::record::reading::Reading;
+use crate::store::RunState;
+
+/// What is known of a run that did not come to its end.
+#[derive(Debug, Clone)]
+pub struct Interrupted {
+    /// In the order in which they were started.
+    pub stages: Vec<Stage>,
+    pub readings: Vec<Reading>,
+    /// Wall time since the last reading, s.
+    pub elapsed_s: f64,
+}
+
+impl Run<'_> {
+    /// Go on where the run was interrupted; `self.plan` holds the steps so far. The caller has the
+    /// acknowledgement of a person in the journal.
+    ///
+    /// # Errors
+    /// As [`Run::execute`]; [`RunError::Moved`] and [`RunError::NoReferences`] close the run.
+    pub async fn resume(&mut self, before: Interrupted) -> Result<(), RunError> {
+        self.resumed = true;
+        let ended = self.go_on(before).await;
+        self.end(ended).await
+    }
+
+    async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
+        let Interrupted { stages, readings, elapsed_s } = before;
+        self.readings = readings;
+        let comparable = !References::of(&self.plan, &self.readings).is_empty();
+        let last_s = self.readings.last().map(|reading| reading.t_s);
+        let Some(gap_s) = last_s.filter(|_| comparable) else { return Err(RunError::NoReferences) };
+        let stands = self.prepare().await?;
+        self.journal.set_state(self.id, RunState::Running).await?;
+        // Known before the first touch: whatever is read from here on was read after the gap.
+        self.note(Event::Resumed { gap_s }).await?;
+        if self.plan.gaps_s.last() != Some(&gap_s) {
+            self.plan.gaps_s.push(gap_s);
+        }
+        self.timeline = Timeline::after(gap_s, elapsed_s);
+        let stands = self.measure_references(&stages, stands).await?;
+        let (done, stands) = self.finish_stage(stages, stands).await?;
+        self.stages(done, stands, &[]).await
+    }
+
+    /// The references once more; nothing else moves unless all of them agree.
+    async fn measure_references(
+        &mut self,
+        stages: &[Stage],
+        stands: Position,
+    ) -> Result<Option<Position>, RunError> {
+        let count = self.readings.len();
+        let stage = References::of(&self.plan, &self.readings).stage(stages);
+        self.journal.stage(self.id, &stage, &[]).await?;
+        self.note(Event::StageStarted { stage: stage.clone() }).await?;
+        let stands = self.run_stage(stages, &stage, Some(stands), 0.0).await?;
+        let (before, after) = self.readings.split_at(count);
+        let (mut shifts, scatter) = References::of(&self.plan, before).compare(&stage, after);
+        if shifts.iter().all(Shift::agrees) {
+            let found: Vec<String> = shifts.iter().map(Shift::to_string).collect();
+            let text = format!("the references agree: {}", found.join(", "));
+            self.note(Event::Announced { text }).await?;
+            return Ok(stands);
+        }
+        shifts.retain(|shift| !shift.agrees());
+        Err(RunError::Moved { shifts, scatter })
+    }
+
+    /// What the interrupted stage still lacks. Returns the method's stages so far, all done.
+    async fn finish_stage(
+        &mut self,
+        mut stages: Vec<Stage>,
+        stands: Option<Position>,
+    ) -> Result<(Vec<Stage>, Option<Position>), RunError> {
+        stages.retain(|stage| stage.repeat < REPEAT_AFTER_STOP);
+        let Some(mut rest) = stages.last().cloned() else { return Ok((stages, stands)) };
+        let repeat = rest.repeat;
+        let is_read =
+            |step: &u32| self.readings.iter().any(|r| (r.step, r.repeat) == (*step, repeat));
+        rest.steps.retain(|step| !is_read(step));
+        if rest.steps.is_empty() {
+            return Ok((stages, stands));
+        }
+        self.note(Event::StageStarted { stage: rest.clone() }).await?;
+        let stands = self.run_stage(&stages, &rest, stands, 0.0).await?;
+        Ok((stages, stands))
+    }
+}

@@ -1,0 +1,263 @@
+//! What a disk may hold after a cut of the power, from the log that the shim has kept: everything
+//! that was synced, and of the rest any part, in any order, torn at the borders of sectors. A name
+//! is synced with its folder, never with its file.
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use rand::RngExt;
+use rand::seq::SliceRandom;
+
+const SECTOR: usize = 512;
+
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A file that was there was opened, or a new one made, and has this number from now on.
+    Open {
+        id: u32,
+        path: PathBuf,
+        new: bool,
+    },
+    Folder {
+        path: PathBuf,
+    },
+    Unlink {
+        path: PathBuf,
+    },
+    Rename {
+        from: PathBuf,
+        to: PathBuf,
+    },
+    Write {
+        id: u32,
+        at: usize,
+        data: Vec<u8>,
+    },
+    Resize {
+        id: u32,
+        length: usize,
+    },
+    Sync {
+        id: u32,
+    },
+    SyncFolder {
+        path: PathBuf,
+    },
+    /// Bytes that leave the program on a socket.
+    Send {
+        data: Vec<u8>,
+    },
+    /// Bytes on standard output.
+    Print,
+}
+
+/// The shim's log.
+pub fn events(log: &Path) -> Vec<Event> {
+    let bytes = std::fs::read(log).unwrap();
+    let mut rest = bytes.as_slice();
+    let mut events = Vec::new();
+    while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
+        let head = std::str::from_utf8(&rest[..end]).unwrap();
+        rest = &rest[end + 1..];
+        let (kind, words) = head.split_once(' ').unwrap();
+        let number = |i: usize| words.split(' ').nth(i).unwrap().parse::<usize>().unwrap();
+        let id = || number(0) as u32;
+        let path = PathBuf::from(words);
+        let mut data = |length: usize| {
+            let mut data = vec![0; length];
+            rest.read_exact(&mut data).unwrap();
+            data
+        };
+        events.push(match kind {
+            "E" | "C" => {
+                let path = words.split_once(' ').unwrap().1.into();
+                Event::Open { id: id(), path, new: kind == "C" }
+            }
+            "M" => Event::Folder { path },
+            "U" => Event::Unlink { path },
+            "R" => {
+                let (from, to) = words.split_once('\t').unwrap();
+                Event::Rename { from: from.into(), to: to.into() }
+            }
+            "W" => Event::Write { id: id(), at: number(1), data: data(number(2)) },
+            "T" => Event::Resize { id: id(), length: number(1) },
+            "S" => Event::Sync { id: id() },
+            "D" => Event::SyncFolder { path },
+            "N" => Event::Send { data: data(number(0)) },
+            "P" => Event::Print,
+            other => panic!("{other}"),
+        });
+    }
+    events
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Node {
+    Folder,
+    File(u32),
+}
+
+/// A name that is there from now on, or no more.
+type Change = (PathBuf, Option<Node>);
+
+/// What of a write fits into one sector, or a new length.
+#[derive(Debug, Clone)]
+enum Piece {
+    Data { at: usize, data: Vec<u8> },
+    Length(usize),
+}
+
+#[derive(Debug, Default)]
+struct File {
+    synced: Vec<u8>,
+    pending: Vec<Piece>,
+}
+
+/// The disk below `root`.
+pub struct Disk {
+    root: PathBuf,
+    files: BTreeMap<u32, File>,
+    synced: BTreeMap<PathBuf, Node>,
+    pending: Vec<Change>,
+    /// Contents of the files that were there at the start.
+    base: BTreeMap<PathBuf, Vec<u8>>,
+}
+
+impl Disk {
+    /// As `folder` stands, all of it synced; `root` is what the log calls it.
+    pub fn of(folder: &Path, root: &Path) -> Self {
+        let mut disk = Self {
+            root: root.to_owned(),
+            files: BTreeMap::new(),
+            synced: BTreeMap::from([(root.to_owned(), Node::Folder)]),
+            pending: Vec::new(),
+            base: BTreeMap::new(),
+        };
+        disk.look(folder, root);
+        disk
+    }
+
+    fn look(&mut self, folder: &Path, called: &Path) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let entry = entry.unwrap();
+            let (path, called) = (entry.path(), called.join(entry.file_name()));
+            if path.is_dir() {
+                self.synced.insert(called.clone(), Node::Folder);
+                self.look(&path, &called);
+            } else {
+                self.base.insert(called, std::fs::read(&path).unwrap());
+            }
+        }
+    }
+
+    pub fn take(&mut self, event: &Event) {
+        match event {
+            Event::Open { id, path, new: false } => {
+                let synced = self.base.remove(path).unwrap_or_default();
+                self.files.insert(*id, File { synced, pending: Vec::new() });
+                self.synced.insert(path.clone(), Node::File(*id));
+            }
+            Event::Open { id, path, new: true } => {
+                self.files.insert(*id, File::default());
+                self.pending.push((path.clone(), Some(Node::File(*id))));
+            }
+            Event::Folder { path } => self.pending.push((path.clone(), Some(Node::Folder))),
+            Event::Unlink { path } => {
+                self.base.remove(path);
+                self.pending.push((path.clone(), None));
+            }
+            Event::Rename { from, to } => {
+                let names = self.pending.iter().rev().find(|(path, _)| path == from);
+                let node = names.map_or_else(|| self.synced.get(from).copied(), |(_, node)| *node);
+                self.pending.push((to.clone(), node));
+                self.pending.push((from.clone(), None));
+            }
+            Event::Write { id, at, data } => {
+                let pending = &mut self.files.get_mut(id).unwrap().pending;
+                let (mut at, mut rest) = (*at, data.as_slice());
+                while !rest.is_empty() {
+                    let fits = (SECTOR - at % SECTOR).min(rest.len());
+                    pending.push(Piece::Data { at, data: rest[..fits].to_vec() });
+                    (at, rest) = (at + fits, &rest[fits..]);
+                }
+            }
+            Event::Resize { id, length } => {
+                self.files.get_mut(id).unwrap().pending.push(Piece::Length(*length));
+            }
+            Event::Sync { id } => {
+                let File { synced, pending } = self.files.get_mut(id).unwrap();
+                pending.drain(..).for_each(|piece| apply(piece, synced));
+            }
+            Event::SyncFolder { path } => self.sync_folder(path),
+            Event::Send { .. } | Event::Print => {}
+        }
+    }
+
+    fn sync_folder(&mut self, folder: &Path) {
+        let (synced, pending): (Vec<Change>, _) =
+            self.pending.drain(..).partition(|(path, _)| path.parent() == Some(folder));
+        self.pending = pending;
+        synced.into_iter().for_each(|change| rename(change, &mut self.synced));
+    }
+
+    /// Write to `folder` what is left when the power goes now.
+    pub fn cut(&self, random: &mut impl RngExt, folder: &Path) {
+        let mut names = self.synced.clone();
+        // A journalling file system keeps the order of its names.
+        let done = random.random_range(0..=self.pending.len());
+        let chance = [0.0, 0.5, 1.0][random.random_range(0..3)];
+        self.pending[..done].iter().cloned().for_each(|change| rename(change, &mut names));
+        let place = |path: &Path| folder.join(path.strip_prefix(&self.root).unwrap());
+        // Parents come before their children.
+        for (path, node) in &names {
+            let place = place(path);
+            if path != &self.root && !place.parent().unwrap().is_dir() {
+                continue;
+            }
+            match node {
+                Node::Folder => std::fs::create_dir_all(place).unwrap(),
+                Node::File(id) => {
+                    std::fs::write(place, self.files[id].torn(chance, random)).unwrap();
+                }
+            }
+        }
+        for (path, content) in &self.base {
+            std::fs::write(place(path), content).unwrap();
+        }
+    }
+}
+
+impl File {
+    fn torn(&self, chance: f64, random: &mut impl RngExt) -> Vec<u8> {
+        let mut content = self.synced.clone();
+        let mut pieces = self.pending.clone();
+        if random.random_bool(0.5) {
+            pieces.shuffle(random);
+        }
+        for piece in pieces {
+            if random.random_bool(chance) {
+                apply(piece, &mut content);
+            }
+        }
+        content
+    }
+}
+
+fn rename((path, node): Change, names: &mut BTreeMap<PathBuf, Node>) {
+    match node {
+        Some(node) => drop(names.insert(path, node)),
+        None => drop(names.remove(&path)),
+    }
+}
+
+fn apply(piece: Piece, content: &mut Vec<u8>) {
+    match piece {
+        Piece::Length(length) => content.resize(length, 0),
+        Piece::Data { at, data } => {
+            let end = at + data.len();
+            content.resize(content.len().max(end), 0);
+            content[at..end].copy_from_slice(&data);
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The simulated control on a TCP port of this process. All that it is told and all that it says is
+//! recorded here, whatever becomes of the program at the other end.
+
+use std::net::SocketAddr;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::setup::{self, MachineFile};
+
+/// The built-in machine behind `address`, with few Monte Carlo trials.
+pub fn machine(address: &str) -> String {
+    let file = include_str!("../../config/simulated.toml");
+    let wire = "kind = \"simulated\"";
+    assert!(file.contains(wire) && file.contains("\nwire = \"memory\""));
+    let file = file.replace(wire, &format!("kind = \"grbl\"\ntcp = \"{address}\""));
+    let file = file.replace("\nwire = \"memory\"", "");
+    format!("{file}\n[method.self-calibration]\nmonte_carlo_trials = 100\n")
+}
+
+#[derive(Clone, Default)]
+pub struct Record {
+    told: Vec<u8>,
+    said: Vec<u8>,
+}
+
+impl Record {
+    pub fn bytes(&self) -> usize {
+        self.told.len() + self.said.len()
+    }
+
+    /// The largest N word of a line that moves: all steps before it were acknowledged.
+    pub fn begun(&self) -> usize {
+        begun(&self.told)
+    }
+
+    /// Axis positions, mm and degrees, of each touch that was made.
+    pub fn touches(&self) -> Vec<Vec<f64>> {
+        let said = String::from_utf8_lossy(&self.said);
+        let hit = |line: &str| {
+            let values = line.trim().strip_prefix("[PRB:")?.strip_suffix(":1]")?.to_owned();
+            Some(values.split(',').map(|value| value.parse().unwrap()).collect())
+        };
+        said.lines().filter_map(hit).collect()
+    }
+}
+
+/// The largest N word at the beginning of a line of `told`.
+pub fn begun(told: &[u8]) -> usize {
+    let told = String::from_utf8_lossy(told);
+    let number = |line: &str| {
+        line.trim_start_matches('?').strip_prefix('N')?.split(' ').next()?.parse().ok()
+    };
+    told.lines().filter_map(number).max().unwrap_or(0)
+}
+
+#[derive(Default)]
+struct Shared {
+    record: Mutex<Record>,
+    grown: Condvar,
+}
+
+impl Shared {
+    fn record(&self) -> MutexGuard<'_, Record> {
+        self.record.lock().unwrap()
+    }
+
+    fn add(&self, add: impl FnOnce(&mut Record)) {
+        add(&mut self.record());
+        self.grown.notify_all();
+    }
+}
+
+pub struct Witness {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    stop: tokio::sync::oneshot::Sender<()>,
+    server: JoinHandle<()>,
+}
+
+impl Witness {
+    pub fn start() -> Self {
+        let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
+        let (listening, address) = std::sync::mpsc::channel();
+        let keeper = shared.clone();
+        let server = std::thread::spawn(move || {
+            let runtime =
+                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async {
+                let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+                listening.send(listener.local_addr().unwrap()).unwrap();
+                tokio::select! {
+                    client = listener.accept() => serve(client.unwrap().0, &keeper).await,
+                    // A program that ended before it connected.
+                    _ = stopped => {}
+                }
+            });
+        });
+        Self { address: address.recv().unwrap(), shared, stop, server }
+    }
+
+    pub fn address(&self) -> String {
+        self.address.to_string()
+    }
+
+    /// Wait until `bytes` went over the wire, or until `give_up` says that no more will.
+    pub fn wait_for(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
+        let mut record = self.shared.record();
+        while record.bytes() < bytes {
+            let patience = Duration::from_millis(20);
+            record = self.shared.grown.wait_timeout(record, patience).unwrap().0;
+            if give_up() {
+                return;
+            }
+        }
+    }
+
+    /// Once the client is gone: everything.
+    pub fn end(self) -> Record {
+        let _ = self.stop.send(());
+        self.server.join().unwrap();
+        self.shared.record().clone()
+    }
+}
+
+async fn serve(client: TcpStream, shared: &Shared) {
+    let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
+    let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+    let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
+    client.set_nodelay(true).unwrap();
+    let (near, far) = tokio::io::duplex(4096);
+    let (from_client, to_client) = client.into_split();
+    let (from_control, to_control) = tokio::io::split(near);
+    let told = pass(from_client, to_control, |bytes| {
+        shared.add(|record| record.told.extend(bytes));
+    });
+    let said = pass(from_control, to_client, |bytes| {
+        shared.add(|record| record.said.extend(bytes));
+    });
+    let (served, (), ()) = tokio::join!(firmware.serve(far), told, said);
+    served.unwrap();
+}
+
+/// Pass on until the source ends; what nobody takes any more is still read.
+async fn pass(
+    mut from: impl AsyncRead + Unpin,
+    mut to: impl AsyncWrite + Unpin,
+    mut seen: impl FnMut(&[u8]),
+) {
+    let mut buffer = [0; 4096];
+    while let Ok(count @ 1..) = from.read(&mut buffer).await {
+        seen(&buffer[..count]);
+        let _ = to.write_all(&buffer[..count]).await;
+    }
+    let _ = to.shutdown().await;
+}

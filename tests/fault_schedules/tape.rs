@@ -1,0 +1,76 @@
+//! What passes a place on the wire, line by line.
+
+use std::sync::{Arc, Mutex};
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, ReadHalf, WriteHalf};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    ToControl,
+    FromControl,
+}
+
+#[derive(Debug, Clone)]
+pub struct Entry {
+    pub way: Way,
+    pub line: String,
+}
+
+/// A tape that others may still be writing.
+#[derive(Clone, Default)]
+pub struct Tape(Arc<Mutex<Vec<Entry>>>);
+
+impl Tape {
+    pub fn entries(&self) -> Vec<Entry> {
+        self.0.lock().unwrap().clone()
+    }
+
+    fn write(&self, way: Way, line: Vec<u8>) {
+        let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+        self.0.lock().unwrap().push(Entry { way, line });
+    }
+
+    /// Pass everything on between `near` and `far` until one of them ends.
+    pub async fn between(self, near: DuplexStream, far: DuplexStream) {
+        let (near_out, near_in) = tokio::io::split(near);
+        let (far_out, far_in) = tokio::io::split(far);
+        tokio::select! {
+            () = self.pass(Way::ToControl, near_out, far_in) => {}
+            () = self.pass(Way::FromControl, far_out, near_in) => {}
+        }
+    }
+
+    /// To the control, the realtime bytes act at once, wherever they stand: `!`, `~` and a reset are
+    /// noted as lines of their own, `?` is not.
+    async fn pass(
+        &self,
+        way: Way,
+        mut from: ReadHalf<DuplexStream>,
+        mut to: WriteHalf<DuplexStream>,
+    ) {
+        let mut line = Vec::new();
+        while let Ok(byte) = from.read_u8().await {
+            match byte {
+                b'\n' => self.write(way, std::mem::take(&mut line)),
+                b'!' | b'~' | 0x18 if way == Way::ToControl => self.write(way, vec![byte]),
+                b'?' | 0x80.. if way == Way::ToControl => {}
+                byte => line.push(byte),
+            }
+            if to.write_all(&[byte]).await.is_err() {
+                return;
+            }
+        }
+    }
+}
+
+/// A line that can move the machine.
+pub fn moves(line: &str) -> bool {
+    line.contains("G53") || line.contains("G38")
+}
+
+/// Its N word.
+pub fn step_of(line: &str) -> Option<u32> {
+    let digits = line.split('N').nth(1)?;
+    let end = digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len());
+    digits[..end].parse().ok()
+}

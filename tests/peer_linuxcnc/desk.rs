@@ -1,0 +1,116 @@
+//! A person's desk beside the rig: a machine file, an empty journal, and the program itself.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+
+use libtest_mimic::Failed;
+use tempfile::TempDir;
+use trued::record::estimate::Estimate;
+
+use super::rig::Rig;
+
+const MACHINE: &str = include_str!("../../config/linuxcnc-sim.toml");
+
+/// A person's desk: a machine file for this rig and an empty journal.
+pub struct Desk(TempDir);
+
+impl Desk {
+    /// `config/linuxcnc-sim.toml` as it is.
+    pub fn for_rig(rig: &Rig) -> Result<Self, Failed> {
+        Self::with(rig, &[])
+    }
+
+    /// A short cycle with quick touches: for what does not depend on the result.
+    pub fn in_a_hurry(rig: &Rig) -> Result<Self, Failed> {
+        let quick = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 1.5"),
+            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+            ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
+        ];
+        Self::with(rig, &quick)
+    }
+
+    /// A short cycle with touches that are worth something.
+    pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
+        let settings = format!("heights_mm = [90.0]\npositions = {positions}\nlocate = false");
+        let short = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+            ("heights_mm = [90.0]", &*settings),
+        ];
+        Self::with(rig, &short)
+    }
+
+    /// The file with some of its text replaced.
+    fn with(rig: &Rig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        let port = format!("127.0.0.1:{}", rig.port);
+        let directory = rig.directory.display().to_string();
+        let here = [("127.0.0.1:5007", &*port), ("/tmp/trued-linuxcnc", &*directory)];
+        let mut machine = MACHINE.to_owned();
+        for (from, to) in changes.iter().chain(&here) {
+            if !machine.contains(from) {
+                return Err(format!("`{from}` does not stand in the machine file").into());
+            }
+            machine = machine.replace(from, to);
+        }
+        let desk = Self(TempDir::new()?);
+        std::fs::write(desk.machine(), machine)?;
+        Ok(desk)
+    }
+
+    fn machine(&self) -> PathBuf {
+        self.0.path().join("machine.toml")
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.0.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// What a command prints that must succeed.
+    pub fn said(&self, arguments: &[&str]) -> Result<String, Failed> {
+        let output = self.command(arguments).output()?;
+        if !output.status.success() {
+            return Err(complaint(&output).into());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Whether the journal says so of the last run.
+    pub fn is(&self, state: &str) -> Result<(), Failed> {
+        let runs = self.said(&["runs", "--json"])?;
+        let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
+        if said == state { Ok(()) } else { Err(runs.into()) }
+    }
+
+    /// How many readings of the first run are exported.
+    pub fn kept(&self) -> Result<usize, Failed> {
+        self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
+        let readings = std::fs::read_to_string(self.0.path().join("run-1-readings.csv"))?;
+        Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
+    }
+
+    /// Somebody has looked at the machine and lets the first run go on.
+    pub fn resume(&self) -> Result<Child, Failed> {
+        Ok(self.command(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
+    }
+
+    pub fn start(&self) -> Result<Child, Failed> {
+        let machine = self.machine().display().to_string();
+        Ok(self.command(&["run", "self-calibration", "--json", "--machine", &machine]).spawn()?)
+    }
+}
+
+pub fn complaint(output: &Output) -> String {
+    format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr))
+}
+
+/// Value and expanded uncertainty, µm.
+pub fn result(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
+}

@@ -1,0 +1,238 @@
+//! What a person sees when something fails while `trued run` measures: the exit code, the words, the
+//! journal, the readings, and a machine that stands.
+
+use std::process::{Child, Command};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use libtest_mimic::Failed;
+
+use super::desk::{Desk, complaint};
+use super::rig::{Rig, rig};
+
+/// Touches before it happens.
+const BEFORE: u64 = 5;
+
+/// One thing that goes wrong, and what must be said of it.
+struct Fault {
+    /// Where it happens; looked at again and again.
+    when: fn(&Rig) -> Result<bool, Failed>,
+    happens: fn(&mut Rig) -> Result<(), Failed>,
+    error: &'static str,
+    remedy: &'static str,
+    /// Noticed within.
+    seconds: f64,
+}
+
+fn held_by(fault: &Fault) -> Result<(), Failed> {
+    let mut rig = rig()?;
+    held(&mut rig, fault).map(drop)
+}
+
+/// And once all is as it was, the run goes on.
+fn resumable_after(fault: &Fault) -> Result<(), Failed> {
+    let mut rig = rig()?;
+    let desk = held(&mut rig, fault)?;
+    rig.mend()?;
+    let (kept, before) = (desk.kept()?, rig.touches()?);
+    let mut run = desk.resume()?;
+    // The references and two more; of the last, nobody knows.
+    let counted = wait_for(&rig, before + 6, &mut run);
+    while counted.is_ok() && !TRAVELLING(&rig)? {}
+    let stopped = Command::new("kill").args(["-INT", &run.id().to_string()]).status()?;
+    let output = run.wait_with_output()?;
+    counted.map_err(|failed| {
+        format!("{}: {}", failed.message().unwrap_or_default(), complaint(&output))
+    })?;
+    if !stopped.success() || output.status.code() != Some(5) || desk.kept()? < kept + 5 {
+        return Err(complaint(&output).into());
+    }
+    desk.is("held")
+}
+
+/// Let a run touch a few times, let it happen, and look at everything.
+fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
+    let desk = Desk::in_a_hurry(rig)?;
+    let before = rig.touches()?;
+    let mut run = desk.start()?;
+    wait_for(rig, before + BEFORE, &mut run)?;
+    while !(fault.when)(rig)? {}
+    let happened = Instant::now();
+    (fault.happens)(rig)?;
+    let output = run.wait_with_output()?;
+    let noticed = happened.elapsed().as_secs_f64();
+    let said = complaint(&output);
+    eprintln!("noticed after {noticed:.2} s; {said}");
+    if output.status.code() != Some(5) || !output.stdout.is_empty() {
+        return Err(said.into());
+    }
+    if !said.contains(fault.error) || !said.contains(fault.remedy) {
+        return Err(format!("{said}\nshould say: {} → {}", fault.error, fault.remedy).into());
+    }
+    if noticed > fault.seconds {
+        return Err(format!("noticed after {noticed} s").into());
+    }
+    stands_still(rig)?;
+    desk.is("held")?;
+    let (kept, touched) = (desk.kept()? as u64, rig.touches()? - before);
+    eprintln!("{kept} of {touched} touches kept");
+    // The last touch may have come after the end, or without its back-off.
+    if kept < BEFORE - 1 || kept > touched || touched > kept + 1 {
+        return Err(format!("{kept} of {touched} touches kept").into());
+    }
+    Ok(desk)
+}
+
+/// On the way out of contact or in.
+const TOUCHING: fn(&Rig) -> Result<bool, Failed> = |_| Ok(true);
+/// Between touches, over the part.
+pub const TRAVELLING: fn(&Rig) -> Result<bool, Failed> = |rig| Ok(rig.joint(2)? > 101.0);
+
+pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> {
+    let started = Instant::now();
+    while rig.touches()? < touches {
+        if run.try_wait()?.is_some() || started.elapsed() > Duration::from_secs(60) {
+            run.kill()?;
+            return Err("the run ended, or touches nothing".into());
+        }
+        sleep(Duration::from_millis(5));
+    }
+    Ok(())
+}
+
+fn stands_still(rig: &Rig) -> Result<(), Failed> {
+    let stands = rig.stands()?;
+    sleep(Duration::from_secs(1));
+    if rig.stands()? == stands { Ok(()) } else { Err("it moves on".into()) }
+}
+
+pub fn emergency_stop() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.emergency_stop(),
+        error: "the emergency stop was pressed",
+        remedy: "release the stop, switch it on",
+        seconds: 1.0,
+    })
+}
+
+pub fn machine_off() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TOUCHING,
+        happens: |rig| rig.press("machine.off"),
+        error: "the machine has switched off",
+        remedy: "switch it on",
+        seconds: 2.0,
+    })
+}
+
+pub fn killed_task() -> Result<(), Failed> {
+    resumable_after(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.task("-KILL"),
+        error: "the control has stopped working: it takes no command, and what it shows is old",
+        remedy: "press its emergency stop, start the control anew",
+        seconds: 6.0,
+    })
+}
+
+pub fn frozen_task() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.task("-STOP"),
+        error: "the control has stopped working: it takes no command, and what it shows is old",
+        remedy: "press its emergency stop",
+        seconds: 6.0,
+    })
+}
+
+pub fn killed_linuxcncrsh() -> Result<(), Failed> {
+    resumable_after(&Fault {
+        when: TOUCHING,
+        happens: |rig| rig.rsh("-KILL"),
+        error: "is lost",
+        remedy: "the state of the machine is unknown: look at it",
+        seconds: 2.0,
+    })
+}
+
+pub fn silent_linuxcncrsh() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.rsh("-STOP"),
+        error: "no answer to `get ",
+        remedy: "the state of the machine is unknown: look at it",
+        seconds: 6.0,
+    })
+}
+
+pub fn stuck_probe() -> Result<(), Failed> {
+    resumable_after(&Fault {
+        when: TOUCHING,
+        happens: |rig| rig.make_true("stuck", 1.0),
+        error: "the probe reads closed although the stylus should be free",
+        remedy: "check the probe's battery, cable and polarity",
+        seconds: 3.0,
+    })
+}
+
+pub fn missing_part() -> Result<(), Failed> {
+    resumable_after(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.remove_part(),
+        error: "no contact up to the end of the touch",
+        remedy: "is the part where the machine file says",
+        seconds: 6.0,
+    })
+}
+
+pub fn pause_at_the_machine() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.press("program.pause"),
+        error: "the machine is held at the control: pause was pressed",
+        remedy: "nothing goes on by itself",
+        seconds: 2.0,
+    })
+}
+
+pub fn no_feed() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.no_feed(),
+        // Between two programs, or on the way.
+        error: "the feed override stands at 0 %",
+        remedy: "",
+        seconds: 4.0,
+    })
+}
+
+pub fn feed_hold() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TOUCHING,
+        happens: |rig| rig.feed_hold(true),
+        error: "the machine is held at the control: it runs and nothing moves: a feed hold, or an interlock",
+        remedy: "release it at the control",
+        seconds: 13.0,
+    })
+}
+
+pub fn soft_limit() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.limit_x(40.0),
+        error: "the control refuses to leave its travel",
+        remedy: "make [axes] min and max as narrow as the control's limits",
+        seconds: 30.0,
+    })
+}
+
+pub fn foreign_contact() -> Result<(), Failed> {
+    held_by(&Fault {
+        when: TRAVELLING,
+        happens: |rig| rig.foreign_contact(),
+        error: "the probe touched something during a move that should be free",
+        remedy: "retract by hand, then check the part's position and the fixtures",
+        seconds: 3.0,
+    })
+}

@@ -1,0 +1,192 @@
+//! The states in which the driver must not measure, against a running LinuxCNC.
+
+use std::time::{Duration, Instant};
+
+use libtest_mimic::Failed;
+use tokio::time::sleep;
+use trued::base::{Axis, Position};
+use trued::controllers::{ControllerError, Driver as _, Prepared};
+use trued::record::motion::{Block, Motion};
+
+use super::machine::{expect, open, run, touch, xy, z};
+use super::rig::{Rig, rig};
+
+fn refused(prepared: Result<Prepared, ControllerError>, words: &str) -> Result<(), Failed> {
+    match prepared {
+        Err(ControllerError::NotReady { state, .. }) if state.contains(words) => Ok(()),
+        other => Err(format!("{other:?}").into()),
+    }
+}
+
+/// A slow way past the part, high above it.
+fn slow(step: u32) -> Block {
+    let motions = vec![
+        Motion::Rapid { to: z(150.0) },
+        Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 },
+    ];
+    Block { step, repeat: 0, motions }
+}
+
+pub fn it_says_where_it_stands() -> Result<(), Failed> {
+    let rig = rig()?;
+    rig.person()?.mdi("G53 G0 X10 Y-20 Z150 B5 C400")?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        let stands = driver.prepare().await?.stands;
+        let truth: Position = [
+            (Axis::X, 10.0),
+            (Axis::Y, -20.0),
+            (Axis::Z, 150.0),
+            (Axis::B, 5f64.to_radians()),
+            (Axis::C, 400f64.to_radians()),
+        ]
+        .into_iter()
+        .collect();
+        let off = truth.iter().map(|(axis, at)| (stands.at(axis) - at).abs()).fold(0.0, f64::max);
+        if off < 1e-6 && stands.iter().count() == 5 {
+            return Ok(());
+        }
+        Err(format!("{stands:?}").into())
+    })
+}
+
+/// M428 of the sample configurations, from outside: the switch that it turns.
+pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        driver.execute(&touch(1, 0.0, 0.6, 48.6, 46.0)).await?;
+        rig.tool_centre_point(true)?;
+        let compensated = open(&rig).await?.0.prepare().await;
+        rig.tool_centre_point(false)?;
+        refused(compensated, "the axes do not stand where their joints stand")?;
+        driver.prepare().await?;
+        Ok(())
+    })
+}
+
+pub fn another_speed_is_refused() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        rig.person()?.say("set feed_override 80")?;
+        refused(driver.prepare().await, "the feed override stands at 80 %")?;
+        rig.person()?.say("set feed_override 100")?;
+        driver.prepare().await?;
+        rig.person()?.say("set feed_override 120")?;
+        let hurried = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await;
+        let is_named = |error: &ControllerError| error.to_string().contains("at 120 %");
+        expect(hurried, is_named)?;
+        if rig.joint(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
+    })
+}
+
+pub fn another_program_is_not_run() -> Result<(), Failed> {
+    let rig = rig()?;
+    let other = rig.directory.join("other.ngc");
+    std::fs::write(&other, "%\nG53 G0 X77\n%\n")?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        rig.person()?.say(&format!("set open {}", other.display()))?;
+        let not_ours = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await;
+        expect(not_ours, |error| error.to_string().contains("another program is open"))?;
+        if rig.joint(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
+    })
+}
+
+/// Each is noticed, named, given up, and does not go on when what held it is taken away.
+pub fn what_holds_it_is_named() -> Result<(), Failed> {
+    let rig = rig()?;
+    type Hand = fn(&Rig) -> Result<(), Failed>;
+    let hands: [(Hand, Hand, &str); 3] = [
+        (|rig| rig.press("program.pause"), |rig| rig.press("program.resume"), "pause was pressed"),
+        (
+            |rig| rig.no_feed(),
+            |rig| rig.person()?.say("set feed_override 100").map(drop),
+            "the feed override stands at 0 %",
+        ),
+        (|rig| rig.feed_hold(true), |rig| rig.feed_hold(false), "nothing moves: a feed hold"),
+    ];
+    for (step, (holds, lets_go, words)) in (0..).zip(hands) {
+        run(async {
+            let (mut driver, _halt) = open(&rig).await?;
+            driver.prepare().await?;
+            let hand = async {
+                sleep(Duration::from_millis(900)).await;
+                holds(&rig)?;
+                Ok::<_, Failed>(Instant::now())
+            };
+            let block = slow(step);
+            let (held, since) = tokio::join!(driver.execute(&block), hand);
+            eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
+            let error = held.err().ok_or("it ended")?;
+            if !matches!(&error, ControllerError::Paused { how } if how.contains(words)) {
+                return Err(format!("{error:?}").into());
+            }
+            let stands = rig.stands()?;
+            lets_go(&rig)?;
+            sleep(Duration::from_millis(500)).await;
+            if rig.stands()? != stands {
+                return Err("it goes on".into());
+            }
+            let mut person = rig.person()?;
+            person.mdi("G53 G0 X0 Y0")
+        })?;
+    }
+    Ok(())
+}
+
+/// Stopped while it stands between two blocks; released; switched on. Each time the same driver is
+/// asked, and a new one.
+pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        rig.emergency_stop()?;
+        sleep(Duration::from_millis(200)).await;
+        let stopped = driver.execute(&slow(1)).await;
+        expect(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
+        let again = driver.execute(&slow(1)).await;
+        expect(again, |error| matches!(error, ControllerError::NotReady { .. }))?;
+        refused(driver.prepare().await, "the emergency stop is pressed")?;
+        rig.release()?;
+        refused(driver.prepare().await, "the emergency stop is pressed")?;
+        rig.person()?.say("set estop off")?;
+        refused(driver.prepare().await, "the machine is off")?;
+        refused(open(&rig).await?.0.prepare().await, "the machine is off")?;
+        rig.person()?.say("set machine on")?;
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        driver.execute(&slow(2)).await?;
+        Ok(())
+    })
+}
+
+/// The probe stays closed after the touch: the way up is not taken.
+pub fn nothing_moves_between_back_off_and_open_probe() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let mut block = touch(1, 0.0, 0.0, 48.6, 46.0);
+        block.motions.push(Motion::Rapid { to: z(150.0) });
+        let before = rig.touches()?;
+        let sticks = async {
+            while rig.touches()? == before {
+                sleep(Duration::from_millis(2)).await;
+            }
+            rig.make_true("stuck", 1.0)
+        };
+        let (stuck, done) = tokio::join!(driver.execute(&block), sticks);
+        done?;
+        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 1 }))?;
+        let at = rig.stands()?;
+        if (at[0] - 50.0).abs() < 1e-3 && (at[2] - 50.0).abs() < 1e-3 {
+            return Ok(());
+        }
+        Err(format!("it stands at {at:?}").into())
+    })
+}
