@@ -34,8 +34,8 @@ pub enum Reason {
     Unreadable(String),
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
-    #[error("the solid `{solid}` stands on {axis}, which the machine does not have")]
-    Carrier { solid: String, axis: Axis },
+    #[error("the solid `{solid}` stands on an axis that the machine does not have")]
+    Carrier { solid: String },
     #[error("the plan has no step {0}")]
     NoSuchStep(u32),
     #[error("a motion that belongs to no step (no N word)")]
@@ -79,9 +79,9 @@ pub enum Reason {
     #[error("a feed move (G1) that is not the way back from a touch")]
     FeedMove,
     #[error(
-        "{what} would come within {clearance:.3} mm of {other}{}", margin(*.need)
+        "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], margin(*.need)
     )]
-    Near { what: String, other: String, clearance: f64, need: f64 },
+    Near { between: [String; 2], clearance: f64, need: f64 },
 }
 
 fn after(expected: &Option<u32>) -> String {

@@ -54,8 +54,8 @@ fn refused(plan: &Plan, lines: &str) -> Option<Reason> {
 #[track_caller]
 fn assert_near(plan: &Plan, lines: &str, pair: [&str; 2], expected: f64) {
     match refused(plan, lines) {
-        Some(Reason::Near { what, other, clearance, .. }) => {
-            assert_eq!([what.as_str(), other.as_str()], pair);
+        Some(Reason::Near { between, clearance, .. }) => {
+            assert_eq!(between, pair);
             // The first place found that is too near, not the nearest.
             assert!(clearance <= expected + 0.01, "{clearance}, not {expected}");
         }

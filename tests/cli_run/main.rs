@@ -9,6 +9,7 @@ mod bench;
 mod faults;
 mod firmware;
 mod probe;
+mod proven;
 mod results;
 mod resume;
 mod stops;
