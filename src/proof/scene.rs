@@ -14,6 +14,8 @@ use crate::record::plan::Plan;
 /// Index of the artefact and of the stylus ball among the bodies.
 const ARTEFACT: usize = 0;
 const BALL: usize = 1;
+/// Rounding of the text and of the position that the control shows, mm.
+const LEAVING_MM: f64 = 0.01;
 
 pub struct Scene {
     bodies: Vec<Body>,
@@ -39,6 +41,9 @@ struct Pair {
 pub enum Care {
     /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
     Apart(f64),
+    /// As `Apart(0.0)`, save that what stands nearer at the start may do so all the way: the first,
+    /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
+    Leaving,
     /// A touch: what may not come near the artefact for its sake stays clear,
     Strangers,
     /// and so does what rides with the ball, of an artefact that may be off across the touch.
@@ -85,6 +90,23 @@ impl Scene {
         &self.bodies[BALL]
     }
 
+    /// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
+    /// if they meet where they are thought to be.
+    fn at_start(&self, pair: &Pair, way: &Way) -> f64 {
+        let start = Way { from: way.from, to: way.from };
+        let (one, other) = (&self.bodies[pair.one], &self.bodies[pair.other]);
+        let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
+        match sweep(&start, one, other, &demand) {
+            Ok(Some(apart)) => apart - self.grown(pair) - LEAVING_MM,
+            _ => 0.0,
+        }
+    }
+
+    /// How far the two may stand nearer to each other than they are thought to, mm.
+    fn grown(&self, pair: &Pair) -> f64 {
+        if pair.one == ARTEFACT || pair.other == ARTEFACT { self.uncertainty } else { 0.0 }
+    }
+
     /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
     /// artefact count on unguarded ways only: otherwise they are meant to come near.
     ///
@@ -96,13 +118,13 @@ impl Scene {
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
+                (Care::Leaving, _) => (self.at_start(pair, way).min(0.0), None),
                 (Care::Strangers, Meets::Never) => (0.0, None),
                 (Care::Riders(across), Meets::Beside) => (0.0, Some(*across)),
                 _ => continue,
             };
             let counts = pair.meets != Meets::Touch || need > 0.0;
-            let uncertain = pair.one == ARTEFACT || pair.other == ARTEFACT;
-            let grown = if uncertain && across.is_none() { self.uncertainty } else { 0.0 };
+            let grown = if across.is_none() { self.grown(pair) } else { 0.0 };
             let demand =
                 Demand { need, grown, across, nearest: if counts { nearest } else { need } };
             let (one, other) = (&self.bodies[pair.one], &self.bodies[pair.other]);

@@ -211,3 +211,19 @@ fn feeds_must_let_the_machine_stop_within_the_overtravel() {
     }
     assert_eq!(refused(&fast, "N0 G38.3 X120 F5360\n"), None);
 }
+
+/// Stopped 0.3 mm from a part that is known to 1 mm: straight up is allowed, guarded and as the
+/// first move; towards the part, unguarded, or from within it is not.
+#[test]
+fn a_machine_stopped_beside_the_part_may_rise() {
+    let plan = plan(|_| {});
+    let low = |x: f64| beside().updated_by(&[(Axis::X, x), (Axis::Z, 170.0)].into_iter().collect());
+    let refused = |x: f64, lines: &str| {
+        matches!(proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason, Reason::Near { .. })
+    };
+    assert!(!refused(48.3, "N0 G38.3 Z300 F1500\n"));
+    assert!(refused(48.3, "N0 G53 G0 Z300\n"));
+    assert!(refused(48.3, "N0 G38.3 X48.1 F1500\n"));
+    assert!(refused(48.3, "N0 G38.3 Z171 F1500\nN0 G38.3 Z300 F1500\n"));
+    assert!(refused(47.9, "N0 G38.3 Z300 F1500\n"));
+}

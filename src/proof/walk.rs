@@ -114,7 +114,7 @@ impl<'a> Walk<'a> {
             Kind::Feed => self.back(motion),
             _ if self.phase == Phase::Touched => Err(Reason::NotBack),
             Kind::Orient { s } => self.orient(s),
-            Kind::Rapid => self.go(&motion.target, MARGIN_MM),
+            Kind::Rapid => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             Kind::Probe { must_touch } => self.probe(motion, must_touch),
         }
     }
@@ -137,7 +137,7 @@ impl<'a> Walk<'a> {
         match self.phase {
             Phase::Approach => return Err(Reason::Unfinished("its touch")),
             Phase::Touched => return Err(Reason::Unfinished("its way back from contact")),
-            Phase::Back => self.go(&Position::new(), MARGIN_MM)?,
+            Phase::Back => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,
         }
         self.proof.steps.extend(self.nearest.take());
         Ok(())
@@ -176,7 +176,13 @@ impl<'a> Walk<'a> {
         let probe = &self.request.plan.probe;
         rules::feed_at_most("a guarded move", motion, probe.guarded_feed_mm_min)?;
         rules::braking(motion, &self.request.plan.machine, probe)?;
-        self.go(&motion.target, if turns { MARGIN_MM } else { 0.0 })
+        // A machine that was stopped low may rise from where it stands.
+        let care = match turns {
+            true => Care::Apart(MARGIN_MM),
+            false if self.proof.motions == 0 => Care::Leaving,
+            false => Care::Apart(0.0),
+        };
+        self.go(&motion.target, &care)
     }
 
     fn touch(&mut self, motion: &ReadMotion, step: &Step) -> Checked {
@@ -228,11 +234,11 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Straight to `target`, keeping `need` from everything.
-    fn go(&mut self, target: &Position, need: f64) -> Checked {
+    /// Straight to `target`.
+    fn go(&mut self, target: &Position, care: &Care) -> Checked {
         let ends = self.stands.updated_by(target);
         match (self.commands(&self.stands), self.commands(&ends)) {
-            (Ok(from), Ok(to)) => self.look(&Way { from, to }, &Care::Apart(need))?,
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, care)?,
             _ => self.blind.push(self.line),
         }
         self.stands = ends;
