@@ -1,5 +1,6 @@
 //! What can go wrong at a control, and what a person should do next.
 
+use crate::gcode::ProbeFault;
 use crate::link::LinkError;
 
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +45,8 @@ pub enum ControllerError {
     Doubtful { step: u32, first: String, again: String },
     #[error("held at the machine: the control says {state}")]
     HeldThere { state: String },
+    #[error("the probe {}", fault.says())]
+    Probe { fault: ProbeFault },
     #[error("held on request")]
     Halted,
     #[error("the program for step {step} cannot be written: {why}")]
@@ -106,6 +109,12 @@ impl ControllerError {
             Self::HeldThere { .. } => {
                 "nothing more is sent; what the control still holds moves when somebody resumes it \
                  there: reset the control instead, look at the machine, then go on"
+            }
+            Self::Probe { fault: ProbeFault::Battery } => {
+                "put in a fresh battery, then start again; the readings so far are kept"
+            }
+            Self::Probe { fault: ProbeFault::Error } => {
+                "look at the probe and its receiver: is it on, in sight and undamaged?"
             }
             Self::Halted => "nothing moves until a person starts a run again",
             Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {

@@ -38,6 +38,8 @@ pub trait Driver: Send + 'static {
         &mut self,
         block: &Block,
     ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
+    /// Whether the probe reads closed now. Nothing moves.
+    fn probe_closed(&mut self) -> impl Future<Output = Result<bool, ControllerError>> + Send;
     /// Restore the modal state found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
@@ -69,6 +71,7 @@ impl Halt {
 enum Request {
     Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
     Execute(Block, oneshot::Sender<Result<Outcome, ControllerError>>),
+    ProbeClosed(oneshot::Sender<Result<bool, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
@@ -98,6 +101,10 @@ impl Controller {
         self.ask(|answer| Request::Execute(block, answer)).await
     }
 
+    pub async fn probe_closed(&self) -> Result<bool, ControllerError> {
+        self.ask(Request::ProbeClosed).await
+    }
+
     pub async fn finish(&self) -> Result<(), ControllerError> {
         self.ask(Request::Finish).await
     }
@@ -119,6 +126,7 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
         match request {
             Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
             Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
+            Request::ProbeClosed(answer) => drop(answer.send(driver.probe_closed().await)),
             Request::Finish(answer) => drop(answer.send(driver.finish().await)),
         }
     }

@@ -5,6 +5,7 @@ use minijinja::Environment;
 use serde::Deserialize;
 
 use super::error::{DialectError, RenderError};
+use super::options::Options;
 use super::render;
 use crate::base::Axis;
 use crate::record::motion::Block;
@@ -28,6 +29,18 @@ pub(super) struct Spec {
     pub axes: Vec<Axis>,
     /// The slot in which the programs work: there, work coordinates are machine coordinates.
     pub work_offset: String,
+    #[serde(default)]
+    pub inputs: Inputs,
+}
+
+/// How a control names inputs that the machine file may refer to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Inputs {
+    #[default]
+    None,
+    Numbers,
+    Letters,
 }
 
 /// One way of writing programs: words, decimals and a template for each neutral motion. A motion
@@ -36,6 +49,7 @@ pub(super) struct Spec {
 pub struct Dialect {
     pub(super) spec: Spec,
     pub(super) templates: Environment<'static>,
+    pub(super) options: Options,
 }
 
 /// What head and foot need to know.
@@ -84,7 +98,7 @@ impl Dialect {
                 templates.add_template_owned(name.into_owned(), text(file.path()))?;
             }
         }
-        Ok(Self { spec, templates })
+        Ok(Self { spec, templates, options: Options::default() })
     }
 
     pub fn name(&self) -> &str {

@@ -10,6 +10,22 @@ pub enum DialectError {
     Unknown { name: String, known: Vec<String> },
     #[error("gcode-templates/{folder}: {why}")]
     Broken { folder: String, why: String },
+    #[error("{key} = \"{value}\" in the machine file: {why}")]
+    Option { key: String, value: String, why: String },
+}
+
+impl DialectError {
+    /// What to do next.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Unknown { .. } => "choose one of them in [controller] dialect",
+            Self::Broken { .. } => "correct that folder",
+            Self::Option { .. } => {
+                "give one M word of your control with its parameters, e.g. \"M64 P1\"; an input as \
+                 the control names it; or remove the key"
+            }
+        }
+    }
 }
 
 /// A block that has no text in this dialect.

@@ -8,6 +8,9 @@ mod dialect;
 mod error;
 #[cfg(test)]
 mod fuzz;
+mod options;
+#[cfg(test)]
+mod options_tests;
 mod proof;
 mod render;
 pub mod rs274;
@@ -16,3 +19,4 @@ mod tests;
 
 pub use dialect::{Dialect, Program};
 pub use error::{DialectError, Disagreement, RenderError};
+pub use options::ProbeFault;

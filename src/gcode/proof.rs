@@ -17,7 +17,7 @@ impl Dialect {
     /// # Errors
     /// The first line that is not understood.
     pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
-        rs274::read(text, Some(&self.spec.work_offset))
+        rs274::read_with(text, Some(&self.spec.work_offset), &self.options.declared)
     }
 
     /// How far a position may be from the one that was meant, mm or rad: half a unit of the last

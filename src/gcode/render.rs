@@ -55,6 +55,7 @@ pub(super) fn frame(
     let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
     let mut names = vec![("title", Value::from(title)), ("axes", letters)];
     names.extend(program.log.map(|log| ("log", Value::from(log))));
+    names.extend(dialect.options.names(None));
     lines(dialect, template, names)
 }
 
@@ -75,10 +76,11 @@ pub(super) fn block(dialect: &Dialect, block: &Block) -> Result<Vec<String>, Ren
 }
 
 /// The template for a motion and what it has to say: `to` (axis words), `feed` (mm/min), `s_deg`
-/// (0 to 360), `seconds`.
+/// (0 to 360), `seconds`; with `to` what the machine adds (`options`).
 fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Names), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
         let mut names = vec![("to", words(dialect, to)?)];
+        names.extend(dialect.options.names(Some(to)));
         names.extend(feed.map(|feed| ("feed", Value::from(feed))));
         Ok((template, names))
     };

@@ -80,6 +80,10 @@ fn regress_the_sequence_of_one_touch() {
         Motion::Guarded { to: z(safe), feed_mm_min: 1500.0 },
     ];
     assert_eq!(block.motions, expected);
+    // The first approach of a run is slow.
+    let first = touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap();
+    let slow = Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 };
+    assert!(first.motions.contains(&slow) && !first.motions.contains(&block.motions[5]));
     // A second touch of the same point needs neither rise nor turn.
     let stands = end_of(&block, &Position::new());
     assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));

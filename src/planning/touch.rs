@@ -9,9 +9,10 @@ use crate::record::plan::{Plan, Step, StepKind};
 const SAME: f64 = 1e-9;
 
 /// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
-/// start, guarded down to `from`, touch towards `to`, back off to `from`, guarded up again. It goes
-/// over the top between any two touches. A move to where an axis already stands is left out. Below
-/// the safe height all moves but the back-off are guarded.
+/// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to
+/// `from`, guarded up again. It goes over the top between any two touches. A move to where an axis
+/// already stands is left out. Below the safe height all moves but the back-off are guarded, and the
+/// first approach of all is as slow as a search.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
 /// came; so that it is never longer than the probe's overtravel, the touch must not be either.
@@ -29,7 +30,7 @@ pub fn touch_block(
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
     check_guarded_feed(plan)?;
-    let (near_feed, back_feed) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
+    let (near_feed, back_feed) = (near_feed(plan, step, repeat), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let height = |z: f64| Position::new().with(Axis::Z, z);
     let safe_z = clearance.safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
@@ -47,6 +48,9 @@ pub fn touch_block(
     path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     path.rapid(&height(safe_z));
     path.feed(&height(from.at(Axis::Z)), near);
+    if plan.probe.settle_s > 0.0 {
+        path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
+    }
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.feed(&height(safe_z), near);
@@ -54,6 +58,14 @@ pub fn touch_block(
     let block = Block { step: step.id, repeat, motions: path.motions };
     limits::check(&block, &plan.machine)?;
     Ok(block)
+}
+
+/// The first approach of a run is to a part that is only roughly known, with a probe that has not
+/// yet shown that it lives.
+fn near_feed(plan: &Plan, step: &Step, repeat: u32) -> f64 {
+    let is_first = repeat == 0 && plan.steps.first().is_some_and(|first| first.id == step.id);
+    let (guarded, search) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
+    if is_first { guarded.min(search) } else { guarded }
 }
 
 fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {

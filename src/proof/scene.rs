@@ -3,7 +3,9 @@
 use glam::DVec3;
 
 use super::body::{Body, Shape};
+use super::gap::Across;
 use super::refusal::Reason;
+use super::sweep::{Demand, Way, sweep};
 use crate::base::Axis;
 use crate::kinematics::{Carried, Chain, Side};
 use crate::record::machine::{Artefact, Carrier};
@@ -14,24 +16,38 @@ const ARTEFACT: usize = 0;
 const BALL: usize = 1;
 
 pub struct Scene {
-    pub bodies: Vec<Body>,
-    pub pairs: Vec<Pair>,
+    bodies: Vec<Body>,
+    pairs: Vec<Pair>,
     /// How far the artefact may be from where it is thought to be.
     pub uncertainty: f64,
     pub not_declared: Vec<String>,
 }
 
+/// Clearance, mm, and the two bodies.
+type Found = (f64, [String; 2]);
+
 /// Two bodies that could meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pair {
-    pub one: usize,
-    pub other: usize,
-    pub meets: Meets,
+struct Pair {
+    one: usize,
+    other: usize,
+    meets: Meets,
+}
+
+/// What must hold on a way.
+#[derive(Debug, Clone, Copy)]
+pub enum Care {
+    /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
+    Apart(f64),
+    /// A touch: what may not come near the artefact for its sake stays clear,
+    Strangers,
+    /// and so does what rides with the ball, of an artefact that may be off across the touch.
+    Riders(Across),
 }
 
 /// What a pair is to a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Meets {
+enum Meets {
     /// The ball and the artefact: they are meant to.
     Touch,
     /// What rides with the ball, and the artefact.
@@ -69,9 +85,41 @@ impl Scene {
         &self.bodies[BALL]
     }
 
-    /// How far the bodies of a pair may stand nearer to each other than they are thought to.
-    pub fn grown(&self, pair: &Pair) -> f64 {
-        if pair.one == ARTEFACT || pair.other == ARTEFACT { self.uncertainty } else { 0.0 }
+    /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
+    /// artefact count on unguarded ways only: otherwise they are meant to come near.
+    ///
+    /// # Errors
+    /// The first pair that comes too near, or cannot be shown not to.
+    pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
+        let mut found = None;
+        let mut nearest = most;
+        for pair in &self.pairs {
+            let (need, across) = match (care, pair.meets) {
+                (Care::Apart(need), _) => (*need, None),
+                (Care::Strangers, Meets::Never) => (0.0, None),
+                (Care::Riders(across), Meets::Beside) => (0.0, Some(*across)),
+                _ => continue,
+            };
+            let counts = pair.meets != Meets::Touch || need > 0.0;
+            let uncertain = pair.one == ARTEFACT || pair.other == ARTEFACT;
+            let grown = if uncertain && across.is_none() { self.uncertainty } else { 0.0 };
+            let demand =
+                Demand { need, grown, across, nearest: if counts { nearest } else { need } };
+            let (one, other) = (&self.bodies[pair.one], &self.bodies[pair.other]);
+            let between = || [one.name.clone(), other.name.clone()];
+            match sweep(way, one, other, &demand) {
+                Ok(Some(clearance)) if counts => {
+                    nearest = clearance;
+                    found = Some((clearance, between()));
+                }
+                Ok(_) => {}
+                Err(clearance) => {
+                    let clearance = clearance.max(0.0);
+                    return Err(Reason::Near { between: between(), clearance, need });
+                }
+            }
+        }
+        Ok(found)
     }
 }
 
@@ -82,12 +130,10 @@ struct Builder {
 
 impl Builder {
     fn add(&mut self, name: &str, carrier: Carrier, shape: Shape) -> Result<(), Reason> {
-        let missing = || match carrier {
-            Carrier::Axis(axis) => Reason::Carrier { solid: name.to_owned(), axis },
-            _ => Reason::NoStep,
-        };
+        let missing = || Reason::Carrier { solid: name.to_owned() };
         let carried = self.chain.carried(carrier).ok_or_else(missing)?;
-        self.bodies.push(Body { name: name.to_owned(), shape, carried });
+        let corners = shape.corners();
+        self.bodies.push(Body { name: name.to_owned(), shape, carried, corners });
         Ok(())
     }
 
@@ -131,11 +177,9 @@ fn pairs(bodies: &[Body]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (one, a) in bodies.iter().enumerate() {
         for (other, b) in bodies.iter().enumerate() {
-            let apart = match (a.carried.side(), b.carried.side()) {
-                (Side::Tool, Side::Work | Side::Bed) => true,
-                (Side::Work, Side::Bed) => true,
-                _ => false,
-            };
+            let sides = (a.carried.side(), b.carried.side());
+            let apart = sides.1 == Side::Bed && sides.0 == Side::Work
+                || sides.0 == Side::Tool && sides.1 != Side::Tool;
             let meets = if other != ARTEFACT {
                 Meets::Never
             } else if one == BALL {

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use super::refusal::{Reason, Refusal};
-use super::scene::{Meets, Scene};
-use super::sweep::{Demand, Way, sweep};
+use super::scene::{Care, Scene};
+use super::sweep::Way;
 use super::{MARGIN_MM, Request, rules, touch};
 use crate::base::{Axis, Position};
 use crate::gcode::rs274::{Frame, Kind, ReadMotion};
@@ -151,25 +151,24 @@ impl<'a> Walk<'a> {
         self.turns.get(next).map_or(Ok(()), |(step, _)| Err(Reason::Missing(step.id)))
     }
 
-    /// The touch of the step in hand if it begins at its `from`, otherwise a guarded move.
+    /// The touch of the step in hand if it begins at its `from` or ends at its `to`, otherwise a
+    /// guarded move.
     fn probe(&mut self, motion: &ReadMotion, must_touch: bool) -> Checked {
         let step = self.step().ok_or(Reason::NoStep)?;
         let dialect = self.request.dialect;
-        let starts = rules::differs(&self.stands, &step.from, dialect).is_none();
-        let turns = motion
-            .target
-            .iter()
-            .any(|(axis, value)| !axis.is_linear() && self.stands.get(axis) != Some(value));
-        let goes = rules::differs(&self.stands.updated_by(&motion.target), &step.to, dialect);
-        if starts && self.phase == Phase::Approach && !turns {
-            return match goes {
-                None => self.touch(motion, step),
-                Some(Ok((axis, is, meant))) => Err(Reason::NotTo { axis, is, meant }),
-                Some(Err(axis)) => Err(Reason::Unknown(axis)),
-            };
-        }
-        if starts && self.phase == Phase::Back && goes.is_none() {
-            return Err(Reason::SecondTouch);
+        let changes = |(axis, value): (Axis, f64)| self.stands.get(axis) != Some(value);
+        let turns = motion.target.iter().filter(|(axis, _)| !axis.is_linear()).any(changes);
+        let ends = self.stands.updated_by(&motion.target);
+        let begins = rules::differs(&self.stands, &step.from, dialect);
+        let to = rules::differs(&ends, &step.to.only(Axis::is_linear), dialect);
+        if !turns && (begins.is_none() || to.is_none()) {
+            match (self.phase, begins, to) {
+                (Phase::Approach, None, None) => return self.touch(motion, step),
+                (Phase::Approach, None, Some(to)) => return Err(to.reason(Reason::NotTo)),
+                (Phase::Approach, Some(begins), _) => return Err(begins.reason(Reason::NotAtFrom)),
+                (_, _, None) => return Err(Reason::SecondTouch),
+                _ => {}
+            }
         }
         if must_touch {
             return Err(Reason::NotATouch);
@@ -193,9 +192,9 @@ impl<'a> Walk<'a> {
             touch::reach(scene, &way, braking).ok_or(Reason::NoContact)?
         };
         // Where it begins the ball is clear of the artefact, wherever that stands.
-        self.look(&Way { from, to: from }, 0.0, |_| true, None)?;
-        self.look(&way, 0.0, |meets| meets == Meets::Never, None)?;
-        self.look(&reach.way, 0.0, |meets| meets == Meets::Beside, Some(reach.across))?;
+        self.look(&Way { from, to: from }, &Care::Apart(0.0))?;
+        self.look(&way, &Care::Strangers)?;
+        self.look(&reach.way, &Care::Riders(reach.across))?;
         self.stands = self.stands.only(|axis| motion.target.get(axis).is_none());
         self.phase = Phase::Touched;
         Ok(())
@@ -210,10 +209,8 @@ impl<'a> Walk<'a> {
         let probe = &self.request.plan.probe;
         rules::feed_at_most("the way back from contact", motion, probe.search_feed_mm_min)?;
         let ends = self.stands.updated_by(&motion.target);
-        match rules::differs(&ends, &step.from, self.request.dialect) {
-            Some(Ok((axis, is, meant))) => return Err(Reason::NotFrom { axis, is, meant }),
-            Some(Err(axis)) => return Err(Reason::Unknown(axis)),
-            None => {}
+        if let Some(off) = rules::differs(&ends, &step.from, self.request.dialect) {
+            return Err(off.reason(Reason::NotBackAt));
         }
         (self.stands, self.phase) = (ends, Phase::Back);
         Ok(())
@@ -224,7 +221,7 @@ impl<'a> Walk<'a> {
         let turned = |by: f64| self.stands.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {
-            (Ok(from), Ok(to)) => self.look(&Way { from, to }, MARGIN_MM, |_| true, None)?,
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, &Care::Apart(MARGIN_MM))?,
             _ => self.blind.push(self.line),
         }
         self.stands.set(Axis::S, s);
@@ -235,7 +232,7 @@ impl<'a> Walk<'a> {
     fn go(&mut self, target: &Position, need: f64) -> Checked {
         let ends = self.stands.updated_by(target);
         match (self.commands(&self.stands), self.commands(&ends)) {
-            (Ok(from), Ok(to)) => self.look(&Way { from, to }, need, |_| true, None)?,
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, &Care::Apart(need))?,
             _ => self.blind.push(self.line),
         }
         self.stands = ends;
@@ -252,57 +249,13 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Every pair that `which` names, all the way.
-    fn look(
-        &mut self,
-        way: &Way,
-        need: f64,
-        which: impl Fn(Meets) -> bool,
-        across: Option<super::gap::Across>,
-    ) -> Checked {
-        let mut nearest = self.nearest.take();
-        let looked = self.look_for(way, need, which, across, &mut nearest);
-        self.nearest = nearest;
-        looked
-    }
-
-    fn look_for(
-        &self,
-        way: &Way,
-        need: f64,
-        which: impl Fn(Meets) -> bool,
-        across: Option<super::gap::Across>,
-        nearest: &mut Option<Clearance>,
-    ) -> Checked {
-        let Some(scene) = self.scene() else { return Ok(()) };
-        for pair in scene.pairs.iter().filter(|pair| which(pair.meets)) {
-            let (one, other) = (&scene.bodies[pair.one], &scene.bodies[pair.other]);
-            // The ball is meant to come near the artefact; that says nothing of how safe it is.
-            let counts = pair.meets != Meets::Touch || need > 0.0;
-            let demand = Demand {
-                need,
-                grown: if across.is_some() { 0.0 } else { scene.grown(pair) },
-                across,
-                nearest: match nearest {
-                    _ if !counts => need,
-                    Some(found) => found.clearance_mm,
-                    None => f64::INFINITY,
-                },
-            };
-            let found = sweep(way, one, other, &demand).map_err(|clearance| Reason::Near {
-                what: one.name.clone(),
-                other: other.name.clone(),
-                clearance: clearance.max(0.0),
-                need,
-            })?;
-            if let Some(clearance_mm) = found.filter(|_| counts) {
-                *nearest = Some(Clearance {
-                    step: self.step().map_or(0, |step| step.id),
-                    line: self.line,
-                    clearance_mm,
-                    between: [one.name.clone(), other.name.clone()],
-                });
-            }
+    /// The way is free; the smallest clearance is kept.
+    fn look(&mut self, way: &Way, care: &Care) -> Checked {
+        let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
+        let found = self.scene().map_or(Ok(None), |scene| scene.look(way, care, most))?;
+        if let Some((clearance_mm, between)) = found {
+            let step = self.step().map_or(0, |step| step.id);
+            self.nearest = Some(Clearance { step, line: self.line, clearance_mm, between });
         }
         Ok(())
     }

@@ -73,6 +73,24 @@ pub struct AxisSpec {
     /// Distance over which error motions of a linear axis change, mm.
     #[serde(default = "default_wavelength")]
     pub error_wavelength_mm: f64,
+    /// Of a rotary axis that must be unclamped to turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clamp: Option<Clamp>,
+}
+
+/// Words of a control's own, each one M word with its parameters, that switch the clamp of an axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clamp {
+    pub close: String,
+    pub open: String,
+    /// How long the clamp takes, either way.
+    #[serde(default = "default_clamp_wait")]
+    pub wait_s: f64,
+}
+
+fn default_clamp_wait() -> f64 {
+    0.5
 }
 
 fn default_rapid() -> f64 {
@@ -126,6 +144,44 @@ pub struct Probe {
     /// overtravel.
     #[serde(default = "default_guarded_feed")]
     pub guarded_feed_mm_min: f64,
+    /// The control's word that switches the probe on, e.g. `M64 P1`; absent: it is always on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub on: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub off: Option<String>,
+    /// Rest between positioning and the touch.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub settle_s: f64,
+    #[serde(default, skip_serializing_if = "LiveCheck::is_default")]
+    pub live_check: LiveCheck,
+    /// The control's input that is on while the probe reports an error: a number (LinuxCNC, `M66`)
+    /// or the letter of a pin in status reports (grblHAL).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_input: Option<String>,
+    /// As `error_input`: on while its battery is low.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub battery_input: Option<String>,
+}
+
+/// How a run finds out, before it comes near anything, that the probe lives.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LiveCheck {
+    /// The first touch shows it.
+    #[default]
+    Touch,
+    /// A person deflects the stylus.
+    Person,
+}
+
+impl LiveCheck {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 fn default_overtravel() -> f64 {

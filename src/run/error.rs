@@ -15,13 +15,17 @@ pub enum RunError {
     #[error(transparent)]
     Planning(#[from] PlanningError),
     #[error("stage `{stage}` is not proven: {source}")]
-    Unproven { stage: String, source: Refusal },
+    Unproven { stage: String, source: Box<Refusal> },
     #[error("the proof of stage `{stage}` ended without answer")]
     ProofGone { stage: String },
     #[error("stage `{stage}` cannot be written for this control: {source}")]
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
+    DeadProbe { closed: bool, seconds: u64 },
+    #[error("step {step}: the first touch met nothing up to its end")]
+    NoFirstContact { step: u32 },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
@@ -47,6 +51,17 @@ impl RunError {
             Self::ProofGone { .. } => "please report this with the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
+            Self::DeadProbe { .. } => {
+                "deflect the stylus and watch the probe's input at the control: is the probe on, its \
+                 battery fresh, its cable whole?"
+                    .to_owned()
+            }
+            Self::NoFirstContact { .. } => {
+                "the probe may be dead: deflect the stylus and watch its input at the control, before \
+                 anything moves again; if it lives, is the part where the machine file says \
+                 ([artefact] centre_mm, radius_mm)?"
+                    .to_owned()
+            }
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
             Self::NoReferences => {
@@ -57,6 +72,14 @@ impl RunError {
                                    --run tells what they hold); start a new run"
                     .to_owned()
             }
+        }
+    }
+
+    /// The same, if nothing has shown yet that the probe lives.
+    pub(super) fn of_first_touch(self) -> Self {
+        match self {
+            Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
+            other => other,
         }
     }
 

@@ -5,6 +5,7 @@
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
 mod error;
+mod live_check;
 mod references;
 mod resume;
 mod stage;
@@ -36,6 +37,8 @@ pub struct Run<'a> {
     /// Whether the run goes on after an interruption.
     pub resumed: bool,
     timeline: Timeline,
+    /// A person or a touch has shown it since the machine was prepared.
+    probe_lives: bool,
     /// Told of everything that happens, after it is durable.
     tell: &'a mut dyn FnMut(&Event),
 }
@@ -50,9 +53,19 @@ impl<'a> Run<'a> {
         plan: Plan,
         tell: &'a mut dyn FnMut(&Event),
     ) -> Self {
-        let (readings, timeline) = (Vec::new(), Timeline::new());
-        let (moved, resumed) = (false, false);
-        Self { id, method, devices, journal, plan, readings, moved, resumed, timeline, tell }
+        Self {
+            id,
+            method,
+            devices,
+            journal,
+            plan,
+            readings: Vec::new(),
+            moved: false,
+            resumed: false,
+            timeline: Timeline::new(),
+            probe_lives: false,
+            tell,
+        }
     }
 
     /// Measure to the end. The plan and the readings stay in `self`, whatever happens.
@@ -73,6 +86,7 @@ impl<'a> Run<'a> {
                 self.note(Event::Finished).await
             }
             Err(error) => {
+                let error = if self.probe_lives { error } else { error.of_first_touch() };
                 self.keep(&error).await;
                 Err(error)
             }
@@ -92,6 +106,7 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
+        self.live_check().await?;
         Ok(prepared.stands)
     }
 

@@ -40,7 +40,7 @@ impl SetupError {
             Self::Address { .. } => {
                 Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned())
             }
-            Self::Dialect(_) => Some("choose one of them in [controller] dialect".to_owned()),
+            Self::Dialect(error) => Some(error.remedy().to_owned()),
             Self::ProgramFolder { .. } => Some(
                 "give this user the right to write there, or change [controller] program_dir"
                     .to_owned(),

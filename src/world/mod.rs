@@ -66,6 +66,8 @@ pub struct World {
     play: Play,
     /// Scatter of the touch in hand (of the last one between touches), mm.
     scatter_mm: f64,
+    /// By a person's hand.
+    deflected: bool,
     /// How often each N word has probed.
     probed: BTreeMap<u32, u32>,
 }
@@ -96,8 +98,18 @@ impl World {
             play: Play::new(&truth.backlash_um, &command),
             command,
             scatter_mm: 0.0,
+            deflected: false,
             probed: BTreeMap::new(),
         })
+    }
+
+    /// The same world later: `seconds` have passed, and these N words were probed under meanwhile,
+    /// so that the next touches scatter anew.
+    pub fn pass(&mut self, seconds: f64, probed: impl IntoIterator<Item = u32>) {
+        self.dwell(seconds);
+        for n in probed {
+            *self.probed.entry(n).or_default() += 1;
+        }
     }
 
     /// Simulated time since the world was made.
@@ -112,8 +124,16 @@ impl World {
 
     /// Whether the probe reads closed now.
     pub fn tripped(&self) -> bool {
+        if self.deflected {
+            return true;
+        }
         let axes = self.play.follow(&self.command);
         self.scene.margin(&axes, &self.command, self.t_s) + self.scatter_mm <= 0.0
+    }
+
+    /// Somebody deflects the stylus by hand, or lets it go.
+    pub fn deflect(&mut self, deflected: bool) {
+        self.deflected = deflected;
     }
 
     /// Straight, unguarded move of the axes named in `to`; nothing stops it. Axes that the machine

@@ -10,6 +10,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
 use trued::setup::{self, MachineFile};
+use trued::world::World;
 
 pub struct Control {
     pub address: SocketAddr,
@@ -17,14 +18,19 @@ pub struct Control {
     server: JoinHandle<String>,
     /// All bytes so far.
     pub bytes: Vec<u8>,
+    pub world: Arc<Mutex<World>>,
 }
 
 impl Control {
     /// The machine of `file` for one client.
     pub fn start(file: &str) -> Self {
+        Self::at(file, Pace::Real)
+    }
+
+    pub fn at(file: &str, pace: Pace) -> Self {
         let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
-        let firmware = Firmware::new(world, Options::of(&file.machine, Pace::Real));
+        let firmware = Firmware::new(world.clone(), Options::of(&file.machine, pace));
         let (tell, heard) = channel();
         let (listening, address) = channel();
         let server = std::thread::spawn(move || {
@@ -37,7 +43,7 @@ impl Control {
                 serve(firmware, client, tell).await
             })
         });
-        Self { address: address.recv().unwrap(), heard, server, bytes: Vec::new() }
+        Self { address: address.recv().unwrap(), heard, server, bytes: Vec::new(), world }
     }
 
     /// Wait until `words` were sent.
@@ -46,6 +52,22 @@ impl Control {
             let more = self.heard.recv();
             self.bytes.extend(more.unwrap_or_else(|_| panic!("no {words} in {}", self.text())));
         }
+    }
+
+    /// Wait until its status was asked for `count` times more; each was answered before the next.
+    pub fn wait_for_queries(&mut self, count: usize) {
+        let queries = |bytes: &[u8]| bytes.iter().filter(|byte| **byte == b'?').count();
+        self.bytes.extend(self.heard.try_iter().flatten());
+        let enough = queries(&self.bytes) + count;
+        while queries(&self.bytes) < enough {
+            self.bytes.extend(self.heard.recv().unwrap());
+        }
+    }
+
+    /// Whether a line of a step has come by now.
+    pub fn has_moved(&mut self) -> bool {
+        self.bytes.extend(self.heard.try_iter().flatten());
+        self.text().contains("N0 ")
     }
 
     fn text(&self) -> String {

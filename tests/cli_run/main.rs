@@ -5,8 +5,13 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+mod bench;
+mod faults;
 mod firmware;
+mod probe;
+mod proven;
 mod results;
+mod resume;
 mod stops;
 mod wires;
 

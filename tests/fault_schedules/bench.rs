@@ -47,7 +47,7 @@ impl Schedule {
         Self {
             seed,
             spacing: (seed % 3 != 1).then_some(spacing),
-            fault: (seed % 3 != 0).then_some(fault),
+            fault: (!seed.is_multiple_of(3)).then_some(fault),
             halt_at: draw.random_bool(0.05).then(|| draw.random_range(0..20)),
         }
     }

@@ -1,9 +1,10 @@
 //! Grbl's lines carry no check sum. What the control says is therefore compared with what it was
 //! told, and what matters is heard twice.
 
-use super::message::Message;
+use super::message::{Message, Status};
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+use crate::gcode::Dialect;
 use crate::record::machine::AxisSpec;
 
 /// A control stands where it was sent to within this, mm or degrees: coarser than a step of any
@@ -56,6 +57,26 @@ const GROUPS: [&[&str]; 5] = [
     &["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"],
 ];
 
+/// Before anything moves.
+pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
+    if !status.probe_closed {
+        return Ok(());
+    }
+    Err(ControllerError::NotReady {
+        state: "the probe reads closed".to_owned(),
+        remedy: "free the stylus; check the probe's battery, cable and polarity".to_owned(),
+    })
+}
+
+/// The inputs that the machine file declares, by their letters.
+pub(super) fn probe_health(status: &Status, dialect: &Dialect) -> Result<(), ControllerError> {
+    let mut inputs = dialect.health_inputs();
+    match inputs.find(|(input, _)| status.pins.contains(input)) {
+        Some((_, fault)) => Err(ControllerError::Probe { fault }),
+        None => Ok(()),
+    }
+}
+
 /// What `head` says of each group must be in force (`$G`), and the offsets in use zero (`$#`).
 pub(super) fn modes(
     head: &[String],
@@ -74,8 +95,8 @@ pub(super) fn modes(
     let mut slot = "G54";
     for group in GROUPS {
         let code = head.iter().filter(|line| !line.starts_with('('));
-        let said = code.flat_map(|line| line.split_whitespace());
-        let Some(wanted) = said.filter(|word| group.contains(word)).next_back() else { continue };
+        let mut said = code.flat_map(|line| line.split_whitespace());
+        let Some(wanted) = said.rfind(|word| group.contains(word)) else { continue };
         if !in_force.iter().any(|word| word == wanted) {
             return Err(unlike(format!("{wanted} is not in force")));
         }

@@ -13,6 +13,8 @@ $10=511
 <Hold:0|MPos:1.000,2.000,3.000|WCO:0.000,0.000,0.000>
 [PRB:-47.990,0.000,12.500,0.000,45.000:1]
 [T:13.5]
+[G59:0.000,0.000,0.000,0.000,0.000]
+[TLO:0.000,0.000,0.000]
 ok
 error:9
 ALARM:5
@@ -56,8 +58,8 @@ fn size(message: &Message) -> usize {
     let heap = match message {
         Message::Touch { values, .. } | Message::Offset { values, .. } => numbers(values),
         Message::Time(t_s) => numbers(&[*t_s]),
-        Message::Status(Status { state, substate, position, t_s, .. }) => {
-            let words = state.len() + substate.as_ref().map_or(0, String::len);
+        Message::Status(Status { state, substate, position, t_s, pins, .. }) => {
+            let words = state.len() + substate.as_ref().map_or(0, String::len) + pins.len();
             words + numbers(position.as_deref().unwrap_or_default()) + numbers(t_s.as_slice())
         }
         Message::Banner(text)

@@ -40,6 +40,8 @@ pub(super) struct Status {
     pub state: String,
     pub substate: Option<String>,
     pub probe_closed: bool,
+    /// `Pn:`, the letters of all inputs that are on.
+    pub pins: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
     pub position: Option<Vec<f64>>,
     /// `T:`, an extension of the simulated control.
@@ -123,7 +125,10 @@ fn status(report: &str) -> Option<Status> {
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
             "MPos" => status.position = values(value),
-            "Pn" => status.probe_closed = value.contains('P'),
+            "Pn" => {
+                status.probe_closed = value.contains('P');
+                status.pins = value.to_owned();
+            }
             "T" => status.t_s = seconds(value),
             _ => {}
         }

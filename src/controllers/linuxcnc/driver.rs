@@ -113,6 +113,10 @@ impl LinuxCnc {
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
         }
         let version = prepare::judge(&log.state)?;
+        if let Some(seconds) = self.dialect.wakes_s() {
+            self.switch(&self.dialect.keeping_probe_on()).await?;
+            sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
+        }
         let axes = &self.settings.axes;
         state::axes_are_joints(&mut self.rsh, axes).await?;
         Ok(Prepared {
@@ -145,7 +149,8 @@ impl LinuxCnc {
         state::opened(&mut self.rsh, &self.files.program_name()).await?;
         self.files.write(&text)?;
         self.refuse_if_halted()?;
-        let log = match watch::run(&mut self.rsh, &self.files, step, rests(part)).await {
+        let rests = self.rests(part);
+        let log = match watch::run(&mut self.rsh, &self.files, step, rests).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refused(&mut self.rsh, refusal).await);
             }
@@ -190,16 +195,42 @@ impl LinuxCnc {
         }
     }
 
-    /// The program, proven to say what the block means.
+    /// A program that moves nothing: the head and the foot of `dialect`.
+    async fn switch(&mut self, dialect: &Dialect) -> Result<(), ControllerError> {
+        let log = self.files.log_name();
+        let program = Program { title: "no step", axes: &self.settings.axes, log: Some(&log) };
+        let text = dialect.program(&program, &[]).map_err(|error| ControllerError::Render {
+            step: STEP_OF_NO_BLOCK,
+            why: error.to_string(),
+        })?;
+        self.files.write(&text)?;
+        self.refuse_if_halted()?;
+        let log = watch::run(&mut self.rsh, &self.files, STEP_OF_NO_BLOCK, Duration::ZERO).await?;
+        if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
+    }
+
+    /// The program, proven to say what the block means. The probe stays on from block to block.
     fn render(&self, block: &Block) -> Result<String, ControllerError> {
         let fault = |why: String| ControllerError::Render { step: block.step, why };
         let title = format!("step {} repeat {}", block.step, block.repeat);
         let log = self.files.log_name();
         let program = Program { title: &title, axes: &self.settings.axes, log: Some(&log) };
         let blocks = std::slice::from_ref(block);
-        let text = self.dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
-        self.dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
+        let dialect = self.dialect.keeping_probe_on();
+        let text = dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
+        dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
         Ok(text)
+    }
+
+    /// How long a block stands still by itself.
+    fn rests(&self, block: &Block) -> Duration {
+        let seconds = block.motions.iter().map(|motion| match motion {
+            Motion::Dwell { seconds } => seconds.max(0.0),
+            // As long as the dialect lets it take.
+            Motion::Orient { .. } => 20.0,
+            _ => self.dialect.clamps_rest_s(motion),
+        });
+        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::ZERO)
     }
 
     /// Why a program stopped before its end.
@@ -253,9 +284,16 @@ impl Driver for LinuxCnc {
         }
     }
 
-    /// Every program restores the modal state itself; what is left is the mode.
+    async fn probe_closed(&mut self) -> Result<bool, ControllerError> {
+        Ok(self.rsh.get("probe_value").await? != "0")
+    }
+
+    /// Every program restores the modal state itself; what is left is the probe and the mode.
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
+        if self.dialect.switches_probe_off() {
+            self.switch(&self.dialect.clone()).await?;
+        }
         match self.mode_found.take() {
             Some(mode) => self.rsh.command(&format!("mode {mode}")).await,
             None => Ok(()),
@@ -265,15 +303,4 @@ impl Driver for LinuxCnc {
 
 fn backs_off(motion: &Motion) -> bool {
     matches!(motion, Motion::BackOff { .. })
-}
-
-/// How long a block stands still by itself.
-fn rests(block: &Block) -> Duration {
-    let seconds = block.motions.iter().map(|motion| match motion {
-        Motion::Dwell { seconds } => seconds.max(0.0),
-        // As long as the dialect lets it take.
-        Motion::Orient { .. } => 20.0,
-        _ => 0.0,
-    });
-    Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::ZERO)
 }

@@ -10,6 +10,7 @@ pub(super) async fn reason(rsh: &mut Rsh, step: u32, verdict: Option<&Verdict>) 
         Some(Verdict::Contact) => ControllerError::UnexpectedContact { step },
         Some(Verdict::Tripped) => ControllerError::StillTripped { step },
         Some(Verdict::NoContact) => ControllerError::NoContact { step },
+        Some(Verdict::Probe(fault)) => ControllerError::Probe { fault: *fault },
         Some(Verdict::Offset) => not_ready(
             "somebody has set the work offset slot G59.3",
             "enter G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0, then start again",

@@ -2,6 +2,7 @@
 
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+use crate::gcode::ProbeFault;
 
 /// Closer than this to where it started, a contact was there before the move, mm. A measuring touch
 /// that is this close is not one.
@@ -32,6 +33,8 @@ pub(super) enum Verdict {
     Tripped,
     /// The work offset slot is not zero.
     Offset,
+    /// The probe says so on an input.
+    Probe(ProbeFault),
 }
 
 impl Log {
@@ -54,6 +57,8 @@ impl Log {
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.ended = true,
                 ("offset", []) => log.verdict = Some(Verdict::Offset),
+                ("probe_error", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Error)),
+                ("probe_battery", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Battery)),
                 ("state", _) => log.state = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),

@@ -15,7 +15,7 @@ pub(super) enum Line {
 }
 
 /// Words by letter; G and M may stand several times.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Words {
     /// Ten times the G words: G38.2 is 382.
     pub g: Vec<u32>,
@@ -29,6 +29,11 @@ impl Words {
     /// The value of a word, which then counts as understood.
     pub fn take(&mut self, letter: char) -> Option<f64> {
         self.values.remove(&letter)
+    }
+
+    /// Of the words other than G and M.
+    pub fn letters(&self) -> impl Iterator<Item = char> {
+        self.values.keys().copied()
     }
 
     /// Is this G word (times ten) here? It then counts as understood.

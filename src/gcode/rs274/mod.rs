@@ -3,9 +3,11 @@
 //! moves, dwells, spindle orientation, conditions that do nothing but stop. Whatever else stands
 //! in a program is refused with its line: a word that is not understood is not skipped.
 
+mod declared;
 mod line;
 mod state;
 
+pub use self::declared::{Declared, Switch};
 use self::line::Line;
 use self::state::State;
 use crate::base::Position;
@@ -68,7 +70,18 @@ pub struct ReadError {
 /// # Errors
 /// The first line that is not understood, or that moves in a state not set.
 pub fn read(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, ReadError> {
-    let mut state = State::new(zero_slot);
+    read_with(text, zero_slot, &Declared::default())
+}
+
+/// As [`read`], on a machine with words of its own. With a word for it, the probe must be switched
+/// on before a probing move; an axis with a clamp moves only while it is open, and a probing move
+/// needs it closed.
+pub fn read_with(
+    text: &str,
+    zero_slot: Option<&str>,
+    declared: &Declared,
+) -> Result<Vec<ReadMotion>, ReadError> {
+    let mut state = State::new(zero_slot, declared);
     let mut motions = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         let read = Line::parse(line).and_then(|line| state.apply(line));

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::declared::{Declared, Switches};
 use super::line::{Line, Words, code};
 use super::{Frame, Kind, ReadMotion};
 use crate::base::{Axis, Position};
@@ -47,6 +48,7 @@ pub(super) struct State {
     position: Position,
     /// Axes whose offset the text has set to zero, by slot.
     zeroed: BTreeMap<&'static str, BTreeSet<Axis>>,
+    switches: Switches,
     /// Name of the condition that is open, and whether it stops the program.
     condition: Option<(String, bool)>,
     started: bool,
@@ -54,13 +56,14 @@ pub(super) struct State {
 }
 
 impl State {
-    pub fn new(zero_slot: Option<&str>) -> Self {
+    pub fn new(zero_slot: Option<&str>, declared: &Declared) -> Self {
         let known = SLOTS.iter().filter(|(name, _)| Some(*name) == zero_slot);
         let zeroed = known.map(|(name, _)| (*name, Axis::ALL.into_iter().collect())).collect();
         Self {
             modal: Modal::default(),
             position: Position::new(),
             zeroed,
+            switches: Switches::new(declared),
             condition: None,
             started: false,
             ended: false,
@@ -120,6 +123,9 @@ impl State {
         }
         self.started = true;
         let n = words.take('N').map(|n| code(n, 'N')).transpose()?;
+        if self.switches.obey(&words) {
+            return Ok(None);
+        }
         self.set_modal(&mut words)?;
         self.ended |= words.take_m(2) || words.take_m(30);
         let motion = self.action(&mut words)?;
@@ -127,7 +133,9 @@ impl State {
         if words.aborts {
             self.ended = true;
         }
-        Ok(motion.map(|motion| ReadMotion { n, ..motion }))
+        // A wait that belongs to no step is the template's own.
+        let own = |motion: &ReadMotion| n.is_none() && matches!(motion.kind, Kind::Dwell { .. });
+        Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { n, ..motion }))
     }
 
     fn set_modal(&mut self, words: &mut Words) -> Result<(), String> {
@@ -219,6 +227,10 @@ impl State {
         let distance = self.modal.distance.ok_or("neither G90 nor G91 is set")?;
         if machine && (matches!(kind, Kind::Probe { .. }) || distance == Distance::Incremental) {
             return Err("G53 goes with G0 and G1 and with G90 only".to_owned());
+        }
+        self.switches.may_move(named.iter().map(|(axis, _)| *axis))?;
+        if matches!(kind, Kind::Probe { .. }) {
+            self.switches.may_probe()?;
         }
         let feed_mm_min = match kind {
             Kind::Rapid => None,

@@ -147,6 +147,10 @@ impl Modal {
             Some(Once::ShiftOff) => self.shift = Position::new(),
             Some(Once::MachineCoordinates) | None => {}
         }
+        if line.output {
+            line.value('P').ok_or(28)?;
+            return Ok(Act::Nothing);
+        }
         if line.orient {
             let degrees = line.value('R').ok_or(28)?;
             return Ok(Act::Orient { s: Axis::S.from_edge(degrees) });

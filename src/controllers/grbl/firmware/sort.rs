@@ -23,6 +23,7 @@ pub(super) struct Line {
     pub motion: Option<Motion>,
     pub once: Option<Once>,
     pub orient: bool,
+    pub output: bool,
     pub ends: bool,
     pub feed: Option<f64>,
     /// Words that some command must use up.
@@ -106,9 +107,12 @@ impl Modal {
             0.0 | 1.0 | 2.0 | 30.0 => 104,
             5.0 | 19.0 => 107,
             9.0 => 108,
+            // Digital outputs; nothing hangs on them here.
+            62.0 | 63.0 | 64.0 | 65.0 => 110,
             _ => return Err(20),
         };
         line.orient |= value == 19.0;
+        line.output |= matches!(value, 62.0..=65.0);
         line.ends |= matches!(value, 2.0 | 30.0);
         claim(line, group)
     }

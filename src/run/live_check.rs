@@ -1,0 +1,57 @@
+//! Before the first approach of a run, and of one that goes on: does the probe live?
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::{Run, RunError};
+use crate::controllers::ControllerError;
+use crate::record::event::Event;
+use crate::record::machine::LiveCheck;
+
+/// A person needs so long to walk up to the machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+const POLL: Duration = Duration::from_millis(20);
+
+impl Run<'_> {
+    /// Nothing moves here.
+    ///
+    /// # Errors
+    /// The stylus was not deflected and let go again in time; a halt.
+    pub(super) async fn live_check(&mut self) -> Result<(), RunError> {
+        match self.plan.probe.live_check {
+            LiveCheck::Touch => {
+                let text = "the first approach is slow, and the first touch shows whether the probe \
+                            lives: have the stop at hand";
+                self.note(Event::Announced { text: text.to_owned() }).await
+            }
+            LiveCheck::Person => {
+                let seconds = PATIENCE.as_secs();
+                let text = format!("deflect the stylus by hand and let it go, within {seconds} s");
+                self.note(Event::Announced { text }).await?;
+                self.stylus(true).await?;
+                self.stylus(false).await?;
+                self.probe_lives = true;
+                self.note(Event::Announced { text: "the probe lives".to_owned() }).await
+            }
+        }
+    }
+
+    /// Wait until the probe reads so.
+    async fn stylus(&mut self, closed: bool) -> Result<(), RunError> {
+        let deadline = Instant::now() + PATIENCE;
+        let controller = &self.devices.controller;
+        loop {
+            if controller.halt().is_halted() {
+                return Err(ControllerError::Halted.into());
+            }
+            if controller.probe_closed().await? == closed {
+                return Ok(());
+            }
+            if Instant::now() > deadline {
+                return Err(RunError::DeadProbe { closed, seconds: PATIENCE.as_secs() });
+            }
+            sleep(POLL).await;
+        }
+    }
+}
