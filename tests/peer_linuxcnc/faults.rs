@@ -29,10 +29,16 @@ fn held_by(fault: &Fault) -> Result<(), Failed> {
     held(&mut rig, fault).map(drop)
 }
 
-/// And once all is as it was, the run goes on.
-fn resumable_after(fault: &Fault) -> Result<(), Failed> {
+/// The run does not go on with the fault still there, which is told in these words; and once all is
+/// as it was, it does.
+fn resumable_after(unmended: &str, fault: &Fault) -> Result<(), Failed> {
     let mut rig = rig()?;
     let desk = held(&mut rig, fault)?;
+    let said = complaint(&desk.resume()?.wait_with_output()?);
+    if !said.contains(unmended) {
+        return Err(format!("unmended: {said}").into());
+    }
+    desk.is("held")?;
     rig.mend()?;
     let (kept, before) = (desk.kept()?, rig.touches()?);
     let mut run = desk.resume()?;
@@ -102,7 +108,7 @@ pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> 
 
 fn stands_still(rig: &Rig) -> Result<(), Failed> {
     let stands = rig.stands()?;
-    sleep(Duration::from_secs(1));
+    sleep(Duration::from_millis(500));
     if rig.stands()? == stands { Ok(()) } else { Err("it moves on".into()) }
 }
 
@@ -127,13 +133,16 @@ pub fn machine_off() -> Result<(), Failed> {
 }
 
 pub fn killed_task() -> Result<(), Failed> {
-    resumable_after(&Fault {
-        when: TRAVELLING,
-        happens: |rig| rig.task("-KILL"),
-        error: "the control has stopped working: it takes no command, and what it shows is old",
-        remedy: "press its emergency stop, start the control anew",
-        seconds: 6.0,
-    })
+    resumable_after(
+        "the control has stopped working",
+        &Fault {
+            when: TRAVELLING,
+            happens: |rig| rig.task("-KILL"),
+            error: "the control has stopped working: it takes no command, and what it shows is old",
+            remedy: "press its emergency stop, start the control anew",
+            seconds: 6.0,
+        },
+    )
 }
 
 pub fn frozen_task() -> Result<(), Failed> {
@@ -147,13 +156,16 @@ pub fn frozen_task() -> Result<(), Failed> {
 }
 
 pub fn killed_linuxcncrsh() -> Result<(), Failed> {
-    resumable_after(&Fault {
-        when: TOUCHING,
-        happens: |rig| rig.rsh("-KILL"),
-        error: "is lost",
-        remedy: "the state of the machine is unknown: look at it",
-        seconds: 2.0,
-    })
+    resumable_after(
+        "no linuxcncrsh listens at",
+        &Fault {
+            when: TOUCHING,
+            happens: |rig| rig.rsh("-KILL"),
+            error: "is lost",
+            remedy: "the state of the machine is unknown: look at it",
+            seconds: 2.0,
+        },
+    )
 }
 
 pub fn silent_linuxcncrsh() -> Result<(), Failed> {
@@ -167,23 +179,29 @@ pub fn silent_linuxcncrsh() -> Result<(), Failed> {
 }
 
 pub fn stuck_probe() -> Result<(), Failed> {
-    resumable_after(&Fault {
-        when: TOUCHING,
-        happens: |rig| rig.make_true("stuck", 1.0),
-        error: "the probe reads closed although the stylus should be free",
-        remedy: "check the probe's battery, cable and polarity",
-        seconds: 3.0,
-    })
+    resumable_after(
+        "the probe reads closed",
+        &Fault {
+            when: TOUCHING,
+            happens: |rig| rig.make_true("stuck", 1.0),
+            error: "the probe reads closed although the stylus should be free",
+            remedy: "check the probe's battery, cable and polarity",
+            seconds: 3.0,
+        },
+    )
 }
 
 pub fn missing_part() -> Result<(), Failed> {
-    resumable_after(&Fault {
-        when: TRAVELLING,
-        happens: |rig| rig.remove_part(),
-        error: "no contact up to the end of the touch",
-        remedy: "is the part where the machine file says",
-        seconds: 6.0,
-    })
+    resumable_after(
+        "no contact up to the end",
+        &Fault {
+            when: TRAVELLING,
+            happens: |rig| rig.remove_part(),
+            error: "no contact up to the end of the touch",
+            remedy: "is the part where the machine file says",
+            seconds: 6.0,
+        },
+    )
 }
 
 pub fn pause_at_the_machine() -> Result<(), Failed> {
@@ -204,16 +222,6 @@ pub fn no_feed() -> Result<(), Failed> {
         error: "the feed override stands at 0 %",
         remedy: "",
         seconds: 4.0,
-    })
-}
-
-pub fn feed_hold() -> Result<(), Failed> {
-    held_by(&Fault {
-        when: TOUCHING,
-        happens: |rig| rig.feed_hold(true),
-        error: "the machine is held at the control: it runs and nothing moves: a feed hold, or an interlock",
-        remedy: "release it at the control",
-        seconds: 13.0,
     })
 }
 

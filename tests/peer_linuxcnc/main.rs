@@ -64,7 +64,6 @@ fn main() {
         machine("linuxcnc_run_missing_part", faults::missing_part),
         machine("linuxcnc_run_pause_at_the_machine", faults::pause_at_the_machine),
         machine("linuxcnc_run_no_feed", faults::no_feed),
-        machine("linuxcnc_run_feed_hold", faults::feed_hold),
         machine("linuxcnc_run_soft_limit", faults::soft_limit),
         machine("linuxcnc_run_foreign_contact", faults::foreign_contact),
         machine("linuxcnc_resume_after_a_stop", resume::after_an_emergency_stop),

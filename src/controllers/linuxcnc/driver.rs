@@ -76,27 +76,34 @@ impl LinuxCnc {
         Ok((driver, halt))
     }
 
-    async fn check(&mut self) -> Result<Prepared, ControllerError> {
-        self.refuse_if_halted()?;
-        self.rsh.enable().await?;
+    /// Switches and state as they must be; nothing is changed but how linuxcncrsh answers.
+    async fn look(&mut self) -> Result<(), ControllerError> {
+        // Both hold for all connections. With a time-out it would acknowledge what was not taken.
+        self.rsh.set("set_wait received").await?;
+        self.rsh.set("timeout 0").await?;
         let estop = self.rsh.get("estop").await?;
         let machine = self.rsh.get("machine").await?;
         let homed = self.rsh.get("joint_homed").await?;
         let joints = self.settings.axes.iter().filter(|axis| **axis != Axis::S).count();
         prepare::judge_switches(&estop, &machine, &homed, joints)?;
+        // Switches that look good may be old. (While it is stopped, this would be refused.)
+        watch::sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
             return Err(not_ready(
                 "a program is running",
                 "let it end or stop it, then start again",
             ));
         }
+        state::full_speed(&mut self.rsh).await
+    }
+
+    async fn check(&mut self) -> Result<Prepared, ControllerError> {
+        self.refuse_if_halted()?;
+        self.rsh.enable().await?;
+        self.look().await?;
         let mode = self.rsh.get("mode").await?;
         self.mode_found.get_or_insert(mode);
         self.rsh.messages().await?;
-        state::full_speed(&mut self.rsh).await?;
-        // Both hold for all connections. With a time-out it would acknowledge what was not taken.
-        self.rsh.set("set_wait received").await?;
-        self.rsh.set("timeout 0").await?;
         self.rsh.command("mode auto").await?;
         self.files.write(&prepare::program(&self.files.log_name()))?;
         self.rsh.command(&format!("open {}", self.files.program_name())).await?;

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use super::prepare::not_ready;
 use crate::controllers::ControllerError;
-use crate::link::{self, Address, Link, Received};
+use crate::link::{self, Address, Link, LinkError, Received};
 
 /// A healthy linuxcncrsh answers within 0.1 s, a task takes a command within 5 ms.
 const ANSWER: Duration = Duration::from_secs(3);
@@ -19,7 +20,8 @@ pub(super) struct Rsh {
 impl Rsh {
     /// Connect and shake hands. This alone gives no right to command: see [`Rsh::enable`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
-        let mut rsh = Self { link: link::open(address).await?, server: String::new() };
+        let link = link::open(address).await.map_err(|error| not_there(address, error))?;
+        let mut rsh = Self { link, server: String::new() };
         let answer = rsh.ask("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
             return Err(refused("hello EMC trued 1.0", answer, "it wants another password"));
@@ -108,6 +110,16 @@ impl Rsh {
             }
         }
         Ok(said)
+    }
+}
+
+fn not_there(address: &Address, error: LinkError) -> ControllerError {
+    match error {
+        LinkError::Missing { .. } => not_ready(
+            &format!("no linuxcncrsh listens at {address}"),
+            "start LinuxCNC and linuxcncrsh (as its display, or beside it); check [controller] tcp",
+        ),
+        other => other.into(),
     }
 }
 

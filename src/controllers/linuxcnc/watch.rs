@@ -93,7 +93,7 @@ impl Still {
 
 /// Set a harmless setting to what it is. The task must acknowledge that; it is done at once, also
 /// while a program runs. (`set mode auto` is not harmless: it aborts.)
-async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
+pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let stop = rsh.get("optional_stop").await?;
     rsh.command(&format!("optional_stop {stop}")).await
 }
