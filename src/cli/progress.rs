@@ -1,5 +1,7 @@
 //! What a person sees while a run goes on: the touch in hand, the last reading, the time left.
 
+use std::io::Write;
+
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::record::event::Event;
@@ -66,7 +68,8 @@ impl Progress {
 
     fn say(&self, text: &str) {
         if self.bar.is_hidden() {
-            eprintln!("{text}");
+            // A terminal that has gone is no reason to stop.
+            let _ = writeln!(std::io::stderr(), "{text}");
         } else {
             self.bar.println(text);
         }
