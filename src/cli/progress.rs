@@ -1,7 +1,5 @@
 //! What a person sees while a run goes on: the touch in hand, the last reading, the time left.
 
-use std::io::Write;
-
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::record::event::Event;
@@ -68,8 +66,7 @@ impl Progress {
 
     fn say(&self, text: &str) {
         if self.bar.is_hidden() {
-            // A terminal that has gone is no reason to stop.
-            let _ = writeln!(std::io::stderr(), "{text}");
+            super::tell(text);
         } else {
             self.bar.println(text);
         }
