@@ -84,7 +84,7 @@ fn render(dialect: &Dialect) {
 
 fn patience() -> Patience {
     let ms = Duration::from_millis;
-    Patience { answer: ms(10_000), poll: ms(5), aftermath: ms(50), ..Patience::default() }
+    Patience { answer: ms(10_000), poll: ms(5), aftermath: ms(50), stall: ms(60_000) }
 }
 
 /// The run's runtime: the driver works on it, and in between it renders without a pause.

@@ -252,7 +252,7 @@ struct Case {
 impl Case {
     fn new(number: u64) -> Self {
         let mut dice = Dice(number.wrapping_mul(0x5851_F42D_4C95_7F2D));
-        let kind = if number % 2 == 0 { Kind::Trunnion } else { Kind::Head };
+        let kind = if number.is_multiple_of(2) { Kind::Trunnion } else { Kind::Head };
         let tool = dice.solid([(-20.0, 20.0), (-20.0, 20.0), (-60.0, 60.0)]);
         let work = dice.solid([(-70.0, 70.0), (-70.0, 70.0), (-40.0, 60.0)]);
         let post = dice.solid([(-150.0, 150.0), (-150.0, 150.0), (-100.0, 150.0)]);
@@ -267,7 +267,7 @@ impl Case {
         };
         let (from, mut to) = (place(), place());
         // One in three: rotary axes stand.
-        if number % 3 == 0 {
+        if number.is_multiple_of(3) {
             (to[3], to[4]) = (from[3], from[4]);
         }
         Self { kind, solids: [tool, work, post], from, to }

@@ -3,7 +3,9 @@
 mod support;
 
 use trued::base::Axis;
+use trued::methods::{Next, Source};
 use trued::record::estimate::Estimate;
+use trued::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
 use trued::setup::{self, MachineFile};
 
 const WORLDS: u64 = 200;
@@ -153,4 +155,71 @@ fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
     let (following, u_following) = found("follow");
     assert!(fixed > 5.0 && u_fixed > 15.0, "fixed: {fixed} um, u {u_fixed} um");
     assert!(following < 2.0 && u_following < 0.6, "following: {following} um, u {u_following} um");
+}
+
+/// Interrupted for ten minutes after `kept` touches of the cycle; meanwhile the table moves by 5 µm
+/// in X. The references are measured again, then the rest.
+fn interrupted(seed: u64, kept: usize) -> (Estimate, [f64; 4]) {
+    const GAP_S: f64 = 600.0;
+    let seed = seed.to_string();
+    let changes = [("seed", seed.as_str()), ("drift_um_per_h", "20.0")];
+    let (before, after) = (machine(&changes), {
+        let mut moved = changes.to_vec();
+        moved.push(("EX0C_um", "55.0"));
+        machine(&moved)
+    });
+    let (method, mut plan) = setup::header(&before, "self-calibration", None).expect("settings");
+    let mut world = setup::world(&before).expect("a world");
+    let mut readings = Vec::new();
+    let mut done = Vec::new();
+    for (pass, count) in [5, kept].into_iter().enumerate() {
+        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
+        let Next::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
+        let played = new_steps.iter().take(count);
+        readings.extend(played.map(|step| support::play(&mut world, step, 0)));
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    let last = world.time_s();
+    plan.gaps_s = vec![readings[readings.len() - 1].t_s];
+    let mut later = setup::world(&after).expect("a world");
+    later.pass(last + GAP_S, readings.iter().map(|reading| reading.step));
+    let cycle = plan.steps[5..].to_vec();
+    let newest = |place: &str| -> &Step {
+        let here = |step: &&Step| step.kind == StepKind::Reference && step.label.ends_with(place);
+        cycle[..kept].iter().rev().find(here).expect("a reference")
+    };
+    for place in ["P000", "P090", "P180"] {
+        readings.push(support::play(&mut later, newest(place), REPEAT_AFTER_STOP));
+    }
+    readings.extend(cycle[kept..].iter().map(|step| support::play(&mut later, step, 0)));
+    let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
+
+    // The middle of the time in which somebody measured.
+    let (first, end) = (readings[5].t_s, readings[readings.len() - 1].t_s);
+    let begun = readings[5 + kept].t_s;
+    let middle = first + (end - first - (begun - plan.gaps_s[0])) / 2.0;
+    let [x, y] = if middle <= plan.gaps_s[0] {
+        world.true_axis_mm(Axis::C, 50.0, middle)
+    } else {
+        later.true_axis_mm(Axis::C, 50.0, middle + begun - plan.gaps_s[0])
+    };
+    (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
+}
+
+/// A machine that moved within an interruption: the step is fitted, and U stays true wherever the
+/// cycle was interrupted. Without the gap in the plan this fails by far.
+#[test]
+fn regress_u_is_true_across_an_interruption() {
+    let (worlds, mut sum) = (120, 0.0);
+    for world in 0..worlds {
+        let kept = 8 + (world as usize * 7) % 52;
+        let (estimate, truth) = interrupted(9000 + world, kept);
+        sum += chi2(&estimate, truth) / 4.0;
+    }
+    let mean = sum / worlds as f64;
+    let dof = 4.0 * worlds as f64;
+    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
+    let (low, high) = (low / dof, high / dof);
+    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
 }

@@ -10,9 +10,10 @@ use crate::decision;
 use crate::methods;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{PLAN_VERSION, Plan};
+use crate::record::reading::Reading;
 use crate::report::readings_csv;
 use crate::setup::{self, MachineFile, SetupError};
-use crate::store::{Journal, RunId};
+use crate::store::{Journal, RunId, RunState};
 
 pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
@@ -35,7 +36,7 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
         Some(file) => read_plan(file, &args.method)?,
         None => {
             let (method, header) = setup::header(&machine, &args.method, None)?;
-            let plan = super::plan::nominal(method.as_ref(), header)?;
+            let (plan, _) = super::plan::nominal(method.as_ref(), header)?;
             (method, plan)
         }
     };
@@ -68,9 +69,26 @@ fn stored_run(
     };
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
-    let estimate = judged(method.identify(&stored.plan, &stored.readings, priors)?, &machine);
+    let (plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
+    let mut estimate = judged(method.identify(&plan, &stored.readings, priors)?, &machine);
+    estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)
+}
+
+/// Of a run that did not come to its end, what was measured; and a word on what is left out.
+fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
+    if matches!(state, RunState::Finished | RunState::Running) {
+        return (plan, None);
+    }
+    let planned = plan.steps.len();
+    plan.steps.retain(|step| readings.iter().any(|reading| reading.step == step.id));
+    let missing = planned - plan.steps.len();
+    let told = format!(
+        "the run is {}: {missing} of {planned} steps were never measured and are left out",
+        state.as_str()
+    );
+    (plan, (missing > 0).then_some(told))
 }
 
 /// The estimate with its verdict, and a warning for every limit that nothing answers to.

@@ -7,49 +7,94 @@ use super::show;
 use crate::base::Axis;
 use crate::gcode::{Dialect, Program};
 use crate::planning::{self, Clearance};
-use crate::record::plan::Plan;
-use crate::setup;
+use crate::proof::{Request, Staged, prove};
+use crate::record::plan::{Plan, Stage};
+use crate::record::proof::Proof;
+use crate::setup::{self, MachineFile};
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref())?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
-    let plan = nominal(method.as_ref(), header)?;
+    let (plan, stages) = nominal(method.as_ref(), header)?;
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
-        print!("{}", program(&plan, dialect)?);
+        let (text, proof) = program(&plan, &stages, dialect)?;
+        print!("{text}");
+        for line in summary(&proof, &plan) {
+            eprintln!("{line}");
+        }
         eprintln!(
             "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
         );
     } else {
         describe(&plan)?;
+        let (_, proof) = program(&plan, &stages, spoken(&machine))?;
+        for line in summary(&proof, &plan) {
+            println!("{line}");
+        }
     }
     Ok(Exit::Pass)
 }
 
-/// The plan with every stage resolved from nominal positions.
+/// The dialect of the machine's control.
+fn spoken(machine: &MachineFile) -> &str {
+    use crate::setup::machine_file::Control;
+    match &machine.controller.control {
+        Control::Simulated { .. } => "grbl",
+        Control::Grbl { dialect, .. } | Control::LinuxCnc { dialect, .. } => dialect,
+    }
+}
+
+/// The plan with every stage resolved from nominal positions, and the stages.
 pub fn nominal(
     method: &dyn crate::methods::Method,
     mut plan: Plan,
-) -> Result<Plan, crate::methods::Refused> {
+) -> Result<(Plan, Vec<Stage>), crate::methods::Refused> {
     use crate::methods::{Next, Source};
     let mut done = Vec::new();
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
         plan.steps.extend(new_steps);
         done.push(stage);
     }
-    Ok(plan)
+    Ok((plan, done))
 }
 
-fn program(plan: &Plan, name: &str) -> Result<String, Failure> {
+/// The whole program, each step once, and its proof. Nobody knows where the machine stands.
+fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
     let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::blocks(plan, &Clearance::above(plan)?)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let program = Program { title: &plan.method, axes: &axes, log: None };
     let text = dialect.program(&program, &blocks)?;
-    dialect.proves(&text, &blocks).map_err(Failure::plain)?;
-    Ok(text)
+    let staged: Vec<Staged> = stages
+        .iter()
+        .filter(|stage| stage.repeat == 0)
+        .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
+        .collect();
+    let request = Request { plan, stages: &staged, stands: None, dialect: &dialect, text: &text };
+    let proof = prove(&request)
+        .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
+    Ok((text, proof))
+}
+
+/// What was found, for a person.
+fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
+    let nearest = proof.nearest.as_ref().map_or(String::new(), |near| {
+        let [one, other] = &near.between;
+        let label = plan.steps.iter().find(|step| step.id == near.step).map(|step| &step.label);
+        format!(
+            "; nothing comes nearer than {:.2} mm: {one} and {other}, line {}, step {} ({})",
+            near.clearance_mm,
+            near.line,
+            near.step,
+            label.map_or("", String::as_str)
+        )
+    });
+    let mut lines = vec![format!("proven: {} motions{nearest}", proof.motions)];
+    lines.extend(proof.not_looked_at.iter().map(|what| format!("not looked at: {what}")));
+    lines
 }
 
 fn describe(plan: &Plan) -> Result<(), Failure> {

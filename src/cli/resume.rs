@@ -15,7 +15,7 @@ use super::{Exit, runs};
 use crate::methods::{self, Method};
 use crate::record::event::Event;
 use crate::run::{Interrupted, Run};
-use crate::setup::{MachineFile, SetupError};
+use crate::setup::{MachineFile, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 
 pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -43,9 +43,10 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         .build()
         .map_err(Failure::plain)?;
     let estimate = runtime.block_on(async {
-        let devices = connect(&machine, args.output.speed).await?;
-        stop_on_signals(devices.controller.halt())?;
         let elapsed_s = elapsed_s(&stored);
+        let past = Past { readings: &stored.readings, elapsed_s };
+        let devices = connect(&machine, args.output.speed, past).await?;
+        stop_on_signals(devices.controller.halt())?;
         let StoredRun { plan, stages, readings, .. } = stored;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
         let ended = run.resume(Interrupted { stages, readings, elapsed_s }).await;

@@ -17,7 +17,7 @@ use crate::record::event::Event;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 use crate::run::{Run, RunError};
-use crate::setup::{self, Devices, MachineFile, Pace};
+use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, NewRun, RunId, state_dir};
 
 /// How often a stop is looked for while the identification computes.
@@ -44,7 +44,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         .map_err(Failure::plain)?;
     let (id, estimate) = runtime.block_on(async {
         // A run begins when its machine is there.
-        let devices = connect(&machine, args.output.speed).await?;
+        let devices = connect(&machine, args.output.speed, Past::default()).await?;
         stop_on_signals(devices.controller.halt())?;
         let id = journal.begin(&new).await?;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
@@ -146,12 +146,16 @@ fn tell_result(output: &OutputArgs, id: RunId, estimate: &Estimate) -> Result<()
     }
 }
 
-pub async fn connect(machine: &MachineFile, speed: Speed) -> Result<Devices, Failure> {
+pub async fn connect(
+    machine: &MachineFile,
+    speed: Speed,
+    past: Past<'_>,
+) -> Result<Devices, Failure> {
     let pace = match speed {
         Speed::Real => Pace::Real,
         Speed::Fast => Pace::Fast,
     };
-    Ok(setup::devices(machine, pace).await?)
+    Ok(setup::devices(machine, pace, past).await?)
 }
 
 /// Where journal and locks live.

@@ -64,17 +64,22 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// What happened on the way: stops, faults, who let it go on.
+/// What happened on the way: stops, faults, who let it go on; when, and in words.
+pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
+    let told = |event: &Event| match event {
+        Event::Held { reason } => Some(format!("held: {reason}")),
+        Event::Faulted { what, .. } => Some(format!("fault: {what}")),
+        Event::Acknowledged { who, what } => Some(format!("acknowledged by {who}: {what}")),
+        Event::Resumed { gap_s } => Some(format!("resumed after a gap at t = {gap_s:.1} s")),
+        _ => None,
+    };
+    let events = stored.events.iter();
+    events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?))).collect()
+}
+
 fn tell_interruptions(stored: &StoredRun) {
-    for (at, event) in &stored.events {
-        let told = match event {
-            Event::Held { reason } => format!("held: {reason}"),
-            Event::Faulted { what, .. } => format!("fault: {what}"),
-            Event::Acknowledged { who, what } => format!("acknowledged by {who}: {what}"),
-            Event::Resumed { gap_s } => format!("resumed after a gap at t = {gap_s:.1} s"),
-            _ => continue,
-        };
-        println!("{at:.0}  {told}");
+    for (at, told) in story(stored) {
+        println!("{at}  {told}");
     }
     let summary = &stored.summary;
     if summary.state != RunState::Finished {

@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use super::failure::Failure;
 use crate::record::estimate::{Estimate, Verdict};
+use crate::record::event::Event;
+use crate::record::proof::Proof;
 use crate::report::page;
 use crate::store::{Journal, RunId};
 
@@ -58,6 +60,13 @@ pub fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
+fn proof_of(event: &Event) -> Option<Proof> {
+    match event {
+        Event::StageProven { proof, .. } => Some(proof.clone()),
+        _ => None,
+    }
+}
+
 /// The report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
     let html = report(journal, run)?;
@@ -83,6 +92,8 @@ fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
         ],
         readings: stored.readings.len(),
         state: stored.summary.state.as_str().to_owned(),
+        story: super::runs::story(&stored),
+        proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)
 }

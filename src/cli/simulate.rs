@@ -21,7 +21,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     runtime.block_on(async {
         let simulator = match args.faults {
             None => setup::simulator(&machine, pace)?,
-            Some(seed) => setup::bad_simulator(&machine, pace, bad_wire(seed), tell)?,
+            Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), tell)?,
         };
         println!("{}", simulator.path.display());
         eprintln!(
@@ -34,11 +34,6 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
         ended.map_err(Failure::plain)
     })?;
     Ok(Exit::Pass)
-}
-
-/// A few harms in a run of sixty touches.
-fn bad_wire(seed: u64) -> BadWire {
-    BadWire { seed, spacing: 300.0, longest_delay: Duration::from_secs(4) }
 }
 
 fn tell(at: Duration, planned: Planned) {

@@ -50,6 +50,13 @@ impl Chain {
 }
 
 impl Carried {
+    /// Pose of the carrier in the machine frame.
+    pub fn pose(&self, commands: &Commands) -> DAffine3 {
+        self.joints.iter().rev().fold(DAffine3::IDENTITY, |pose, joint| {
+            joint.nominal(commands[joint.axis() as usize]) * pose
+        })
+    }
+
     pub fn side(&self) -> Side {
         self.side
     }
@@ -60,8 +67,9 @@ impl Carried {
     }
 
     /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
-    /// of the ball of `radius` about `centre` (carrier frame) is from where it stands at `middle`,
-    /// as long as every axis stays within `half` of it, whatever way the axes take together.
+    /// of a body is from where it stands at `middle`, as long as every axis stays within `half` of
+    /// it, whatever way the axes take together. The body lies in the convex hull of balls of `radius`
+    /// about `corners` (carrier frame).
     ///
     /// A point stands at M₁…Mₙ·p. Changing one joint after the other, the outermost first, each
     /// moves it by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at
@@ -70,15 +78,15 @@ impl Carried {
         &self,
         middle: &Commands,
         half: &Commands,
-        centre: DVec3,
+        corners: &[DVec3],
         radius: f64,
     ) -> (DAffine3, f64) {
         let (mut pose, mut stray) = (DAffine3::IDENTITY, 0.0);
         for joint in self.joints.iter().rev() {
             let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
             if half > 0.0 {
-                let reach = joint.distance(pose.transform_point3(centre)) + radius;
-                stray += joint.longest(half, reach);
+                let distances = corners.iter().map(|p| joint.distance(pose.transform_point3(*p)));
+                stray += joint.longest(half, distances.fold(0.0, f64::max) + radius);
             }
             pose = joint.nominal(command) * pose;
         }

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::*;
 use crate::base::{Point, Position, Spindle};
-use crate::record::machine::{AxisSpec, Machine, Sense};
+use crate::record::machine::{AxisSpec, Carrier, Machine, Sense};
 
 fn machine(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
@@ -123,4 +123,61 @@ fn what_cannot_be_built_is_refused() {
     let chain = Chain::new(&machine("wCFXYZt")).unwrap();
     assert!(chain.check("EX0C".parse().unwrap()).is_ok());
     assert!(chain.check("EX0B".parse().unwrap()).is_err());
+}
+
+/// The poses of the ends of both branches are those of the chain; in between, by hand.
+#[test]
+fn every_carrier_stands_where_its_axes_bring_it() {
+    let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
+    let position = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
+    let named: Position = Axis::ALL.into_iter().zip(position).collect();
+    let pose = |carrier| chain.carried(carrier).unwrap().pose(&position);
+    let table = chain.machine_from_table(&named, &[]);
+    assert!(pose(Carrier::Table).abs_diff_eq(table, 1e-12));
+    assert!(pose(Carrier::Axis(Axis::C)).abs_diff_eq(table, 1e-12));
+    let spindle = chain.machine_from_spindle(&named, &[]);
+    assert!(pose(Carrier::Axis(Axis::S)).abs_diff_eq(spindle, 1e-12));
+    let point = DVec3::new(1.0, 2.0, 3.0);
+    // X carries the table's side, so it goes the other way; the spindle's body does not turn.
+    assert_near(pose(Carrier::Axis(Axis::X)).transform_point3(point), DVec3::new(-10.0, 2.0, 3.0));
+    assert_near(pose(Carrier::Axis(Axis::Z)).transform_point3(point), DVec3::new(1.0, 2.0, 26.0));
+    assert_near(pose(Carrier::Spindle).transform_point3(point), DVec3::new(1.0, -5.0, 26.0));
+    assert_near(pose(Carrier::Bed).transform_point3(point), point);
+    let side = |carrier| chain.carried(carrier).map(|carried| carried.side());
+    assert_eq!(side(Carrier::Axis(Axis::B)), Some(Side::Work));
+    assert_eq!(side(Carrier::Axis(Axis::Y)), Some(Side::Tool));
+    assert_eq!(side(Carrier::Axis(Axis::A)), None);
+}
+
+/// However the axes go within ± half, no corner strays further than the bound; and the bound is not
+/// idle: for one axis alone it is reached.
+#[test]
+fn the_bound_on_straying_holds_and_is_reached() {
+    let mut machine = machine("wCBXFZYSt");
+    machine.axes.get_mut(&Axis::B).unwrap().point_mm = [5.0, 0.0, -20.0];
+    let chain = Chain::new(&machine).unwrap();
+    let carried = chain.carried(Carrier::Table).unwrap();
+    let corners = [DVec3::new(30.0, -20.0, 10.0), DVec3::new(-15.0, 40.0, 60.0)];
+    let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
+    let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
+    let (pose, bound) = carried.sweep(&middle, &half, &corners, 0.0);
+    let mut farthest = 0.0_f64;
+    for i in 0..3_usize.pow(3) {
+        let share = |digit: u32| (i / 3_usize.pow(digit) % 3) as f64 - 1.0;
+        let mut at = middle;
+        for (digit, axis) in [(0, Axis::X), (1, Axis::B), (2, Axis::C)] {
+            at[axis as usize] += share(digit) * half[axis as usize];
+        }
+        let there = carried.pose(&at);
+        for corner in corners {
+            let way = there.transform_point3(corner).distance(pose.transform_point3(corner));
+            farthest = farthest.max(way);
+        }
+    }
+    assert!(farthest <= bound && farthest > 0.6 * bound, "{farthest} of {bound}");
+    let mut alone = [0.0; 7];
+    alone[Axis::C as usize] = 0.9;
+    let (_, bound) = carried.sweep(&middle, &alone, &corners[..1], 0.0);
+    let chord = 2.0 * 0.45_f64.sin() * 30.0_f64.hypot(20.0);
+    assert!((bound - chord).abs() < 1e-12, "{bound} instead of {chord}");
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::net::TcpStream;
@@ -45,6 +46,35 @@ pub async fn open(address: &Address) -> Result<Link, LinkError> {
             Link::opened(name, async move { serial(path, baud) }).await
         }
         Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
+    }
+}
+
+/// Where udev keeps the names that a serial port has whatever its number.
+pub const BY_ID: &str = "/dev/serial/by-id";
+
+/// The port below `directory` whose name is `id`, or the only one whose name contains it: the same
+/// device under whatever number it has come back.
+///
+/// # Errors
+/// None, or more than one.
+pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
+    // No such folder: no port with a name.
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    if names.iter().any(|name| name == id) {
+        return Ok(directory.join(id));
+    }
+    let (mut alike, others): (Vec<_>, Vec<_>) =
+        names.into_iter().partition(|name| !id.is_empty() && name.contains(id));
+    match (alike.pop(), alike.is_empty()) {
+        (Some(name), true) => Ok(directory.join(name)),
+        (Some(last), false) => {
+            alike.push(last);
+            Err(LinkError::NoneNamed { id: id.to_owned(), there: alike })
+        }
+        (None, _) => Err(LinkError::NoneNamed { id: id.to_owned(), there: others }),
     }
 }
 

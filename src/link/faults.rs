@@ -63,14 +63,20 @@ pub struct BadWire {
 }
 
 impl BadWire {
+    /// A few harms in a run of sixty touches; some delays are longer than any patience.
+    pub fn to_rehearse(seed: u64) -> Self {
+        Self { seed, spacing: 300.0, longest_delay: Duration::from_secs(4) }
+    }
+
     /// All that will go wrong in one direction, in order; it never ends.
     pub fn schedule(&self, direction: Direction) -> impl Iterator<Item = Planned> + use<> {
         let wire = *self;
-        let mut line = 0;
+        let mut line: u64 = 0;
         (0..).map(move |count: u64| {
             let mut draw = stream(wire.seed, &[direction as u64, count]);
             // Exponential gaps: harm comes as chance does, two in neighbouring lines at times.
-            line += 1 + (-(1.0 - draw.random::<f64>()).ln() * wire.spacing) as u64;
+            let gap = -(1.0 - draw.random::<f64>()).ln() * wire.spacing;
+            line = u64::saturating_add(line, 1).saturating_add(gap as u64);
             let byte = draw.random_range(0..FARTHEST);
             let pause = wire.longest_delay.mul_f64(draw.random::<f64>());
             let harm = match draw.random_range(0..17) {

@@ -12,7 +12,7 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use address::{Address, Pty, open, pty};
+pub use address::{Address, BY_ID, Pty, by_id, open, pty};
 pub use lines::Received;
 pub use stream::{Link, Urgent};
 
@@ -21,6 +21,8 @@ pub use stream::{Link, Urgent};
 pub enum LinkError {
     #[error("{address} does not exist")]
     Missing { address: String },
+    #[error("no one serial port is named `{id}`; there are: {}", list(there))]
+    NoneNamed { id: String, there: Vec<String> },
     #[error("{address} is in use by another program")]
     Busy { address: String },
     #[error("{address} may not be opened: permission denied")]
@@ -29,6 +31,10 @@ pub enum LinkError {
     Open { address: String, source: io::Error },
     #[error("the link to {address} is lost: {why}")]
     Lost { address: String, why: String },
+}
+
+fn list(names: &[String]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 impl LinkError {
@@ -43,8 +49,15 @@ impl LinkError {
             }
             Self::Denied { .. } => "give this user the device's group (often dialout)".to_owned(),
             Self::Open { .. } => "check [controller] in the machine file".to_owned(),
+            Self::NoneNamed { .. } => {
+                "plug the device in and switch it on; [controller] serial_id takes a name as `ls \
+                 /dev/serial/by-id` shows it, or a part of it that no other name has"
+                    .to_owned()
+            }
             Self::Lost { .. } => {
-                "the state of the machine is unknown: look at it, then mend the link".to_owned()
+                "the state of the machine is unknown: look at it, then mend the link; a port that \
+                 comes back under another name is found by [controller] serial_id"
+                    .to_owned()
             }
         }
     }

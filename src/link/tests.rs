@@ -105,3 +105,32 @@ async fn a_port_that_is_not_there_is_missing() {
     let tcp = open(&Address::Tcp { host: "127.0.0.1".to_owned(), port }).await;
     assert!(matches!(tcp, Err(LinkError::Missing { .. })));
 }
+
+#[tokio::test]
+async fn a_port_is_found_by_its_name_whatever_its_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let found = |id: &str| by_id(folder.path(), id);
+    let none = found("board-1").unwrap_err();
+    assert_eq!(none.to_string(), "no one serial port is named `board-1`; there are: none");
+    let (before, mut after) = (pty().unwrap(), pty().unwrap());
+    let name = "usb-Maker_board-1_A-if00";
+    let link = folder.path().join(name);
+    std::os::unix::fs::symlink(&before.path, &link).unwrap();
+    std::os::unix::fs::symlink("/dev/null", folder.path().join("usb-Maker_board-2_B-if00"))
+        .unwrap();
+    for id in [name, "board-1", "_A-"] {
+        assert_eq!(found(id).unwrap(), link);
+    }
+    for id in ["Maker", "board-3", ""] {
+        let told = found(id).unwrap_err().to_string();
+        assert!(told.contains(name) && told.contains("board-2"), "{told}");
+    }
+    // Unplugged, and come back as another device.
+    std::fs::remove_file(&link).unwrap();
+    assert!(found("board-1").is_err());
+    std::os::unix::fs::symlink(&after.path, &link).unwrap();
+    let path = found("board-1").unwrap().display().to_string();
+    let link = open(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+    link.send(b"?").unwrap();
+    assert_eq!(after.device.read_u8().await.unwrap(), b'?');
+}

@@ -78,7 +78,7 @@ impl Seeker<'_> {
     fn top_of(&self, solid: &Solid, pose: &Position) -> f64 {
         let Some(carried) = self.chain.carried(solid.on) else { return f64::NEG_INFINITY };
         let commands = Axis::ALL.map(|axis| pose.at(axis));
-        let (frame, _) = carried.sweep(&commands, &Default::default(), DVec3::ZERO, 0.0);
+        let frame = carried.pose(&commands);
         let (from, to) = (DVec3::from_array(solid.from_mm), DVec3::from_array(solid.to_mm));
         let up = frame.matrix3.transpose() * DVec3::Z;
         let highest = match solid.radius_mm {

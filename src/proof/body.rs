@@ -68,6 +68,25 @@ impl Shape {
         (self.carrier_from_core.translation, radius + self.round)
     }
 
+    /// Points and a radius: it lies in the convex hull of the balls about them, carrier frame.
+    pub fn corners(&self) -> (Vec<DVec3>, f64) {
+        let (points, radius) = match self.core {
+            Core::Point => (vec![DVec3::ZERO], 0.0),
+            Core::Cylinder(cylinder) => {
+                let end = DVec3::Y * cylinder.half_height;
+                (vec![end, -end], cylinder.radius)
+            }
+            Core::Box(cuboid) => {
+                let signs = [-1.0, 1.0];
+                let corner = |x, y, z| cuboid.half_extents * DVec3::new(x, y, z);
+                let all = signs.iter().flat_map(|x| signs.iter().map(move |y| (*x, *y)));
+                (all.flat_map(|(x, y)| signs.map(|z| corner(x, y, z))).collect(), 0.0)
+            }
+        };
+        let placed = points.into_iter().map(|p| self.carrier_from_core.transform_point3(p));
+        (placed.collect(), radius + self.round)
+    }
+
     /// Distance of a point (carrier frame) from it; 0 inside.
     pub fn distance(&self, point: DVec3) -> f64 {
         let frame = &self.carrier_from_core;
@@ -112,4 +131,6 @@ pub struct Body {
     pub name: String,
     pub shape: Shape,
     pub carried: Carried,
+    /// [`Shape::corners`]
+    pub corners: (Vec<DVec3>, f64),
 }

@@ -18,12 +18,25 @@ pub struct Across {
     pub by: f64,
 }
 
-/// Lower bound of the distance, mm; not above 0 where the bodies meet. Not looked for more closely
-/// once it is above `enough`.
-pub fn gap(one: &Placed, other: &Placed, across: Option<Across>, enough: f64) -> f64 {
+/// A lower bound of the distance, mm, and the direction across which it is one: unit vector from
+/// the one to the other. Not above 0 where the bodies meet.
+#[derive(Debug, Clone, Copy)]
+pub struct Gap {
+    pub mm: f64,
+    pub direction: DVec3,
+}
+
+/// Looked for first across `hint`, and not more closely once it is above `enough`.
+pub fn gap(
+    one: &Placed,
+    other: &Placed,
+    hint: Option<DVec3>,
+    across: Option<Across>,
+    enough: f64,
+) -> Gap {
     let (a, b) = (&one.machine_from_core, &other.machine_from_core);
     if !(a.is_finite() && b.is_finite()) {
-        return f64::NEG_INFINITY;
+        return Gap { mm: f64::NEG_INFINITY, direction: DVec3::X };
     }
     let round = one.round + other.round;
     let between = |direction: DVec3| {
@@ -31,27 +44,26 @@ pub fn gap(one: &Placed, other: &Placed, across: Option<Across>, enough: f64) ->
             - direction.dot(one.local_support_point(direction));
         let off =
             across.map_or(0.0, |across| across.by * direction.reject_from(across.along).length());
-        planes - off
+        Gap { mm: planes - off - round, direction }
     };
-    let start = (b.translation - a.translation).normalize_or(DVec3::X);
+    let wider = |a: Gap, b: Gap| if b.mm > a.mm { b } else { a };
+    let start = hint.unwrap_or((b.translation - a.translation).normalize_or(DVec3::X));
     let first = between(start);
-    if first - round > enough {
-        return first - round;
+    if first.mm > enough {
+        return first;
     }
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, one, other, start));
     let widest = if enough.is_finite() { enough + round } else { f64::MAX };
-    let found = closest_points(&Pose::IDENTITY, one, other, widest, true, &mut simplex);
-    let proposed = match found {
+    match closest_points(&Pose::IDENTITY, one, other, widest, true, &mut simplex) {
         GJKResult::Intersection => first,
         // Away from an edge the line between the two points is the better direction.
         GJKResult::ClosestPoints(p, q, direction) => {
             let line = (q - p).normalize_or(direction);
-            between(direction).max(between(line))
+            wider(first, wider(between(direction), between(line)))
         }
         GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
-            between(direction)
+            wider(first, between(direction))
         }
-    };
-    proposed.max(first) - round
+    }
 }

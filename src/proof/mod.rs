@@ -33,6 +33,9 @@ mod sweep;
 mod touch;
 mod walk;
 
+#[cfg(test)]
+mod tests;
+
 pub use refusal::{Reason, Refusal};
 
 use crate::base::Position;

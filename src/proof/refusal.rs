@@ -14,11 +14,20 @@ pub struct Refusal {
     pub reason: Reason,
 }
 
+/// Where an axis stands, and where it should; mm or degrees.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{axis} at {is}, not at {meant}")]
+pub struct Place {
+    pub axis: Axis,
+    pub is: f64,
+    pub meant: f64,
+}
+
 fn of_step(step: &Option<(u32, String)>) -> String {
     step.as_ref().map_or(String::new(), |(id, label)| format!("step {id} ({label}), "))
 }
 
-/// Lengths in mm, feeds in mm/min; `value`, `min`, `max`, `is`, `meant` in mm or degrees.
+/// Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Reason {
     #[error("{0}")]
@@ -49,8 +58,10 @@ pub enum Reason {
         "braking from {feed} mm/min takes {way:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]
     Braking { feed: f64, way: f64, overtravel: f64 },
-    #[error("the touch goes with {axis} to {is}, not to {meant}")]
-    NotTo { axis: Axis, is: f64, meant: f64 },
+    #[error("the touch begins with {0}")]
+    NotAtFrom(Place),
+    #[error("the touch goes to {0}")]
+    NotTo(Place),
     #[error("the touch is {length:.3} mm long, the probe's overtravel {overtravel} mm")]
     TooLong { length: f64, overtravel: f64 },
     #[error("a probing move that must make contact (G38.2) but is not the touch of its step")]
@@ -63,8 +74,8 @@ pub enum Reason {
     Unknown(Axis),
     #[error("between the touch and its way back something else happens")]
     NotBack,
-    #[error("the way back after the touch goes with {axis} to {is}, not to {meant} where it began")]
-    NotFrom { axis: Axis, is: f64, meant: f64 },
+    #[error("the way back from contact goes to {0} where the touch began")]
+    NotBackAt(Place),
     #[error("a feed move (G1) that is not the way back from a touch")]
     FeedMove,
     #[error(

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::refusal::Reason;
+use super::refusal::{Place, Reason};
 use crate::base::{Axis, Position};
 use crate::gcode::Dialect;
 use crate::gcode::rs274::{Kind, ReadMotion};
@@ -71,20 +71,33 @@ pub fn length(from: &Position, to: &Position, overtravel: f64) -> Checked {
     Err(Reason::TooLong { length, overtravel })
 }
 
-/// The first axis of `meant` that stands elsewhere, beyond rounding: where it stands and where it
-/// should, mm or degrees; or the axis, if nobody knows where it stands. `None`: none.
-pub fn differs(
-    stands: &Position,
-    meant: &Position,
-    dialect: &Dialect,
-) -> Option<Result<(Axis, f64, f64), Axis>> {
+/// An axis that stands elsewhere than it should.
+pub struct Off {
+    axis: Axis,
+    /// mm or rad; `None`: nobody knows.
+    is: Option<f64>,
+    meant: f64,
+}
+
+impl Off {
+    pub fn reason(self, why: impl FnOnce(Place) -> Reason) -> Reason {
+        let Self { axis, is, meant } = self;
+        match is {
+            Some(is) => why(Place { axis, is: axis.to_edge(is), meant: axis.to_edge(meant) }),
+            None => Reason::Unknown(axis),
+        }
+    }
+}
+
+/// The first axis of `meant` that stands elsewhere, beyond rounding.
+pub fn differs(stands: &Position, meant: &Position, dialect: &Dialect) -> Option<Off> {
     meant.iter().find_map(|(axis, meant)| {
-        let Some(is) = stands.get(axis) else { return Some(Err(axis)) };
+        let Some(is) = stands.get(axis) else { return Some(Off { axis, is: None, meant }) };
         let off = match axis {
             Axis::S => (is - meant + PI).rem_euclid(TAU) - PI,
             _ => is - meant,
         };
         let same = off.abs() <= dialect.rounding(axis);
-        (!same).then(|| Ok((axis, axis.to_edge(is), axis.to_edge(meant))))
+        (!same).then_some(Off { axis, is: Some(is), meant })
     })
 }

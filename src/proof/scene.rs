@@ -87,7 +87,8 @@ impl Builder {
             _ => Reason::NoStep,
         };
         let carried = self.chain.carried(carrier).ok_or_else(missing)?;
-        self.bodies.push(Body { name: name.to_owned(), shape, carried });
+        let corners = shape.corners();
+        self.bodies.push(Body { name: name.to_owned(), shape, carried, corners });
         Ok(())
     }
 
@@ -131,11 +132,9 @@ fn pairs(bodies: &[Body]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (one, a) in bodies.iter().enumerate() {
         for (other, b) in bodies.iter().enumerate() {
-            let apart = match (a.carried.side(), b.carried.side()) {
-                (Side::Tool, Side::Work | Side::Bed) => true,
-                (Side::Work, Side::Bed) => true,
-                _ => false,
-            };
+            let sides = (a.carried.side(), b.carried.side());
+            let apart = sides.1 == Side::Bed && sides.0 == Side::Work
+                || sides.0 == Side::Tool && sides.1 != Side::Tool;
             let meets = if other != ARTEFACT {
                 Meets::Never
             } else if one == BALL {

@@ -2,8 +2,11 @@
 //!
 //! Over a part of the way, no point strays further from where it stands in the middle than
 //! [`Carried::sweep`](crate::kinematics::Carried::sweep) says; what is further apart in the middle
-//! does not meet on that part. Rotary axes move together with linear ones, straight in joint space,
+//! does not meet on that part. Where nothing turns, what keeps two bodies apart across one direction
+//! does so along the whole way, and one look is often enough. Rotary axes move together with linear ones, straight in joint space,
 //! and nothing between samples is left to chance.
+
+use glam::DVec3;
 
 use super::body::Body;
 use super::gap::{Across, gap};
@@ -49,34 +52,54 @@ pub struct Demand {
 /// # Errors
 /// They come within `demand.need`, as the value says, or cannot be shown not to.
 pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Option<f64>, f64> {
-    let (bounds_one, bounds_other) = (one.shape.bounds(), other.shape.bounds());
+    let bounds = (one.shape.bounds(), other.shape.bounds());
+    let reaches = bounds.0.1 + bounds.1.1;
+    let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
+    let straight = straight(way, one, other);
     let mut nearest = demand.nearest;
     // Middle and half-length of the parts still to be looked at.
     let mut parts = vec![(0.5, 0.5)];
+    let mut hint = None;
     while let Some((at, share)) = parts.pop() {
         let (middle, half) = (way.middle(at), way.half(share));
-        let (one_at, stray_one) = one.carried.sweep(&middle, &half, bounds_one.0, bounds_one.1);
-        let (other_at, stray_other) =
-            other.carried.sweep(&middle, &half, bounds_other.0, bounds_other.1);
-        let stray = stray_one + stray_other;
-        let enough = demand.need.max(nearest - FOUND_WITHIN) + stray;
-        let centres = one_at
-            .transform_point3(bounds_one.0)
-            .distance(other_at.transform_point3(bounds_other.0));
-        let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
-        if centres - bounds_one.1 - bounds_other.1 - loose > enough {
+        let sweep = |body: &Body| {
+            let (corners, radius) = &body.corners;
+            body.carried.sweep(&middle, &half, corners, *radius)
+        };
+        let ((one_at, one_stray), (other_at, other_stray)) = (sweep(one), sweep(other));
+        let stray = one_stray + other_stray;
+        let wanted = demand.need.max(nearest - FOUND_WITHIN);
+        let centres =
+            one_at.transform_point3(bounds.0.0).distance(other_at.transform_point3(bounds.1.0));
+        if centres - reaches - loose > wanted + stray {
             continue;
         }
         let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
-        let clearance =
-            gap(&one_at, &other_at, demand.across, enough + demand.grown) - demand.grown;
-        if clearance <= demand.need || (stray < RESOLUTION && clearance - stray <= demand.need) {
+        let enough = wanted + stray + demand.grown;
+        let found = gap(&one_at, &other_at, hint, demand.across, enough);
+        hint = Some(found.direction);
+        let clearance = found.mm - demand.grown;
+        // Without turning, the gap across one direction changes evenly along the way.
+        let change = straight.map_or(stray, |way| share * way.dot(found.direction).abs());
+        if clearance <= demand.need || (stray < RESOLUTION && clearance - change <= demand.need) {
             return Err(clearance);
         }
         nearest = nearest.min(clearance);
-        if clearance <= enough && stray >= RESOLUTION {
+        if clearance - change <= wanted && stray >= RESOLUTION {
             parts.extend([(at + share / 2.0, share / 2.0), (at - share / 2.0, share / 2.0)]);
         }
     }
     Ok((nearest < demand.nearest).then_some(nearest))
+}
+
+/// How the other body goes as seen from the one, mm, machine frame; `None` if either turns.
+fn straight(way: &Way, one: &Body, other: &Body) -> Option<DVec3> {
+    let turns = |body: &Body| {
+        let mut rotary = body.carried.axes().filter(|axis| !axis.is_linear());
+        rotary.any(|axis| way.from[axis as usize] != way.to[axis as usize])
+    };
+    let goes = |body: &Body| {
+        body.carried.pose(&way.to).translation - body.carried.pose(&way.from).translation
+    };
+    (!turns(one) && !turns(other)).then(|| goes(other) - goes(one))
 }

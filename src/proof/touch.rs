@@ -30,14 +30,13 @@ pub struct Reach {
 /// `braking`: way from the touch's feed to rest, mm. `None`: the ball does not reach the artefact
 /// where it is thought to be before the way ends.
 pub fn reach(scene: &Scene, way: &Way, braking: f64) -> Option<Reach> {
-    let still = Commands::default();
-    let (table, _) = scene.artefact().carried.sweep(&way.from, &still, DVec3::ZERO, 0.0);
+    let table = scene.artefact().carried.pose(&way.from);
     let (centre, radius) = scene.ball().shape.bounds();
     // Linear axes alone move: in the artefact's frame the ball goes straight, however the table
     // goes itself.
     let ball_at = |commands: &Commands| {
-        let (table, _) = scene.artefact().carried.sweep(commands, &still, DVec3::ZERO, 0.0);
-        let (tool, _) = scene.ball().carried.sweep(commands, &still, DVec3::ZERO, 0.0);
+        let table = scene.artefact().carried.pose(commands);
+        let tool = scene.ball().carried.pose(commands);
         table.matrix3.transpose() * (tool.transform_point3(centre) - table.translation)
     };
     let (from, to) = (ball_at(&way.from), ball_at(&way.to));

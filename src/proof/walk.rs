@@ -151,25 +151,24 @@ impl<'a> Walk<'a> {
         self.turns.get(next).map_or(Ok(()), |(step, _)| Err(Reason::Missing(step.id)))
     }
 
-    /// The touch of the step in hand if it begins at its `from`, otherwise a guarded move.
+    /// The touch of the step in hand if it begins at its `from` or ends at its `to`, otherwise a
+    /// guarded move.
     fn probe(&mut self, motion: &ReadMotion, must_touch: bool) -> Checked {
         let step = self.step().ok_or(Reason::NoStep)?;
         let dialect = self.request.dialect;
-        let starts = rules::differs(&self.stands, &step.from, dialect).is_none();
-        let turns = motion
-            .target
-            .iter()
-            .any(|(axis, value)| !axis.is_linear() && self.stands.get(axis) != Some(value));
-        let goes = rules::differs(&self.stands.updated_by(&motion.target), &step.to, dialect);
-        if starts && self.phase == Phase::Approach && !turns {
-            return match goes {
-                None => self.touch(motion, step),
-                Some(Ok((axis, is, meant))) => Err(Reason::NotTo { axis, is, meant }),
-                Some(Err(axis)) => Err(Reason::Unknown(axis)),
-            };
-        }
-        if starts && self.phase == Phase::Back && goes.is_none() {
-            return Err(Reason::SecondTouch);
+        let changes = |(axis, value): (Axis, f64)| self.stands.get(axis) != Some(value);
+        let turns = motion.target.iter().filter(|(axis, _)| !axis.is_linear()).any(changes);
+        let ends = self.stands.updated_by(&motion.target);
+        let begins = rules::differs(&self.stands, &step.from, dialect);
+        let to = rules::differs(&ends, &step.to.only(Axis::is_linear), dialect);
+        if !turns && (begins.is_none() || to.is_none()) {
+            match (self.phase, begins, to) {
+                (Phase::Approach, None, None) => return self.touch(motion, step),
+                (Phase::Approach, None, Some(to)) => return Err(to.reason(Reason::NotTo)),
+                (Phase::Approach, Some(begins), _) => return Err(begins.reason(Reason::NotAtFrom)),
+                (_, _, None) => return Err(Reason::SecondTouch),
+                _ => {}
+            }
         }
         if must_touch {
             return Err(Reason::NotATouch);
@@ -210,10 +209,8 @@ impl<'a> Walk<'a> {
         let probe = &self.request.plan.probe;
         rules::feed_at_most("the way back from contact", motion, probe.search_feed_mm_min)?;
         let ends = self.stands.updated_by(&motion.target);
-        match rules::differs(&ends, &step.from, self.request.dialect) {
-            Some(Ok((axis, is, meant))) => return Err(Reason::NotFrom { axis, is, meant }),
-            Some(Err(axis)) => return Err(Reason::Unknown(axis)),
-            None => {}
+        if let Some(off) = rules::differs(&ends, &step.from, self.request.dialect) {
+            return Err(off.reason(Reason::NotBackAt));
         }
         (self.stands, self.phase) = (ends, Phase::Back);
         Ok(())

@@ -3,6 +3,7 @@
 mod figure;
 mod number;
 pub mod page;
+mod proven;
 pub mod readings_csv;
 #[cfg(test)]
 mod tests;

@@ -3,10 +3,11 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::{figure, number};
+use super::{figure, number, proven};
 use crate::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
 use crate::record::machine::Artefact;
 use crate::record::plan::{Plan, StepKind};
+use crate::record::proof::Proof;
 
 const TEMPLATE: &str = include_str!("page.html");
 /// So many results stand in large figures at the top: a method lists its most wanted first.
@@ -18,10 +19,14 @@ pub struct Facts {
     pub run: String,
     pub started: String,
     pub state: String,
+    /// Stops, faults and acknowledgements: when, and in words.
+    pub story: Vec<(String, String)>,
     pub readings: usize,
     pub program_version: String,
     /// What is hashed (machine file, plan, ..) and its SHA-256.
     pub hashes: Vec<(String, String)>,
+    /// Of each stage, in order.
+    pub proofs: Vec<Proof>,
 }
 
 /// Render the page of `estimate`.
@@ -47,7 +52,9 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             not_identifiable => estimate.not_identifiable.clone(),
             quality => quality(estimate),
             plan => plan_rows(plan),
+            proof => proof(plan, &facts.proofs),
             facts => fact_rows(facts, &estimate.priors),
+            story => facts.story.clone(),
             program_version => facts.program_version.as_str(),
         },
     )
@@ -116,6 +123,15 @@ fn circle_figure(circle: &CircleFigure) -> Value {
         ),
         square => true,
         svg => drawing(figure::circle(circle)),
+    }
+}
+
+/// What was proven before anything moved.
+fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
+    context! {
+        rows => proven::rows(plan, proofs),
+        svg => drawing(proven::function(proofs).and_then(|f| figure::function(&f, 1.0))),
+        not_looked_at => proven::not_looked_at(proofs),
     }
 }
 

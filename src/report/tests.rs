@@ -1,6 +1,7 @@
 use super::page::{Facts, render};
 use crate::record::estimate::*;
 use crate::record::plan::Plan;
+use crate::record::proof::{Clearance, Proof};
 
 const SOURCES: [(&str, f64); 4] =
     [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
@@ -103,14 +104,27 @@ fn plan(machine: &str) -> Plan {
     .unwrap()
 }
 
+fn proof(step: u32, clearance_mm: f64) -> Proof {
+    let between = ["stylus stem".to_owned(), "vice".to_owned()];
+    let clearance = Clearance { step, line: 9, clearance_mm, between };
+    Proof {
+        motions: 8,
+        nearest: Some(clearance.clone()),
+        steps: vec![clearance],
+        not_looked_at: vec!["probe body".to_owned()],
+    }
+}
+
 fn facts() -> Facts {
     Facts {
         run: "12".to_owned(),
         started: "2025-03-14T09:26:53Z".to_owned(),
         state: "finished".to_owned(),
         readings: 96,
+        story: vec![("10:02".to_owned(), "acknowledged by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
+        proofs: vec![proof(0, 2.25), proof(0, 1.26)],
     }
 }
 
@@ -140,12 +154,17 @@ fn the_page_holds_everything() {
         "cylinder, radius 45 mm",
         "[0,15,90]",
         "finished",
+        "On the way",
+        "acknowledged by Ada: the way is free",
+        "1.26 mm between stylus stem and vice, step 0 (1a",
+        "<li>probe body</li>",
         &hash,
     ] {
         assert!(page.contains(text), "{text}");
     }
-    assert_eq!(page.matches("<svg").count(), 5);
-    assert_eq!(page.matches("</svg>").count(), 5);
+    assert_eq!(page.matches("<svg").count(), 6);
+    assert_eq!(page.matches("</svg>").count(), 6);
+    assert_eq!(page.matches("<li>probe body</li>").count(), 1);
 }
 
 #[test]
@@ -182,5 +201,5 @@ fn an_estimate_of_nothing_still_has_a_page() {
     estimate.verdict = Verdict::Undecided;
     let page = render(&plan("mill"), &estimate, &Facts::default()).unwrap();
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
-    assert!(!page.contains("Warnings") && !page.contains("<svg"));
+    assert!(!page.contains("Warnings") && !page.contains("On the way") && !page.contains("<svg"));
 }

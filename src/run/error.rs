@@ -15,7 +15,7 @@ pub enum RunError {
     #[error(transparent)]
     Planning(#[from] PlanningError),
     #[error("stage `{stage}` is not proven: {source}")]
-    Unproven { stage: String, source: Refusal },
+    Unproven { stage: String, source: Box<Refusal> },
     #[error("the proof of stage `{stage}` ended without answer")]
     ProofGone { stage: String },
     #[error("stage `{stage}` cannot be written for this control: {source}")]

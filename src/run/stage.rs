@@ -125,8 +125,11 @@ fn proven(
         .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
     let stages = [Staged { steps: &stage.steps, found }];
     let request = Request { plan, stages: &stages, stands: stands.as_ref(), dialect, text: &text };
-    let proof = proof::prove(&request)
-        .map_err(|source| RunError::Unproven { stage: stage.name.clone(), source })?;
+    let unproven = |refusal| {
+        let (stage, source) = (stage.name.clone(), Box::new(refusal));
+        RunError::Unproven { stage, source }
+    };
+    let proof = proof::prove(&request).map_err(unproven)?;
     Ok((tasks, proof))
 }
 

@@ -1,7 +1,7 @@
 //! Opens what the machine file names and puts it together. One simulated world is shared by
 //! everything that is simulated.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -18,6 +18,7 @@ use crate::controllers::linuxcnc::{LinuxCnc, Settings as LinuxCncSettings};
 use crate::gcode::Dialect;
 use crate::link::faults::{BadWire, Planned};
 use crate::link::{self, Address, Link};
+use crate::record::reading::Reading;
 use crate::world::{Truth, World};
 
 /// The machine as a run needs it.
@@ -53,30 +54,34 @@ impl Drop for Simulator {
 /// Size of the in-process wire, bytes.
 const WIRE_BYTES: usize = 4096;
 
+/// What a run has seen of its machine in earlier sessions: a simulated one lives on from there.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Past<'a> {
+    pub readings: &'a [Reading],
+    /// Since the last of them.
+    pub elapsed_s: f64,
+}
+
 /// Open the machine's control. Call inside a tokio runtime.
-pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupError> {
+pub async fn devices(
+    file: &MachineFile,
+    pace: Pace,
+    past: Past<'_>,
+) -> Result<Devices, SetupError> {
     match &file.controller.control {
         Control::Simulated { wire: Wire::Memory } => {
             let (near, far) = tokio::io::duplex(WIRE_BYTES);
-            let mut firmware = firmware(file, pace)?;
+            let mut firmware = firmware(file, pace, past)?;
             tokio::spawn(async move { drop(firmware.serve(far).await) });
             grbl(file, Link::over("the simulated machine", near), "grbl")
         }
         Control::Simulated { wire: Wire::Pty } => {
-            let simulator = simulator(file, pace)?;
+            let simulator = simulator_after(file, pace, past)?;
             let path = simulator.path.display().to_string();
             let link = link::open(&Address::Serial { path, baud: 115_200 }).await?;
             Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, "grbl")? })
         }
-        Control::Grbl { link, dialect } => {
-            let address = match link {
-                LinkConfig::Serial { path, baud } => {
-                    Address::Serial { path: path.display().to_string(), baud: *baud }
-                }
-                LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
-            };
-            grbl(file, link::open(&address).await?, dialect)
-        }
+        Control::Grbl { link, dialect } => grbl(file, link::open(&address(link)?).await?, dialect),
         Control::LinuxCnc { tcp, program_dir, dialect } => {
             let axes = file.machine.axes.keys().copied().collect();
             let directory = program_dir.clone();
@@ -90,8 +95,16 @@ pub async fn devices(file: &MachineFile, pace: Pace) -> Result<Devices, SetupErr
 
 /// Serve the simulated control on a new pseudo-terminal.
 pub fn simulator(file: &MachineFile, pace: Pace) -> Result<Simulator, SetupError> {
+    simulator_after(file, pace, Past::default())
+}
+
+fn simulator_after(
+    file: &MachineFile,
+    pace: Pace,
+    past: Past<'_>,
+) -> Result<Simulator, SetupError> {
     let pty = link::pty()?;
-    let mut firmware = firmware(file, pace)?;
+    let mut firmware = firmware(file, pace, past)?;
     let path = PathBuf::from(pty.path.clone());
     let task = tokio::spawn(async move {
         let _client_side = pty.client_side;
@@ -109,7 +122,7 @@ pub fn bad_simulator(
     tell: fn(Duration, Planned),
 ) -> Result<Simulator, SetupError> {
     let pty = link::pty()?;
-    let mut firmware = firmware(file, pace)?;
+    let mut firmware = firmware(file, pace, Past::default())?;
     let path = PathBuf::from(pty.path.clone());
     let task = tokio::spawn(async move {
         let _client_side = pty.client_side;
@@ -126,8 +139,12 @@ pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?)
 }
 
-fn firmware(file: &MachineFile, pace: Pace) -> Result<Firmware, SetupError> {
-    let world = Arc::new(Mutex::new(world(file)?));
+fn firmware(file: &MachineFile, pace: Pace, past: Past<'_>) -> Result<Firmware, SetupError> {
+    let mut world = world(file)?;
+    if let Some(last) = past.readings.last() {
+        world.pass(last.t_s + past.elapsed_s, past.readings.iter().map(|reading| reading.step));
+    }
+    let world = Arc::new(Mutex::new(world));
     let faults = file.simulated_faults()?;
     Ok(Firmware::new(world, Options { faults, ..Options::of(&file.machine, pace) }))
 }
@@ -136,6 +153,18 @@ fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupE
     let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
     let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
     Ok(Devices::new(Controller::spawn(driver, halt), dialect))
+}
+
+fn address(link: &LinkConfig) -> Result<Address, SetupError> {
+    let serial =
+        |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
+    Ok(match link {
+        LinkConfig::Serial { path, baud } => serial(path, *baud),
+        LinkConfig::SerialId { id, baud } => {
+            serial(&link::by_id(Path::new(link::BY_ID), id)?, *baud)
+        }
+        LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
+    })
 }
 
 fn tcp_address(tcp: &str) -> Result<Address, SetupError> {

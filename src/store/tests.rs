@@ -248,6 +248,59 @@ fn what_cannot_be_kept_is_refused() {
 }
 
 #[test]
+fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let touch = reading(2);
+    journal.reading(run, &touch).wait().unwrap();
+    let error = journal.reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
+    assert!(matches!(error.fault, Fault::Doubled { step: 2, repeat: 1 }), "{error}");
+    let again = Reading { repeat: 1000, ..touch.clone() };
+    journal.reading(run, &again).wait().unwrap();
+    let other = journal.begin(&new_run()).wait().unwrap();
+    journal.reading(other, &touch).wait().unwrap();
+    for _ in 0..2 {
+        journal.reading(run, &reading(3)).wait().unwrap();
+    }
+    let stored = journal.load(run).unwrap();
+    assert_eq!(stored.readings, [touch, again, reading(3), reading(3)]);
+    assert!(stored.measured_until.is_some_and(|kept| kept >= stored.summary.started));
+}
+
+#[test]
+fn interruptions_join_the_plan_and_its_hash() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    for gap_s in [12.5, 12.5, 40.0] {
+        journal.event(run, &Event::Resumed { gap_s }).wait().unwrap();
+        journal.event(run, &Event::Held { reason: "again".to_owned() }).wait().unwrap();
+    }
+    let stored = journal.load(run).unwrap();
+    assert_eq!(stored.plan.gaps_s, [12.5, 40.0]);
+    assert_eq!(sha256(&stored.plan).unwrap(), stored.summary.plan_sha256);
+}
+
+/// A journal as the first version wrote it.
+#[test]
+fn an_older_journal_is_brought_up_to_date() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("first_version.sql")).unwrap();
+    drop(old);
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.runs().unwrap()[0].id;
+    let stored = journal.load(run).unwrap();
+    assert_eq!((stored.readings.len(), stored.measured_until), (1, None));
+    journal.set_state(run, RunState::Closed).wait().unwrap();
+    let next = journal.begin(&new_run()).wait().unwrap();
+    assert!(next > run);
+    let error = journal.reading(RunId(77), &reading(0)).wait().unwrap_err();
+    assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
+}
+
+#[test]
 fn the_lock_says_who_and_proves_that_a_run_is_dead() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();

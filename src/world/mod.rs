@@ -103,6 +103,15 @@ impl World {
         })
     }
 
+    /// The same world later: `seconds` have passed, and these N words were probed under meanwhile,
+    /// so that the next touches scatter anew.
+    pub fn pass(&mut self, seconds: f64, probed: impl IntoIterator<Item = u32>) {
+        self.dwell(seconds);
+        for n in probed {
+            *self.probed.entry(n).or_default() += 1;
+        }
+    }
+
     /// Simulated time since the world was made.
     pub fn time_s(&self) -> f64 {
         self.t_s

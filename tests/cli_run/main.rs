@@ -5,9 +5,12 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+mod bench;
+mod faults;
 mod firmware;
 mod probe;
 mod results;
+mod resume;
 mod stops;
 mod wires;
 

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use super::firmware::Control;
 use super::{Shop, machine, said, with_control};
 
-fn signal(process: &Child, name: &str) {
+pub fn signal(process: &Child, name: &str) {
     let kill = format!("kill -{name} {}", process.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 use trued::record::estimate::Estimate;
 
-use super::desk::{Desk, complaint};
+use super::desk::{Desk, complaint, result};
 use super::rig::{Rig, rig};
 
 /// Where the true C axis stands, and how far from there an answer may lie, µm.
-const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
+pub const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 const NEAR_UM: f64 = 1.0;
 
 /// Measure the whole cycle.
@@ -30,12 +30,6 @@ fn measure(desk: &Desk) -> Result<Estimate, Failed> {
     }
     eprintln!("the whole cycle took {seconds:.0} s");
     Ok(estimate)
-}
-
-/// Value and expanded uncertainty, µm.
-fn result(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
-    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
-    found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
 }
 
 /// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8, twice: as the part stands, and with the
@@ -83,7 +77,7 @@ pub fn a_stop_holds_and_keeps_what_was_read() -> Result<(), Failed> {
     if joints(&rig)? != stands {
         return Err(format!("it moves on from {stands:?}").into());
     }
-    desk.is_held()?;
+    desk.is("held")?;
     // Before the table turned: five to locate the part, four references, Test 1a at 0°.
     let kept = desk.kept()?;
     eprintln!("{kept} readings kept");

@@ -5,6 +5,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use libtest_mimic::Failed;
 use tempfile::TempDir;
+use trued::record::estimate::Estimate;
 
 use super::rig::Rig;
 
@@ -28,6 +29,18 @@ impl Desk {
             ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
         ];
         Self::with(rig, &quick)
+    }
+
+    /// A short cycle with touches that are worth something.
+    pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
+        let settings = format!("heights_mm = [90.0]\npositions = {positions}\nlocate = false");
+        let short = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+            ("heights_mm = [90.0]", &*settings),
+        ];
+        Self::with(rig, &short)
     }
 
     /// The file with some of its text replaced.
@@ -67,11 +80,11 @@ impl Desk {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// Whether the journal says that the last run is held.
-    pub fn is_held(&self) -> Result<(), Failed> {
+    /// Whether the journal says so of the last run.
+    pub fn is(&self, state: &str) -> Result<(), Failed> {
         let runs = self.said(&["runs", "--json"])?;
-        let state = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
-        if state == "held" { Ok(()) } else { Err(runs.into()) }
+        let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
+        if said == state { Ok(()) } else { Err(runs.into()) }
     }
 
     /// How many readings of the first run are exported.
@@ -79,6 +92,11 @@ impl Desk {
         self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
         let readings = std::fs::read_to_string(self.0.path().join("run-1-readings.csv"))?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
+    }
+
+    /// Somebody has looked at the machine and lets the first run go on.
+    pub fn resume(&self) -> Result<Child, Failed> {
+        Ok(self.command(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
     }
 
     pub fn start(&self) -> Result<Child, Failed> {
@@ -89,4 +107,10 @@ impl Desk {
 
 pub fn complaint(output: &Output) -> String {
     format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr))
+}
+
+/// Value and expanded uncertainty, µm.
+pub fn result(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
 }

@@ -1,7 +1,7 @@
 //! What a person sees when something fails while `trued run` measures: the exit code, the words, the
 //! journal, the readings, and a machine that stands.
 
-use std::process::Child;
+use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -24,16 +24,41 @@ struct Fault {
     seconds: f64,
 }
 
-/// Let a run touch a few times, let it happen, and look at everything.
 fn held_by(fault: &Fault) -> Result<(), Failed> {
     let mut rig = rig()?;
-    let desk = Desk::in_a_hurry(&rig)?;
+    held(&mut rig, fault).map(drop)
+}
+
+/// And once all is as it was, the run goes on.
+fn resumable_after(fault: &Fault) -> Result<(), Failed> {
+    let mut rig = rig()?;
+    let desk = held(&mut rig, fault)?;
+    rig.mend()?;
+    let (kept, before) = (desk.kept()?, rig.touches()?);
+    let mut run = desk.resume()?;
+    // The references and two more; of the last, nobody knows.
+    let counted = wait_for(&rig, before + 6, &mut run);
+    while counted.is_ok() && !TRAVELLING(&rig)? {}
+    let stopped = Command::new("kill").args(["-INT", &run.id().to_string()]).status()?;
+    let output = run.wait_with_output()?;
+    counted.map_err(|failed| {
+        format!("{}: {}", failed.message().unwrap_or_default(), complaint(&output))
+    })?;
+    if !stopped.success() || output.status.code() != Some(5) || desk.kept()? < kept + 5 {
+        return Err(complaint(&output).into());
+    }
+    desk.is("held")
+}
+
+/// Let a run touch a few times, let it happen, and look at everything.
+fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
+    let desk = Desk::in_a_hurry(rig)?;
     let before = rig.touches()?;
     let mut run = desk.start()?;
-    wait_for(&rig, before + BEFORE, &mut run)?;
-    while !(fault.when)(&rig)? {}
+    wait_for(rig, before + BEFORE, &mut run)?;
+    while !(fault.when)(rig)? {}
     let happened = Instant::now();
-    (fault.happens)(&mut rig)?;
+    (fault.happens)(rig)?;
     let output = run.wait_with_output()?;
     let noticed = happened.elapsed().as_secs_f64();
     let said = complaint(&output);
@@ -47,23 +72,23 @@ fn held_by(fault: &Fault) -> Result<(), Failed> {
     if noticed > fault.seconds {
         return Err(format!("noticed after {noticed} s").into());
     }
-    stands_still(&rig)?;
-    desk.is_held()?;
+    stands_still(rig)?;
+    desk.is("held")?;
     let (kept, touched) = (desk.kept()? as u64, rig.touches()? - before);
     eprintln!("{kept} of {touched} touches kept");
     // The last touch may have come after the end, or without its back-off.
     if kept < BEFORE - 1 || kept > touched || touched > kept + 1 {
         return Err(format!("{kept} of {touched} touches kept").into());
     }
-    Ok(())
+    Ok(desk)
 }
 
 /// On the way out of contact or in.
 const TOUCHING: fn(&Rig) -> Result<bool, Failed> = |_| Ok(true);
 /// Between touches, over the part.
-const TRAVELLING: fn(&Rig) -> Result<bool, Failed> = |rig| Ok(rig.joint(2)? > 101.0);
+pub const TRAVELLING: fn(&Rig) -> Result<bool, Failed> = |rig| Ok(rig.joint(2)? > 101.0);
 
-fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> {
+pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> {
     let started = Instant::now();
     while rig.touches()? < touches {
         if run.try_wait()?.is_some() || started.elapsed() > Duration::from_secs(60) {
@@ -102,7 +127,7 @@ pub fn machine_off() -> Result<(), Failed> {
 }
 
 pub fn killed_task() -> Result<(), Failed> {
-    held_by(&Fault {
+    resumable_after(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.task("-KILL"),
         error: "the control has stopped working: it takes no command, and what it shows is old",
@@ -122,7 +147,7 @@ pub fn frozen_task() -> Result<(), Failed> {
 }
 
 pub fn killed_linuxcncrsh() -> Result<(), Failed> {
-    held_by(&Fault {
+    resumable_after(&Fault {
         when: TOUCHING,
         happens: |rig| rig.rsh("-KILL"),
         error: "is lost",
@@ -142,7 +167,7 @@ pub fn silent_linuxcncrsh() -> Result<(), Failed> {
 }
 
 pub fn stuck_probe() -> Result<(), Failed> {
-    held_by(&Fault {
+    resumable_after(&Fault {
         when: TOUCHING,
         happens: |rig| rig.make_true("stuck", 1.0),
         error: "the probe reads closed although the stylus should be free",
@@ -152,7 +177,7 @@ pub fn stuck_probe() -> Result<(), Failed> {
 }
 
 pub fn missing_part() -> Result<(), Failed> {
-    held_by(&Fault {
+    resumable_after(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.remove_part(),
         error: "no contact up to the end of the touch",

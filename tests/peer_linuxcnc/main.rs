@@ -4,8 +4,10 @@
 mod cycle;
 mod desk;
 mod faults;
+mod halt;
 mod interpreter;
 mod machine;
+mod resume;
 mod rig;
 mod states;
 
@@ -65,6 +67,8 @@ fn main() {
         machine("linuxcnc_run_feed_hold", faults::feed_hold),
         machine("linuxcnc_run_soft_limit", faults::soft_limit),
         machine("linuxcnc_run_foreign_contact", faults::foreign_contact),
+        machine("linuxcnc_resume_after_a_stop", resume::after_an_emergency_stop),
+        machine("linuxcnc_resume_refused", resume::not_when_the_part_has_moved),
         machine("linuxcnc_finds_the_true_centre", machine::finds_the_true_centre),
         machine(
             "linuxcnc_missed_touch",
@@ -76,7 +80,8 @@ fn main() {
         ),
         machine("linuxcnc_contact_in_a_rapid", machine::a_contact_in_a_rapid_stops_it),
         machine("linuxcnc_faulty_probe", machine::a_probe_that_does_not_open_or_close_is_found),
-        machine("linuxcnc_halt", machine::a_halt_holds_and_nothing_moves_after_it),
+        machine("linuxcnc_halt", halt::it_holds_and_nothing_moves_after_it),
+        machine("linuxcnc_halt_is_fast", halt::it_is_on_the_wire_at_once),
         machine("linuxcnc_emergency_stop", machine::the_emergency_stop_is_named),
         machine("linuxcnc_limit", machine::a_limit_is_told_in_the_controls_words),
         machine("linuxcnc_hangs", machine::a_control_that_hangs_is_given_up),

@@ -37,15 +37,20 @@ pub struct Rig {
 /// The one rig, for one trial at a time; switched on, homed, the truth as it was.
 pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
     static RIG: OnceLock<Result<Mutex<Rig>, String>> = OnceLock::new();
-    let rig = RIG.get_or_init(|| start().map(Mutex::new).map_err(|error| error.to_string()));
+    let rig = RIG.get_or_init(|| {
+        free_port().and_then(start).map(Mutex::new).map_err(|error| error.to_string())
+    });
     let mut rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
     rig.mend()?;
     Ok(rig)
 }
 
-fn start() -> Result<Rig, Box<dyn std::error::Error>> {
+fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
+    Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
+}
+
+fn start(port: u16) -> Result<Rig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
-    let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
     let mut process =
         Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
             .arg(&directory)
@@ -70,8 +75,12 @@ fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
 }
 
 fn kill(signal: &str, process: &str) -> Result<(), Failed> {
-    let done = Command::new("kill").args([signal, process]).status()?.success();
-    if done { Ok(()) } else { Err(format!("no process `{process}` for {signal}").into()) }
+    let done = Command::new("kill").args([signal, process]).output()?;
+    if done.status.success() {
+        Ok(())
+    } else {
+        Err(format!("no process `{process}` for {signal}").into())
+    }
 }
 
 impl Rig {
@@ -176,7 +185,7 @@ impl Rig {
     pub fn restart(&mut self) -> Result<(), Failed> {
         drop(self.process.stdin.take());
         self.process.wait()?;
-        *self = start().map_err(|error| error.to_string())?;
+        *self = start(self.port).map_err(|error| error.to_string())?;
         self.mend()
     }
 
@@ -195,8 +204,8 @@ impl Rig {
         Err("it does not come to rest".into())
     }
 
-    /// Everything as it should be when a trial begins.
-    fn mend(&mut self) -> Result<(), Failed> {
+    /// Everything as it should be when a trial begins: a person has been busy.
+    pub fn mend(&mut self) -> Result<(), Failed> {
         let _ = self.rsh("-CONT");
         if self.pid_of_task()?.is_empty() {
             return self.restart();

@@ -95,8 +95,8 @@ pub(super) fn modes(
     let mut slot = "G54";
     for group in GROUPS {
         let code = head.iter().filter(|line| !line.starts_with('('));
-        let said = code.flat_map(|line| line.split_whitespace());
-        let Some(wanted) = said.filter(|word| group.contains(word)).next_back() else { continue };
+        let mut said = code.flat_map(|line| line.split_whitespace());
+        let Some(wanted) = said.rfind(|word| group.contains(word)) else { continue };
         if !in_force.iter().any(|word| word == wanted) {
             return Err(unlike(format!("{wanted} is not in force")));
         }

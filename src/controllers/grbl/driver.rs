@@ -3,50 +3,40 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use tokio::time::{Instant, sleep};
-
 use super::check;
-use super::message::{Message, Status};
-use super::wire::{Patience, Wire, not_ready};
+use super::fault::stands_after;
+use super::message::Message;
+use super::prepare::stop_in_words;
+use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Prepared};
-use crate::gcode::{Dialect, Program, RenderError};
+use crate::gcode::Dialect;
 use crate::link::Link;
 use crate::record::machine::Machine;
 use crate::record::motion::{Block, Motion, Outcome};
 
-/// A probe may bounce this long after it came free.
-const SETTLE: Duration = Duration::from_millis(300);
 /// A spindle may take this long to find its orientation.
 const ORIENT: Duration = Duration::from_secs(30);
-/// Bits of `$10`: pin state and probe coordinates in reports (grblHAL settings).
-const REPORT_PINS: u32 = 1 << 4;
-const REPORT_PROBE: u32 = 1 << 7;
-/// Modal words that are put back as they were found.
-const RESTORED: [&str; 16] = [
-    "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3", "G17", "G18", "G19",
-    "G20", "G21", "G90", "G91",
-];
 
 /// The driver of one control.
 pub struct Grbl {
-    wire: Wire,
-    dialect: Dialect,
-    machine: String,
+    pub(super) wire: Wire,
+    pub(super) dialect: Dialect,
+    pub(super) machine: String,
     /// Axes that the machine file names, without the spindle.
-    wanted: Vec<Axis>,
+    pub(super) wanted: Vec<Axis>,
     /// How far from its target each may stand, mm or rad.
-    tolerance: BTreeMap<Axis, f64>,
+    pub(super) tolerance: BTreeMap<Axis, f64>,
     /// Where the machine last stood still.
-    stood: Position,
+    pub(super) stood: Position,
     /// Prepared, and no fault since.
     ready: bool,
-    stop: String,
+    pub(super) stop: String,
     /// Axis words in the order of the control's reports; `None` for one that has no name here.
-    axes: Vec<Option<Axis>>,
-    line_limit: usize,
-    found: Vec<String>,
-    spindle: Option<f64>,
+    pub(super) axes: Vec<Option<Axis>>,
+    pub(super) line_limit: usize,
+    pub(super) found: Vec<String>,
+    pub(super) spindle: Option<f64>,
 }
 
 impl Grbl {
@@ -83,80 +73,8 @@ impl Grbl {
         self
     }
 
-    /// Who is there; axes and buffer from `$I`.
-    async fn identify(&mut self) -> Result<String, ControllerError> {
-        let mut version = "unknown version".to_owned();
-        // Classic Grbl says nothing of its axes: it has these.
-        let mut letters = "XYZ".to_owned();
-        for message in self.wire.ask("$I").await? {
-            match message {
-                Message::Version(text) => version = text,
-                Message::Buffer(bytes) => self.line_limit = bytes,
-                Message::Axes(text) => letters = text,
-                _ => {}
-            }
-        }
-        self.axes = letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
-        let missing: Vec<String> = (self.wanted.iter())
-            .filter(|axis| !self.axes.contains(&Some(**axis)))
-            .map(Axis::to_string)
-            .collect();
-        if !missing.is_empty() {
-            return Err(ControllerError::Unsupported {
-                what: format!("it drives {letters}, but not {}", missing.join(", ")),
-                remedy: "classic Grbl has three axes and cannot measure rotary ones: use grblHAL \
-                         built with the machine's axes, or another control"
-                    .to_owned(),
-            });
-        }
-        Ok(format!("Grbl {version}, axes {letters}"))
-    }
-
-    /// Refuse reports from which the probe cannot be read. Controls without `$10` queries say
-    /// nothing here.
-    async fn check_reports(&mut self) -> Result<(), ControllerError> {
-        let said = match self.wire.ask("$10").await {
-            Err(ControllerError::Refused { .. }) => return Ok(()),
-            said => said?,
-        };
-        let masked = |message: &Message| match message {
-            Message::ReportMask(mask) => mask & REPORT_PINS == 0 || mask & REPORT_PROBE == 0,
-            _ => false,
-        };
-        if said.iter().any(masked) {
-            return Err(ControllerError::NotReady {
-                state: "its reports hide the probe".to_owned(),
-                remedy: "set $10=511 at the control".to_owned(),
-            });
-        }
-        Ok(())
-    }
-
-    async fn remember_modes(&mut self) -> Result<(), ControllerError> {
-        for message in self.wire.ask("$G").await? {
-            if let Message::Modes(words) = message {
-                self.found = words;
-                self.found.retain(|word| RESTORED.contains(&word.as_str()));
-            }
-        }
-        Ok(())
-    }
-
-    /// Send the dialect's head or foot; the lines.
-    async fn send_frame(&mut self, lines: Frame) -> Result<Vec<String>, ControllerError> {
-        let program = Program { title: &self.machine, axes: &self.wanted, log: None };
-        let lines = lines(&self.dialect, &program)
-            .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
-        let still = self.dialect.wakes_s().unwrap_or_default();
-        let still = Duration::try_from_secs_f64(still).unwrap_or_default();
-        for line in &lines {
-            self.wire.ask_within(line, still).await?;
-        }
-        Ok(lines)
-    }
-
     /// Send the lines of one motion; what was said while they ran.
-    async fn send(
+    pub(super) async fn send(
         &mut self,
         block: &Block,
         motion: &Motion,
@@ -214,152 +132,17 @@ impl Grbl {
                 if !said.hit {
                     return Err(ControllerError::NoContact { step });
                 }
-                self.confirm(step, &said).await?;
-                outcome.touch = Some(self.position(&said.values)?);
+                let contact = self.position(&said.values)?;
+                self.confirm(step, &said, &contact).await?;
+                outcome.touch = Some(contact);
                 outcome.t_s = said.t_s;
             }
         }
         Ok(())
     }
-
-    /// Wait until the machine stands, and see that it stands where it was sent.
-    async fn arrive(&mut self, target: &Position) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + self.wire.patience.aftermath;
-        let target = target.only(|axis| axis != Axis::S);
-        loop {
-            let status = self.wire.idle().await?;
-            self.stood = self.stands(status)?;
-            match check::astray(&target, &self.stood, |axis| self.tolerance(axis)) {
-                None => return Ok(()),
-                // The reports may be older than the motion.
-                Some(error) if Instant::now() > deadline => return Err(error),
-                Some(_) => sleep(self.wire.patience.poll / 10).await,
-            }
-        }
-    }
-
-    fn tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name do not matter.
-        self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
-    }
-
-    /// The control tells a touch again on `$#`: both must be the same to the last digit, and lie on
-    /// the way that the machine came.
-    async fn confirm(&mut self, step: u32, said: &Touch) -> Result<(), ControllerError> {
-        let from = self.stood.clone();
-        let status = self.wire.idle().await?;
-        self.stood = self.stands(status)?;
-        let again = touch_of(&self.wire.ask("$#").await?)?;
-        if again != *said {
-            let (first, again) = (format!("{said:?}"), format!("{again:?}"));
-            return Err(ControllerError::Doubtful { step, first, again });
-        }
-        let contact = self.position(&said.values)?.only(|axis| axis != Axis::S);
-        let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), Err)
-    }
-
-    /// A probing line: its result stands between the line and its `ok`.
-    async fn probe(&mut self, block: &Block, motion: &Motion) -> Result<Touch, ControllerError> {
-        let step = block.step;
-        let said = self.send(block, motion).await.map_err(|error| match error {
-            ControllerError::Alarm { code: 4, .. } => ControllerError::StillTripped { step },
-            ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
-            other => other,
-        })?;
-        touch_of(&said)
-    }
-
-    fn stands(&self, status: Status) -> Result<Position, ControllerError> {
-        let values = status.position.ok_or_else(|| ControllerError::NotReady {
-            state: "its reports hide the machine position".to_owned(),
-            remedy: "set $10=511 at the control".to_owned(),
-        })?;
-        self.position(&values)
-    }
-
-    fn position(&self, values: &[f64]) -> Result<Position, ControllerError> {
-        if values.len() != self.axes.len() {
-            return Err(ControllerError::Garbled { text: format!("[PRB:{values:?}]") });
-        }
-        let named = self.axes.iter().zip(values);
-        let axes =
-            named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.from_edge(*value))));
-        let spindle = self.spindle.map(|s| (Axis::S, s));
-        Ok(axes.chain(spindle).collect())
-    }
-
-    /// The probe reads open, or does so before long.
-    async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + SETTLE;
-        loop {
-            if !self.wire.status().await?.probe_closed {
-                return Ok(());
-            }
-            if Instant::now() > deadline {
-                return Err(ControllerError::StillTripped { step });
-            }
-            sleep(SETTLE / 10).await;
-        }
-    }
-}
-
-type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;
-
-/// The result of a probing move as the control tells it.
-#[derive(Debug, Clone, PartialEq)]
-struct Touch {
-    /// In the order of the control's reports, mm and degrees.
-    values: Vec<f64>,
-    hit: bool,
-    t_s: Option<f64>,
-}
-
-/// The one result among what was said.
-fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
-    let mut found = None;
-    let mut t_s = None;
-    for message in said {
-        match message {
-            Message::Touch { values, hit } if found.is_none() => {
-                found = Some((values.clone(), *hit));
-            }
-            Message::Touch { .. } => {
-                let text = format!("two results of one probing move: {said:?}");
-                return Err(ControllerError::Garbled { text });
-            }
-            Message::Time(stamp) => t_s = Some(*stamp),
-            _ => {}
-        }
-    }
-    let (values, hit) = found.ok_or_else(|| ControllerError::Garbled {
-        text: format!("no [PRB:..] before ok, but {said:?}"),
-    })?;
-    Ok(Touch { values, hit, t_s })
 }
 
 impl Grbl {
-    async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
-        let status = self.wire.wake().await?;
-        if status.state != "Idle" {
-            return Err(not_ready(&status));
-        }
-        let identity = self.identify().await?;
-        self.check_reports().await?;
-        if !self.dialect.switches_probe_on() {
-            check::probe_open(&self.wire.idle().await?)?;
-        }
-        self.remember_modes().await?;
-        let head = self.send_frame(Dialect::head).await?;
-        let modes = self.wire.ask("$G").await?;
-        check::modes(&head, &modes, &self.wire.ask("$#").await?)?;
-        let status = self.wire.idle().await?;
-        check::probe_open(&status)?;
-        check::probe_health(&status, &self.dialect)?;
-        self.stood = self.stands(status)?;
-        Ok(Prepared { identity, stop: self.stop.clone(), stands: self.stood.clone() })
-    }
-
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
         if self.dialect.health_inputs().next().is_some() {
@@ -421,26 +204,6 @@ impl Driver for Grbl {
     }
 }
 
-/// Faults that the control itself reports at a standstill.
-fn stands_after(error: &ControllerError) -> bool {
-    use ControllerError as E;
-    matches!(
-        error,
-        E::Halted
-            | E::HeldThere { .. }
-            | E::Alarm { .. }
-            | E::Reset { .. }
-            | E::NoContact { .. }
-            | E::UnexpectedContact { .. }
-            | E::StillTripped { .. }
-            | E::Astray { .. }
-            | E::Doubtful { .. }
-            | E::NotReady { .. }
-            | E::Probe { .. }
-            | E::Render { .. }
-    )
-}
-
 /// How long a motion may take while the control reports idle.
 fn standstill(motion: &Motion) -> Duration {
     match motion {
@@ -448,15 +211,4 @@ fn standstill(motion: &Motion) -> Duration {
         Motion::Orient { .. } => ORIENT,
         _ => Duration::ZERO,
     }
-}
-
-/// From the machine file: braking from rapid at the set acceleration, v²/2a, axis by axis.
-fn stop_in_words(machine: &Machine) -> String {
-    let braking = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S).map(|(axis, spec)| {
-        let speed = spec.rapid_per_min / 60.0;
-        let unit = if axis.is_linear() { "mm" } else { "deg" };
-        format!("{axis} {:.1} {unit}", speed * speed / (2.0 * spec.acceleration_per_s2))
-    });
-    let braking: Vec<String> = braking.collect();
-    format!("feed hold (!): brakes on the path and stays; at most {}", braking.join(", "))
 }

@@ -10,14 +10,17 @@
 
 mod check;
 mod driver;
+mod fault;
 pub mod firmware;
 #[cfg(test)]
 mod fuzz;
 mod message;
+mod prepare;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
+mod touch;
 mod wire;
 
 pub use driver::Grbl;

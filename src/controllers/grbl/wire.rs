@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::message::{Message, Status, alarm_meaning, error_meaning};
+use super::fault::{not_ready, out_of_step, refused, silent, state_of, stranger};
+use super::message::{Message, Status, alarm_meaning};
 use crate::controllers::{ControllerError, Halt};
 use crate::link::{Link, LinkError, Received, Urgent};
 
@@ -152,7 +153,8 @@ impl Wire {
             watch.look(&status, &self.patience, Duration::ZERO, "?")?;
             seen = 0;
             sleep(pause).await;
-            pause = (pause * 2).min(self.patience.poll);
+            // Every move ends here: a long pause would cost more than the question.
+            pause = (pause * 2).min(self.patience.poll / 10);
         }
     }
 
@@ -294,70 +296,11 @@ impl Watch {
     }
 }
 
-fn out_of_step(heard: &Message) -> ControllerError {
-    let heard = match heard {
-        Message::Ok => "ok".to_owned(),
-        Message::Error(code) => format!("error:{code}"),
-        other => format!("{other:?}"),
-    };
-    ControllerError::OutOfStep { heard }
-}
-
 fn stands(status: &Status) -> bool {
     match status.state.as_str() {
         "Hold" => status.substate.as_deref() == Some("0"),
         "Door" => matches!(status.substate.as_deref(), Some("0" | "1")),
         "Run" | "Jog" | "Home" => false,
         _ => true,
-    }
-}
-
-fn refused(line: &str, code: u32) -> ControllerError {
-    ControllerError::Refused {
-        line: line.to_owned(),
-        reply: format!("error:{code}"),
-        meaning: error_meaning(code).to_owned(),
-    }
-}
-
-fn silent(line: &str, waited: Duration) -> ControllerError {
-    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
-}
-
-/// Somebody or nobody is there, but no Grbl.
-fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
-    if noise {
-        return ControllerError::NotReady {
-            state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
-            remedy: "check baud in [controller] of the machine file".to_owned(),
-        };
-    }
-    match foreign {
-        Some(text) => ControllerError::NotReady {
-            state: format!("it does not answer as Grbl does: `{text}`"),
-            remedy: "check kind and the address in [controller] of the machine file".to_owned(),
-        },
-        None => silent("?", waited),
-    }
-}
-
-/// The control is there but will not move.
-pub(super) fn not_ready(status: &Status) -> ControllerError {
-    let remedy = match status.state.as_str() {
-        "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
-        "Hold" => "a move is held: resume or reset it at the control",
-        "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
-        "Door" => "close the door",
-        "Check" => "leave the check mode ($C)",
-        "Sleep" => "wake the control with a reset",
-        _ => "bring the control to Idle",
-    };
-    ControllerError::NotReady { state: state_of(status), remedy: remedy.to_owned() }
-}
-
-fn state_of(status: &Status) -> String {
-    match &status.substate {
-        Some(substate) => format!("{}:{substate}", status.state),
-        None => status.state.clone(),
     }
 }

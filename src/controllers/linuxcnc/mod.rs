@@ -14,7 +14,15 @@
 //!   once, in `prepare`, by a program that moves nothing; afterwards the file is replaced and run
 //!   again. After an error nothing runs until `prepare` has done so anew.
 //! - A probe move that starts in contact does not move and reports a touch where it stands.
-//! - The axes are the joints: kinematics that can be switched must be in identity mode.
+//! - The axes are the joints: kinematics that can be switched must be in identity mode. It is looked
+//!   at after every block, as it shows only once rotary axes are away from zero.
+//! - `get` is answered from a copy of the task's state. Of a frozen or killed task the copy stays as it
+//!   was, and the answers go on; motion goes on too, up to the end of what it has or to a contact. Only
+//!   a `set` waits for the task. So a program that seems to stand still is asked for a sign of life.
+//! - An emergency stop ends a program without a message, and without losing the homing.
+//! - A killed linuxcncrsh stops nothing: the program under way goes on to its end. It is the program of
+//!   one touch, which guards itself; so at most this touch is done.
+//! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod driver;
 mod fault;

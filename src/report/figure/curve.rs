@@ -14,8 +14,10 @@ pub(super) fn curve(function: &Function, samples: &[Sample]) -> Option<String> {
         bounds(samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]))?;
     let (low, high) = widened((low, high));
     let x_axis = x_axis(function, samples)?;
-    let x_name =
-        format!("{} / {}", function.argument, number::argument_unit(&function.argument_unit));
+    let x_name = match function.argument_unit.as_str() {
+        "" => function.argument.clone(),
+        unit => format!("{} / {}", function.argument, number::argument_unit(unit)),
+    };
     let y_name =
         format!("{} / {}", number::plain_symbol(&function.symbol), number::unit(function.unit));
     picture(SIZE, |area| {

@@ -4,7 +4,7 @@
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use crate::base::Axis;
-use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe};
+use crate::record::machine::{Artefact, AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
 
 type Checked = Result<(), MachineFileError>;
 
@@ -29,7 +29,21 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
     check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
     check.positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
     check.positive(&["probe", "search_feed_mm_min"], probe.search_feed_mm_min)?;
-    check.short(&["probe", "settle_s"], probe.settle_s)
+    check.short(&["probe", "settle_s"], probe.settle_s)?;
+    check.not_negative(&["probe", "stem_radius_mm"], probe.stem_radius_mm)?;
+    check.not_negative(&["probe", "stem_length_mm"], probe.stem_length_mm)?;
+    check.not_negative(&["probe", "body_radius_mm"], probe.body_radius_mm)?;
+    check.not_negative(&["probe", "body_length_mm"], probe.body_length_mm)?;
+    check.that(
+        probe.stem_radius_mm < probe.ball_radius_mm,
+        &["probe", "stem_radius_mm"],
+        "must be less than ball_radius_mm: the ball has to touch first",
+    )?;
+    check.that(
+        probe.body_length_mm == 0.0 || probe.stem_length_mm > 0.0,
+        &["probe", "body_length_mm"],
+        "needs stem_length_mm, the distance from the ball to the body",
+    )
 }
 
 pub fn artefact(document: &Document, artefact: &Artefact) -> Checked {
@@ -47,6 +61,38 @@ pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {
             let why = format!("the box `{}`: each min_mm must be below its max_mm", keepout.name);
             let problem = Problem::Section { section: "keepout".to_owned(), why };
             return Err(document.error_at(&["keepout"], problem));
+        }
+    }
+    Ok(())
+}
+
+/// Each has a name of its own, a shape and something that carries it.
+pub fn solids(document: &Document, solids: &[Solid], machine: &Machine) -> Checked {
+    for (index, solid) in solids.iter().enumerate() {
+        let name = solid.name.as_str();
+        let must = |holds: bool, key: &str, why: String| {
+            let problem = Problem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
+            if holds { Ok(()) } else { Err(document.error_at_entry("solid", index, key, problem)) }
+        };
+        must(!name.trim().is_empty(), "name", "must not be empty".to_owned())?;
+        let alone = solids.iter().filter(|other| other.name == name).count() == 1;
+        must(alone, "name", format!("is `{name}`, and so is another one's: give each its own"))?;
+        if let Carrier::Axis(axis) = solid.on {
+            let there = machine.axes.contains_key(&axis);
+            must(there, "on", format!("is {axis}, an axis that this machine does not have"))?;
+        }
+        let mut sides = solid.from_mm.iter().zip(&solid.to_mm).map(|(from, to)| from != to);
+        match solid.radius_mm {
+            Some(radius) => {
+                let why = format!("is {radius}; it must be greater than 0");
+                must(radius > 0.0, "radius_mm", why)?;
+                let why = "is where from_mm is: the two ends of its axis must lie apart";
+                must(sides.any(|apart| apart), "to_mm", why.to_owned())?;
+            }
+            None => {
+                let why = "makes a box without thickness: the corners must differ in x, y and z";
+                must(sides.all(|apart| apart), "to_mm", why.to_owned())?;
+            }
         }
     }
     Ok(())

@@ -47,6 +47,11 @@ pub enum Link {
         path: PathBuf,
         baud: u32,
     },
+    /// A port by its name below `/dev/serial/by-id`, or a part of that name.
+    SerialId {
+        id: String,
+        baud: u32,
+    },
     /// `host:port`.
     Tcp(String),
 }
@@ -73,6 +78,7 @@ struct Grbl {
     #[serde(rename = "kind")]
     _kind: String,
     serial: Option<PathBuf>,
+    serial_id: Option<String>,
     baud: Option<u32>,
     tcp: Option<String>,
     #[serde(default = "grbl_dialect")]
@@ -131,16 +137,19 @@ pub fn read(document: &Document) -> Result<ControllerConfig, MachineFileError> {
 }
 
 fn grbl(document: &Document, raw: Grbl) -> Result<ControllerConfig, MachineFileError> {
-    let link = match (raw.serial, raw.tcp) {
-        (Some(path), None) => Link::Serial { path, baud: raw.baud.unwrap_or(115_200) },
-        (None, Some(_)) if raw.baud.is_some() => {
+    let baud = raw.baud.unwrap_or(115_200);
+    let link = match (raw.serial, raw.serial_id, raw.tcp) {
+        (Some(path), None, None) => Link::Serial { path, baud },
+        (None, Some(id), None) => Link::SerialId { id, baud },
+        (None, None, Some(_)) if raw.baud.is_some() => {
             let key = ["controller", "baud"];
             let why = "belongs to `serial`; a TCP link has no baud rate: remove it".to_owned();
             return Err(document.error_at(&key, value_problem(&key, why)));
         }
-        (None, Some(address)) => Link::Tcp(host_port(document, address)?),
-        (Some(_), Some(_)) | (None, None) => {
-            let why = "needs exactly one link: `serial = \"/dev/...\"` or `tcp = \"host:port\"`";
+        (None, None, Some(address)) => Link::Tcp(host_port(document, address)?),
+        _ => {
+            let why = "needs exactly one link: `serial = \"/dev/...\"`, `serial_id = \"usb-...\"` \
+                       or `tcp = \"host:port\"`";
             let problem = Problem::Section { section: "controller".into(), why: why.into() };
             return Err(document.error_at(&SECTION, problem));
         }

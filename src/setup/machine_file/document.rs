@@ -91,6 +91,33 @@ impl Document {
         self.error(at, problem)
     }
 
+    /// An error at `key` of the section `[[name]]` that stands there as number `index`, or at its
+    /// head where it lacks the key.
+    pub fn error_at_entry(
+        &self,
+        name: &str,
+        index: usize,
+        key: &str,
+        problem: Problem,
+    ) -> MachineFileError {
+        let entry = self.root().ok().and_then(|mut root| root.remove(name));
+        let entry = entry.and_then(|value| match value.into_inner() {
+            DeValue::Array(entries) => entries.into_iter().nth(index),
+            _ => None,
+        });
+        let at = entry.map(|entry| {
+            let head = entry.span().start;
+            match entry.into_inner() {
+                DeValue::Table(table) => {
+                    let mut keys = table.into_iter().map(|(key, _)| key);
+                    keys.find(|own| own.get_ref() == key).map_or(head, |own| own.span().start)
+                }
+                _ => head,
+            }
+        });
+        self.error(at, problem)
+    }
+
     /// A fault in what `path` holds.
     fn place(&self, path: &[&str], fault: Fault) -> MachineFileError {
         let mut keys: Vec<&str> = path.to_vec();

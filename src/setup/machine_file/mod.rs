@@ -87,6 +87,7 @@ impl MachineFile {
         check::keepouts(&document, &keepout)?;
         let solids: Vec<Solid> =
             document.section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
+        check::solids(&document, &solids, &machine)?;
         let artefact = artefact::read(&document)?;
         check::artefact(&document, &artefact)?;
         let controller = controller::read(&document)?;

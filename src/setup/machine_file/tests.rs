@@ -300,3 +300,58 @@ fn switches_of_probe_and_clamps_are_checked_with_their_place() {
         assert!(message.starts_with("shop.toml:") && message.contains(said), "{message}");
     }
 }
+
+#[test]
+fn solids_and_the_stylus_must_be_possible() {
+    let at = |name: &str, key: &str| line(&format!("name = \"{name}\""), key);
+    let solid =
+        |key: &str, why: &str, line: usize| format!("shop.toml:{line}: `{key}` in [solid] {why}");
+    refused(
+        "name = \"cradle\"",
+        "name = \"table\"",
+        &solid(
+            "name",
+            "is `table`, and so is another one's: give each its own",
+            at("spindle nose", "name = \"table\""),
+        ),
+    );
+    refused(
+        "on = \"B\"",
+        "on = \"A\"",
+        &solid("on", "is A, an axis that this machine does not have", at("cradle", "on")),
+    );
+    refused(
+        "to_mm = [170.0, 130.0, -45.0]",
+        "to_mm = [170.0, 130.0, -110.0]",
+        &solid(
+            "to_mm",
+            "makes a box without thickness: the corners must differ in x, y and z",
+            at("cradle", "to_mm"),
+        ),
+    );
+    refused(
+        "radius_mm = 130.0",
+        "radius_mm = -130.0",
+        &solid("radius_mm", "is -130; it must be greater than 0", at("table", "radius_mm")),
+    );
+    let unknown = edited("on = \"B\"", "on = \"ceiling\"").expect_err("accepted").to_string();
+    let cradle = at("cradle", "on");
+    assert!(unknown.starts_with(&format!("shop.toml:{cradle}: ")), "{unknown}");
+
+    let stem = line("[probe]", "stem_radius_mm");
+    refused(
+        "stem_radius_mm = 1.5",
+        "stem_radius_mm = 3.0",
+        &format!(
+            "shop.toml:{stem}: `stem_radius_mm` in [probe] must be less than ball_radius_mm: the ball has to touch first"
+        ),
+    );
+    let body = line("[probe]", "body_length_mm");
+    refused(
+        "stem_length_mm = 95.0",
+        "stem_length_mm = 0.0",
+        &format!(
+            "shop.toml:{body}: `body_length_mm` in [probe] needs stem_length_mm, the distance from the ball to the body"
+        ),
+    );
+}

@@ -1,9 +1,12 @@
 //! The driver against the simulated control, and against peers that are nothing but bytes.
 
+mod bench;
+mod faults;
+
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use bench::{IDLE, odd, peer};
 
 use super::firmware::{Firmware, Options, Pace};
 use super::{Grbl, Patience, testing};
@@ -19,7 +22,7 @@ fn grbl(link: Link) -> (Grbl, Halt) {
         answer: Duration::from_millis(300),
         poll: Duration::from_millis(20),
         aftermath: Duration::from_millis(100),
-        ..Patience::default()
+        stall: Duration::from_secs(2),
     };
     (driver.with_patience(patience), halt)
 }
@@ -92,71 +95,6 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
     assert_eq!(run(&mut driver, 70).await, in_process);
 }
 
-/// Everything that came over the wire, as text.
-type Tape = Arc<Mutex<String>>;
-
-/// A peer of bytes alone: `answer` is asked for every line, and for `?` and `!` as they come.
-fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let tape = Tape::default();
-    let copy = tape.clone();
-    tokio::spawn(async move { talk(theirs, &copy, &mut answer).await });
-    (Link::over("the bench", ours), tape)
-}
-
-async fn talk(
-    mut stream: DuplexStream,
-    tape: &Tape,
-    answer: &mut (dyn FnMut(&str) -> Option<String> + Send),
-) {
-    let mut line = String::new();
-    while let Ok(byte) = stream.read_u8().await {
-        tape.lock().unwrap().push(byte as char);
-        let said = match byte {
-            b'?' | b'!' => answer(&(byte as char).to_string()),
-            b'\n' => answer(&std::mem::take(&mut line)),
-            byte => {
-                line.push(byte as char);
-                continue;
-            }
-        };
-        let said = said.unwrap_or_default();
-        if said == "HANG UP" || stream.write_all(&bytes(&said)).await.is_err() {
-            return;
-        }
-    }
-}
-
-/// Latin-1, so that a script may hold any byte.
-fn bytes(text: &str) -> Vec<u8> {
-    text.chars().map(|c| c as u8).collect()
-}
-
-const IDLE: &str =
-    "<Idle|MPos:0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
-
-/// A healthy grblHAL, its bytes from transcripts.
-fn healthy(line: &str) -> Option<String> {
-    let hit = "[PRB:0.000,0.000,-11.748,0.000,0.000:1]\r\nok\r\n";
-    let free = "[PRB:0.000,0.000,-11.748,0.000,0.000:0]\r\nok\r\n";
-    Some(match line {
-        "?" => IDLE.to_owned(),
-        "!" => String::new(),
-        "$I" => {
-            "[VER:1.1f.20260817:]\r\n[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n".into()
-        }
-        // The dialect touches and guards with one word; these tests tell them by the feed.
-        probing if probing.contains("G38") && probing.contains("F30.") => hit.to_owned(),
-        probing if probing.contains("G38") => free.to_owned(),
-        _ => "ok\r\n".to_owned(),
-    })
-}
-
-/// A healthy peer, save where `odd` answers.
-fn odd(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
-    peer(move |line| odd(line).or_else(|| healthy(line)))
-}
-
 fn status(text: &str) -> String {
     format!("<{text}>\r\n")
 }
@@ -217,7 +155,7 @@ async fn touched(
     *prepared.lock().unwrap() = true;
     tape.lock().unwrap().clear();
     let outcome = driver.execute(&touch(3)).await;
-    let tape = tape.lock().unwrap().replace('?', "");
+    let tape = tape.lock().unwrap().replace(['?', '!'], "");
     (outcome, tape)
 }
 
@@ -226,10 +164,11 @@ async fn a_touch_as_a_real_control_answers_it() {
     let (outcome, tape) = touched(|_| None).await;
     let outcome = outcome.unwrap();
     let at = outcome.touch.unwrap();
-    assert_eq!(at.at(Axis::Z), -11.748);
+    // At the end of the touch, at 26 mm and 135 degrees, three decimals.
+    assert_eq!([at.at(Axis::X), at.at(Axis::Y), at.at(Axis::Z)], [-18.385, 18.385, -150.0]);
     assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
     assert_eq!(outcome.t_s, None);
-    assert_eq!(tape.lines().count(), 7);
+    assert_eq!(tape.lines().count(), 8, "seven motions, and the touch told again: {tape}");
 }
 
 fn on_probe(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
@@ -258,18 +197,18 @@ async fn what_a_touch_can_run_into_is_told_by_name() {
     let (outcome, tape) = touched(on_guard(hit)).await;
     assert!(matches!(outcome, Err(ControllerError::UnexpectedContact { step: 3 })));
     assert_eq!(tape.lines().count(), 3, "nothing follows: {tape}");
-    let closed = |line: &str| (line == "?").then(|| status("Idle|MPos:0.000|Pn:PZ"));
+    let closed = |line: &str| (line == "?").then(|| status("Idle|MPos:{at}|Pn:PZ"));
     let (outcome, tape) = touched(closed).await;
     assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
     assert!(!tape.contains("F30."), "{tape}");
     let mut probed = false;
     let stuck = move |line: &str| {
         probed |= line.contains("F30.");
-        (probed && line == "?").then(|| status("Idle|MPos:0.000|Pn:P"))
+        (probed && line == "?").then(|| status("Idle|MPos:{at}|Pn:P"))
     };
     let (outcome, tape) = touched(stuck).await;
     assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
-    assert_eq!(tape.lines().count(), 6, "nothing follows the back-off: {tape}");
+    assert_eq!(tape.lines().count(), 7, "nothing follows the back-off: {tape}");
 }
 
 #[tokio::test]
@@ -321,15 +260,15 @@ async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
         }
         probing if probing.contains("F30.") => {
             polls = 1;
-            Some(String::new())
+            Some(">".to_owned())
         }
         "?" if polls == 30 => {
             polls += 1;
-            Some(format!("{IDLE}[PRB:1.000,0.000,-11.748,0.000,0.000:1]\r\nok\r\n"))
+            Some(format!("{IDLE}{{told}}\r\nok\r\n"))
         }
         _ => None,
     };
-    assert_eq!(touched(running).await.0.unwrap().touch.unwrap().at(Axis::X), 1.0);
+    assert_eq!(touched(running).await.0.unwrap().touch.unwrap().at(Axis::X), -18.385);
 }
 
 #[tokio::test]

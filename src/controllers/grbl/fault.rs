@@ -1,0 +1,85 @@
+//! From what the control says, or does not say, to the error that the person is told.
+
+use std::time::Duration;
+
+use super::message::{Message, Status, error_meaning};
+use crate::controllers::ControllerError;
+
+pub(super) fn refused(line: &str, code: u32) -> ControllerError {
+    ControllerError::Refused {
+        line: line.to_owned(),
+        reply: format!("error:{code}"),
+        meaning: error_meaning(code).to_owned(),
+    }
+}
+
+pub(super) fn silent(line: &str, waited: Duration) -> ControllerError {
+    ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
+}
+
+/// Somebody or nobody is there, but no Grbl.
+pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
+    if noise {
+        return ControllerError::NotReady {
+            state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
+            remedy: "check baud in [controller] of the machine file".to_owned(),
+        };
+    }
+    match foreign {
+        Some(text) => ControllerError::NotReady {
+            state: format!("it does not answer as Grbl does: `{text}`"),
+            remedy: "check kind and the address in [controller] of the machine file".to_owned(),
+        },
+        None => silent("?", waited),
+    }
+}
+
+/// The control is there but will not move.
+pub(super) fn not_ready(status: &Status) -> ControllerError {
+    let remedy = match status.state.as_str() {
+        "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
+        "Hold" => "a move is held: resume or reset it at the control",
+        "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
+        "Door" => "close the door",
+        "Check" => "leave the check mode ($C)",
+        "Sleep" => "wake the control with a reset",
+        _ => "bring the control to Idle",
+    };
+    ControllerError::NotReady { state: state_of(status), remedy: remedy.to_owned() }
+}
+
+pub(super) fn state_of(status: &Status) -> String {
+    match &status.substate {
+        Some(substate) => format!("{}:{substate}", status.state),
+        None => status.state.clone(),
+    }
+}
+
+pub(super) fn out_of_step(heard: &Message) -> ControllerError {
+    let heard = match heard {
+        Message::Ok => "ok".to_owned(),
+        Message::Error(code) => format!("error:{code}"),
+        other => format!("{other:?}"),
+    };
+    ControllerError::OutOfStep { heard }
+}
+
+/// Faults that the control itself reports at a standstill.
+pub(super) fn stands_after(error: &ControllerError) -> bool {
+    use ControllerError as E;
+    matches!(
+        error,
+        E::Halted
+            | E::HeldThere { .. }
+            | E::Alarm { .. }
+            | E::Reset { .. }
+            | E::NoContact { .. }
+            | E::UnexpectedContact { .. }
+            | E::StillTripped { .. }
+            | E::Astray { .. }
+            | E::Doubtful { .. }
+            | E::NotReady { .. }
+            | E::Probe { .. }
+            | E::Render { .. }
+    )
+}

@@ -1,0 +1,58 @@
+//! What was proven before anything moved: in words, and as a function of the touch.
+
+use super::number;
+use crate::record::estimate::{FigureKind, Function, Unit};
+use crate::record::plan::Plan;
+use crate::record::proof::{Clearance, Proof};
+
+/// The smallest clearance of each touch, in the order of the run; `None` without any.
+pub(super) fn function(proofs: &[Proof]) -> Option<Function> {
+    let y: Vec<f64> = touches(proofs).map(|clearance| clearance.clearance_mm).collect();
+    (!y.is_empty()).then(|| Function {
+        symbol: "clearance".to_owned(),
+        argument: "touch".to_owned(),
+        argument_unit: String::new(),
+        x: (1..=y.len()).map(|n| n as f64).collect(),
+        unit: Unit::Mm,
+        u: Vec::new(),
+        y,
+        figure: FigureKind::Curve,
+    })
+}
+
+pub(super) fn rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)> {
+    if proofs.is_empty() {
+        return Vec::new();
+    }
+    let motions: usize = proofs.iter().map(|proof| proof.motions).sum();
+    let mut rows = vec![
+        ("Stages".to_owned(), proofs.len().to_string()),
+        ("Motions".to_owned(), motions.to_string()),
+    ];
+    let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
+    if let Some(nearest) = touches(proofs).min_by(least) {
+        let step = plan.steps.iter().find(|step| step.id == nearest.step);
+        let label = step.map_or(String::new(), |step| format!(" ({})", step.label));
+        let [one, other] = &nearest.between;
+        let clearance = number::fixed(nearest.clearance_mm, 2);
+        let text =
+            format!("{clearance} mm between {one} and {other}, step {}{label}", nearest.step);
+        rows.push(("Nearest".to_owned(), text));
+    }
+    rows
+}
+
+/// Without repetition, in the order of the stages.
+pub(super) fn not_looked_at(proofs: &[Proof]) -> Vec<String> {
+    let mut all: Vec<String> = Vec::new();
+    for what in proofs.iter().flat_map(|proof| &proof.not_looked_at) {
+        if !all.contains(what) {
+            all.push(what.clone());
+        }
+    }
+    all
+}
+
+fn touches(proofs: &[Proof]) -> impl Iterator<Item = &Clearance> {
+    proofs.iter().flat_map(|proof| &proof.steps)
+}

@@ -1,0 +1,160 @@
+//! A simulated control that outlives its clients, as a machine does: on a TCP port of this test,
+//! without waiting times. A session can be stopped short at a line; a person can reset the control;
+//! somebody can move the part.
+
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::setup::{self, MachineFile};
+
+pub struct Bench {
+    pub address: SocketAddr,
+    session: Arc<Mutex<Session>>,
+    wishes: UnboundedSender<(Wish, std::sync::mpsc::Sender<()>)>,
+}
+
+/// What the client in hand has sent, and the words at which it is stopped short.
+#[derive(Default)]
+struct Session {
+    heard: String,
+    gate: Vec<String>,
+}
+
+impl Session {
+    fn is_short(&self) -> bool {
+        let after = |rest: &mut &str, words: &String| {
+            *rest = rest.split_once(words.as_str())?.1;
+            Some(())
+        };
+        let mut rest = self.heard.as_str();
+        !self.gate.is_empty() && self.gate.iter().all(|words| after(&mut rest, words).is_some())
+    }
+}
+
+enum Wish {
+    Reset,
+    Become(Box<Firmware>),
+}
+
+fn firmware(file: &str) -> Firmware {
+    let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
+    let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+    Firmware::new(world, Options::of(&file.machine, Pace::Fast))
+}
+
+impl Bench {
+    /// The machine whose truth `file` tells.
+    pub fn start(file: &str) -> Self {
+        let session = Arc::new(Mutex::new(Session::default()));
+        let (wishes, wished) = unbounded_channel();
+        let (listening, address) = std::sync::mpsc::channel();
+        let (machine, shared) = (firmware(file), session.clone());
+        std::thread::spawn(move || {
+            let runtime =
+                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async {
+                let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+                listening.send(listener.local_addr().unwrap()).unwrap();
+                live(machine, listener, wished, shared).await;
+            });
+        });
+        Self { address: address.recv().unwrap(), session, wishes }
+    }
+
+    /// The next client's lines are lost from the one on that holds the last of these words, after
+    /// the others in their order; what acts at once still comes through.
+    pub fn stop_at(&self, words: &[&str]) {
+        self.session.lock().unwrap().gate = words.iter().map(|&words| words.to_owned()).collect();
+    }
+
+    /// Until the client has sent them.
+    pub fn wait(&self) {
+        while !self.session.lock().unwrap().is_short() {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// All that the last client sent.
+    pub fn heard(&self) -> String {
+        self.session.lock().unwrap().heard.clone()
+    }
+
+    /// A person resets the control.
+    pub fn reset(&self) {
+        self.wish(Wish::Reset);
+    }
+
+    /// The truth is another one from now on.
+    pub fn become_another(&self, file: &str) {
+        self.wish(Wish::Become(Box::new(firmware(file))));
+    }
+
+    fn wish(&self, wish: Wish) {
+        let (done, granted) = std::sync::mpsc::channel();
+        assert!(self.wishes.send((wish, done)).is_ok());
+        granted.recv().unwrap();
+        self.session.lock().unwrap().heard.clear();
+    }
+}
+
+async fn live(
+    mut machine: Firmware,
+    listener: TcpListener,
+    mut wished: UnboundedReceiver<(Wish, std::sync::mpsc::Sender<()>)>,
+    session: Arc<Mutex<Session>>,
+) {
+    loop {
+        tokio::select! {
+            client = listener.accept() => {
+                session.lock().unwrap().heard.clear();
+                let (near, far) = tokio::io::duplex(4096);
+                let (served, ()) = tokio::join!(machine.serve(far), pass_on(client.unwrap().0, near, &session));
+                served.unwrap();
+                session.lock().unwrap().gate.clear();
+            }
+            wish = wished.recv() => match wish {
+                None => return,
+                Some((Wish::Become(other), done)) => { machine = *other; done.send(()).unwrap(); }
+                Some((Wish::Reset, done)) => {
+                    let (mut near, far) = tokio::io::duplex(4096);
+                    near.write_all(b"\x18").await.unwrap();
+                    near.shutdown().await.unwrap();
+                    machine.serve(far).await.unwrap();
+                    done.send(()).unwrap();
+                }
+            },
+        }
+    }
+}
+
+async fn pass_on(client: TcpStream, control: DuplexStream, session: &Mutex<Session>) {
+    let (mut from_client, mut to_client) = client.into_split();
+    let (mut from_control, mut to_control) = tokio::io::split(control);
+    let requests = async move {
+        let mut buffer = [0; 1024];
+        // A client that was killed may reset the connection.
+        while let Ok(count @ 1..) = from_client.read(&mut buffer).await {
+            let mut bytes = buffer[..count].to_vec();
+            {
+                let mut session = session.lock().unwrap();
+                session.heard.push_str(&String::from_utf8_lossy(&bytes));
+                if session.is_short() {
+                    bytes.retain(|byte| b"!?".contains(byte));
+                }
+            }
+            to_control.write_all(&bytes).await.unwrap();
+        }
+        to_control.shutdown().await.unwrap();
+    };
+    let answers = async move {
+        let _ = tokio::io::copy(&mut from_control, &mut to_client).await;
+        // What nobody reads any more.
+        let _ = tokio::io::copy(&mut from_control, &mut tokio::io::sink()).await;
+    };
+    tokio::join!(requests, answers);
+}

@@ -1,0 +1,131 @@
+//! Rendered programs of real plans: all are proven as they are; each spoiled one is refused, and the
+//! refusal names the line.
+
+mod program;
+mod sabotage;
+
+use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
+use trued::base::{Axis, Position};
+use trued::proof::Refusal;
+
+/// Steps are drawn by this.
+const SEED: u64 = 20_250_314;
+
+fn with(file: &str, from: &str, to: &str) -> String {
+    assert!(file.contains(from), "{from}");
+    file.replacen(from, to, 1)
+}
+
+fn settings(file: &str, settings: &str) -> String {
+    if file.contains("[method.self-calibration]\n") && !file.contains("# [method.self-calibration]")
+    {
+        let head = "[method.self-calibration]\n";
+        return with(file, head, &format!("{head}{settings}\n"));
+    }
+    format!("{file}\n[method.self-calibration]\n{settings}\n")
+}
+
+/// Name, machine file, dialect.
+fn programs() -> Vec<(&'static str, String, &'static str)> {
+    let table_side = with(SIMULATED, "V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Y-Z-S-t");
+    let sure = with(SIMULATED, "uncertainty_mm = 2.0", "uncertainty_mm = 0.2");
+    let post = "[[keepout]]\nname = \"post\"\nmin_mm = [180, 150, -50]\nmax_mm = [250, 250, 400]\n";
+    let fenced = format!("{SIMULATED}\n{post}");
+    let clamp = "[[solid]]\nname = \"clamp\"\non = \"table\"\nfrom_mm = [70, -10, 0]\nto_mm = [110, 10, 130]\n";
+    let clamped = format!("{SIMULATED}\n{clamp}");
+    let mirrored =
+        with(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+    vec![
+        ("simulated, grbl", SIMULATED.to_owned(), "grbl"),
+        ("simulated, linuxcnc", SIMULATED.to_owned(), "linuxcnc"),
+        ("follow", settings(SIMULATED, "spindle = \"follow\""), "linuxcnc"),
+        ("heights", settings(SIMULATED, "positions = 12\nheights_mm = [20, 80]"), "grbl"),
+        ("not located", settings(&sure, "locate = false"), "linuxcnc"),
+        ("far off", settings(SIMULATED, "standoff_mm = 1.5\nsearch_mm = 3.0"), "grbl"),
+        ("close by", settings(SIMULATED, "standoff_mm = 0.2\nsearch_mm = 0.4"), "grbl"),
+        ("linuxcnc", LINUXCNC.to_owned(), "linuxcnc"),
+        ("linuxcnc in grbl", LINUXCNC.to_owned(), "grbl"),
+        ("grblhal", GRBLHAL.to_owned(), "grbl"),
+        ("grblhal in linuxcnc", GRBLHAL.to_owned(), "linuxcnc"),
+        ("X on the table's side", table_side, "grbl"),
+        ("a post", fenced, "grbl"),
+        ("a clamp higher than the part", clamped, "linuxcnc"),
+        ("C reversed", mirrored, "grbl"),
+    ]
+}
+
+/// High over the middle, all axes at zero.
+fn parked(rendered: &Rendered) -> Position {
+    let axes = rendered.plan.machine.axes.iter();
+    axes.map(|(axis, spec)| (*axis, if *axis == Axis::Z { spec.max } else { 0.0 })).collect()
+}
+
+#[test]
+fn no_program_as_rendered_is_refused() {
+    for (name, file, dialect) in programs() {
+        let rendered = Rendered::new(&file, dialect);
+        for stands in [None, Some(parked(&rendered))] {
+            let proof = rendered
+                .prove(&rendered.lines, stands.as_ref())
+                .unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+            assert_eq!(proof.steps.len(), rendered.plan.steps.len(), "{name}");
+            let nearest = proof.nearest.expect("bodies were looked at");
+            assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");
+            // What is not looked at is told: the first way, where nobody knows the start.
+            let blind = proof.not_looked_at.iter().any(|text| text.contains("the way of lines"));
+            assert_eq!(blind, stands.is_none(), "{name}: {:?}", proof.not_looked_at);
+            assert_eq!(proof.not_looked_at.len(), usize::from(blind), "{name}");
+        }
+    }
+}
+
+/// splitmix64.
+fn drawn(seed: u64) -> u64 {
+    let mut z = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Spoil `rendered` at a drawn step where that is possible; the refusal, and the window of its line.
+fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, String)> {
+    let steps = rendered.plan.steps.len() as u64 - 2;
+    (0..20).find_map(|attempt| {
+        let id = (drawn(seed + 1000 * attempt) % steps) as u32;
+        let mut lines = rendered.lines.clone();
+        let (low, high) = act(rendered, &mut lines, id)?;
+        assert_ne!(lines, rendered.lines);
+        let wrong = match rendered.prove(&lines, None) {
+            Ok(_) => "it is proven".to_owned(),
+            Err(Refusal { line, .. }) if (low + 1..=high + 1).contains(&line) => String::new(),
+            Err(refusal) => {
+                format!("named instead of lines {}..={}: {refusal}", low + 1, high + 1)
+            }
+        };
+        Some((id, wrong))
+    })
+}
+
+#[test]
+fn every_sabotage_is_refused_and_its_line_named() {
+    let mut count = 0;
+    let mut unseen = Vec::new();
+    for (number, (name, file, dialect)) in programs().into_iter().enumerate() {
+        let rendered = Rendered::new(&file, dialect);
+        for (kind, (what, act)) in sabotage::ALL.iter().chain(&sabotage::MORE).enumerate() {
+            // Each kind in every third program.
+            if (number + kind) % 3 != 0 {
+                continue;
+            }
+            let seed = SEED + 100 * number as u64 + kind as u64;
+            let Some((step, wrong)) = spoil(&rendered, *act, seed) else { continue };
+            count += 1;
+            if !wrong.is_empty() {
+                unseen.push(format!("{name}, step {step}, {what}: {wrong}"));
+            }
+        }
+    }
+    println!("{count} sabotages");
+    assert!(unseen.is_empty(), "{} of {count}:\n{}", unseen.len(), unseen.join("\n"));
+    assert!(count >= 60, "{count}");
+}

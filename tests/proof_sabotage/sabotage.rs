@@ -1,0 +1,282 @@
+//! Ways to spoil a program. Each changes a copy of the lines at a step and says between which lines
+//! (indices into the spoiled lines, both included) the damage must be named.
+
+use super::program::{Place, Rendered};
+
+pub type Lines = Vec<String>;
+/// First and last line that may be named.
+pub type Window = (usize, usize);
+/// `None`: it does not apply to this step.
+pub type Act = fn(&Rendered, &mut Lines, u32) -> Option<Window>;
+
+pub const ALL: [(&str, Act); 56] = [
+    ("wrong sense of C", wrong_sense),
+    ("C misses a digit", |p, l, id| at_turn(p, l, id, |c| c / 10.0)),
+    ("C a full turn on", |p, l, id| at_turn(p, l, id, |c| c - 360.0 * c.signum())),
+    ("inches from the head on", |_, l, _| {
+        let at = swap(l, |line| line.starts_with("G21"), "G21", "G20")?;
+        let first = Rendered::next(l, at);
+        Some((first, first))
+    }),
+    ("inches before a touch", |p, l, id| before(l, p.place(id).touch, "G20", 1)),
+    ("inches before the approach", |p, l, id| before(l, p.place(id).down, "G20", 1)),
+    ("a live G54 from the head on", |_, l, _| {
+        let slot = |line: &str| line == "G59" || line == "G59.3";
+        let at = l.iter().position(|line| slot(line))?;
+        l[at] = "G54".to_owned();
+        first_work_move(l, at)
+    }),
+    ("a live G54 before a touch", |p, l, id| before(l, p.place(id).touch, "G54", 1)),
+    ("no G49", |_, l, _| {
+        let at = swap(l, |line| line.starts_with("G21"), " G49", "")?;
+        first_work_move(l, at)
+    }),
+    ("no G92.1 and no G92.2", |_, l, _| {
+        let at = l.iter().position(|line| line.starts_with("G92."))?;
+        l.remove(at);
+        first_work_move(l, at)
+    }),
+    ("G43", |p, l, id| before(l, p.place(id).down, "G43 H1", 0)),
+    ("G68", |p, l, id| before(l, p.place(id).down, "G68 R10", 0)),
+    ("G92", |p, l, id| before(l, p.place(id).touch, "G92 X0", 0)),
+    ("an offset in the slot", |p, l, id| before(l, p.place(id).touch, "G10 L2 P6 X0.5", 0)),
+    ("G0 for the way back", |p, l, id| on(l, p.place(id).back, "G1", "G0")),
+    ("G0 for the approach", |p, l, id| on(l, p.place(id).down, "G38.3", "G53 G0")),
+    ("G0 for the touch", |p, l, id| on(l, p.place(id).touch, "G38.3", "G53 G0")),
+    ("G0 for the way up", |p, l, id| on(l, p.place(id).up, "G38.3", "G53 G0")),
+    ("G1 for the touch", |p, l, id| on(l, p.place(id).touch, "G38.3", "G53 G1")),
+    ("G1 for the approach", |p, l, id| on(l, p.place(id).down, "G38.3", "G53 G1")),
+    ("G2 for G1", |p, l, id| on(l, p.place(id).back, "G1", "G2")),
+    ("G38.5 for G38.3", |p, l, id| on(l, p.place(id).touch, "G38.3", "G38.5")),
+    ("contact demanded of the approach", |p, l, id| on(l, p.place(id).down, "G38.3", "G38.2")),
+    ("5 mm too deep", |p, l, id| {
+        let at = p.place(id).touch;
+        let deeper = |v: f64| if v.abs() < 6.0 { v + 5.0 } else { v - 5.0 * v.signum() };
+        changed(l, at, &['X', 'Y'], deeper).then_some((at, at))
+    }),
+    ("5 mm short", |p, l, id| {
+        let at = p.place(id).touch;
+        changed(l, at, &['X', 'Y'], |v| v + 5.0 * v.signum()).then_some((at, at))
+    }),
+    ("the approach 5 mm too low", |p, l, id| {
+        let Place { down, touch, .. } = p.place(id);
+        changed(l, down, &['Z'], |z| z - 5.0).then_some((down, touch))
+    }),
+    ("the approach 0.01 mm too high", |p, l, id| {
+        let Place { down, touch, .. } = p.place(id);
+        changed(l, down, &['Z'], |z| z + 0.01).then_some((touch, touch))
+    }),
+    ("no way up", |p, l, id| {
+        let Place { up, .. } = p.place(id);
+        l.remove(up);
+        let next = Rendered::next(l, up - 1);
+        Some((up - 1, next))
+    }),
+    ("no way back", |p, l, id| {
+        let Place { back, .. } = p.place(id);
+        l.remove(back);
+        let next = Rendered::next(l, back - 1);
+        Some((next, next))
+    }),
+    ("no touch", |p, l, id| {
+        let Place { touch, .. } = p.place(id);
+        l.remove(touch);
+        let next = Rendered::next(l, touch - 1);
+        Some((next, next))
+    }),
+    ("no approach", |p, l, id| {
+        let Place { down, touch, back, .. } = p.place(id);
+        l.remove(down);
+        // High above, the touch is a harmless guarded move; the way back from it is not.
+        Some((touch - 1, back - 1))
+    }),
+    ("no way over", |p, l, id| {
+        let Place { over, back, .. } = p.place(id);
+        l.remove(over?);
+        Some((over?, back - 1))
+    }),
+    ("C with the probe down, before the touch", |p, l, id| {
+        before(l, p.place(id).touch, &format!("N{id} G53 G0 C17"), 0)
+    }),
+    ("C with the probe down, after the way back", |p, l, id| {
+        before(l, p.place(id).up, &format!("N{id} G53 G0 C17"), 0)
+    }),
+    ("the tilting axis with the probe down", |p, l, id| {
+        let tilt = p.plan.machine.axes.keys().find(|axis| matches!(axis.letter(), 'A' | 'B'))?;
+        before(l, p.place(id).up, &format!("N{id} G53 G0 {tilt}20"), 0)
+    }),
+    ("the tilting axis in a guarded move", |p, l, id| {
+        let tilt = p.plan.machine.axes.keys().find(|axis| matches!(axis.letter(), 'A' | 'B'))?;
+        before(l, p.place(id).up, &format!("N{id} G38.3 {tilt}20 F100"), 0)
+    }),
+    ("X and Y swapped in the touch", |p, l, id| {
+        let at = p.place(id).touch;
+        swapped(l, at).then_some((at, at))
+    }),
+    ("X and Y swapped on the way over", |p, l, id| {
+        let Place { over, back, .. } = p.place(id);
+        let [x, y] = ['X', 'Y'].map(|axis| value(&l[over?], axis));
+        (x != y && swapped(l, over?)).then_some((over?, back))
+    }),
+    ("a sign lost on the way over", |p, l, id| {
+        let Place { over, back, .. } = p.place(id);
+        on(l, over?, "-", "").map(|_| (over.unwrap_or(0), back))
+    }),
+    ("an unclosed bracket", |p, l, id| on(l, p.place(id).touch, "G38.3", "(G38.3")),
+    ("a bracket that swallows the approach", |p, l, id| {
+        let Place { down, touch, back, .. } = p.place(id);
+        l[down] = format!("({})", l[down]);
+        Some((touch, back))
+    }),
+    ("a semicolon before the way back", |p, l, id| {
+        let Place { back, .. } = p.place(id);
+        l[back] = format!(";{}", l[back]);
+        let next = Rendered::next(l, back);
+        Some((next, next))
+    }),
+    ("a semicolon in the touch", |p, l, id| {
+        let Place { touch, back, .. } = p.place(id);
+        l[touch] = l[touch].replacen(" F", "; F", 1);
+        Some((touch, back))
+    }),
+    ("G91", |p, l, id| {
+        let Place { touch, back, .. } = p.place(id);
+        l.insert(touch, "G91".to_owned());
+        Some((touch + 1, back + 1))
+    }),
+    ("the touch ten times as fast", |p, l, id| {
+        let at = p.place(id).touch;
+        changed(l, at, &['F'], |f| 10.0 * f).then_some((at, at))
+    }),
+    ("the approach ten times as fast", |p, l, id| {
+        let at = p.place(id).down;
+        changed(l, at, &['F'], |f| 10.0 * f).then_some((at, at))
+    }),
+    ("the way back ten times as fast", |p, l, id| {
+        let at = p.place(id).back;
+        changed(l, at, &['F'], |f| 10.0 * f).then_some((at, at))
+    }),
+    ("the N word of another step", |p, l, id| {
+        on(l, p.place(id).touch, &format!("N{id} "), &format!("N{} ", id + 3))
+    }),
+    ("no N word", |p, l, id| on(l, p.place(id).touch, &format!("N{id} "), "")),
+    ("the touch twice", |p, l, id| {
+        let Place { touch, .. } = p.place(id);
+        l.insert(touch, l[touch].clone());
+        Some((touch + 1, touch + 1))
+    }),
+    ("another touch after the way back", |p, l, id| {
+        let Place { touch, back, .. } = p.place(id);
+        l.insert(back + 1, l[touch].clone());
+        Some((back + 1, back + 1))
+    }),
+    ("a decimal point one place on", |p, l, id| {
+        let at = p.place(id).touch;
+        changed(l, at, &['X', 'Y'], |v| 10.0 * v).then_some((at, at))
+    }),
+    ("two steps in the wrong order", |p, l, id| {
+        let (one, other) = (p.place(id), p.place(id + 1));
+        let second: Lines = l.drain(other.first..=other.last).collect();
+        l.splice(one.first..one.first, second);
+        Some((one.first, one.first))
+    }),
+    ("a step left out", |p, l, id| {
+        let Place { first, last, .. } = p.place(id);
+        l.drain(first..=last);
+        let next = Rendered::next(l, first - 1);
+        Some((next, next))
+    }),
+    ("beyond a limit", |p, l, id| on(l, p.place(id).up, "Z", "Z9")),
+    ("cut off", |p, l, id| {
+        let Place { touch, .. } = p.place(id);
+        l.truncate(touch + 1);
+        Some((touch, touch))
+    }),
+];
+
+/// Those that only a spindle that follows can have, and words that do not belong there.
+pub const MORE: [(&str, Act); 7] = [
+    ("S not oriented", |p, l, id| {
+        let Place { orient, touch, .. } = p.place(id);
+        l.remove(orient?);
+        Some((touch - 1, touch - 1))
+    }),
+    ("S with the probe down", |p, l, id| before(l, p.place(id).up, &format!("N{id} M19 R45"), 0)),
+    ("the spindle turns", |p, l, id| before(l, p.place(id).down, "M3 S1000", 0)),
+    ("the program ends early", |p, l, id| {
+        let up = p.place(id).up;
+        l.insert(up, "M2".to_owned());
+        let next = Rendered::next(l, up);
+        Some((up, next))
+    }),
+    ("a decimal comma", |p, l, id| on(l, p.place(id).touch, ".", ",")),
+    ("the way up through the part", |p, l, id| on(l, p.place(id).up, " Z", " X0 Y0 Z")),
+    ("an endless number", |p, l, id| {
+        on(l, p.place(id).up, " Z", &format!(" Z{}", "9".repeat(400)))
+    }),
+];
+
+fn wrong_sense(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
+    at_turn(p, l, id, |c| if c.abs() % 180.0 == 0.0 { c } else { -c })
+}
+
+fn at_turn(p: &Rendered, l: &mut Lines, id: u32, change: fn(f64) -> f64) -> Option<Window> {
+    let Place { turn, touch, .. } = p.place(id);
+    changed(l, turn?, &['C'], change).then_some((turn?, touch))
+}
+
+/// A line of its own in front of the line `at`; named is the one `later` after it.
+fn before(l: &mut Lines, at: usize, line: &str, later: usize) -> Option<Window> {
+    l.insert(at, line.to_owned());
+    Some((at + later, at + later))
+}
+
+fn on(l: &mut Lines, at: usize, from: &str, to: &str) -> Option<Window> {
+    let spoiled = l[at].replacen(from, to, 1);
+    let differs = spoiled != l[at];
+    l[at] = spoiled;
+    differs.then_some((at, at))
+}
+
+fn swap(l: &mut Lines, which: fn(&str) -> bool, from: &str, to: &str) -> Option<usize> {
+    let at = l.iter().position(|line| which(line))?;
+    on(l, at, from, to).map(|_| at)
+}
+
+/// The first move in work coordinates after the line `at`.
+fn first_work_move(l: &Lines, at: usize) -> Option<Window> {
+    let found = (at..l.len()).find(|i| l[*i].contains("G38.3"))?;
+    Some((found, found))
+}
+
+fn value(line: &str, letter: char) -> Option<f64> {
+    let word = line.split(' ').find(|word| word.starts_with(letter))?;
+    word[1..].parse().ok()
+}
+
+/// Change the words of these letters in a line; false if nothing is changed.
+fn changed(l: &mut Lines, at: usize, letters: &[char], change: impl Fn(f64) -> f64) -> bool {
+    let word = |word: &str| {
+        let number = word.chars().next().filter(|c| letters.contains(c)).map(|_| &word[1..]);
+        match number.and_then(|number| number.parse::<f64>().ok()) {
+            Some(value) => format!("{}{:.6}", &word[..1], change(value)),
+            None => word.to_owned(),
+        }
+    };
+    let same =
+        |a: &str, b: &str| letters.iter().all(|letter| value(a, *letter) == value(b, *letter));
+    let spoiled = l[at].split(' ').map(word).collect::<Vec<_>>().join(" ");
+    let differs = !same(&spoiled, &l[at]);
+    l[at] = spoiled;
+    differs
+}
+
+fn swapped(l: &mut Lines, at: usize) -> bool {
+    let swap = |word: &str| match word.chars().next() {
+        Some('X') => word.replacen('X', "Y", 1),
+        Some('Y') => word.replacen('Y', "X", 1),
+        _ => word.to_owned(),
+    };
+    l[at] = l[at].split(' ').map(swap).collect::<Vec<_>>().join(" ");
+    true
+}
