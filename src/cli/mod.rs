@@ -13,6 +13,7 @@ mod show;
 mod signals;
 mod simulate;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -48,13 +49,16 @@ pub fn main() -> ExitCode {
     match dispatch(cli) {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(failure) => {
-            eprintln!("error: {}", failure.what);
-            if let Some(remedy) = &failure.remedy {
-                eprintln!("  → {remedy}");
-            }
+            let remedy = failure.remedy.map(|remedy| format!("\n  → {remedy}"));
+            tell(&format!("error: {}{}", failure.what, remedy.unwrap_or_default()));
             ExitCode::from(failure.exit as u8)
         }
     }
+}
+
+/// To the person at the terminal; one that has gone is no reason to stop.
+fn tell(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 fn dispatch(cli: Cli) -> Result<Exit, Failure> {

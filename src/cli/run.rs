@@ -96,7 +96,7 @@ pub async fn identify(
     priors: Vec<Estimate>,
     halt: &Halt,
 ) -> Result<Estimate, Failure> {
-    eprintln!("identifying from {} readings", readings.len());
+    super::tell(&format!("identifying from {} readings", readings.len()));
     let method = method.clone();
     let (answer, mut result) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || drop(answer.send(method.identify(&plan, &readings, &priors))));

@@ -110,12 +110,7 @@ impl ControllerError {
                 "nothing more is sent; what the control still holds moves when somebody resumes it \
                  there: reset the control instead, look at the machine, then go on"
             }
-            Self::Probe { fault: ProbeFault::Battery } => {
-                "put in a fresh battery, then start again; the readings so far are kept"
-            }
-            Self::Probe { fault: ProbeFault::Error } => {
-                "look at the probe and its receiver: is it on, in sight and undamaged?"
-            }
+            Self::Probe { fault } => fault.remedy(),
             Self::Halted => "nothing moves until a person starts a run again",
             Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {
                 "please report this with the run's export"

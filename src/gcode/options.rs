@@ -106,6 +106,16 @@ impl ProbeFault {
             Self::Battery => "says that its battery is low",
         }
     }
+
+    /// What to do next.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::Error => "look at the probe and its receiver: is it on, in sight and undamaged?",
+            Self::Battery => {
+                "put in a fresh battery, then start again; the readings so far are kept"
+            }
+        }
+    }
 }
 
 impl Options {

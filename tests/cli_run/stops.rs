@@ -105,3 +105,13 @@ fn regress_a_stop_is_heard_while_the_identification_computes() {
     assert!(rest.contains("trued identify self-calibration --run 1"), "{rest}");
     assert_eq!(shop.exported_steps().len(), 69);
 }
+
+#[test]
+fn regress_a_run_goes_on_when_nobody_reads_what_it_tells() {
+    let shop = Shop::new(&machine());
+    let mut run = shop.run_command();
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(run.stderr.take());
+    assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
+    assert_eq!(shop.states(), ["finished"]);
+}

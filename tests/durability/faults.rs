@@ -7,9 +7,6 @@ use std::process::{Command, Output};
 use super::witness::Record;
 use super::{Bench, assert_kept, assert_whole, said};
 
-/// Of a whole run.
-const TOUCHES: usize = 62;
-
 /// The shim, compiled into `folder`.
 pub fn shim(folder: &Path) -> PathBuf {
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/faulty_disk/shim.c");
@@ -38,6 +35,7 @@ struct Effort {
     bytes: u64,
     writes: u64,
     syncs: u64,
+    touches: usize,
 }
 
 fn effort() -> (Effort, Vec<u8>) {
@@ -46,7 +44,7 @@ fn effort() -> (Effort, Vec<u8>) {
     let (output, record) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     assert_kept(&bench.readings(1), &record);
-    let mut effort = Effort { bytes: 0, writes: 0, syncs: 0 };
+    let mut effort = Effort { bytes: 0, writes: 0, syncs: 0, touches: record.touches().len() };
     for event in super::image::events(&log) {
         match event {
             super::image::Event::Write { data, .. } => {
@@ -64,7 +62,7 @@ fn effort() -> (Effort, Vec<u8>) {
 
 /// The run ends with `code` and `words`; everything acknowledged is there, nothing moves afterwards,
 /// the next start finds the run held or interrupted.
-fn stops_cleanly(fault: &str, at: u64, words: &[&str]) {
+fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
     let bench = Bench::new();
     let (output, record) = run(&bench, &[(fault, at.to_string())]);
     let (moved, told) = (!record.touches().is_empty(), said(&output));
@@ -87,7 +85,7 @@ fn stops_cleanly(fault: &str, at: u64, words: &[&str]) {
         [] => assert!(!moved, "moved without a run in the journal"),
         [state] => {
             // All was measured, and the last word could not be written.
-            let complete = state == "finished" && bench.readings(1).len() == TOUCHES;
+            let complete = state == "finished" && bench.readings(1).len() == whole.touches;
             let states = if moved { ["held", "interrupted"] } else { ["failed", "interrupted"] };
             assert!(complete || states.contains(&state.as_str()), "{fault}={at}: {state}");
             assert_kept(&bench.readings(1), &record);
@@ -103,16 +101,16 @@ fn a_full_or_failing_disk_stops_the_run_cleanly() {
     let failing = ["the disk reports an error", "Input/output error"];
     for eighth in 0..8 {
         let part = |all: u64| all * eighth / 8;
-        stops_cleanly("FAULTY_FULL_AFTER", part(whole.bytes), &full);
-        stops_cleanly("FAULTY_WRITE_AFTER", part(whole.writes), &failing);
-        stops_cleanly("FAULTY_SYNC_AFTER", part(whole.syncs), &failing);
-        stops_cleanly("FAULTY_SYNC_ONCE", part(whole.syncs), &failing);
+        stops_cleanly(&whole, "FAULTY_FULL_AFTER", part(whole.bytes), &full);
+        stops_cleanly(&whole, "FAULTY_WRITE_AFTER", part(whole.writes), &failing);
+        stops_cleanly(&whole, "FAULTY_SYNC_AFTER", part(whole.syncs), &failing);
+        stops_cleanly(&whole, "FAULTY_SYNC_ONCE", part(whole.syncs), &failing);
     }
 }
 
 #[test]
 fn a_disk_that_writes_in_pieces_or_slowly_changes_nothing() {
-    let (_, estimate) = effort();
+    let (whole, estimate) = effort();
     for (fault, value) in [("FAULTY_SHORT", "1"), ("FAULTY_SLOW_MS", "100")] {
         let bench = Bench::new();
         let (output, record) = run(&bench, &[(fault, value.to_owned())]);
@@ -121,6 +119,6 @@ fn a_disk_that_writes_in_pieces_or_slowly_changes_nothing() {
         assert_whole(&bench.state());
         assert_eq!(bench.states(), ["finished"]);
         assert_kept(&bench.readings(1), &record);
-        assert_eq!(record.touches().len(), TOUCHES);
+        assert_eq!(record.touches().len(), whole.touches);
     }
 }

@@ -37,14 +37,19 @@ impl Record {
         begun(&self.told)
     }
 
-    /// Axis positions, mm and degrees, of each touch that was made.
+    /// Axis positions, mm and degrees, of each touch that was made. The driver has each of them told
+    /// twice; a guarded move, which meets nothing, lies between any two touches.
     pub fn touches(&self) -> Vec<Vec<f64>> {
         let said = String::from_utf8_lossy(&self.said);
-        let hit = |line: &str| {
-            let values = line.trim().strip_prefix("[PRB:")?.strip_suffix(":1]")?.to_owned();
-            Some(values.split(',').map(|value| value.parse().unwrap()).collect())
-        };
-        said.lines().filter_map(hit).collect()
+        let (mut touches, mut again) = (Vec::new(), false);
+        for told in said.lines().filter_map(|line| line.trim().strip_prefix("[PRB:")) {
+            let hit = told.strip_suffix(":1]");
+            if let Some(values) = hit.filter(|_| !again) {
+                touches.push(values.split(',').map(|value| value.parse().unwrap()).collect());
+            }
+            again = hit.is_some();
+        }
+        touches
     }
 }
 

@@ -281,6 +281,27 @@ fn broken_toml_and_missing_files_are_errors_with_a_place() {
 }
 
 #[test]
+fn switches_of_probe_and_clamps_are_checked_with_their_place() {
+    let with = |after: &str, line: &str| {
+        assert!(EMBEDDED.contains(after), "{after}");
+        let text = EMBEDDED.replacen(after, &format!("{after}\n{line}"), 1);
+        MachineFile::parse("shop.toml", text).map_err(|error| error.to_string())
+    };
+    let clamp = r#"clamp = { close = "M65 P3", open = "M64 P3" }"#;
+    let file = with("[axes.C]", clamp).unwrap();
+    assert_eq!(file.machine.axes[&Axis::C].clamp.as_ref().unwrap().wait_s, 0.5);
+    for (after, line, said) in [
+        ("[axes.X]", clamp, "`clamp` in [axes.X] belongs to A, B or C"),
+        ("[axes.C]", r#"clamp = { close = "M65 P3", opn = "M64 P3" }"#, "opn"),
+        ("[probe]", "settle_s = -1.0", "`settle_s` in [probe] is -1; it must be from 0 to 10 s"),
+        ("[probe]", "live_check = \"nobody\"", "known: touch, person"),
+    ] {
+        let message = with(after, line).unwrap_err();
+        assert!(message.starts_with("shop.toml:") && message.contains(said), "{message}");
+    }
+}
+
+#[test]
 fn solids_and_the_stylus_must_be_possible() {
     let at = |name: &str, key: &str| line(&format!("name = \"{name}\""), key);
     let solid =
