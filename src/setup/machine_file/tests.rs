@@ -283,8 +283,9 @@ fn broken_toml_and_missing_files_are_errors_with_a_place() {
 #[test]
 fn switches_of_probe_and_clamps_are_checked_with_their_place() {
     let with = |after: &str, line: &str| {
-        assert!(EMBEDDED.contains(after), "{after}");
-        let text = EMBEDDED.replacen(after, &format!("{after}\n{line}"), 1);
+        let head = format!("\n{after}\n");
+        assert!(EMBEDDED.contains(&head), "{after}");
+        let text = EMBEDDED.replacen(&head, &format!("{head}{line}\n"), 1);
         MachineFile::parse("shop.toml", text).map_err(|error| error.to_string())
     };
     let clamp = r#"clamp = { close = "M65 P3", open = "M64 P3" }"#;
