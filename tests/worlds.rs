@@ -157,15 +157,18 @@ fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
     assert!(following < 2.0 && u_following < 0.6, "following: {following} um, u {u_following} um");
 }
 
-/// Interrupted for ten minutes after `kept` touches of the cycle; meanwhile the table moves by 5 µm
-/// in X. The references are measured again, then the rest.
-fn interrupted(seed: u64, kept: usize) -> (Estimate, [f64; 4]) {
+/// Interrupted for ten minutes after `kept` touches of the cycle; meanwhile something moves by 3 µm in
+/// X: the table, or the part on it by this share. The references are measured again, then the rest.
+fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
+    const STEP_UM: f64 = 3.0;
     const GAP_S: f64 = 600.0;
     let seed = seed.to_string();
     let changes = [("seed", seed.as_str()), ("drift_um_per_h", "20.0")];
     let (before, after) = (machine(&changes), {
         let mut moved = changes.to_vec();
-        moved.push(("EX0C_um", "55.0"));
+        let table = format!("{}", 50.0 + STEP_UM * (1.0 - share));
+        let part = format!("[{}, -0.5]", 0.8 + 1e-3 * STEP_UM * share);
+        moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine(&moved)
     });
     let (method, mut plan) = setup::header(&before, "self-calibration", None).expect("settings");
@@ -214,7 +217,8 @@ fn regress_u_is_true_across_an_interruption() {
     let (worlds, mut sum) = (120, 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;
-        let (estimate, truth) = interrupted(9000 + world, kept);
+        let share = ((world + 1) as f64 * 0.618034).fract();
+        let (estimate, truth) = interrupted(9000 + world, kept, share);
         sum += chi2(&estimate, truth) / 4.0;
     }
     let mean = sum / worlds as f64;

@@ -12,7 +12,7 @@ use super::outputs::{self, Output, OutputFunction};
 use super::plan::Planner;
 use super::sense;
 use super::settings::Settings;
-use super::sources::{UncertaintySource, sources, touch_sigma};
+use super::sources::{UncertaintySource, interruptions, sources, touch_sigma};
 use super::uncertainty::{Propagated, TouchScale, disturb};
 use crate::estimation::linear::LinearError;
 use crate::estimation::monte_carlo::{Summary, Trials, propagate};
@@ -87,12 +87,15 @@ pub fn identify(
     let observed = observe(plan, &design, heights, readings)?;
     let gaps = observed.gaps;
     let layout = Layout { design, heights: heights.len(), drift_order: settings.drift_order, gaps };
-    let sources =
+    let mut sources =
         sources(plan, &layout, &observed.observations, settings.spindle, observed.half_duration_s);
     let sigma = touch_sigma(&sources, observed.observations.len());
     let fit = fit(&layout, &observed.observations, &sigma, settings)?;
     let radii: Vec<f64> = observed.observations.iter().map(|seen| seen.radius).collect();
     let solved = fit.solve(&radii);
+    if !layout.gaps.is_empty() {
+        sources.push(interruptions(&layout, &observed.observations, &solved.x));
+    }
     let chi2 = chi2(&solved, &sigma);
     let scale = TouchScale::judge(plan.probe.repeatability_um.is_some(), chi2, fit.solution.dof);
 

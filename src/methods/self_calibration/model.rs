@@ -81,6 +81,13 @@ impl Layout {
         before + DRIFTING.len() * gap + what
     }
 
+    /// A step of 1 at an interruption, nothing at time zero: values hold at the middle of the cycle, as
+    /// with drift.
+    pub fn stepped(&self, seen: &Observation, gap: usize) -> f64 {
+        let after = |time: f64| if time > self.gaps[gap] { 1.0 } else { 0.0 };
+        after(seen.time) - after(0.0)
+    }
+
     pub fn names(&self) -> Vec<String> {
         let mut names = vec![String::new(); self.unknowns()];
         for height in 0..self.heights {
@@ -120,8 +127,8 @@ impl Layout {
                 for power in 1..=self.drift_order {
                     a[(row, self.drift(what, power))] = seen.time.powi(power as i32) * along;
                 }
-                for (gap, at) in self.gaps.iter().enumerate() {
-                    a[(row, self.step(what, gap))] = stepped(seen.time, *at) * along;
+                for gap in 0..self.gaps.len() {
+                    a[(row, self.step(what, gap))] = self.stepped(seen, gap) * along;
                 }
             }
         }
@@ -175,10 +182,4 @@ impl Layout {
             origin.to_owned(),
         ]
     }
-}
-
-/// A step at `at`, nothing at time zero: values hold at the middle of the cycle, as with drift.
-fn stepped(time: f64, at: f64) -> f64 {
-    let after = |t: f64| if t > at { 1.0 } else { 0.0 };
-    after(time) - after(0.0)
 }

@@ -142,6 +142,23 @@ fn drift(
     UncertaintySource { name: "thermal drift", shape: Shape::Normal, factor }
 }
 
+/// The references stand at C = 0: they see that something moved while the cycle was interrupted, but
+/// not whether it was the table, which is what is fitted, or the part on it, which turns with C.
+/// Anything between is taken as equally likely, from the steps in `x`.
+pub fn interruptions(layout: &Layout, seen: &[Observation], x: &[f64]) -> UncertaintySource {
+    let factor = Mat::from_fn(seen.len(), 2 * layout.gaps.len(), |i, j| {
+        let (gap, what) = (j / 2, j % 2);
+        let along = |index: usize| {
+            let (sin, cos) = layout.design.angle(index).sin_cos();
+            [cos, sin][what]
+        };
+        let (s, theta) = (&seen[i], layout.design.theta(seen[i].c, seen[i].phi));
+        let step = x[layout.step(what, gap)] / 3f64.sqrt();
+        step * layout.stepped(s, gap) * (along(theta) - along(s.phi))
+    });
+    UncertaintySource { name: "what moved when interrupted", shape: Shape::Rectangular, factor }
+}
+
 /// Error motions of X and Y: positioning and straightness, each a stationary random function with
 /// covariance σ²·exp(−Δ²/2ℓ²), zero at axis zero, acting along the ray.
 fn linear_axes(plan: &Plan, layout: &Layout, seen: &[Observation]) -> UncertaintySource {
