@@ -61,7 +61,10 @@ fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
     let desk = Desk::in_a_hurry(rig)?;
     let before = rig.touches()?;
     let mut run = desk.start()?;
-    wait_for(rig, before + BEFORE, &mut run)?;
+    if let Err(failed) = wait_for(rig, before + BEFORE, &mut run) {
+        let said = complaint(&run.wait_with_output()?);
+        return Err(format!("{}: {said}", failed.message().unwrap_or_default()).into());
+    }
     while !(fault.when)(rig)? {}
     let happened = Instant::now();
     (fault.happens)(rig)?;

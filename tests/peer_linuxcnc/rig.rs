@@ -238,7 +238,7 @@ impl Rig {
     pub fn person(&self) -> Result<Person, Failed> {
         let stream = TcpStream::connect(("127.0.0.1", self.port))?;
         stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(Duration::from_secs(5)))?;
+        stream.set_read_timeout(Some(Duration::from_secs(20)))?;
         let mut person = Person(stream);
         for line in ["hello EMC person 1.0", "set echo off", "set verbose on", "set enable EMCTOO"]
         {
