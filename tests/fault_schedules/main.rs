@@ -70,7 +70,8 @@ fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_inven
         return one(seed.parse().unwrap());
     }
     let (next, count) = (AtomicU64::new(0), Mutex::new(Count::default()));
-    let threads = std::thread::available_parallelism().map_or(2, |threads| threads.get());
+    // Most of the time a run waits for an answer that does not come.
+    let threads = 2 * std::thread::available_parallelism().map_or(2, |threads| threads.get());
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {

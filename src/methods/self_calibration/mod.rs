@@ -67,12 +67,13 @@ impl SelfCalibration {
     /// elsewhere by twice the offset of the rotary axis, which is what is measured: the touches are
     /// made for as much as their standoff, and half of that is granted.
     fn found(&self, plan: &Plan, part: Part) -> Artefact {
-        let Artefact::Cylinder { centre_mm, axis, height_mm, .. } = plan.artefact;
+        let Artefact::Cylinder { centre_mm, axis, .. } = plan.artefact;
+        let ball = plan.probe.ball_radius_mm;
         Artefact::Cylinder {
             centre_mm: [part.centre[0], part.centre[1], centre_mm[2]],
             axis,
-            radius_mm: part.reach - plan.probe.ball_radius_mm,
-            height_mm,
+            radius_mm: part.reach - ball,
+            height_mm: part.top - ball - centre_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
         }
     }
