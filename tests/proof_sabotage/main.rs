@@ -94,7 +94,10 @@ fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, Str
         let id = (drawn(seed + 1000 * attempt) % steps) as u32;
         let mut lines = rendered.lines.clone();
         let (low, high) = act(rendered, &mut lines, id)?;
-        assert_ne!(lines, rendered.lines);
+        // On a touch from above, say, there is no Y to confuse with X.
+        if lines == rendered.lines {
+            return None;
+        }
         let wrong = match rendered.prove(&lines, None) {
             Ok(_) => "it is proven".to_owned(),
             Err(Refusal { line, .. }) if (low + 1..=high + 1).contains(&line) => String::new(),
