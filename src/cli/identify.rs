@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::args::IdentifyArgs;
 use super::failure::Failure;
-use super::run::{read_estimate, state_folder};
+use super::files::{read_estimate, state_folder};
 use super::{Exit, show};
 use crate::decision;
 use crate::methods;

@@ -3,6 +3,7 @@
 
 mod args;
 mod failure;
+mod files;
 mod identify;
 mod plan;
 mod progress;
@@ -12,6 +13,7 @@ mod runs;
 mod show;
 mod signals;
 mod simulate;
+mod story;
 
 use std::io::Write;
 use std::process::ExitCode;

@@ -8,10 +8,11 @@ use jiff::Timestamp;
 
 use super::args::ResumeArgs;
 use super::failure::Failure;
+use super::files::state_folder;
 use super::progress::Progress;
-use super::run::{Measured, check_report_folder, conclude, connect, identify, kept, state_folder};
+use super::run::{Measured, check_report_folder, conclude, connect, identify, kept};
 use super::signals::stop_on_signals;
-use super::{Exit, runs};
+use super::{Exit, story};
 use crate::methods::{self, Method};
 use crate::record::event::Event;
 use crate::run::{Interrupted, Run};
@@ -68,7 +69,7 @@ fn check_state(stored: &StoredRun) -> Result<(), Failure> {
         RunState::Closed => "is closed",
         _ => "is under way",
     };
-    let way_on = runs::way_on(state, &stored.summary.method, id);
+    let way_on = story::way_on(state, &stored.summary.method, id);
     Err(Failure::new(
         format!("run {id} {why}: there is nothing to resume"),
         way_on.unwrap_or_else(|| "start a new run".to_owned()),
@@ -99,7 +100,7 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
 
 /// A person's word that the machine may move.
 fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> {
-    let ended = runs::how_it_ended(stored);
+    let ended = story::how_it_ended(stored);
     let who = match &args.acknowledge {
         Some(name) => name.trim().to_owned(),
         None if std::io::stdin().is_terminal() => {

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::args::{OutputArgs, RunArgs, Speed};
 use super::failure::Failure;
+use super::files::{read_estimate, state_folder};
 use super::identify::judged;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
@@ -18,7 +19,7 @@ use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 use crate::run::{Run, RunError};
 use crate::setup::{self, Devices, MachineFile, Pace, Past};
-use crate::store::{Journal, MachineLock, NewRun, RunId, state_dir};
+use crate::store::{Journal, MachineLock, NewRun, RunId};
 
 /// How often a stop is looked for while the identification computes.
 const STOP_POLL: Duration = Duration::from_millis(50);
@@ -156,21 +157,4 @@ pub async fn connect(
         Speed::Fast => Pace::Fast,
     };
     Ok(setup::devices(machine, pace, past).await?)
-}
-
-/// Where journal and locks live.
-pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {
-    state_dir(given).ok_or_else(|| {
-        Failure::new("no place for the journal is known", "give one with --state DIR")
-    })
-}
-
-pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
-    serde_json::from_str(&text).map_err(|error| {
-        Failure::new(
-            format!("{}: {error}", file.display()),
-            "an estimate as `trued run --json` prints it is expected",
-        )
-    })
 }

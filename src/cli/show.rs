@@ -92,7 +92,7 @@ fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
         ],
         readings: stored.readings.len(),
         state: stored.summary.state.as_str().to_owned(),
-        story: super::runs::story(&stored),
+        story: super::story::story(&stored),
         proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)

@@ -1,0 +1,24 @@
+//! Where things are kept, and what is read from them.
+
+use std::path::Path;
+
+use super::failure::Failure;
+use crate::record::estimate::Estimate;
+use crate::store::state_dir;
+
+/// Where journal and locks live.
+pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {
+    state_dir(given).ok_or_else(|| {
+        Failure::new("no place for the journal is known", "give one with --state DIR")
+    })
+}
+
+pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+    serde_json::from_str(&text).map_err(|error| {
+        Failure::new(
+            format!("{}: {error}", file.display()),
+            "an estimate as `trued run --json` prints it is expected",
+        )
+    })
+}

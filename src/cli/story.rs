@@ -1,0 +1,46 @@
+//! What a stored run has been through, in words.
+
+use crate::record::event::Event;
+use crate::store::{RunId, RunState, StoredRun};
+
+/// What happened on the way: stops, faults, who let it go on; when, and in words.
+pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
+    let told = |event: &Event| match event {
+        Event::Held { reason } => Some(format!("held: {reason}")),
+        Event::Faulted { what, .. } => Some(format!("fault: {what}")),
+        Event::Acknowledged { who, what } => Some(format!("acknowledged by {who}: {what}")),
+        Event::Resumed { gap_s } => Some(format!("resumed after a gap at t = {gap_s:.1} s")),
+        _ => None,
+    };
+    let events = stored.events.iter();
+    events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?))).collect()
+}
+
+/// The last word of a run that did not come to its end.
+pub fn how_it_ended(stored: &StoredRun) -> String {
+    let (id, state) = (stored.summary.id, stored.summary.state);
+    let last = stored.events.iter().rev().find_map(|(_, event)| match event {
+        Event::Held { reason } => Some(reason.clone()),
+        Event::Faulted { what, remedy } => Some(format!("{what} ({remedy})")),
+        _ => None,
+    });
+    let why = match (state, last) {
+        (RunState::Interrupted, _) => "its process died without a word".to_owned(),
+        (_, Some(last)) => last,
+        (_, None) => "nothing was said".to_owned(),
+    };
+    format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
+}
+
+/// What a person can do with a run in this state.
+pub fn way_on(state: RunState, method: &str, run: RunId) -> Option<String> {
+    match state {
+        RunState::Held | RunState::Interrupted => {
+            Some(format!("`trued resume {run}` goes on, once you have looked at the machine"))
+        }
+        RunState::Closed => {
+            Some(format!("`trued identify {method} --run {run}` tells what its readings hold"))
+        }
+        RunState::Finished | RunState::Failed | RunState::Running => None,
+    }
+}
