@@ -82,6 +82,9 @@ pub struct ResumeArgs {
     /// terminal you are asked for it.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
+    /// All axes were homed since: asked for where the control may have lost its position.
+    #[arg(long, requires = "acknowledge")]
+    pub homed: bool,
     /// The machine file that the run began with, for comparison; without it, the stored one serves.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,

@@ -101,33 +101,44 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
 /// A person's word that the machine may move.
 fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> {
     let ended = story::how_it_ended(stored);
+    let lost = story::position_lost(stored);
+    let ask = match lost {
+        true => {
+            "are all axes homed, for the control may have lost its position? is the way free, the stylus whole?"
+        }
+        false => "is the way free, the stylus whole?",
+    };
     let who = match &args.acknowledge {
         Some(name) => name.trim().to_owned(),
-        None if std::io::stdin().is_terminal() => {
-            eprintln!("{ended}");
-            eprintln!(
-                "look at the machine: is the way free? is the stylus whole? Z goes straight up \
-                 first, then the references are touched.\ntype your name to go on, nothing to \
-                 leave it as it is:"
-            );
-            let mut line = String::new();
-            std::io::stdin().lock().read_line(&mut line).map_err(Failure::plain)?;
-            line.trim().to_owned()
-        }
+        None if std::io::stdin().is_terminal() => asked(&ended, ask)?,
         None => String::new(),
     };
-    if who.is_empty() {
-        let remedy = format!(
-            "look at the machine (is the way free, the stylus whole?), then \
-             `trued resume {} --acknowledge YOUR_NAME`",
-            stored.summary.id
-        );
-        let exit = Exit::Usage;
-        let what = format!("{ended}\nnobody has acknowledged it; nothing has moved");
-        return Err(Failure { exit, ..Failure::new(what, remedy) });
+    let told = args.homed || args.acknowledge.is_none();
+    if !who.is_empty() && (told || !lost) {
+        return Ok(Event::Acknowledged { who, what: format!("{ended}; asked: {ask}") });
     }
-    let what = format!("{ended}; the way is free and the stylus whole");
-    Ok(Event::Acknowledged { who, what })
+    let what = match who.is_empty() {
+        true => format!("{ended}\nnobody has acknowledged it; nothing has moved"),
+        false => format!("{ended}\nnobody has said that all axes are homed; nothing has moved"),
+    };
+    let remedy = format!(
+        "look at the machine ({ask}), then `trued resume {} --acknowledge YOUR_NAME{}`",
+        stored.summary.id,
+        if lost { " --homed" } else { "" }
+    );
+    Err(Failure { exit: Exit::Usage, ..Failure::new(what, remedy) })
+}
+
+/// On a terminal.
+fn asked(ended: &str, ask: &str) -> Result<String, Failure> {
+    eprintln!("{ended}");
+    eprintln!(
+        "look at the machine: {ask} Z goes straight up first, then the references are touched.\n\
+         type your name to go on, nothing to leave it as it is:"
+    );
+    let mut line = String::new();
+    std::io::stdin().lock().read_line(&mut line).map_err(Failure::plain)?;
+    Ok(line.trim().to_owned())
 }
 
 /// Wall time since the last reading, s.

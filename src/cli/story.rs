@@ -21,7 +21,7 @@ pub fn how_it_ended(stored: &StoredRun) -> String {
     let (id, state) = (stored.summary.id, stored.summary.state);
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
         Event::Held { reason } => Some(reason.clone()),
-        Event::Faulted { what, remedy } => Some(format!("{what} ({remedy})")),
+        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
         _ => None,
     });
     let why = match (state, last) {
@@ -30,6 +30,13 @@ pub fn how_it_ended(stored: &StoredRun) -> String {
         (_, None) => "nothing was said".to_owned(),
     };
     format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
+}
+
+/// Whether the control may not know where its axes are, since the run last went on.
+pub fn position_lost(stored: &StoredRun) -> bool {
+    let events = stored.events.iter().rev().map(|(_, event)| event);
+    let mut since = events.take_while(|event| !matches!(event, Event::Resumed { .. }));
+    since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
 }
 
 /// What a person can do with a run in this state.

@@ -58,6 +58,16 @@ pub enum ControllerError {
 }
 
 impl ControllerError {
+    /// The control may not know any more where its axes are: a person homes them before anything
+    /// else moves (grblHAL `alarms.h`; LinuxCNC says of itself whether it is homed).
+    pub fn position_lost(&self) -> bool {
+        match self {
+            Self::Reset { .. } => true,
+            Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
+            _ => false,
+        }
+    }
+
     /// What to do next, for the person at the machine.
     pub fn remedy(&self) -> String {
         let text = match self {

@@ -29,6 +29,14 @@ pub struct Prepared {
     pub stands: Position,
 }
 
+/// What is to be seen of a machine that stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Look {
+    pub probe_closed: bool,
+    /// As in [`Prepared`].
+    pub stands: Position,
+}
+
 /// What each control implements. One call at a time, each runs to its end.
 pub trait Driver: Send + 'static {
     /// Shake hands, refuse what cannot measure, set all modal state.
@@ -38,8 +46,8 @@ pub trait Driver: Send + 'static {
         &mut self,
         block: &Block,
     ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
-    /// Whether the probe reads closed now. Nothing moves.
-    fn probe_closed(&mut self) -> impl Future<Output = Result<bool, ControllerError>> + Send;
+    /// How things stand now. Nothing moves.
+    fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
     /// Restore the modal state found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
@@ -71,7 +79,7 @@ impl Halt {
 enum Request {
     Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
     Execute(Block, oneshot::Sender<Result<Outcome, ControllerError>>),
-    ProbeClosed(oneshot::Sender<Result<bool, ControllerError>>),
+    Look(oneshot::Sender<Result<Look, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
@@ -101,8 +109,8 @@ impl Controller {
         self.ask(|answer| Request::Execute(block, answer)).await
     }
 
-    pub async fn probe_closed(&self) -> Result<bool, ControllerError> {
-        self.ask(Request::ProbeClosed).await
+    pub async fn look(&self) -> Result<Look, ControllerError> {
+        self.ask(Request::Look).await
     }
 
     pub async fn finish(&self) -> Result<(), ControllerError> {
@@ -126,7 +134,7 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
         match request {
             Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
             Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
-            Request::ProbeClosed(answer) => drop(answer.send(driver.probe_closed().await)),
+            Request::Look(answer) => drop(answer.send(driver.look().await)),
             Request::Finish(answer) => drop(answer.send(driver.finish().await)),
         }
     }

@@ -8,6 +8,9 @@ use crate::estimation::coverage;
 /// seldom enough not to teach people to distrust the refusal, and the limit stays narrow.
 const INSIDE: f64 = 0.9973;
 const INSIDE_FACTOR: f64 = 3.0;
+/// Drift is granted up to so many times what the touches themselves may differ by. A reference that
+/// may move by more tells nothing any more: after so long a stop a new run is the honest way.
+const DRIFT_GRANTED: f64 = 3.0;
 
 /// A reference before the stop and after it.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,8 +80,8 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// The pair's shift against k·√(2·u_touch² + u_drift²) and one step of resolution. `drift_mm_per_s`
-    /// is the declared standard deviation of the drift's rate.
+    /// The pair's shift against k·√(2·u_touch² + u_drift²) and one step of resolution; u_drift is
+    /// bounded. `drift_mm_per_s` is the declared standard deviation of the drift's rate.
     pub fn of(pair: &Pair, scatter: Scatter, drift_mm_per_s: f64) -> Self {
         let (touch, factor) = match scatter {
             Scatter::Declared { u_mm } => (u_mm, INSIDE_FACTOR),
@@ -87,8 +90,9 @@ impl Shift {
         };
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
-        let drift = drift_mm_per_s * (after - before).max(0.0);
-        let combined = (2.0 * (touch.powi(2) + rounding.powi(2)) + drift.powi(2)).sqrt();
+        let touches = (2.0 * (touch.powi(2) + rounding.powi(2))).sqrt();
+        let drift = (drift_mm_per_s * (after - before).max(0.0)).min(DRIFT_GRANTED * touches);
+        let combined = touches.hypot(drift);
         let [old, new] = pair.position_mm;
         Self {
             label: pair.label.clone(),
@@ -130,9 +134,13 @@ mod tests {
         let shift = Shift::of(&pair(2.0e-3, 0.0), declared, 0.0);
         assert!((shift.limit_mm - 3.0 * 0.5e-3 * 2f64.sqrt()).abs() < 1e-12);
         assert!(shift.agrees() && !Shift::of(&pair(-2.2e-3, 0.0), declared, 0.0).agrees());
-        // 5 µm/h over two hours: 3·10 µm beside the touches.
-        let slow = Shift::of(&pair(0.0, 7200.0), declared, 5e-3 / 3600.0);
-        assert!((slow.limit_mm - 3.0 * (0.5e-6f64 + 100e-6).sqrt()).abs() < 1e-12);
+        // 5 µm/h over a quarter of an hour: 3·1.25 µm beside the touches.
+        let slow = Shift::of(&pair(0.0, 900.0), declared, 5e-3 / 3600.0);
+        assert!((slow.limit_mm - 3.0 * (0.5e-6f64 + 1.25e-3f64.powi(2)).sqrt()).abs() < 1e-12);
+        // Over a weekend: a part that moved by 20 µm is still found out.
+        let weekend = Shift::of(&pair(20e-3, 200_000.0), declared, 5e-3 / 3600.0);
+        assert!((weekend.limit_mm - 3.0 * (0.5e-6f64 * 10.0).sqrt()).abs() < 1e-12);
+        assert!(!weekend.agrees());
         assert_eq!(shift.to_string(), "R1/P090 moved by +2.0 µm (limit 2.1 µm)");
     }
 

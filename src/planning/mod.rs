@@ -11,7 +11,7 @@ mod touch;
 pub use clearance::Clearance;
 pub use error::PlanningError;
 pub use time::machine_time_s;
-pub use touch::touch_block;
+pub use touch::{Start, touch_block};
 
 use crate::base::{Axis, Position};
 use crate::record::motion::{Block, Motion};
@@ -24,7 +24,8 @@ pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), P
     let mut seconds = 0.0;
     let mut stands: Option<Position> = None;
     for step in &plan.steps {
-        let block = touch_block(plan, step, 0, stands.as_ref(), clearance)?;
+        let start = Start { stands: stands.as_ref(), first: stands.is_none() };
+        let block = touch_block(plan, step, 0, start, clearance)?;
         let begins = stands.unwrap_or_default();
         seconds += machine_time_s(&block, &begins, &plan.machine);
         stands = Some(end_of(&block, &begins));

@@ -63,7 +63,7 @@ fn regress_the_sequence_of_one_touch() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = Clearance::above(&plan).unwrap();
     assert!((clearance.safe_z - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0);
-    let block = touch_block(&plan, &plan.steps[0], 2, None, &clearance).unwrap();
+    let block = touch_block(&plan, &plan.steps[0], 2, Start::default(), &clearance).unwrap();
     assert_eq!((block.step, block.repeat), (3, 2));
     let z = |z| at(&[(Axis::Z, z)]);
     let x = |x| at(&[(Axis::X, x)]);
@@ -81,13 +81,22 @@ fn regress_the_sequence_of_one_touch() {
     ];
     assert_eq!(block.motions, expected);
     // The first approach of a run is slow.
-    let first = touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap();
+    let first =
+        touch_block(&plan, &plan.steps[0], 0, Start { stands: None, first: true }, &clearance)
+            .unwrap();
     let slow = Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 };
     assert!(first.motions.contains(&slow) && !first.motions.contains(&block.motions[5]));
     // A second touch of the same point needs neither rise nor turn.
     let stands = end_of(&block, &Position::new());
     assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
-    let again = touch_block(&plan, &plan.steps[0], 3, Some(&stands), &clearance).unwrap();
+    let again = touch_block(
+        &plan,
+        &plan.steps[0],
+        3,
+        Start { stands: Some(&stands), first: false },
+        &clearance,
+    )
+    .unwrap();
     assert_eq!(again.motions, expected[5..]);
 }
 
@@ -150,7 +159,14 @@ fn regress_every_touch_of_a_cycle_is_safe() {
     ] {
         let mut stands = begins;
         for step in &plan.steps {
-            let block = touch_block(&plan, step, 0, stands.as_ref(), &clearance).unwrap();
+            let block = touch_block(
+                &plan,
+                step,
+                0,
+                Start { stands: stands.as_ref(), first: false },
+                &clearance,
+            )
+            .unwrap();
             let from = stands.unwrap_or_default();
             assert_safe(&plan, &block, &from, clearance.safe_z);
             stands = Some(end_of(&block, &from));
@@ -192,7 +208,7 @@ fn refusal(change: impl FnOnce(&mut Plan, &mut Step)) -> PlanningError {
     let mut plan = plan(vec![step.clone()]);
     let clearance = Clearance::above(&plan).unwrap();
     change(&mut plan, &mut step);
-    let error = touch_block(&plan, &step, 0, None, &clearance).unwrap_err();
+    let error = touch_block(&plan, &step, 0, Start::default(), &clearance).unwrap_err();
     assert!(!error.remedy().is_empty());
     error
 }
@@ -229,7 +245,7 @@ fn a_limit_in_degrees_may_be_reached() {
     let full = 2.0 * PI;
     let plan = plan(vec![touch(0, 0.0, 0.0, full, 0.0)]);
     let clearance = Clearance::above(&plan).unwrap();
-    assert!(touch_block(&plan, &plan.steps[0], 0, None, &clearance).is_ok());
+    assert!(touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).is_ok());
 }
 
 /// X at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
@@ -281,8 +297,8 @@ fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
     let mut plan = plan(vec![touch(3, 0.0, 0.0, 0.0, 0.0)]);
     let clearance = Clearance::above(&plan).unwrap();
     plan.probe.guarded_feed_mm_min = 6000.0;
-    let refused = touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap_err();
+    let refused = touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap_err();
     assert!(matches!(refused, PlanningError::GuardTooFast { way, .. } if (way - 5.0).abs() < 1e-9));
     plan.probe.guarded_feed_mm_min = 5000.0;
-    touch_block(&plan, &plan.steps[0], 0, None, &clearance).unwrap();
+    touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap();
 }

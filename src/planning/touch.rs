@@ -8,6 +8,15 @@ use crate::record::plan::{Plan, Step, StepKind};
 /// Positions nearer than this are the same, mm or rad.
 const SAME: f64 = 1e-9;
 
+/// From where, and whether for the first time, a block goes to the part.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Start<'a> {
+    /// Where the machine stands; `None` if nobody knows, then Z goes to its upper end first.
+    pub stands: Option<&'a Position>,
+    /// The first approach since the control was prepared.
+    pub first: bool,
+}
+
 /// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
 /// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to
 /// `from`, guarded up again. It goes over the top between any two touches. A move to where an axis
@@ -17,25 +26,23 @@ const SAME: f64 = 1e-9;
 /// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
 /// came; so that it is never longer than the probe's overtravel, the touch must not be either.
 ///
-/// `current`: where the machine stands; `None` if nobody knows, then Z goes to its upper end first.
-///
 /// # Errors
 /// A step that is no complete touch, a touch longer than the overtravel, a position out of travel.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,
     repeat: u32,
-    current: Option<&Position>,
+    start: Start<'_>,
     clearance: &Clearance,
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
     check_guarded_feed(plan)?;
-    let (near_feed, back_feed) = (near_feed(plan, step, repeat), plan.probe.search_feed_mm_min);
+    let (near_feed, back_feed) = (near_feed(plan, start), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let height = |z: f64| Position::new().with(Axis::Z, z);
     let safe_z = clearance.safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
 
-    let begins = current.cloned().unwrap_or_default();
+    let begins = start.stands.cloned().unwrap_or_default();
     let mut path = Path { stands: begins.clone(), motions: Vec::new() };
     let near = |to| Motion::Guarded { to, feed_mm_min: near_feed };
     match begins.get(Axis::Z) {
@@ -60,12 +67,11 @@ pub fn touch_block(
     Ok(block)
 }
 
-/// The first approach of a run is to a part that is only roughly known, with a probe that has not
-/// yet shown that it lives.
-fn near_feed(plan: &Plan, step: &Step, repeat: u32) -> f64 {
-    let is_first = repeat == 0 && plan.steps.first().is_some_and(|first| first.id == step.id);
+/// The first approach is to a part that is only roughly known, or after a stop, with a probe that
+/// has not yet shown that it lives.
+fn near_feed(plan: &Plan, start: Start<'_>) -> f64 {
     let (guarded, search) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
-    if is_first { guarded.min(search) } else { guarded }
+    if start.first { guarded.min(search) } else { guarded }
 }
 
 fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {

@@ -36,6 +36,9 @@ pub enum Event {
     Faulted {
         what: String,
         remedy: String,
+        /// The control may not know where its axes are: they must be homed before the run goes on.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        position_lost: bool,
     },
     /// A person has looked at the machine after a fault or a stop and lets it go on.
     Acknowledged {

@@ -29,7 +29,8 @@ pub enum RunError {
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
-        "no reference was measured before the stop: nobody can say whether the machine stands as it stood"
+        "not all references were measured before the stop: nobody can say whether the machine stands \
+         as it stood"
     )]
     NoReferences,
     #[error(
@@ -68,8 +69,8 @@ impl RunError {
                 "the run is closed, its readings are kept; start a new run".to_owned()
             }
             Self::Moved { .. } => {
-                "the run is closed, its readings are kept (`trued identify` with \
-                                   --run tells what they hold); start a new run"
+                "the run is closed, its readings are kept (`trued identify` with --run tells what they \
+                 hold); start a new run: after a long stop a machine may simply have drifted"
                     .to_owned()
             }
         }
@@ -86,6 +87,11 @@ impl RunError {
     /// The run can never go on; its readings stay.
     pub fn closes(&self) -> bool {
         matches!(self, Self::NoReferences | Self::Moved { .. })
+    }
+
+    /// The axes must be homed before anything else moves.
+    pub fn position_lost(&self) -> bool {
+        matches!(self, Self::Controller(error) if error.position_lost())
     }
 
     /// A person asked for it.

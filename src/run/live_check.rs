@@ -5,6 +5,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{Run, RunError};
+use crate::base::Position;
 use crate::controllers::ControllerError;
 use crate::record::event::Event;
 use crate::record::machine::LiveCheck;
@@ -14,39 +15,43 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const POLL: Duration = Duration::from_millis(20);
 
 impl Run<'_> {
-    /// Nothing moves here.
+    /// Nothing moves here, save what a person moves who was asked to the machine: then it says where
+    /// the machine stands now.
     ///
     /// # Errors
     /// The stylus was not deflected and let go again in time; a halt.
-    pub(super) async fn live_check(&mut self) -> Result<(), RunError> {
+    pub(super) async fn live_check(&mut self) -> Result<Option<Position>, RunError> {
         match self.plan.probe.live_check {
             LiveCheck::Touch => {
                 let text = "the first approach is slow, and the first touch shows whether the probe \
                             lives: have the stop at hand";
-                self.note(Event::Announced { text: text.to_owned() }).await
+                self.note(Event::Announced { text: text.to_owned() }).await?;
+                Ok(None)
             }
             LiveCheck::Person => {
                 let seconds = PATIENCE.as_secs();
                 let text = format!("deflect the stylus by hand and let it go, within {seconds} s");
                 self.note(Event::Announced { text }).await?;
                 self.stylus(true).await?;
-                self.stylus(false).await?;
+                let stands = self.stylus(false).await?;
                 self.probe_lives = true;
-                self.note(Event::Announced { text: "the probe lives".to_owned() }).await
+                self.note(Event::Announced { text: "the probe lives".to_owned() }).await?;
+                Ok(Some(stands))
             }
         }
     }
 
-    /// Wait until the probe reads so.
-    async fn stylus(&mut self, closed: bool) -> Result<(), RunError> {
+    /// Wait until the probe reads so; where the machine then stands.
+    async fn stylus(&mut self, closed: bool) -> Result<Position, RunError> {
         let deadline = Instant::now() + PATIENCE;
         let controller = &self.devices.controller;
         loop {
             if controller.halt().is_halted() {
                 return Err(ControllerError::Halted.into());
             }
-            if controller.probe_closed().await? == closed {
-                return Ok(());
+            let seen = controller.look().await?;
+            if seen.probe_closed == closed {
+                return Ok(seen.stands);
             }
             if Instant::now() > deadline {
                 return Err(RunError::DeadProbe { closed, seconds: PATIENCE.as_secs() });

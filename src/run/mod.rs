@@ -36,6 +36,8 @@ pub struct Run<'a> {
     pub moved: bool,
     /// Whether the run goes on after an interruption.
     pub resumed: bool,
+    /// Whether the part was approached since the control was prepared.
+    approached: bool,
     timeline: Timeline,
     /// A person or a touch has shown it since the machine was prepared.
     probe_lives: bool,
@@ -62,6 +64,7 @@ impl<'a> Run<'a> {
             readings: Vec::new(),
             moved: false,
             resumed: false,
+            approached: false,
             timeline: Timeline::new(),
             probe_lives: false,
             tell,
@@ -106,8 +109,8 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
-        self.live_check().await?;
-        Ok(prepared.stands)
+        self.approached = false;
+        Ok(self.live_check().await?.unwrap_or(prepared.stands))
     }
 
     /// All stages after the `done` ones, to the end. `stage_s`: machine time of each, as far as it
@@ -148,7 +151,11 @@ impl<'a> Run<'a> {
     async fn keep(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_stop() => Event::Held { reason: error.to_string() },
-            _ => Event::Faulted { what: error.to_string(), remedy: error.remedy() },
+            _ => Event::Faulted {
+                what: error.to_string(),
+                remedy: error.remedy(),
+                position_lost: error.position_lost(),
+            },
         };
         let state = match error {
             _ if error.closes() => RunState::Closed,

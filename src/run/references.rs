@@ -8,6 +8,8 @@ use crate::record::reading::{Flag, Reading};
 
 /// Positions nearer than this are the same place, mm or rad.
 const SAME: f64 = 1e-9;
+/// Cosine of 1°.
+const SAME_WAY: f64 = 0.999_85;
 
 /// One place, and what was read there before the stop.
 struct Place<'a> {
@@ -45,8 +47,12 @@ impl<'a> References<'a> {
         Self { plan, places }
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
+    /// Whether they see what they are there for: every direction in which the plan's references
+    /// touch was touched before the stop.
+    pub fn see_all(&self) -> bool {
+        let mut wanted = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
+        !self.places.is_empty()
+            && wanted.all(|step| self.places.iter().any(|place| same_way(place.step, step)))
     }
 
     /// All places once more, after the given stages.
@@ -62,10 +68,21 @@ impl<'a> References<'a> {
         }
     }
 
-    /// Each place, read again in `stage`, against its last reading before; and what the limits
-    /// follow from.
-    pub fn compare(&self, stage: &Stage, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
-        let series: Vec<Vec<f64>> = self.places.iter().map(Place::series).collect();
+    /// How often the references are touched after a stop: where nobody has declared how touches
+    /// repeat, they must tell that themselves.
+    pub fn rounds(&self) -> u32 {
+        if self.plan.probe.repeatability_um.is_some() { 1 } else { 2 }
+    }
+
+    /// Each place, its first reading after the stop (of `readings`) against its last one before; and
+    /// what the limits follow from.
+    pub fn compare(&self, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
+        let after = |place: &Place<'_>| -> Vec<f64> {
+            let again = readings.iter().filter(|r| r.step == place.step.id);
+            again.map(|reading| outward(place.step, &reading.position)).collect()
+        };
+        let series: Vec<Vec<f64>> =
+            self.places.iter().flat_map(|place| [place.series(), after(place)]).collect();
         let declared = self.plan.probe.repeatability_um.map(|um| um * 1e-3);
         let scatter = Scatter::of(declared, &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
@@ -73,7 +90,7 @@ impl<'a> References<'a> {
             .places
             .iter()
             .filter_map(|place| {
-                let is_new = |r: &&Reading| r.step == place.step.id && r.repeat == stage.repeat;
+                let is_new = |r: &&Reading| r.step == place.step.id;
                 let (before, after) = (place.readings.last()?, readings.iter().find(is_new)?);
                 let pair = Pair {
                     label: place.step.label.clone(),
@@ -110,6 +127,12 @@ fn direction(step: &Step) -> [(Axis, f64); 3] {
     let [x, y, z] = way.map(|part| if length > 0.0 { part / length } else { 0.0 });
     let [ax, ay, az] = Axis::LINEAR;
     [(ax, x), (ay, y), (az, z)]
+}
+
+fn same_way(one: &Step, other: &Step) -> bool {
+    let along: f64 =
+        direction(one).iter().zip(direction(other)).map(|((_, a), (_, b))| a * b).sum();
+    along > SAME_WAY
 }
 
 /// Position against the direction of the touch, mm.

@@ -36,7 +36,7 @@ impl Run<'_> {
     async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
         let Interrupted { stages, readings, elapsed_s } = before;
         self.readings = readings;
-        let comparable = !References::of(&self.plan, &self.readings).is_empty();
+        let comparable = References::of(&self.plan, &self.readings).see_all();
         let last_s = self.readings.last().map(|reading| reading.t_s);
         let Some(gap_s) = last_s.filter(|_| comparable) else { return Err(RunError::NoReferences) };
         let stands = self.prepare().await?;
@@ -59,12 +59,16 @@ impl Run<'_> {
         stands: Position,
     ) -> Result<Option<Position>, RunError> {
         let count = self.readings.len();
-        let stage = References::of(&self.plan, &self.readings).stage(stages);
-        self.journal.stage(self.id, &stage, &[]).await?;
-        self.note(Event::StageStarted { stage: stage.clone() }).await?;
-        let stands = self.run_stage(stages, &stage, Some(stands), 0.0).await?;
+        let (mut stages, mut stands) = (stages.to_vec(), Some(stands));
+        for _ in 0..References::of(&self.plan, &self.readings).rounds() {
+            let stage = References::of(&self.plan, &self.readings[..count]).stage(&stages);
+            self.journal.stage(self.id, &stage, &[]).await?;
+            self.note(Event::StageStarted { stage: stage.clone() }).await?;
+            stands = self.run_stage(&stages, &stage, stands, 0.0).await?;
+            stages.push(stage);
+        }
         let (before, after) = self.readings.split_at(count);
-        let (mut shifts, scatter) = References::of(&self.plan, before).compare(&stage, after);
+        let (mut shifts, scatter) = References::of(&self.plan, before).compare(after);
         if shifts.iter().all(Shift::agrees) {
             let found: Vec<String> = shifts.iter().map(Shift::to_string).collect();
             let text = format!("the references agree: {}", found.join(", "));

@@ -6,7 +6,7 @@ use tokio::sync::oneshot;
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
 use crate::methods::{Next, Source};
-use crate::planning::{Clearance, end_of, machine_time_s, touch_block};
+use crate::planning::{Clearance, Start, end_of, machine_time_s, touch_block};
 use crate::proof::{self, Request, Staged};
 use crate::record::event::Event;
 use crate::record::machine::Artefact;
@@ -25,6 +25,14 @@ struct Task {
     ends: Position,
 }
 
+/// From where a stage sets out.
+#[derive(Clone)]
+struct Begin {
+    stands: Option<Position>,
+    /// It is the first approach since the control was prepared.
+    first: bool,
+}
+
 impl Run<'_> {
     /// `done`: the stages before; `later_s`: machine time of the stages to come. Returns where the
     /// machine stands at the end.
@@ -35,7 +43,8 @@ impl Run<'_> {
         stands: Option<Position>,
         later_s: f64,
     ) -> Result<Option<Position>, RunError> {
-        let (tasks, proof) = self.prove(&self.plan, done, stage, stands.clone()).await?;
+        let begin = Begin { stands: stands.clone(), first: !self.approached };
+        let (tasks, proof) = self.prove(&self.plan, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
@@ -48,6 +57,7 @@ impl Run<'_> {
                 remaining_s: remaining_s + later_s,
             });
             self.moved = true;
+            self.approached = true;
             let outcome = self.devices.controller.execute(block).await?;
             let reading = self.reading(&step, repeat, outcome)?;
             self.journal.reading(self.id, &reading).await?;
@@ -68,7 +78,8 @@ impl Run<'_> {
             self.method.next(&plan, &done, Source::Nominal)?
         {
             plan.steps.extend(new_steps);
-            let (tasks, _) = self.prove(&plan, &done, &stage, stands.clone()).await?;
+            let begin = Begin { stands: stands.clone(), first: done.is_empty() };
+            let (tasks, _) = self.prove(&plan, &done, &stage, begin).await?;
             stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
             stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
             done.push(stage);
@@ -82,14 +93,14 @@ impl Run<'_> {
         plan: &Plan,
         done: &[Stage],
         stage: &Stage,
-        stands: Option<Position>,
+        begin: Begin,
     ) -> Result<(Vec<Task>, Proof), RunError> {
         let (answer, result) = oneshot::channel();
         let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
         let (plan, dialect) = (plan.clone(), self.devices.dialect.clone());
         let (stage, name) = (stage.clone(), stage.name.clone());
         std::thread::spawn(move || {
-            drop(answer.send(proven(&plan, &stage, found.as_ref(), stands, &dialect)));
+            drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, &dialect)));
         });
         result.await.map_err(|_| RunError::ProofGone { stage: name })?
     }
@@ -113,10 +124,10 @@ fn proven(
     plan: &Plan,
     stage: &Stage,
     found: Option<&Artefact>,
-    stands: Option<Position>,
+    begin: &Begin,
     dialect: &Dialect,
 ) -> Result<(Vec<Task>, Proof), RunError> {
-    let tasks = tasks(plan, stage, stands.clone())?;
+    let tasks = tasks(plan, stage, begin)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
     let program = Program { title: &stage.name, axes: &axes, log: None };
@@ -124,7 +135,8 @@ fn proven(
         .program(&program, &blocks)
         .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
     let stages = [Staged { steps: &stage.steps, found }];
-    let request = Request { plan, stages: &stages, stands: stands.as_ref(), dialect, text: &text };
+    let stands = begin.stands.as_ref();
+    let request = Request { plan, stages: &stages, stands, dialect, text: &text };
     let unproven = |refusal| {
         let (stage, source) = (stage.name.clone(), Box::new(refusal));
         RunError::Unproven { stage, source }
@@ -134,13 +146,15 @@ fn proven(
 }
 
 /// The blocks of a stage; nothing is planned that has no way to its start.
-fn tasks(plan: &Plan, stage: &Stage, stands: Option<Position>) -> Result<Vec<Task>, RunError> {
+fn tasks(plan: &Plan, stage: &Stage, begin: &Begin) -> Result<Vec<Task>, RunError> {
     let clearance = Clearance::above(plan)?;
-    let mut stands = stands;
+    let mut stands = begin.stands.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
     for step in stage.steps.iter().filter_map(step_of) {
-        let block = touch_block(plan, step, stage.repeat, stands.as_ref(), &clearance)?;
+        let first = begin.first && tasks.is_empty();
+        let start = Start { stands: stands.as_ref(), first };
+        let block = touch_block(plan, step, stage.repeat, start, &clearance)?;
         let begins = stands.clone().unwrap_or_else(|| step.from.clone());
         let seconds = machine_time_s(&block, &begins, &plan.machine);
         let ends = end_of(&block, &begins);

@@ -91,7 +91,13 @@ fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     agrees(&estimate(&resumed));
     assert_eq!(shop.states(), ["finished"]);
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
-    assert_eq!(touched(&bench.heard()), rest);
+    let heard = bench.heard();
+    assert_eq!(touched(&heard), rest);
+    // The first approach after the stop is as slow as a search, the next is not.
+    let down = |step: &str| heard.lines().find(|line| line.contains(step)).unwrap();
+    assert!(
+        down("N17 G38.3 Z").ends_with("F300.000") && down("N18 G38.3 Z").ends_with("F3000.000")
+    );
     assert_eq!(shop.exported_steps().len(), 69 + 4);
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
     for words in ["held: held on request", "acknowledged by Ada", "resumed after a gap at t = "] {
@@ -227,7 +233,7 @@ fn without_references_a_run_is_closed() {
     stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
-    for words in ["no reference was measured before the stop", "start a new run"] {
+    for words in ["not all references were measured before the stop", "start a new run"] {
         assert!(said(&refused).contains(words), "{}", said(&refused));
     }
     assert_eq!(shop.states(), ["closed"]);
@@ -267,4 +273,48 @@ fn a_later_pass_goes_on_as_well() {
     assert_eq!(touched(&bench.heard()), rest);
     // Located once, twice the cycle, the references.
     assert_eq!(shop.exported_steps().len(), 5 + 2 * 64 + 4);
+}
+
+/// X and Z were seen, Y was not: a part that moved in Y would not be found out.
+#[test]
+fn some_of_the_references_are_not_enough() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N6 G38.3", "INT");
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    assert!(said(&refused).contains("not all references were measured"), "{}", said(&refused));
+    assert_eq!(shop.states(), ["closed"]);
+}
+
+/// Nobody has said how touches repeat, and only one reference was touched twice before the stop: the
+/// references are touched twice after it, and 20 µm are found out all the same.
+#[test]
+fn references_tell_themselves_how_they_repeat() {
+    let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
+    for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
+    {
+        let bench = Bench::start(&machine());
+        let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
+        let shop = Shop::new(&with_control(&unknown(&machine()), &control));
+        stopped(&bench, shop.run_command(), "N18 G38.3", "INT");
+        bench.become_another(&after);
+        let resumed = resume(&shop);
+        assert_eq!(shop.states(), [state], "{}", said(&resumed));
+        assert_eq!(shop.exported_steps().len(), readings);
+    }
+}
+
+#[test]
+fn a_control_that_lost_its_position_must_be_homed() {
+    let fault = "\n[[simulated.fault]]\nkind = \"alarm\"\ncode = 1\nat_line = 150\n";
+    let shop = Shop::new(&(machine() + fault));
+    assert_eq!(shop.run().status.code(), Some(5));
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
+    for words in ["the position is lost", "nobody has said that all axes are homed", "--homed"] {
+        assert!(said(&refused).contains(words), "{}", said(&refused));
+    }
+    let homed = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--homed"]);
+    assert_ne!(homed.status.code(), Some(2), "{}", said(&homed));
 }

@@ -156,7 +156,7 @@ fn state_is_true(ended: &Ended) -> Option<String> {
         Err(error) => {
             let expected = if ended.moved { RunState::Held } else { RunState::Failed };
             state == expected
-                && matches!(last, Some(Event::Faulted { what, remedy })
+                && matches!(last, Some(Event::Faulted { what, remedy, .. })
                     if *what == error.to_string() && !remedy.is_empty())
         }
     };

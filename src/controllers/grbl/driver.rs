@@ -9,7 +9,7 @@ use super::message::Message;
 use super::prepare::stop_in_words;
 use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
-use crate::controllers::{ControllerError, Driver, Halt, Prepared};
+use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared};
 use crate::gcode::Dialect;
 use crate::link::Link;
 use crate::record::machine::Machine;
@@ -189,8 +189,11 @@ impl Driver for Grbl {
         outcome.map_err(|error| self.failed(error))
     }
 
-    async fn probe_closed(&mut self) -> Result<bool, ControllerError> {
-        Ok(self.wire.status().await?.probe_closed)
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        let status = self.wire.status().await?;
+        let probe_closed = status.probe_closed;
+        self.stood = self.stands(status)?;
+        Ok(Look { probe_closed, stands: self.stood.clone() })
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

@@ -12,7 +12,7 @@ use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use super::{state, watch};
 use crate::base::{Axis, Position};
-use crate::controllers::{ControllerError, Driver, Halt, Prepared};
+use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
 use crate::record::motion::{Block, Motion, Outcome};
@@ -284,8 +284,10 @@ impl Driver for LinuxCnc {
         }
     }
 
-    async fn probe_closed(&mut self) -> Result<bool, ControllerError> {
-        Ok(self.rsh.get("probe_value").await? != "0")
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        let probe_closed = self.rsh.get("probe_value").await? != "0";
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        Ok(Look { probe_closed, stands })
     }
 
     /// Every program restores the modal state itself; what is left is the probe and the mode.
