@@ -124,7 +124,8 @@ fn proven(
         .program(&program, &blocks)
         .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
     let stages = [Staged { steps: &stage.steps, found }];
-    let request = Request { plan, stages: &stages, stands: stands.as_ref(), dialect, text: &text };
+    let (stages, stands) = (&stages, stands.as_ref());
+    let request = Request { plan, stages, stands, first: false, dialect, text: &text };
     let unproven = |refusal| {
         let (stage, source) = (stage.name.clone(), Box::new(refusal));
         RunError::Unproven { stage, source }
