@@ -73,7 +73,8 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
         .filter(|stage| stage.repeat == 0)
         .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
         .collect();
-    let request = Request { plan, stages: &staged, stands: None, dialect: &dialect, text: &text };
+    let (stages, stands, first) = (&staged, None, true);
+    let request = Request { plan, stages, stands, first, dialect: &dialect, text: &text };
     let proof = prove(&request)
         .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
     Ok((text, proof))

@@ -119,7 +119,7 @@ fn a_template_cannot_print_a_bare_number_or_an_undefined_value() {
     }
 }
 
-const SET: &str = "G21 G90 G94 G17 G40 G49 G80\nG92.1\nG54\n";
+const SET: &str = "G21 G90 G94 G17 G40 G49 G80 G61\nG92.1\nG54\n";
 
 fn motions(text: &str) -> Vec<rs274::ReadMotion> {
     read(&format!("{SET}{text}"), Some("G54")).unwrap()
@@ -146,8 +146,12 @@ fn a_frame_is_the_machines_only_if_its_offsets_are_known() {
     assert_eq!(frame(&with_g55, Some("G54")), work("G55"));
     assert_eq!(frame(&with_g55, Some("G55")), Frame::Machine);
     assert_eq!(frame(&format!("{SET}G55\nG53 G0 X1"), None), Frame::Machine);
-    assert_eq!(frame("G21 G90 G54 G49\nG0 X1", Some("G54")), work("G54"), "G92 may be active");
-    assert_eq!(frame("G21 G90 G49 G92.1\nG0 X1", Some("G54")), work("an unknown slot"));
+    assert_eq!(
+        frame("G21 G90 G94 G61 G54 G49\nG0 X1", Some("G54")),
+        work("G54"),
+        "G92 may be active"
+    );
+    assert_eq!(frame("G21 G90 G94 G61 G49 G92.1\nG0 X1", Some("G54")), work("an unknown slot"));
     let zeroed = format!("{SET}G10 L2 P6 X0 Y0\nG59\n");
     assert_eq!(frame(&format!("{zeroed}G0 X1"), None), Frame::Machine);
     assert_eq!(frame(&format!("{zeroed}G0 Z1"), None), work("G59"), "Z was not set to zero");
@@ -177,6 +181,11 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
         ("o100 while [1]", "conditions"),
         ("o<a> if [1]\nG0 X1\no<a> endif", ""),
         ("M72\nG0 X1", "G20"),
+        ("M72\nG21 G90 G94\nG0 X1", "neither G61"),
+        ("M72\nG21 G90 G61.1\nG0 X1", "G94 is not set"),
+        ("G64\nG0 X1", "G64 cuts corners"),
+        ("G64 P0.01", "G64 cuts corners"),
+        ("G95", "G95"),
     ] {
         let error = read(&format!("{SET}{text}"), None).unwrap_err();
         assert!(error.line >= 4 && error.why.contains(why), "{text}: {error}");
@@ -184,6 +193,9 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
     let unset = |text| read(text, None).unwrap_err();
     assert!(unset("G90\nG0 X1").why.contains("G20"));
     assert!(unset("G21\nG0 X1").why.contains("G90"));
+    assert!(unset("G21 G90 G94\nG0 X1").why.contains("neither G61"));
+    assert!(unset("G21 G90 G61\nG0 X1").why.contains("G94"));
+    assert_eq!(read("G21 G90 G94 G61.1\nG0 X1", None).unwrap().len(), 1);
     assert!(read(&format!("{SET}M2\nG0 X1"), None).unwrap_err().why.contains("end"));
     assert!(read(&format!("{SET}o<a> if [1]\nM2"), None).unwrap_err().why.contains("no end"));
     assert!(read(&format!("{SET}o<a> if [1]\nM72\no<a> endif"), None).is_err(), "does not stop");

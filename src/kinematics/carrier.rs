@@ -66,6 +66,15 @@ impl Carried {
         self.joints.iter().map(Joint::axis)
     }
 
+    /// Both as seen from the last carrier that they share: what moves them together is left out.
+    pub fn between(one: &Self, other: &Self) -> [Self; 2] {
+        let shared = one.axes().zip(other.axes()).take_while(|(a, b)| a == b).count();
+        [one, other].map(|carried| {
+            let joints = carried.joints.iter().skip(shared).cloned().collect();
+            Self { side: carried.side, joints }
+        })
+    }
+
     /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
     /// of a body is from where it stands at `middle`, as long as every axis stays within `half` of
     /// it, whatever way the axes take together. The body lies in the convex hull of balls of `radius`

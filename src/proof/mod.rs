@@ -8,7 +8,9 @@
 //!   overtravel; the ball stands clear of the artefact at `from`, wherever within its uncertainty
 //!   that is, and contact with the nominal artefact comes before `to`; then straight back to `from`;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
-//!   everything and stop within the overtravel if they should meet something all the same;
+//!   everything and stop within the overtravel if they should meet something all the same; the first
+//!   approach since the machine was prepared is as slow as a search;
+//! - what the probe is not there to feel stays half a millimetre apart on guarded moves and touches;
 //! - rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every
 //!   step ends that far away.
 //!
@@ -16,16 +18,19 @@
 //! nearer to it, and only as far as contact lets it come ([`touch`]).
 //!
 //! Bodies: stylus ball, stem, probe body and the solids of the tool side against artefact, keep-out
-//! boxes and the solids of the workpiece side and the bed; workpiece side against bed. Two bodies of
-//! one side are *not* looked at: what rides together meets only by its maker's design. Errors of the
-//! machine are far below the margin and not looked at either. The spindle's axis is Z; a spindle that
-//! nobody orients stands as `tool_mm` was measured.
+//! boxes and the solids of the workpiece side and the bed; workpiece side against bed; and on one
+//! side whatever an axis moves against each other. Neighbours on one side that with all axes at zero
+//! stand nearer than the margin are *not* looked at: they are joined or built close, and the proof
+//! names them (but for the nose and what it holds). What the same axes move stands still against
+//! each other. Errors of the machine are far below the margin and not looked at either. The spindle's
+//! axis is Z; a spindle that nobody orients stands as `tool_mm` was measured.
 //!
 //! Whether the identification is well-posed is the method's matter: `Method::next` refuses what it
 //! could not solve before the first stage, and nothing is rendered.
 
 mod body;
 mod gap;
+mod pairs;
 mod refusal;
 mod rules;
 mod scene;
@@ -56,6 +61,9 @@ pub struct Request<'a> {
     /// Where the machine stands at the start, as far as it is known. What moves before X, Y and Z
     /// are known is not looked at, and the proof says so.
     pub stands: Option<&'a Position>,
+    /// The first approach since the machine was prepared: guarded moves of the first step are at most
+    /// at the search feed.
+    pub first: bool,
     pub dialect: &'a Dialect,
     pub text: &'a str,
 }

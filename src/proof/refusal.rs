@@ -1,5 +1,6 @@
 //! Why a text must not move, and what to do. Nothing has moved.
 
+use super::MARGIN_MM;
 use crate::base::Axis;
 use crate::kinematics::KinematicsError;
 
@@ -92,8 +93,10 @@ fn after(expected: &Option<u32>) -> String {
 }
 
 fn margin(need: f64) -> String {
-    if need > 0.0 {
+    if need >= MARGIN_MM {
         format!("; an unguarded or turning move keeps {need} mm")
+    } else if need > 0.0 {
+        format!("; the probe would not feel it, so {need:.2} mm are kept")
     } else {
         String::new()
     }

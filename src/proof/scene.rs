@@ -4,16 +4,21 @@ use glam::DVec3;
 
 use super::body::{Body, Shape};
 use super::gap::Across;
+use super::pairs::{Meets, Pair, pairs};
 use super::refusal::Reason;
 use super::sweep::{Demand, Way, sweep};
 use crate::base::Axis;
-use crate::kinematics::{Carried, Chain, Side};
+use crate::kinematics::{Chain, Side};
 use crate::record::machine::{Artefact, Carrier};
 use crate::record::plan::Plan;
 
 /// Index of the artefact and of the stylus ball among the bodies.
-const ARTEFACT: usize = 0;
-const BALL: usize = 1;
+pub(super) const ARTEFACT: usize = 0;
+pub(super) const BALL: usize = 1;
+/// What a probing move keeps from all that it is not there to touch, mm: the probe does not feel a
+/// nose on a clamp or a table on a column, so nothing would stop there, and what the machine file
+/// declares is not measured to the last tenth.
+const UNFELT_MM: f64 = 0.5;
 /// Rounding of the text and of the position that the control shows, mm.
 const LEAVING_MM: f64 = 0.01;
 
@@ -22,43 +27,27 @@ pub struct Scene {
     pairs: Vec<Pair>,
     /// How far the artefact may be from where it is thought to be.
     pub uncertainty: f64,
-    pub not_declared: Vec<String>,
+    /// Bodies that nobody declared, and neighbours.
+    pub not_looked_at: Vec<String>,
 }
 
 /// Clearance, mm, and the two bodies.
 type Found = (f64, [String; 2]);
-
-/// Two bodies that could meet.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Pair {
-    one: usize,
-    other: usize,
-    meets: Meets,
-}
 
 /// What must hold on a way.
 #[derive(Debug, Clone, Copy)]
 pub enum Care {
     /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
     Apart(f64),
-    /// As `Apart(0.0)`, save that what stands nearer at the start may do so all the way: the first,
+    /// A guarded move: nothing meets, and what the probe does not feel stays [`UNFELT_MM`] apart.
+    Guarded,
+    /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
     /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
     Leaving,
     /// A touch: what may not come near the artefact for its sake stays clear,
     Strangers,
     /// and so does what rides with the ball, of an artefact that may be off across the touch.
     Riders(Across),
-}
-
-/// What a pair is to a touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Meets {
-    /// The ball and the artefact: they are meant to.
-    Touch,
-    /// What rides with the ball, and the artefact.
-    Beside,
-    /// All others.
-    Never,
 }
 
 impl Scene {
@@ -70,7 +59,7 @@ impl Scene {
         let foot = DVec3::from_array(*centre_mm);
         let top = foot + DVec3::from_array(*axis).normalize_or(DVec3::Z) * *height_mm;
         builder.add("artefact", Carrier::Table, Shape::cylinder(foot, top, *radius_mm))?;
-        let not_declared = builder.probe(plan)?;
+        let mut not_looked_at = builder.probe(plan)?;
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
             builder.add(&keepout.name, Carrier::Bed, Shape::cuboid(low, high))?;
@@ -78,8 +67,9 @@ impl Scene {
         for solid in &plan.solids {
             builder.add(&solid.name, solid.on, Shape::solid(solid))?;
         }
-        let pairs = pairs(&builder.bodies);
-        Ok(Self { bodies: builder.bodies, pairs, uncertainty: *uncertainty_mm, not_declared })
+        let (pairs, neighbours) = pairs(&builder.bodies, *uncertainty_mm);
+        not_looked_at.extend(neighbours);
+        Ok(Self { bodies: builder.bodies, pairs, uncertainty: *uncertainty_mm, not_looked_at })
     }
 
     pub fn artefact(&self) -> &Body {
@@ -90,25 +80,9 @@ impl Scene {
         &self.bodies[BALL]
     }
 
-    /// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
-    /// if they meet where they are thought to be.
-    fn at_start(&self, pair: &Pair, way: &Way) -> f64 {
-        let start = Way { from: way.from, to: way.from };
-        let (one, other) = (&self.bodies[pair.one], &self.bodies[pair.other]);
-        let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
-        match sweep(&start, one, other, &demand) {
-            Ok(Some(apart)) => apart - self.grown(pair) - LEAVING_MM,
-            _ => 0.0,
-        }
-    }
-
-    /// How far the two may stand nearer to each other than they are thought to, mm.
-    fn grown(&self, pair: &Pair) -> f64 {
-        if pair.one == ARTEFACT || pair.other == ARTEFACT { self.uncertainty } else { 0.0 }
-    }
-
     /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
-    /// artefact count on unguarded ways only: otherwise they are meant to come near.
+    /// artefact count on unguarded ways only: otherwise they are meant to come near. What rides on
+    /// one side never counts: how near it comes is its maker's choice.
     ///
     /// # Errors
     /// The first pair that comes too near, or cannot be shown not to.
@@ -118,16 +92,17 @@ impl Scene {
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
-                (Care::Leaving, _) => (self.at_start(pair, way).min(0.0), None),
-                (Care::Strangers, Meets::Never) => (0.0, None),
+                (Care::Guarded, meets) => (meets.guarded(), None),
+                (Care::Leaving, meets) => (at_start(pair, way).min(meets.guarded()), None),
+                (Care::Strangers, Meets::Never) => (UNFELT_MM, None),
                 (Care::Riders(across), Meets::Beside) => (0.0, Some(*across)),
                 _ => continue,
             };
-            let counts = pair.meets != Meets::Touch || need > 0.0;
-            let grown = if across.is_none() { self.grown(pair) } else { 0.0 };
+            let counts = !pair.one_side() && (pair.meets != Meets::Touch || need > 0.0);
+            let grown = if across.is_none() { pair.grown } else { 0.0 };
             let demand =
                 Demand { need, grown, across, nearest: if counts { nearest } else { need } };
-            let (one, other) = (&self.bodies[pair.one], &self.bodies[pair.other]);
+            let Pair { one, other, .. } = pair;
             let between = || [one.name.clone(), other.name.clone()];
             match sweep(way, one, other, &demand) {
                 Ok(Some(clearance)) if counts => {
@@ -142,6 +117,24 @@ impl Scene {
             }
         }
         Ok(found)
+    }
+}
+
+/// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
+/// if they meet where they are thought to be.
+fn at_start(pair: &Pair, way: &Way) -> f64 {
+    let start = Way { from: way.from, to: way.from };
+    let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
+    match sweep(&start, &pair.one, &pair.other, &demand) {
+        Ok(Some(apart)) => apart - pair.grown - LEAVING_MM,
+        _ => 0.0,
+    }
+}
+
+impl Meets {
+    /// What two bodies keep between them on a guarded move, mm.
+    fn guarded(self) -> f64 {
+        if self == Self::Never { UNFELT_MM } else { 0.0 }
     }
 }
 
@@ -191,38 +184,4 @@ impl Builder {
         }
         Ok(missing)
     }
-}
-
-/// Tool side against everything else, workpiece side against the bed; of the others, neither or
-/// both move with the same axes.
-fn pairs(bodies: &[Body]) -> Vec<Pair> {
-    let mut pairs = Vec::new();
-    for (one, a) in bodies.iter().enumerate() {
-        for (other, b) in bodies.iter().enumerate() {
-            let sides = (a.carried.side(), b.carried.side());
-            let apart = sides.1 == Side::Bed && sides.0 == Side::Work
-                || sides.0 == Side::Tool && sides.1 != Side::Tool;
-            let meets = if other != ARTEFACT {
-                Meets::Never
-            } else if one == BALL {
-                Meets::Touch
-            } else if rides_with(&a.carried, bodies.get(BALL)) {
-                Meets::Beside
-            } else {
-                Meets::Never
-            };
-            if apart {
-                pairs.push(Pair { one, other, meets });
-            }
-        }
-    }
-    pairs
-}
-
-/// The spindle's turn apart, the same linear and rotary axes move it as the ball.
-fn rides_with(carried: &Carried, ball: Option<&Body>) -> bool {
-    let axes = |carried: &Carried| -> Vec<Axis> {
-        carried.axes().filter(|axis| *axis != Axis::S).collect()
-    };
-    ball.is_some_and(|ball| axes(&ball.carried) == axes(carried))
 }

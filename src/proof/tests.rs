@@ -34,10 +34,19 @@ fn beside() -> Position {
 }
 
 fn proven_from(plan: &Plan, lines: &str, stands: Option<&Position>) -> Result<Proof, Refusal> {
+    proven_as(plan, lines, stands, false)
+}
+
+fn proven_as(
+    plan: &Plan,
+    lines: &str,
+    stands: Option<&Position>,
+    first: bool,
+) -> Result<Proof, Refusal> {
     let dialect = Dialect::named("grbl").unwrap();
-    let text = format!("G21 G90 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
+    let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [Staged { steps: &[0], found: None }];
-    prove(&Request { plan, stages: &stages, stands, dialect: &dialect, text: &text })
+    prove(&Request { plan, stages: &stages, stands, first, dialect: &dialect, text: &text })
 }
 
 /// What the first lines are refused for; `None` if nothing is wrong but that the touch is missing.
@@ -108,8 +117,8 @@ fn rapids_keep_the_margin_from_a_box_and_guarded_moves_do_not_touch_it() {
     assert_eq!(refused(&with_box(-60.0, 174.99), over), None);
     assert_near(&with_box(-60.0, 175.01), over, ["stylus ball", "clamp"], 1.99);
     let guarded = "N0 G38.3 X-100 F1500\n";
-    assert_eq!(refused(&with_box(-60.0, 176.9), guarded), None);
-    assert_near(&with_box(-60.0, 177.01), guarded, ["stylus ball", "clamp"], 0.0);
+    assert_eq!(refused(&with_box(-60.0, 176.49), guarded), None);
+    assert_near(&with_box(-60.0, 176.51), guarded, ["stylus ball", "clamp"], 0.49);
     // Down beside it: 100 − 3 − 2.
     assert_eq!(refused(&with_box(94.99, 200.0), "N0 G53 G0 Z200\n"), None);
     assert_near(&with_box(95.01, 200.0), "N0 G53 G0 Z200\n", ["stylus ball", "clamp"], 1.99);
@@ -226,4 +235,85 @@ fn a_machine_stopped_beside_the_part_may_rise() {
     assert!(refused(48.3, "N0 G38.3 X48.1 F1500\n"));
     assert!(refused(48.3, "N0 G38.3 Z171 F1500\nN0 G38.3 Z300 F1500\n"));
     assert!(refused(47.9, "N0 G38.3 Z300 F1500\n"));
+}
+
+/// B carries an arm at +X, C above it the table with a clamp at −X.
+#[test]
+fn what_turns_against_each_other_on_one_side_is_looked_at() {
+    let carrying = |more: Value| {
+        plan(|plan| {
+            let mut solids = vec![
+                json!({"name": "clamp", "on": "table", "from_mm": [-120.0, -5.0, 0.0],
+                    "to_mm": [-100.0, 5.0, 40.0]}),
+                json!({"name": "arm", "on": "B", "from_mm": [110.0, -10.0, 3.0],
+                    "to_mm": [170.0, 10.0, 50.0]}),
+            ];
+            solids.extend(more.as_array().cloned().unwrap_or_default());
+            plan["solids"] = solids.into();
+        })
+    };
+    let bare = carrying(json!([]));
+    assert_eq!(refused(&bare, "N0 G53 G0 C90\nN0 G53 G0 B20\n"), None);
+    assert_near(&bare, "N0 G53 G0 C180\n", ["clamp", "arm"], 2.0);
+    assert_near(&bare, "N0 G53 G0 B20 C350\n", ["clamp", "arm"], 2.0);
+    // A table 1.9 mm above its cradle: built close, and told; at 2.1 mm it is looked at and passes.
+    let on_cradle = |top: f64| {
+        carrying(json!([
+            {"name": "table", "on": "table", "from_mm": [0.0, 0.0, -40.0], "to_mm": [0.0, 0.0, 0.0],
+             "radius_mm": 130.0},
+            {"name": "cradle", "on": "B", "from_mm": [-150.0, -100.0, -90.0],
+             "to_mm": [150.0, 100.0, top]}]))
+    };
+    let told = |top: f64| {
+        let lines = format!("N0 G53 G0 C90\nN0 G53 G0 C0\n{WHOLE}");
+        let proof = proven_from(&on_cradle(top), &lines, Some(&beside())).unwrap();
+        proof.not_looked_at.into_iter().filter(|what| what.contains("against")).collect::<Vec<_>>()
+    };
+    let close = "table against cradle: they stand nearer than 2 mm with all axes at zero";
+    assert_eq!(told(-41.9), [close]);
+    assert_eq!(told(-42.1), [""; 0]);
+}
+
+/// The spindle goes down past a rack on the X slide.
+#[test]
+fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
+    let racked = plan(|plan| {
+        plan["solids"] = json!([
+            {"name": "nose", "on": "spindle", "from_mm": [0.0, 0.0, 0.0], "to_mm": [0.0, 0.0, 100.0],
+             "radius_mm": 50.0},
+            {"name": "rack", "on": "X", "from_mm": [20.0, -5.0, 110.0], "to_mm": [30.0, 5.0, 150.0]}]);
+    });
+    assert_eq!(refused(&racked, "N0 G53 G0 Z152.1\nN0 G53 G0 X110\n"), None);
+    assert_near(&racked, "N0 G53 G0 Z151.9\n", ["nose", "rack"], 2.0);
+}
+
+/// 300 mm/min is the search feed.
+#[test]
+fn the_first_approach_is_as_slow_as_a_search() {
+    let plan = plan(|_| {});
+    let first = |lines: &str| proven_as(&plan, lines, Some(&beside()), true);
+    let refusal = first(WHOLE).unwrap_err();
+    assert_eq!(refusal.line, 5, "{refusal}");
+    assert!(matches!(refusal.reason, Reason::Feed { what: "the first approach", .. }), "{refusal}");
+    assert!(first(&WHOLE.replace("F1500", "F300")).is_ok());
+    let fast_up = WHOLE.replacen("F1500", "F300", 1);
+    assert_eq!(first(&fast_up).unwrap_err().line, 8);
+    assert!(proven_from(&plan, WHOLE, Some(&beside())).is_ok());
+}
+
+/// A ledge over the part: at the end of the touch the stem would pass it at 46 mm less its edge.
+#[test]
+fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
+    let ledge = |edge: f64| {
+        plan(|plan| {
+            plan["probe"]["stem_radius_mm"] = 1.0.into();
+            plan["probe"]["stem_length_mm"] = 100.0.into();
+            plan["keepout"] = json!([{"name": "ledge", "min_mm": [30.0, -5.0, 104.0],
+                "max_mm": [edge, 5.0, 110.0]}]);
+        })
+    };
+    assert!(proven_from(&ledge(45.49), WHOLE, Some(&beside())).is_ok());
+    let refusal = proven_from(&ledge(45.51), WHOLE, Some(&beside())).unwrap_err();
+    assert_eq!(refusal.line, 6, "{refusal}");
+    assert!(refusal.to_string().contains("would not feel it, so 0.50 mm are kept"), "{refusal}");
 }

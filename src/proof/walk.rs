@@ -175,12 +175,15 @@ impl<'a> Walk<'a> {
         }
         let probe = &self.request.plan.probe;
         rules::feed_at_most("a guarded move", motion, probe.guarded_feed_mm_min)?;
+        if self.request.first && self.turn == Some(0) {
+            rules::feed_at_most("the first approach", motion, probe.search_feed_mm_min)?;
+        }
         rules::braking(motion, &self.request.plan.machine, probe)?;
         // A machine that was stopped low may rise from where it stands.
         let care = match turns {
             true => Care::Apart(MARGIN_MM),
             false if self.proof.motions == 0 => Care::Leaving,
-            false => Care::Apart(0.0),
+            false => Care::Guarded,
         };
         self.go(&motion.target, &care)
     }
@@ -198,7 +201,7 @@ impl<'a> Walk<'a> {
             touch::reach(scene, &way, braking).ok_or(Reason::NoContact)?
         };
         // Where it begins the ball is clear of the artefact, wherever that stands.
-        self.look(&Way { from, to: from }, &Care::Apart(0.0))?;
+        self.look(&Way { from, to: from }, &Care::Guarded)?;
         self.look(&way, &Care::Strangers)?;
         self.look(&reach.way, &Care::Riders(reach.across))?;
         self.stands = self.stands.only(|axis| motion.target.get(axis).is_none());
@@ -271,7 +274,7 @@ impl<'a> Walk<'a> {
         let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
         proof.nearest = proof.steps.iter().min_by(least).cloned();
         let scene = self.scenes.into_iter().next();
-        proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.not_declared);
+        proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.not_looked_at);
         if let (Some(first), Some(last)) = (self.blind.first(), self.blind.last()) {
             proof.not_looked_at.push(format!(
                 "the way of lines {first} to {last}, before it is known where all axes stand"

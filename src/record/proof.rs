@@ -7,12 +7,13 @@ use serde::{Deserialize, Serialize};
 pub struct Proof {
     /// Motions looked at.
     pub motions: usize,
-    /// The smallest clearance of all moves that must stay free; `None` if no pair of bodies was
-    /// looked at.
+    /// The smallest clearance of all moves that must stay free, between bodies of two sides of the
+    /// machine; `None` if no such pair was looked at.
     pub nearest: Option<Clearance>,
     /// The smallest clearance of each step, in order.
     pub steps: Vec<Clearance>,
-    /// Bodies that the machine file does not declare, so that nothing is known of them.
+    /// In words: bodies that the machine file does not declare, neighbours that are built close, moves
+    /// before it is known where all axes stand.
     pub not_looked_at: Vec<String>,
 }
 

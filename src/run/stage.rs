@@ -135,8 +135,8 @@ fn proven(
         .program(&program, &blocks)
         .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
     let stages = [Staged { steps: &stage.steps, found }];
-    let stands = begin.stands.as_ref();
-    let request = Request { plan, stages: &stages, stands, dialect, text: &text };
+    let (stages, stands, first) = (&stages, begin.stands.as_ref(), begin.first);
+    let request = Request { plan, stages, stands, first, dialect, text: &text };
     let unproven = |refusal| {
         let (stage, source) = (stage.name.clone(), Box::new(refusal));
         RunError::Unproven { stage, source }

@@ -51,6 +51,7 @@ impl Rendered {
             plan: &self.plan,
             stages: &staged,
             stands,
+            first: true,
             dialect: &self.dialect,
             text: &text,
         })

@@ -9,7 +9,7 @@ pub type Window = (usize, usize);
 /// `None`: it does not apply to this step.
 pub type Act = fn(&Rendered, &mut Lines, u32) -> Option<Window>;
 
-pub const ALL: [(&str, Act); 56] = [
+pub const ALL: [(&str, Act); 59] = [
     ("wrong sense of C", wrong_sense),
     ("C misses a digit", |p, l, id| at_turn(p, l, id, |c| c / 10.0)),
     ("C a full turn on", |p, l, id| at_turn(p, l, id, |c| c - 360.0 * c.signum())),
@@ -35,6 +35,20 @@ pub const ALL: [(&str, Act); 56] = [
         let at = l.iter().position(|line| line.starts_with("G92."))?;
         l.remove(at);
         first_work_move(l, at)
+    }),
+    ("G64 for G61", |_, l, _| {
+        let at = swap(l, |line| line.starts_with("G21"), "G61", "G64")?;
+        Some((at, at))
+    }),
+    ("no G94", |_, l, _| {
+        let at = swap(l, |line| line.starts_with("G21"), " G94", "")?;
+        let first = Rendered::next(l, at);
+        Some((first, first))
+    }),
+    ("a fast first approach", |p, l, _| {
+        let down = p.place(0).down;
+        let fast = p.plan.probe.guarded_feed_mm_min;
+        changed(l, down, &['F'], |_| fast).then_some((down, down))
     }),
     ("G43", |p, l, id| before(l, p.place(id).down, "G43 H1", 0)),
     ("G68", |p, l, id| before(l, p.place(id).down, "G68 R10", 0)),

@@ -37,11 +37,10 @@ impl Declared {
         }
         match code {
             62 | 63 => return Err(format!("M{code} waits for the next move; M64 and M65 do not")),
-            // Program flow, spindle, tool, coolant, overrides, inputs, saved modes, calls.
-            0..=9 | 19 | 30 | 47..=53 | 60 | 61 | 66 | 70..=73 | 98 | 99 => {
-                return Err(format!("M{code} has a meaning of its own"));
-            }
             _ => {}
+        }
+        if let Some(meaning) = meaning(*code) {
+            return Err(format!("M{code} {meaning}"));
         }
         if self.of(&words).is_some() {
             return Err("it is declared for something else as well".to_owned());
@@ -58,6 +57,23 @@ impl Declared {
     fn declares(&self, switch: Switch) -> bool {
         self.0.iter().any(|(_, known)| *known == switch)
     }
+}
+
+/// What an M word does that is never a switch of probe or clamp.
+fn meaning(code: u32) -> Option<&'static str> {
+    Some(match code {
+        0 | 1 | 60 => "pauses the program",
+        2 | 30 => "ends the program",
+        3..=5 | 19 => "turns or stops the spindle",
+        6 | 61 => "changes the tool",
+        7..=9 => "switches the coolant",
+        47 | 98 | 99 => "calls or repeats a program",
+        48..=53 => "switches overrides and feed hold",
+        66 => "reads an input",
+        70..=73 => "saves or restores modal state",
+        128..=130 | 428..=430 => "switches the kinematics",
+        _ => return None,
+    })
 }
 
 /// How the switches stand, as far as the text tells.

@@ -65,7 +65,9 @@ pub struct ReadError {
 /// The motions of a program, in order.
 ///
 /// `zero_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts; other
-/// state is unknown at the start and must be set by the text before it matters.
+/// state is unknown at the start and must be set by the text before it matters: units, distance mode,
+/// exact path (G61 or G61.1) and feed per minute (G94) before any move, a feed before a feed move.
+/// M72 makes it unknown again.
 ///
 /// # Errors
 /// The first line that is not understood, or that moves in a state not set.

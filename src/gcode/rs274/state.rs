@@ -20,8 +20,8 @@ const SLOTS: [(&str, u32); 9] = [
     ("G59.2", 592),
     ("G59.3", 593),
 ];
-/// Planes, cutter compensation off, feed per minute, path modes: they change no straight line.
-const WITHOUT_EFFECT: [u32; 6] = [170, 400, 940, 610, 611, 640];
+/// Plane and cutter compensation off: they change no straight line.
+const WITHOUT_EFFECT: [u32; 2] = [170, 400];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Distance {
@@ -39,6 +39,10 @@ struct Modal {
     slot: Option<&'static str>,
     g92_off: bool,
     tool_length_off: bool,
+    /// G61 or G61.1: each move ends where it says before the next begins. G64 cuts corners.
+    exact_path: bool,
+    /// G94: F words are mm/min.
+    feed_per_minute: bool,
 }
 
 #[derive(Debug)]
@@ -165,6 +169,11 @@ impl State {
         }
         modal.tool_length_off |= words.take_g(490);
         modal.g92_off |= words.take_g(921) || words.take_g(922);
+        if words.take_g(640) {
+            return Err("G64 cuts corners; only G61 and G61.1 are understood".to_owned());
+        }
+        modal.exact_path |= words.take_g(610) | words.take_g(611);
+        modal.feed_per_minute |= words.take_g(940);
         for g in WITHOUT_EFFECT {
             words.take_g(g);
         }
@@ -225,6 +234,12 @@ impl State {
         let kind = self.modal.motion.ok_or("axis words, but no motion is set")?;
         let scale = self.modal.mm_per_unit.ok_or(NO_UNITS)?;
         let distance = self.modal.distance.ok_or("neither G90 nor G91 is set")?;
+        if !self.modal.exact_path {
+            return Err("neither G61 nor G61.1 is set".to_owned());
+        }
+        if !self.modal.feed_per_minute {
+            return Err("G94 is not set".to_owned());
+        }
         if machine && (matches!(kind, Kind::Probe { .. }) || distance == Distance::Incremental) {
             return Err("G53 goes with G0 and G1 and with G90 only".to_owned());
         }
