@@ -1,6 +1,11 @@
 //! Floor 9: the commands. They read files, build the parts, show progress and choose the exit
 //! code; they compute nothing.
 
+/// A line on standard output.
+macro_rules! tell {
+    ($($words:tt)*) => { $crate::cli::say(format_args!($($words)*)) };
+}
+
 mod args;
 mod failure;
 mod files;
@@ -74,5 +79,17 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
+    }
+}
+
+/// Nobody needs to read it to its end; but what could not be written to a file is told.
+fn say(words: std::fmt::Arguments<'_>) {
+    use std::io::{ErrorKind, Write as _};
+    match writeln!(std::io::stdout(), "{words}") {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            eprintln!("error: standard output: {error}");
+            std::process::exit(Exit::Error as i32);
+        }
+        _ => {}
     }
 }

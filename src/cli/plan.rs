@@ -20,7 +20,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
         let (text, proof) = program(&plan, &stages, dialect)?;
-        print!("{text}");
+        tell!("{}", text.trim_end_matches('\n'));
         for line in summary(&proof, &plan) {
             eprintln!("{line}");
         }
@@ -31,7 +31,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         describe(&plan)?;
         let (_, proof) = program(&plan, &stages, spoken(&machine))?;
         for line in summary(&proof, &plan) {
-            println!("{line}");
+            tell!("{line}");
         }
     }
     Ok(Exit::Pass)
@@ -100,7 +100,7 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
 
 fn describe(plan: &Plan) -> Result<(), Failure> {
     let (_, seconds) = planning::blocks(plan, &Clearance::above(plan)?)?;
-    println!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
+    tell!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step
             .from
@@ -108,8 +108,8 @@ fn describe(plan: &Plan) -> Result<(), Failure> {
             .filter(|(axis, _)| !axis.is_linear())
             .map(|(axis, value)| format!("{axis}{}", axis.to_edge(value)))
             .collect();
-        println!("  {:>4}  {:<14} {}", step.id, step.label, turned.join(" "));
+        tell!("  {:>4}  {:<14} {}", step.id, step.label, turned.join(" "));
     }
-    println!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
+    tell!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     Ok(())
 }

@@ -142,7 +142,7 @@ fn tell_result(output: &OutputArgs, id: RunId, estimate: &Estimate) -> Result<()
         show::print_json(estimate)
     } else {
         show::print_estimate(estimate);
-        println!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
+        tell!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
         Ok(())
     }
 }

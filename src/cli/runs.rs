@@ -17,10 +17,10 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         return Ok(Exit::Pass);
     }
     if runs.is_empty() {
-        println!("no runs yet: `trued run self-calibration` makes one");
+        tell!("no runs yet: `trued run self-calibration` makes one");
     }
     for run in runs {
-        println!(
+        tell!(
             "{:>5}  {:.0}  {:<18} {:<12} {}",
             run.id.to_string(),
             run.started,
@@ -29,7 +29,7 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             run.machine
         );
         if let Some(way_on) = way_on(run.state, &run.method, run.id) {
-            println!("       {way_on}");
+            tell!("       {way_on}");
         }
     }
     Ok(Exit::Pass)
@@ -48,7 +48,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         show::print_json(&last)?;
         return Ok(Exit::Pass);
     }
-    println!(
+    tell!(
         "run {run}: {} on {}, started {:.0}, {}, {} readings",
         stored.summary.method,
         stored.summary.machine,
@@ -59,21 +59,21 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     tell_interruptions(&stored);
     match last {
         Some(estimate) => show::print_estimate(estimate),
-        None => println!("no estimate: `trued export {run}` gives its readings"),
+        None => tell!("no estimate: `trued export {run}` gives its readings"),
     }
     Ok(Exit::Pass)
 }
 
 fn tell_interruptions(stored: &StoredRun) {
     for (at, told) in story(stored) {
-        println!("{at}  {told}");
+        tell!("{at}  {told}");
     }
     let summary = &stored.summary;
     if summary.state != RunState::Finished {
-        println!("{}", how_it_ended(stored));
+        tell!("{}", how_it_ended(stored));
     }
     if let Some(way_on) = way_on(summary.state, &summary.method, summary.id) {
-        println!("  → {way_on}");
+        tell!("  → {way_on}");
     }
 }
 
@@ -85,7 +85,7 @@ pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
         std::fs::write(&file, content).map_err(|error| Failure::file(&file, &error))?;
-        println!("{}", file.display());
+        tell!("{}", file.display());
         Ok::<(), Failure>(())
     };
     write(format!("run-{run}-plan.json"), pretty(&stored.plan)?.as_bytes())?;

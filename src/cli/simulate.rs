@@ -23,7 +23,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
             None => setup::simulator(&machine, pace)?,
             Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), tell)?,
         };
-        println!("{}", simulator.path.display());
+        tell!("{}", simulator.path.display());
         eprintln!(
             "a simulated grblHAL machine speaks there; in a machine file:\n  [controller]\n  kind = \
              \"grbl\"\n  serial = \"{}\"\nCtrl-C ends it",
