@@ -28,7 +28,7 @@ pub struct Schedule {
     seed: u64,
     /// Lines between two harms on the wire.
     spacing: Option<f64>,
-    pub fault: Option<Fault>,
+    fault: Option<Fault>,
     /// Somebody stops the run at this step.
     halt_at: Option<u32>,
 }
@@ -66,6 +66,8 @@ pub struct Ended {
     /// Length of `near` when the run had ended.
     pub mark: usize,
     pub harms: Vec<Planned>,
+    /// Faults of the control that came about.
+    pub happened: Vec<FaultKind>,
 }
 
 /// A worker's journal and machine.
@@ -126,6 +128,7 @@ impl Bench {
             far: wired.far.entries(),
             mark,
             harms: wired.harms.lock().unwrap().clone(),
+            happened: wired.happened.lock().unwrap().clone(),
         }
     }
 
@@ -154,8 +157,9 @@ impl Bench {
         let faults = schedule.fault.iter().cloned().collect();
         let options = Options { faults, ..Options::of(&self.file.machine, Pace::Fast) };
         let mut firmware = Firmware::new(world, options);
+        let happened = firmware.happened();
         tokio::spawn(async move { firmware.serve(control).await });
-        Wired { link: Link::over("the bench", driver), near, far, harms }
+        Wired { link: Link::over("the bench", driver), near, far, harms, happened }
     }
 }
 
@@ -164,6 +168,7 @@ struct Wired {
     near: Tape,
     far: Tape,
     harms: Arc<Mutex<Vec<Planned>>>,
+    happened: Arc<Mutex<Vec<FaultKind>>>,
 }
 
 /// Short, so that hundreds of schedules pass quickly.

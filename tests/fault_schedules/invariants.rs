@@ -1,5 +1,7 @@
 //! What must hold whatever goes wrong.
 
+use std::collections::VecDeque;
+
 use trued::base::Axis;
 use trued::controllers::ControllerError;
 use trued::record::event::Event;
@@ -12,6 +14,7 @@ use super::tape::{Entry, Way, moves, step_of};
 
 /// The control's buffer, bytes.
 const RX_BUFFER: usize = 1024;
+const BANNER: &str = "GrblHAL 1.1f [";
 /// In the order of the control's reports.
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
@@ -21,7 +24,7 @@ pub fn breaches(ended: &Ended) -> Vec<String> {
     all.extend(motion_after_a_fault(ended));
     all.extend(readings_are_what_happened(ended));
     all.extend(nothing_acknowledged_is_lost(ended));
-    all.extend(window(ended));
+    all.extend(window(&ended.near));
     all.extend(state_is_true(ended));
     all
 }
@@ -29,7 +32,8 @@ pub fn breaches(ended: &Ended) -> Vec<String> {
 fn is_fault(line: &str) -> bool {
     let numbered =
         |start: &str| line.strip_prefix(start).is_some_and(|code| code.parse::<u32>().is_ok());
-    numbered("ALARM:") || numbered("error:") || line.starts_with("GrblHAL 1.1f [")
+    let state = ["<Alarm", "<Hold", "<Door", "<Tool"].iter().any(|state| line.starts_with(state));
+    state || numbered("ALARM:") || numbered("error:") || line.starts_with(BANNER)
 }
 
 fn motion_after_a_fault(ended: &Ended) -> Option<String> {
@@ -120,22 +124,22 @@ fn nothing_acknowledged_is_lost(ended: &Ended) -> Option<String> {
         .then(|| format!("{begun} steps begun, {stored} readings stored"))
 }
 
-/// Bytes of lines that are not answered yet.
-fn window(ended: &Ended) -> Option<String> {
-    let (mut bytes, mut lines) = (0, 0);
-    for entry in &ended.near {
+/// Lines that are not answered yet: each answer belongs to the oldest of them.
+fn window(near: &[Entry]) -> Option<String> {
+    let mut open = VecDeque::new();
+    for entry in near {
         match entry.way {
             Way::ToControl if entry.line == "!" => {}
-            Way::ToControl => {
-                bytes += entry.line.len() + 1;
-                lines += 1;
-            }
-            Way::FromControl if entry.line == "ok" || is_fault(&entry.line) => {
-                (bytes, lines) = (0, 0);
+            Way::ToControl => open.push_back(entry.line.len() + 1),
+            // It has forgotten what it had.
+            Way::FromControl if entry.line.starts_with(BANNER) => open.clear(),
+            Way::FromControl if entry.line == "ok" || entry.line.starts_with("error:") => {
+                open.pop_front();
             }
             Way::FromControl => {}
         }
-        // The very first line only wakes the control: its answer is not waited for.
+        let (lines, bytes) = (open.len(), open.iter().sum::<usize>());
+        // The very first line only wakes the control: if its answer is lost, that is no fault.
         if bytes > RX_BUFFER || lines > 2 {
             return Some(format!("{lines} lines, {bytes} bytes are not answered"));
         }
@@ -163,4 +167,19 @@ fn state_is_true(ended: &Ended) -> Option<String> {
     let moved = ended.near.iter().any(|e| e.way == Way::ToControl && moves(&e.line));
     (!fits || moved && !ended.moved)
         .then(|| format!("{:?} is told as {state:?}, {last:?}, {measured} of {all}", ended.result))
+}
+
+#[test]
+fn a_breach_of_the_window_and_a_fault_in_a_report_are_seen() {
+    let entry = |way, line: &str| Entry { way, line: line.to_owned() };
+    let sent = |line| entry(Way::ToControl, line);
+    let ok = || entry(Way::FromControl, "ok");
+    let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), ok(), sent("G59")];
+    assert_eq!(window(&lines), None);
+    let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), sent("G59")];
+    assert!(window(&lines).unwrap().starts_with("3 lines"));
+    for line in ["<Alarm|", "<Hold:1|", "<Door:0|", "<Tool|", "ALARM:1", "error:9"] {
+        assert!(is_fault(line), "{line}");
+    }
+    assert!(!is_fault("<Idle|") && !is_fault("ok"));
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::check;
 use super::fault::stands_after;
+use super::lines::Lines;
 use super::message::Message;
 use super::prepare::stop_in_words;
 use super::wire::{Patience, Wire};
@@ -76,68 +77,74 @@ impl Grbl {
     /// Send the lines of one motion; what was said while they ran.
     pub(super) async fn send(
         &mut self,
-        block: &Block,
-        motion: &Motion,
+        lines: &Lines<'_>,
     ) -> Result<Vec<Message>, ControllerError> {
-        let unit = Block { motions: vec![motion.clone()], ..*block };
-        let why = |why| ControllerError::Render { step: block.step, why };
-        let lines = self.dialect.block(&unit).map_err(|error| why(error.to_string()))?;
-        let clamps = self.dialect.clamps_rest_s(motion);
-        let still = standstill(motion) + Duration::try_from_secs_f64(clamps).unwrap_or_default();
+        let clamps = self.dialect.clamps_rest_s(lines.motion);
+        let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
+        let still = standstill(lines.motion) + clamps;
         let mut said = Vec::new();
-        for line in lines {
-            if line.len() >= self.line_limit {
-                return Err(why(format!("a line is longer than the control's buffer: `{line}`")));
-            }
-            said.extend(self.wire.ask_within(&line, still).await?);
+        for line in &lines.text {
+            said.extend(self.wire.ask_within(line, still).await?);
         }
         Ok(said)
     }
 
     async fn act(
         &mut self,
-        block: &Block,
-        motion: &Motion,
+        lines: &Lines<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), ControllerError> {
-        let step = block.step;
-        match motion {
+        let step = lines.step;
+        match lines.motion {
             Motion::Dwell { .. } => {
-                self.send(block, motion).await?;
+                self.send(lines).await?;
             }
             Motion::Orient { s } => {
-                self.send(block, motion).await?;
+                self.send(lines).await?;
                 self.spindle = Some(*s);
             }
-            Motion::Rapid { to } => {
-                self.send(block, motion).await?;
-                self.arrive(to).await?;
-            }
+            Motion::Rapid { to } => self.rapid(lines, to).await?,
             Motion::BackOff { to, .. } => {
-                self.send(block, motion).await?;
+                self.send(lines).await?;
                 self.arrive(to).await?;
                 self.open_probe(step).await?;
             }
             Motion::Guarded { to, .. } => {
-                let said = self.probe(block, motion).await?;
-                if said.hit {
+                if self.probe(lines).await?.hit {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
                 self.arrive(to).await?;
             }
-            Motion::Probe { .. } => {
-                self.wire.idle().await?;
-                self.open_probe(step).await?;
-                let said = self.probe(block, motion).await?;
-                if !said.hit {
-                    return Err(ControllerError::NoContact { step });
-                }
-                let contact = self.position(&said.values)?;
-                self.confirm(step, &said, &contact).await?;
-                outcome.touch = Some(contact);
-                outcome.t_s = said.t_s;
-            }
+            Motion::Probe { .. } => self.touch(lines, outcome).await?,
         }
+        Ok(())
+    }
+
+    /// A positioning move. The control does not look at the probe: the reports are.
+    async fn rapid(&mut self, lines: &Lines<'_>, to: &Position) -> Result<(), ControllerError> {
+        self.wire.free = Some(lines.step);
+        let sent = self.send(lines).await;
+        let arrived = if sent.is_ok() { self.arrive(to).await } else { Ok(()) };
+        self.wire.free = None;
+        sent.and(arrived)
+    }
+
+    async fn touch(
+        &mut self,
+        lines: &Lines<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<(), ControllerError> {
+        let step = lines.step;
+        self.wire.idle().await?;
+        self.open_probe(step).await?;
+        let said = self.probe(lines).await?;
+        if !said.hit {
+            return Err(ControllerError::NoContact { step });
+        }
+        let contact = self.position(&said.values)?;
+        self.confirm(step, &said, &contact).await?;
+        outcome.touch = Some(contact);
+        outcome.t_s = said.t_s;
         Ok(())
     }
 }
@@ -145,15 +152,26 @@ impl Grbl {
 impl Grbl {
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
-        if self.dialect.health_inputs().next().is_some() {
-            check::probe_health(&self.wire.status().await?, &self.dialect)?;
-        }
-        for motion in &block.motions {
-            self.act(block, motion, &mut outcome).await?;
+        let lines = self.lines(block)?;
+        self.begin(block).await?;
+        for lines in &lines {
+            self.act(lines, &mut outcome).await?;
         }
         let status = self.wire.idle().await?;
         outcome.t_s = outcome.t_s.or(status.t_s);
         Ok(outcome)
+    }
+
+    /// Before a block moves: the probe is well and open, and nobody has moved the machine.
+    async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+        let status = self.wire.status().await?;
+        check::probe_health(&status, &self.dialect)?;
+        let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
+        if status.probe_closed && !backs_off {
+            self.open_probe(block.step).await?;
+        }
+        let stands = self.stands(status)?;
+        self.unmoved(&stands).await
     }
 
     /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine

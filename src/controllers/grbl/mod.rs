@@ -14,6 +14,7 @@ mod fault;
 pub mod firmware;
 #[cfg(test)]
 mod fuzz;
+mod lines;
 mod message;
 mod prepare;
 #[cfg(test)]

@@ -6,10 +6,11 @@ use tokio::time::{Instant, sleep};
 
 use super::check;
 use super::driver::Grbl;
+use super::fault::moved_by_hand;
+use super::lines::Lines;
 use super::message::{Message, Status};
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
-use crate::record::motion::{Block, Motion};
 
 /// A probe may bounce this long after it came free.
 const SETTLE: Duration = Duration::from_millis(300);
@@ -48,13 +49,9 @@ fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
 
 impl Grbl {
     /// A probing line: its result stands between the line and its `ok`.
-    pub(super) async fn probe(
-        &mut self,
-        block: &Block,
-        motion: &Motion,
-    ) -> Result<Touch, ControllerError> {
-        let step = block.step;
-        let said = self.send(block, motion).await.map_err(|error| match error {
+    pub(super) async fn probe(&mut self, lines: &Lines<'_>) -> Result<Touch, ControllerError> {
+        let step = lines.step;
+        let said = self.send(lines).await.map_err(|error| match error {
             ControllerError::Alarm { code: 4, .. } => ControllerError::StillTripped { step },
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
@@ -97,6 +94,16 @@ impl Grbl {
                 Some(_) => sleep(self.wire.patience.poll / 10).await,
             }
         }
+    }
+
+    /// The machine still stands where it was last seen to stand. Who says otherwise is asked again: a
+    /// report may have been altered on its way.
+    pub(super) async fn unmoved(&mut self, stands: &Position) -> Result<(), ControllerError> {
+        let stood = self.stood.clone();
+        if check::astray(&stood, stands, |axis| self.tolerance(axis)).is_none() {
+            return Ok(());
+        }
+        self.arrive(&stood).await.map_err(moved_by_hand)
     }
 
     fn tolerance(&self, axis: Axis) -> f64 {

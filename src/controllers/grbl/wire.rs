@@ -39,6 +39,8 @@ pub(super) struct Wire {
     halt: Halt,
     /// A line was sent whose answer has not come.
     asked: bool,
+    /// The step whose positioning move is under way: the probe touches nothing meanwhile.
+    pub(super) free: Option<u32>,
     pub(super) patience: Patience,
 }
 
@@ -49,7 +51,7 @@ impl Wire {
         let hold = urgent.clone();
         let halt = Halt::new(move || hold.send_and_close(b"!"));
         let patience = Patience::default();
-        (Self { link, urgent, halt: halt.clone(), asked: false, patience }, halt)
+        (Self { link, urgent, halt: halt.clone(), asked: false, free: None, patience }, halt)
     }
 
     pub(super) fn is_halted(&self) -> bool {
@@ -170,7 +172,14 @@ impl Wire {
                 }
                 Err(not_ready(status))
             }
-            _ => Ok(()),
+            _ => match self.free.filter(|_| status.probe_closed) {
+                Some(step) => {
+                    // It may still be moving, and does not stop by itself.
+                    self.hold();
+                    Err(ControllerError::UnexpectedContact { step })
+                }
+                None => Ok(()),
+            },
         }
     }
 
@@ -187,29 +196,32 @@ impl Wire {
     }
 
     /// The first word: end whatever half line stands in the control's buffer, and find out who is
-    /// there.
+    /// there. The blank line's answer is waited for too: come late, it would be the next line's.
     pub(super) async fn wake(&mut self) -> Result<Status, ControllerError> {
         self.link.send(b"\n")?;
+        self.urgent.send(b"?");
         let deadline = Instant::now() + 2 * self.patience.answer;
         let (mut noise, mut foreign) = (false, None);
-        while Instant::now() < deadline {
-            self.urgent.send(b"?");
+        let (mut status, mut answered) = (None, false);
+        while Instant::now() < deadline && !(answered && status.is_some()) {
             match self.link.recv_deadline(Instant::now() + self.patience.aftermath).await? {
                 Some(Received::Noise { .. }) => noise = true,
                 Some(Received::Line(line)) => match Message::parse(&line) {
-                    Message::Status(status) => {
-                        self.quiet().await?;
-                        return Ok(status);
-                    }
+                    Message::Status(seen) => status = Some(seen),
+                    Message::Ok | Message::Error(_) => answered = true,
                     Message::Other(text) if !text.is_empty() => {
                         foreign.get_or_insert(text);
                     }
                     _ => {}
                 },
-                None => {}
+                None => self.urgent.send(b"?"),
             }
         }
-        Err(stranger(noise, foreign, 2 * self.patience.answer))
+        let Some(status) = status else {
+            return Err(stranger(noise, foreign, 2 * self.patience.answer));
+        };
+        self.quiet().await?;
+        Ok(status)
     }
 
     /// Let old answers run dry.

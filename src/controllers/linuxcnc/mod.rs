@@ -20,8 +20,8 @@
 //!   was, and the answers go on; motion goes on too, up to the end of what it has or to a contact. Only
 //!   a `set` waits for the task. So a program that seems to stand still is asked for a sign of life.
 //! - An emergency stop ends a program without a message, and without losing the homing.
-//! - A killed linuxcncrsh stops nothing: the program under way goes on to its end. It is the program of
-//!   one touch, which guards itself; so at most this touch is done.
+//! - A killed linuxcncrsh, or a killed `trued`, stops nothing: the control finishes the program part it
+//!   has (descent, touch, back-off). It is a part of one touch, which guards itself; nothing follows it.
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod driver;

@@ -1,5 +1,7 @@
 //! What the simulated control can do wrong, to rehearse it: `[[simulated.fault]]`.
 
+use std::sync::PoisonError;
+
 use serde::Deserialize;
 
 use super::job::Sham;
@@ -52,6 +54,8 @@ pub enum FaultKind {
     ProbeDead,
     /// The next probing move meets something after two fifths of its way.
     ForeignBody,
+    /// Something brushes the stylus during the next rapid: the probe reads closed for a while.
+    RapidContact,
     SoftLimit,
     /// Somebody presses feed hold at the machine, or opens the door.
     Hold,
@@ -60,7 +64,7 @@ pub enum FaultKind {
 }
 
 impl FaultKind {
-    pub const ALL: [FaultKind; 16] = [
+    pub const ALL: [FaultKind; 17] = [
         Self::Silence,
         Self::Reset,
         Self::Banner,
@@ -73,6 +77,7 @@ impl FaultKind {
         Self::ProbeStuck,
         Self::ProbeDead,
         Self::ForeignBody,
+        Self::RapidContact,
         Self::SoftLimit,
         Self::Hold,
         Self::Door,
@@ -105,6 +110,15 @@ impl Firmware {
     }
 
     fn go_wrong(&mut self, fault: &Fault, line: &str) {
+        use FaultKind as K;
+        // These wait for their move, their answer, or a machine that can be held.
+        let later = matches!(
+            fault.kind,
+            K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door
+        );
+        if !later {
+            self.happens(fault.kind);
+        }
         match fault.kind {
             FaultKind::Silence => self.hung = true,
             FaultKind::Reset => self.reset(),
@@ -127,6 +141,9 @@ impl Firmware {
                 if matches!(kind, FaultKind::Hold | FaultKind::Door) {
                     self.hold();
                     self.door = kind == FaultKind::Door;
+                    if self.held {
+                        self.happens(kind);
+                    }
                 }
             }
         }
@@ -142,8 +159,14 @@ impl Firmware {
             FaultKind::ProbeStuck => self.sham = Sham::Closed,
             FaultKind::ProbeDead => self.sham = Sham::Open,
             FaultKind::ForeignBody => self.sham = Sham::Early,
+            FaultKind::RapidContact => self.sham = Sham::Brush,
             _ => {}
         }
+    }
+
+    pub(super) fn happens(&mut self, kind: FaultKind) {
+        // A list is whole whatever panicked beside it.
+        self.happened.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
     }
 
     /// An alarm out of nothing; the line is not obeyed.

@@ -3,9 +3,12 @@
 
 use std::time::Duration;
 
-use super::{Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED, Pace};
+use super::{FaultKind, Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED, Pace};
 use crate::base::{Axis, Position};
 use crate::world::{Contact, Probed, Speed, World};
+
+/// One report may get lost on a bad wire.
+const BRUSHED_REPORTS: u8 = 2;
 
 #[derive(Debug, Clone)]
 pub(super) enum Job {
@@ -32,6 +35,10 @@ pub(super) enum Sham {
     Open,
     /// Something stands in the way of the next probing move.
     Early,
+    /// Something brushes the stylus during the next rapid, or does so now: so many more reports
+    /// read closed.
+    Brush,
+    Brushed(u8),
 }
 
 impl Sham {
@@ -43,7 +50,9 @@ impl Sham {
                 .collect()
         };
         let end: Position = match self {
-            Sham::No | Sham::Closed => return world.probe(to, feed_mm_min, n),
+            Sham::No | Sham::Closed | Sham::Brush | Sham::Brushed(_) => {
+                return world.probe(to, feed_mm_min, n);
+            }
             Sham::Open => to.clone(),
             Sham::Early => way(0.4),
         };
@@ -154,6 +163,10 @@ impl Firmware {
             self.alarm = Some(Lock::Light);
             return self.say_ok();
         }
+        if self.sham == Sham::Brush && matches!(job, Job::Travel { feed_mm_min: None, .. }) {
+            self.sham = Sham::Brushed(BRUSHED_REPORTS);
+            self.happens(FaultKind::RapidContact);
+        }
         let from = self.stand();
         let (end, duration) = self.rehearse(&job);
         self.active = Some(Active { job, from, begun: self.now, ends: self.now + duration, end });
@@ -201,6 +214,7 @@ impl Firmware {
         self.touches += u64::from(hit);
         if self.sham == Sham::Early {
             self.sham = Sham::No;
+            self.happens(FaultKind::ForeignBody);
         }
         let t_s = contact.as_ref().map(|contact| contact.t_s);
         let position = contact.map_or_else(|| self.stand(), |contact| contact.position);
@@ -220,10 +234,19 @@ impl Firmware {
     /// What the probe's input reads.
     pub(super) fn tripped(&self) -> bool {
         match self.sham {
-            Sham::Closed => true,
+            Sham::Closed | Sham::Brushed(_) => true,
             Sham::Open => false,
-            Sham::No | Sham::Early => self.with_world(|world| world.tripped()),
+            Sham::No | Sham::Early | Sham::Brush => self.with_world(|world| world.tripped()),
         }
+    }
+
+    /// A report has told how the probe reads.
+    pub(super) fn probe_was_told(&mut self) {
+        self.sham = match self.sham {
+            Sham::Brushed(0..=1) => Sham::No,
+            Sham::Brushed(left) => Sham::Brushed(left - 1),
+            sham => sham,
+        };
     }
 
     /// A drive that is pressed against something stalls; the control sees a hard limit.

@@ -113,6 +113,7 @@ pub struct Firmware {
     lines: u64,
     touches: u64,
     sham: Sham,
+    happened: Arc<Mutex<Vec<FaultKind>>>,
     answer: Answer,
     hung: bool,
     door: bool,
@@ -142,6 +143,7 @@ impl Firmware {
             lines: 0,
             touches: 0,
             sham: Sham::default(),
+            happened: Arc::default(),
             answer: Answer::default(),
             hung: false,
             door: false,
@@ -150,6 +152,11 @@ impl Firmware {
         };
         firmware.planned = firmware.stand();
         firmware
+    }
+
+    /// The faults that came about, in their order; a fault that was only ordered is not among them.
+    pub fn happened(&self) -> Arc<Mutex<Vec<FaultKind>>> {
+        self.happened.clone()
     }
 
     fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {

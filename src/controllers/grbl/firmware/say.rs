@@ -2,7 +2,7 @@
 
 use super::fault::Answer;
 use super::parse::Code;
-use super::{Firmware, Lock, PLANNER, RX_BUFFER};
+use super::{FaultKind, Firmware, Lock, PLANNER, RX_BUFFER};
 use crate::base::Position;
 
 const BUILD: &str = "1.1f.20260817";
@@ -20,10 +20,11 @@ impl Firmware {
         match std::mem::take(&mut self.answer) {
             Answer::Once => self.say("ok"),
             Answer::Twice => {
+                self.happens(FaultKind::DoubleOk);
                 self.say("ok");
                 self.say("ok");
             }
-            Answer::Never => {}
+            Answer::Never => self.happens(FaultKind::LostOk),
         }
     }
 
@@ -75,6 +76,7 @@ impl Firmware {
         if self.tripped() {
             report += "|Pn:P";
         }
+        self.probe_was_told();
         if !self.reported {
             report += "|Ov:100,100,100|A:|TLR:0";
             self.reported = true;

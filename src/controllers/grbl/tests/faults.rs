@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::*;
 use crate::controllers::grbl::firmware::{Fault, FaultKind};
+use crate::world::Speed;
 
 /// What one touch comes to, and everything that was sent for it, `?` left out.
 async fn sent(
@@ -162,7 +163,7 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
     use ControllerError as E;
     use FaultKind as K;
     type Told = fn(&ControllerError) -> bool;
-    let cases: [(K, u64, Option<u8>, Told); 22] = [
+    let cases: [(K, u64, Option<u8>, Told); 24] = [
         (K::Silence, 3, None, |e| matches!(e, E::NoAnswer { .. })),
         (K::Reset, 3, None, |e| matches!(e, E::Reset { .. })),
         (K::Banner, 3, None, |e| matches!(e, E::Reset { .. })),
@@ -177,7 +178,9 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
         (K::Alarm, 3, Some(6), |e| matches!(e, E::Alarm { code: 6, .. })),
         (K::Alarm, 3, Some(9), |e| matches!(e, E::Alarm { code: 9, .. })),
         (K::Error, 3, None, |e| e.to_string().contains("error:7")),
-        (K::ProbeStuck, 1, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::ProbeStuck, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
+        (K::ProbeStuck, 3, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::RapidContact, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
         (K::ProbeStuck, 6, None, |e| matches!(e, E::StillTripped { .. })),
         (K::ProbeDead, 1, None, |e| matches!(e, E::NoContact { .. })),
         (K::ForeignBody, 3, None, |e| matches!(e, E::UnexpectedContact { .. })),
@@ -193,4 +196,66 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
     }
     // Noise between lines costs nothing.
     rehearsed(K::Garbage, 3, None).await.unwrap();
+}
+
+#[tokio::test]
+async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
+    let mut rapid = false;
+    let brushed = move |line: &str| {
+        rapid |= line.contains("G53 G0");
+        (rapid && line == "?").then(|| status("Run|MPos:{at}|Pn:P"))
+    };
+    let (error, sent) = sent(brushed).await;
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 3 }), "{error}");
+    assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
+}
+
+#[tokio::test]
+async fn a_rapid_that_brushes_something_ends_on_its_way() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let fault = Fault { kind: FaultKind::RapidContact, at_line: 13, after_touch: 0, code: None };
+    let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Real) };
+    let mut control = Firmware::new(world.clone(), options);
+    let happened = control.happened();
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    // A second and more, if nobody holds it.
+    let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
+    let error = driver.execute(&Block { step: 0, repeat: 0, motions }).await.unwrap_err();
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    let at = world.lock().unwrap().position().at(Axis::X);
+    assert!(at < 300.0, "{at}");
+    assert_eq!(*happened.lock().unwrap(), [FaultKind::RapidContact]);
+}
+
+#[tokio::test]
+async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Fast));
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    driver.execute(&touch(0)).await.unwrap();
+    let by_hand = position(&[(Axis::Y, 0.05)]);
+    world.lock().unwrap().travel(&by_hand, Speed::Rapid);
+    let before = world.lock().unwrap().position();
+    let error = driver.execute(&touch(1)).await.unwrap_err();
+    let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
+    assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
+    assert!(error.remedy().contains("`trued resume`"), "{}", error.remedy());
+    assert_eq!(world.lock().unwrap().position(), before);
+}
+
+#[tokio::test]
+async fn one_altered_report_is_no_move_by_hand() {
+    let mut altered = false;
+    let once = move |line: &str| {
+        let now = line == "?" && !std::mem::replace(&mut altered, true);
+        now.then(|| status("Idle|MPos:0.000,0.900,0.000,0.000,0.000"))
+    };
+    assert!(touched(once).await.0.is_ok());
 }

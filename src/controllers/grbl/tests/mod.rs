@@ -344,3 +344,40 @@ async fn a_held_simulated_machine_stays() {
     let after = world.lock().unwrap().position();
     assert!((before.at(Axis::Z) - after.at(Axis::Z)).abs() < 1.0);
 }
+
+#[tokio::test]
+async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_next() {
+    let (mut asked, mut owed) = (0, true);
+    let (link, _) = odd(move |line| {
+        asked += usize::from(line == "?");
+        match line {
+            "" => Some(String::new()),
+            "?" if asked == 2 => {
+                owed = false;
+                Some(format!("{IDLE}ok\r\n"))
+            }
+            "$I" if std::mem::take(&mut owed) => Some("ok\r\n".to_owned()),
+            _ => None,
+        }
+    });
+    let prepared = grbl(link).0.prepare().await.unwrap();
+    assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
+    // It never comes: the next line is asked all the same.
+    let (link, _) = odd(|line| line.is_empty().then(String::new));
+    grbl(link).0.prepare().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_block_whose_text_does_not_mean_it_is_not_sent_at_all() {
+    let (link, tape) = odd(|_| None);
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    tape.lock().unwrap().clear();
+    let mut block = touch(3);
+    // It can be written, but a control reads no feed in it.
+    let to = position(&[(Axis::Z, -20.0)]);
+    block.motions.push(Motion::Guarded { to, feed_mm_min: -300.0 });
+    let error = driver.execute(&block).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Render { step: 3, .. }), "{error}");
+    assert_eq!(*tape.lock().unwrap(), "");
+}
