@@ -13,6 +13,26 @@ mod states;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
+/// LinuxCNC 2.9 looks at its queue before its motion has told that it is empty, and stops the program:
+/// seen five times in one run of all trials where its servo thread is late, on a shared machine without
+/// real time. `trued` holds, as it should; the trial begins anew.
+const LATE: &str = "Queue is not empty after";
+
+fn patiently(trial: fn() -> Result<(), Failed>) -> Result<(), Failed> {
+    let told = |failed: &Failed| failed.message().is_some_and(|said| said.contains(LATE));
+    let mut result = trial();
+    for _ in 0..2 {
+        match &result {
+            Err(failed) if told(failed) => {
+                println!("LinuxCNC was late: once more");
+                result = trial();
+            }
+            _ => break,
+        }
+    }
+    result
+}
+
 /// Run `trial` unless something is missing.
 fn with(
     name: &str,
@@ -20,7 +40,7 @@ fn with(
     trial: fn() -> Result<(), Failed>,
 ) -> Trial {
     Trial::ignorable_test(name, move || match missing() {
-        None => trial().map(|()| Completion::Completed),
+        None => patiently(trial).map(|()| Completion::Completed),
         Some(reason) if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
             Err(reason.into())
         }
