@@ -14,7 +14,7 @@ mod states;
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
 /// LinuxCNC 2.9 looks at its queue before its motion has told that it is empty, and stops the program:
-/// seen five times in one run of all trials where its servo thread is late, on a shared machine without
+/// seen in three of 37 trials of one run where its servo thread is late, on a shared machine without
 /// real time. `trued` holds, as it should; the trial begins anew.
 const LATE: &str = "Queue is not empty after";
 
