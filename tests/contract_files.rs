@@ -5,8 +5,9 @@ use std::f64::consts::PI;
 
 use serde_json::{Value, json};
 use trued::base::Axis;
+use trued::record::artefact::{Artefact, Cylinder};
 use trued::record::estimate::{Estimate, FigureKind, Unit, Verdict};
-use trued::record::machine::{Artefact, Sense};
+use trued::record::machine::Sense;
 use trued::record::plan::{Plan, StepKind};
 use trued::record::reading::Flag;
 use trued::report::readings_csv;
@@ -99,12 +100,12 @@ fn a_plan_by_hand_is_understood() {
     assert_eq!(plan.keepout[0].max_mm, [4.0, 5.0, 6.0]);
     let is_the_one = matches!(
         plan.artefact,
-        Artefact::Cylinder {
+        Artefact::Cylinder(Cylinder {
             centre_mm: [0.3, 0.1, 50.0],
             axis: [0.0, 0.0, 1.0],
             radius_mm: 45.0,
             ..
-        }
+        })
     );
     assert!(is_the_one, "{:?}", plan.artefact);
     let [step] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };

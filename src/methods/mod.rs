@@ -4,6 +4,7 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
+pub mod samba;
 pub mod self_calibration;
 
 use crate::record::estimate::Estimate;
@@ -96,7 +97,7 @@ pub enum Source<'a> {
 }
 
 /// The names of all methods.
-pub const NAMES: [&str; 1] = [self_calibration::NAME];
+pub const NAMES: [&str; 2] = [self_calibration::NAME, samba::NAME];
 
 /// The method `name` with its settings, from the machine file or from a plan. The list: a new
 /// method is one line here.
@@ -107,11 +108,13 @@ pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
-    use self_calibration::{SelfCalibration, Settings};
+    use self::samba::Samba;
+    use self::self_calibration::SelfCalibration;
     match name {
         self_calibration::NAME => {
-            Ok(Box::new(SelfCalibration::new(Settings::deserialize(settings)?)))
+            Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
         }
+        samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
         unknown => Err(D::Error::custom(format!(
             "there is no method `{unknown}`; there are {}",
             NAMES.join(", ")

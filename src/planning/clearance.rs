@@ -3,9 +3,11 @@
 use glam::{DAffine3, DVec3};
 
 use super::PlanningError;
+use crate::artefact;
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Chain, KinematicsError, Side};
-use crate::record::machine::{Artefact, Carrier, Machine, Solid};
+use crate::record::artefact::Artefact;
+use crate::record::machine::{Carrier, Machine, Solid};
 use crate::record::plan::Plan;
 
 /// Free distance between the stylus ball and the highest point of the part, mm.
@@ -38,7 +40,7 @@ impl Clearance {
             tip: Point::from_vec(DVec3::from_array(machine.tool_mm)),
             artefact: &plan.artefact,
         };
-        let free = MARGIN + plan.probe.ball_radius_mm + uncertainty(&plan.artefact);
+        let free = MARGIN + plan.probe.ball_radius_mm + artefact::uncertainty_mm(&plan.artefact);
         let zero = Position::new();
         if seeker.z_over(&zero, free + 1.0)? < seeker.z_over(&zero, free)? {
             return Err(PlanningError::ZDown);
@@ -103,16 +105,9 @@ impl Seeker<'_> {
 
 /// Height of the highest point of the artefact in the machine frame, mm.
 fn highest(artefact: &Artefact, table: &DAffine3) -> f64 {
-    match artefact {
-        Artefact::Cylinder { centre_mm, axis, radius_mm, height_mm, .. } => {
-            let up = table.matrix3.transpose() * DVec3::Z;
-            let axis = DVec3::from_array(*axis).normalize_or_zero();
-            let foot = DVec3::from_array(*centre_mm);
-            let end = (foot + axis * *height_mm).dot(up).max(foot.dot(up));
-            // The rim: what of `up` lies across the axis.
-            table.translation.z + end + radius_mm * (up - axis * axis.dot(up)).length()
-        }
-    }
+    let up = table.matrix3.transpose() * DVec3::Z;
+    let tops = artefact::parts(artefact).into_iter().map(|part| part.shape.highest(up));
+    table.translation.z + tops.fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// What the tool may have to pass over, beside the artefact. Kept-out boxes stand on the bed.
@@ -128,12 +123,6 @@ fn neighbours(plan: &Plan) -> Vec<Solid> {
     let side = |on| chain.as_ref()?.carried(on).map(|carried| carried.side());
     let beside = plan.solids.iter().filter(|solid| side(solid.on) != Some(Side::Tool));
     beside.cloned().chain(boxes).collect()
-}
-
-fn uncertainty(artefact: &Artefact) -> f64 {
-    match artefact {
-        Artefact::Cylinder { uncertainty_mm, .. } => *uncertainty_mm,
-    }
 }
 
 /// Rotary positions of the steps and, between them, on the straight way from one to the next.

@@ -4,6 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{Cuboid, Cylinder, SupportMap};
 
+use crate::artefact::{self, Part};
 use crate::kinematics::Carried;
 use crate::record::machine::Solid;
 
@@ -47,6 +48,13 @@ impl Shape {
             core: Core::Box(Cuboid::new((one - other).abs() / 2.0)),
             round: 0.0,
             carrier_from_core: DAffine3::from_translation((one + other) / 2.0),
+        }
+    }
+
+    pub fn part(part: &Part) -> Self {
+        match part.shape {
+            artefact::Shape::Ball { centre, radius } => Self::ball(centre, radius),
+            artefact::Shape::Cylinder { from, to, radius } => Self::cylinder(from, to, radius),
         }
     }
 

@@ -45,7 +45,7 @@ pub use refusal::{Reason, Refusal};
 
 use crate::base::Position;
 use crate::gcode::Dialect;
-use crate::record::machine::Artefact;
+use crate::record::artefact::Artefact;
 use crate::record::plan::Plan;
 use crate::record::proof::Proof;
 

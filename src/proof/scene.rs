@@ -7,9 +7,11 @@ use super::gap::Across;
 use super::pairs::{Meets, Pair, pairs};
 use super::refusal::Reason;
 use super::sweep::{Demand, Way, sweep};
+use crate::artefact;
 use crate::base::Axis;
 use crate::kinematics::{Chain, Side};
-use crate::record::machine::{Artefact, Carrier};
+use crate::record::artefact::Artefact;
+use crate::record::machine::Carrier;
 use crate::record::plan::Plan;
 
 /// Index of the artefact and of the stylus ball among the bodies.
@@ -55,10 +57,10 @@ impl Scene {
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, Reason> {
         let chain = Chain::new(&plan.machine)?;
         let mut builder = Builder { chain, bodies: Vec::new() };
-        let Artefact::Cylinder { centre_mm, axis, radius_mm, height_mm, uncertainty_mm } = artefact;
-        let foot = DVec3::from_array(*centre_mm);
-        let top = foot + DVec3::from_array(*axis).normalize_or(DVec3::Z) * *height_mm;
-        builder.add("artefact", Carrier::Table, Shape::cylinder(foot, top, *radius_mm))?;
+        let uncertainty = artefact::uncertainty_mm(artefact);
+        for part in artefact::parts(artefact) {
+            builder.add(&part.name, Carrier::Table, Shape::part(&part))?;
+        }
         let mut not_looked_at = builder.probe(plan)?;
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
@@ -67,9 +69,9 @@ impl Scene {
         for solid in &plan.solids {
             builder.add(&solid.name, solid.on, Shape::solid(solid))?;
         }
-        let (pairs, neighbours) = pairs(&builder.bodies, *uncertainty_mm);
+        let (pairs, neighbours) = pairs(&builder.bodies, uncertainty);
         not_looked_at.extend(neighbours);
-        Ok(Self { bodies: builder.bodies, pairs, uncertainty: *uncertainty_mm, not_looked_at })
+        Ok(Self { bodies: builder.bodies, pairs, uncertainty, not_looked_at })
     }
 
     pub fn artefact(&self) -> &Body {

@@ -100,6 +100,33 @@ pub struct CircleFigure {
     pub centre_expanded: [f64; 2],
 }
 
+/// Vectors at places in space, by group: what is left over at each ball, by indexation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ArrowFigure {
+    pub symbol: String,
+    /// Of the vectors.
+    pub unit: Unit,
+    pub groups: Vec<Arrows>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Arrows {
+    /// e.g. `B -30°, C 90°, S 0°`.
+    pub name: String,
+    pub arrows: Vec<Arrow>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Arrow {
+    pub label: String,
+    /// Where it begins, table frame.
+    pub at_mm: [f64; 3],
+    pub vector: [f64; 3],
+    /// Worth a second look.
+    #[serde(default)]
+    pub flagged: bool,
+}
+
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Covariance {
     pub symbols: Vec<String>,
@@ -133,10 +160,15 @@ pub struct Estimate {
     pub functions: Vec<Function>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub circles: Vec<CircleFigure>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub arrows: Vec<ArrowFigure>,
     pub covariance: Covariance,
     pub rank: usize,
     pub unknowns: usize,
     pub condition: f64,
+    /// What limits it, in words: the least certain combination of unknowns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weakest: Option<String>,
     /// What was fixed by convention.
     pub gauge: Vec<String>,
     pub not_identifiable: Vec<String>,

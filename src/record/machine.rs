@@ -200,31 +200,6 @@ fn default_guarded_feed() -> f64 {
     1_500.0
 }
 
-/// The artefact, standing in the table frame.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase")]
-pub enum Artefact {
-    /// A round part: foot of its axis, direction, radius, height of the touchable flank.
-    Cylinder {
-        centre_mm: [f64; 3],
-        axis: [f64; 3],
-        radius_mm: f64,
-        #[serde(default = "default_height")]
-        height_mm: f64,
-        /// How far the true centre may lie from the stated one.
-        #[serde(default = "default_uncertainty")]
-        uncertainty_mm: f64,
-    },
-}
-
-pub fn default_height() -> f64 {
-    100.0
-}
-
-pub fn default_uncertainty() -> f64 {
-    2.0
-}
-
 /// A body that nothing may meet: a table, a clamp, the nose of the spindle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -1,5 +1,6 @@
 //! Floor 1: the nouns that travel between the rooms. They are data; nothing here acts.
 
+pub mod artefact;
 pub mod estimate;
 pub mod event;
 pub mod machine;

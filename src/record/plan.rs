@@ -3,7 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::machine::{Artefact, Keepout, Machine, Probe, Solid};
+use super::artefact::Artefact;
+use super::machine::{Keepout, Machine, Probe, Solid};
 use crate::base::Position;
 
 /// Version of the plan format, the value of the key `trued_plan`.

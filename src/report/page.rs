@@ -4,8 +4,8 @@
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::{figure, number, proven};
+use crate::record::artefact::{Artefact, Balls, Cylinder};
 use crate::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
-use crate::record::machine::Artefact;
 use crate::record::plan::{Plan, StepKind};
 use crate::record::proof::Proof;
 
@@ -205,10 +205,13 @@ fn plan_rows(plan: &Plan) -> Rows {
 
 fn artefact(artefact: &Artefact) -> String {
     match artefact {
-        Artefact::Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. } => format!(
+        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => format!(
             "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
             vector(*centre_mm)
         ),
+        Artefact::Balls(Balls { balls, lengths, .. }) => {
+            format!("{} balls, {} certified lengths", balls.len(), lengths.len())
+        }
     }
 }
 

@@ -73,6 +73,8 @@ fn example() -> Estimate {
             ])
             .collect(),
         circles: vec![axis],
+        arrows: Vec::new(),
+        weakest: None,
         covariance: Covariance::default(),
         rank: 26,
         unknowns: 26,

@@ -20,7 +20,8 @@ pub use ramp::Speed;
 pub use truth::{ErrorMotion, FormHarmonic, Truth};
 
 use crate::base::{Axis, Position};
-use crate::record::machine::{Artefact, AxisSpec, Machine, Probe};
+use crate::record::artefact::Artefact;
+use crate::record::machine::{AxisSpec, Machine, Probe};
 use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;

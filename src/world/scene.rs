@@ -9,7 +9,8 @@ use super::flank::{Flank, Profile};
 use super::truth::Truth;
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorTerm, Shape};
-use crate::record::machine::{Artefact, Machine, Probe};
+use crate::record::artefact::{Artefact, Cylinder};
+use crate::record::machine::{Machine, Probe};
 
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
@@ -160,7 +161,10 @@ fn reach(machine: &Machine) -> f64 {
 }
 
 fn flank(artefact: &Artefact, truth: &Truth) -> Result<Flank, WorldError> {
-    let Artefact::Cylinder { centre_mm, axis, radius_mm, height_mm, .. } = artefact;
+    let Artefact::Cylinder(Cylinder { centre_mm, axis, radius_mm, height_mm, .. }) = artefact
+    else {
+        return Err(WorldError::Artefact);
+    };
     let rough = drawn::roughness(truth.seed, truth.roughness_um);
     let radius = radius_mm + truth.radius_offset_mm;
     let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));

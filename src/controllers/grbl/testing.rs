@@ -4,7 +4,8 @@ use std::sync::{Arc, Mutex};
 
 use serde_json::json;
 
-use crate::record::machine::{Artefact, Machine, Probe};
+use crate::record::artefact::Artefact;
+use crate::record::machine::{Machine, Probe};
 use crate::world::{Truth, World};
 
 /// X, Y ±400 mm, Z -400 to 0, B ±110°, C ±720°; the stylus-ball centre is the spindle datum.

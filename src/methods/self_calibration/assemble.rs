@@ -58,6 +58,8 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
         parameters,
         functions: reported_functions(parts),
         circles: circle.iter().map(|circle| circle_figure(parts, circle)).collect(),
+        arrows: Vec::new(),
+        weakest: None,
         covariance: covariance(parts),
         rank: solution.rank,
         unknowns: parts.fit.layout.unknowns() - parts.fit.layout.gauge().nrows(),

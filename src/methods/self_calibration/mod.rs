@@ -28,8 +28,8 @@ pub use settings::Settings;
 use self::plan::{Part, Planner};
 use super::{IdentifyError, Method, Next, Refused, Source};
 use crate::estimation::circle;
+use crate::record::artefact::{Artefact, Cylinder};
 use crate::record::estimate::Estimate;
-use crate::record::machine::Artefact;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
 
@@ -59,23 +59,23 @@ impl SelfCalibration {
         let new_steps = planner.cycle_steps(part)?;
         let ids = new_steps.iter().map(|step| step.id).collect();
         let mut stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
-        stage.found = self.settings.locate.then(|| self.found(plan, part));
+        stage.found = self.settings.locate.then(|| self.found(plan, planner, part));
         Ok(Next::Stage { stage, new_steps })
     }
 
     /// The artefact where it was located. From one turn of the table to the next it may stand
     /// elsewhere by twice the offset of the rotary axis, which is what is measured: the touches are
     /// made for as much as their standoff, and half of that is granted.
-    fn found(&self, plan: &Plan, part: Part) -> Artefact {
-        let Artefact::Cylinder { centre_mm, axis, .. } = plan.artefact;
+    fn found(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Artefact {
+        let stated = planner.stated();
         let ball = plan.probe.ball_radius_mm;
-        Artefact::Cylinder {
-            centre_mm: [part.centre[0], part.centre[1], centre_mm[2]],
-            axis,
+        Artefact::Cylinder(Cylinder {
+            centre_mm: [part.centre[0], part.centre[1], stated.centre_mm[2]],
+            axis: stated.axis,
             radius_mm: part.reach - ball,
-            height_mm: part.top - ball - centre_mm[2],
+            height_mm: part.top - ball - stated.centre_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
-        }
+        })
     }
 }
 
@@ -110,7 +110,7 @@ impl Method for SelfCalibration {
         }
         let part = match source {
             Source::Measured(readings) if self.settings.locate => {
-                located_part(plan, planner.nominal_part(), readings)?
+                located_part(plan, &planner, readings)?
             }
             _ => planner.nominal_part(),
         };
@@ -140,7 +140,8 @@ impl Method for SelfCalibration {
 }
 
 /// Centre and radius of the ball centres from the locating touches.
-fn located_part(plan: &Plan, nominal: Part, readings: &[Reading]) -> Result<Part, Refused> {
+fn located_part(plan: &Plan, planner: &Planner<'_>, readings: &[Reading]) -> Result<Part, Refused> {
+    let nominal = planner.nominal_part();
     let refused = |why: String| Refused {
         why,
         instead: "check that the part of [artefact] stands on the table, then start again"
@@ -159,7 +160,7 @@ fn located_part(plan: &Plan, nominal: Part, readings: &[Reading]) -> Result<Part
     let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
     let found = circle::fit_circle(&centres)
         .map_err(|error| refused(format!("the part could not be located: {error}")))?;
-    let Artefact::Cylinder { uncertainty_mm, .. } = plan.artefact;
+    let uncertainty_mm = planner.stated().uncertainty_mm;
     let top = tops.first().map_or(nominal.top, |(_, centre)| centre.z);
     let part = Part { centre: found.centre, reach: found.radius, top };
     let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);

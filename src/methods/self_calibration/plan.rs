@@ -7,7 +7,8 @@ use super::settings::{Settings, Spindle};
 use crate::base::{Axis, Point, Position, Spindle as SpindleFrame, Table};
 use crate::kinematics::Chain;
 use crate::methods::Refused;
-use crate::record::machine::{Artefact, AxisSpec};
+use crate::record::artefact::{Artefact, Cylinder};
+use crate::record::machine::AxisSpec;
 use crate::record::plan::{Plan, Step, StepKind};
 
 /// Prefix of the labels of the locating touches; they serve no identification.
@@ -31,6 +32,7 @@ pub struct Part {
 /// Writes steps for one plan.
 pub struct Planner<'a> {
     plan: &'a Plan,
+    stated: &'a Cylinder,
     settings: &'a Settings,
     design: Design,
     chain: Chain,
@@ -42,7 +44,8 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// Refuses a machine without a C axis on the workpiece side and a design that is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        settings.check(&plan.artefact, plan.probe.ball_radius_mm)?;
+        let stated = cylinder(&plan.artefact)?;
+        settings.check(stated, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;
         let chain = Chain::new(&plan.machine).map_err(|error| Refused {
             why: error.to_string(),
@@ -67,12 +70,17 @@ impl<'a> Planner<'a> {
             });
         }
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
-        Ok(Self { plan, settings, design, chain, tip, c_axis })
+        Ok(Self { plan, stated, settings, design, chain, tip, c_axis })
+    }
+
+    /// The part in the words of the plan.
+    pub fn stated(&self) -> &Cylinder {
+        self.stated
     }
 
     /// The part as the plan states it.
     pub fn nominal_part(&self) -> Part {
-        let Artefact::Cylinder { centre_mm, radius_mm, height_mm, .. } = self.plan.artefact;
+        let Cylinder { centre_mm, radius_mm, height_mm, .. } = *self.stated;
         let ball = self.plan.probe.ball_radius_mm;
         Part {
             centre: [centre_mm[0], centre_mm[1]],
@@ -84,7 +92,7 @@ impl<'a> Planner<'a> {
     /// Four search touches round the part and one on its top, wide enough for the stated uncertainty
     /// of its place.
     pub fn locating_steps(&self) -> Result<Vec<Step>, Refused> {
-        let Artefact::Cylinder { uncertainty_mm, .. } = self.plan.artefact;
+        let uncertainty_mm = self.stated.uncertainty_mm;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
         let spec = |id, place: String| StepSpec {
@@ -149,7 +157,7 @@ impl<'a> Planner<'a> {
 
     /// Heights of the touches in the machine frame, mm.
     pub fn heights(&self) -> Vec<f64> {
-        let Artefact::Cylinder { centre_mm, height_mm, .. } = self.plan.artefact;
+        let Cylinder { centre_mm, height_mm, .. } = *self.stated;
         if self.settings.heights_mm.is_empty() {
             return vec![centre_mm[2] + height_mm / 2.0];
         }
@@ -258,6 +266,16 @@ impl<'a> Planner<'a> {
                 ),
                 instead: "this method needs a full turn of C".to_owned(),
             })
+    }
+}
+
+fn cylinder(artefact: &Artefact) -> Result<&Cylinder, Refused> {
+    match artefact {
+        Artefact::Cylinder(cylinder) => Ok(cylinder),
+        Artefact::Balls(_) => Err(Refused {
+            why: "this method touches a round part; [artefact] states balls".to_owned(),
+            instead: "describe the part with kind = \"cylinder\"".to_owned(),
+        }),
     }
 }
 

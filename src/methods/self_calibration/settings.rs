@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::methods::Refused;
-use crate::record::machine::Artefact;
+use crate::record::artefact::Cylinder;
 
 /// What the spindle does while the probe goes round the part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,8 +83,8 @@ impl Settings {
     }
 
     /// What would fail on the way, refused before the first move.
-    pub fn check(&self, artefact: &Artefact, ball_radius_mm: f64) -> Result<(), Refused> {
-        let Artefact::Cylinder { height_mm, uncertainty_mm, axis, radius_mm, .. } = artefact;
+    pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
+        let Cylinder { height_mm, uncertainty_mm, axis, radius_mm, .. } = part;
         let must = |holds: bool, why: String, instead: &str| {
             if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
         };

@@ -2,43 +2,32 @@
 //! buffer that has lost all lines: so `kind` is read first, then the fields of that kind.
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use super::document::{Document, value_problem};
-use super::error::MachineFileError;
-use crate::record::machine::{Artefact, default_height, default_uncertainty};
+use super::error::{MachineFileError, Problem};
+use crate::record::artefact::Artefact;
 
 #[derive(Deserialize)]
 struct Kind {
     kind: String,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Cylinder {
-    #[serde(rename = "kind")]
-    _kind: String,
-    centre_mm: [f64; 3],
-    axis: [f64; 3],
-    radius_mm: f64,
-    #[serde(default = "default_height")]
-    height_mm: f64,
-    #[serde(default = "default_uncertainty")]
-    uncertainty_mm: f64,
-}
-
 pub fn read(document: &Document) -> Result<Artefact, MachineFileError> {
     let Kind { kind } = document.required(&["artefact"])?;
-    if kind != "cylinder" {
-        let key = ["artefact", "kind"];
-        let why = format!("is `{kind}`; known: cylinder");
-        return Err(document.error_at(&key, value_problem(&key, why)));
+    match kind.as_str() {
+        "cylinder" => fields(document).map(Artefact::Cylinder),
+        "balls" => fields(document).map(Artefact::Balls),
+        _ => {
+            let key = ["artefact", "kind"];
+            let why = format!("is `{kind}`; known: cylinder, balls");
+            Err(document.error_at(&key, value_problem(&key, why)))
+        }
     }
-    let raw: Cylinder = document.required(&["artefact"])?;
-    Ok(Artefact::Cylinder {
-        centre_mm: raw.centre_mm,
-        axis: raw.axis,
-        radius_mm: raw.radius_mm,
-        height_mm: raw.height_mm,
-        uncertainty_mm: raw.uncertainty_mm,
-    })
+}
+
+fn fields<T: DeserializeOwned>(document: &Document) -> Result<T, MachineFileError> {
+    let read = document.section(&["artefact"], |value| T::deserialize(value.without("kind")))?;
+    let missing = || Problem::MissingSection { section: "artefact".to_owned() };
+    read.ok_or_else(|| document.error_at(&["artefact"], missing()))
 }

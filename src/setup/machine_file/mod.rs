@@ -11,8 +11,9 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
+use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
-use crate::record::machine::{Artefact, AxisSpec, Keepout, Machine, Probe, Solid};
+use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 
 mod artefact;
 mod check;

@@ -3,6 +3,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::*;
+use crate::record::artefact::Cylinder;
 
 /// The embedded file with `from` replaced once by `to`; `from` must be there.
 fn edited(from: &str, to: &str) -> Result<MachineFile, MachineFileError> {
@@ -41,7 +42,7 @@ fn the_embedded_machine_reads_as_written() {
     assert_eq!(file.machine.axes[&Axis::B].max, 110.0);
     assert_eq!(file.machine.tool_mm, [0.0, 0.0, -120.0]);
     assert_eq!(file.probe.repeatability_um, Some(0.5));
-    let Artefact::Cylinder { radius_mm, .. } = file.artefact;
+    let Artefact::Cylinder(Cylinder { radius_mm, .. }) = file.artefact else { panic!() };
     assert_eq!(radius_mm, 45.0);
     assert_eq!(file.controller.control, Control::Simulated { wire: Wire::Memory });
     assert_eq!(file.text(), EMBEDDED);

@@ -96,6 +96,14 @@ fn in_words(expected: &dyn Expected) -> String {
 pub struct Value<'i>(pub Spanned<DeValue<'i>>);
 
 impl<'de> Value<'de> {
+    /// A table less one of its keys.
+    pub fn without(mut self, key: &str) -> Self {
+        if let DeValue::Table(table) = self.0.get_mut() {
+            table.remove(key);
+        }
+        self
+    }
+
     fn visit<V: Visitor<'de>>(value: DeValue<'de>, visitor: V) -> Result<V::Value, Fault> {
         match value {
             DeValue::String(Cow::Borrowed(text)) => visitor.visit_borrowed_str(text),

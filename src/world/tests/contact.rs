@@ -6,6 +6,7 @@ use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 
 use super::super::flank::{Flank, Profile};
 use super::*;
+use crate::record::artefact::{Artefact, Cylinder};
 
 /// Errors of the world below, in mm, rad and mm/mm.
 const ERRORS: [(&str, f64); 16] = [
@@ -90,7 +91,7 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
     bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
     bench.truth.centre_offset_mm = [1.2, -1.6];
     bench.truth.radius_offset_mm = 0.3;
-    let Artefact::Cylinder { axis, .. } = &mut bench.artefact;
+    let Artefact::Cylinder(Cylinder { axis, .. }) = &mut bench.artefact else { panic!() };
     *axis = [0.02, -0.01, 1.0];
     let (along, foot) = (DVec3::from_array(*axis).normalize(), DVec3::new(1.2, -1.6, 0.0));
     for (number, (b, c, s)) in

@@ -1,0 +1,16 @@
+//! Floor 2: what an artefact is made of, as bodies with places. The nouns themselves stand in
+//! `record`. Table frame, mm.
+
+mod part;
+
+pub use part::{Part, Shape, parts};
+
+use crate::record::artefact::{Artefact, Balls, Cylinder};
+
+/// How far the true artefact may stand from the stated one, mm.
+pub fn uncertainty_mm(artefact: &Artefact) -> f64 {
+    match artefact {
+        Artefact::Cylinder(Cylinder { uncertainty_mm, .. })
+        | Artefact::Balls(Balls { uncertainty_mm, .. }) => *uncertainty_mm,
+    }
+}

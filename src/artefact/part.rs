@@ -1,0 +1,78 @@
+//! The bodies of an artefact.
+
+use glam::DVec3;
+
+use crate::record::artefact::{Artefact, Ball, Balls, Cylinder};
+
+/// One body of an artefact.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// e.g. `artefact`, `ball 3`, `stem of ball 3`.
+    pub name: String,
+    pub shape: Shape,
+    /// Whether it is there to be touched; a stem is not.
+    pub touched: bool,
+}
+
+/// Table frame, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    Ball {
+        centre: DVec3,
+        radius: f64,
+    },
+    /// Between the centres of its two ends.
+    Cylinder {
+        from: DVec3,
+        to: DVec3,
+        radius: f64,
+    },
+}
+
+impl Shape {
+    /// How far the body reaches along the unit vector `up`, from the origin.
+    pub fn highest(&self, up: DVec3) -> f64 {
+        match *self {
+            Shape::Ball { centre, radius } => centre.dot(up) + radius,
+            Shape::Cylinder { from, to, radius } => {
+                let axis = (to - from).normalize_or_zero();
+                // The rim: what of `up` lies across the axis.
+                from.dot(up).max(to.dot(up)) + radius * (up - axis * axis.dot(up)).length()
+            }
+        }
+    }
+}
+
+/// All bodies; those that are touched first.
+pub fn parts(artefact: &Artefact) -> Vec<Part> {
+    match artefact {
+        Artefact::Cylinder(cylinder) => vec![round(cylinder)],
+        Artefact::Balls(Balls { balls, .. }) => {
+            balls.iter().map(ball).chain(balls.iter().filter_map(stem)).collect()
+        }
+    }
+}
+
+fn round(cylinder: &Cylinder) -> Part {
+    let from = DVec3::from_array(cylinder.centre_mm);
+    let axis = DVec3::from_array(cylinder.axis).normalize_or(DVec3::Z);
+    let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
+    Part { name: "artefact".to_owned(), shape: Shape::Cylinder { from, to, radius }, touched: true }
+}
+
+fn ball(ball: &Ball) -> Part {
+    let (centre, radius) = (DVec3::from_array(ball.centre_mm), ball.radius_mm);
+    Part { name: format!("ball {}", ball.id), shape: Shape::Ball { centre, radius }, touched: true }
+}
+
+fn stem(ball: &Ball) -> Option<Part> {
+    let from = DVec3::from_array(ball.centre_mm);
+    let to = from + DVec3::from_array(ball.stem).normalize_or_zero() * ball.stem_length_mm;
+    let radius = ball.stem_radius_mm;
+    let declared = radius > 0.0 && from != to;
+    declared.then(|| Part {
+        name: format!("stem of ball {}", ball.id),
+        shape: Shape::Cylinder { from, to, radius },
+        touched: false,
+    })
+}

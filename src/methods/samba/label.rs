@@ -1,0 +1,57 @@
+//! What the label of a step says: `slow/007/3/+45`: pass, number of the visit's indexation, ball, touch.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Why a ball is touched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Pass {
+    /// Fast, to find it.
+    Find,
+    /// Slowly, along the normals now known: what is identified from.
+    Slow,
+    /// As `Slow`, to see whether the machine stands as it stood. Identified from as well.
+    Reference,
+}
+
+/// One touch of one measurement of a ball. All steps that share pass, indexation and ball are one
+/// measurement: the rotary axes stand alike.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Label {
+    pub pass: Pass,
+    pub indexation: u32,
+    pub ball: String,
+    /// e.g. `+45`, `-135`, `pole`.
+    pub touch: String,
+}
+
+const NAMES: [(Pass, &str); 3] =
+    [(Pass::Find, "find"), (Pass::Slow, "slow"), (Pass::Reference, "reference")];
+
+impl fmt::Display for Label {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
+        write!(f, "{name}/{:03}/{}/{}", self.indexation, self.ball, self.touch)
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is no label of a samba plan: they read like slow/007/3/+45")]
+pub struct UnknownLabel(pub String);
+
+impl FromStr for Label {
+    type Err = UnknownLabel;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let unknown = || UnknownLabel(text.to_owned());
+        let [pass, indexation, ball, touch] =
+            text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
+        let named = NAMES.iter().find(|(_, name)| *name == pass);
+        Ok(Self {
+            pass: named.ok_or_else(unknown)?.0,
+            indexation: indexation.parse().map_err(|_| unknown())?,
+            ball: ball.to_owned(),
+            touch: touch.to_owned(),
+        })
+    }
+}

@@ -1,0 +1,104 @@
+//! Settings of the method, the table `[method.samba]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+/// How the indexations are chosen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Design {
+    /// Greedy choice among the candidates, within the budget.
+    #[default]
+    Optimal,
+    /// The paper's: 32 triples, 109 balls (paper 4, section 3).
+    Paper,
+}
+
+/// What the greedy choice makes small.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Criterion {
+    /// The volume of the confidence ellipsoid of the machine's parameters.
+    #[default]
+    D,
+    /// The mean variance of the machine's parameters, each against its requirement.
+    A,
+}
+
+/// When a ball is searched for fast before it is measured slowly.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Find {
+    /// Once; afterwards it is expected where the nominal machine carries it.
+    Once,
+    /// At every indexation, as in paper 4, section 3.
+    #[default]
+    Every,
+}
+
+/// Whether the spindle turns with the design.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Spindle {
+    /// Oriented by the control where the machine file declares an axis S, otherwise fixed.
+    #[default]
+    Auto,
+    Orient,
+    Fixed,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that
+    /// ISO 10791-6 implies for the topology.
+    pub parameters: Vec<String>,
+    pub design: Design,
+    pub criterion: Criterion,
+    /// Ball measurements at most, over all indexations.
+    pub balls: usize,
+    /// Machine time at most; 0: no limit.
+    pub minutes: f64,
+    pub find: Find,
+    pub spindle: Spindle,
+    /// Candidate positions of the first rotary axis from the bed (tilt).
+    pub tilt_deg: Vec<f64>,
+    /// Candidate positions of the rotary axis nearer to the part.
+    pub turn_deg: Vec<f64>,
+    pub spindle_deg: Vec<f64>,
+    /// Touches of one measurement: 5, or more for a form check.
+    pub touches: usize,
+    /// Measure one ball again at the start, the middle and the end, to see drift.
+    pub references: bool,
+    /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
+    pub standoff_mm: f64,
+    pub search_mm: f64,
+    /// Residual of a single ball's fit beyond which the run holds.
+    pub form_limit_um: f64,
+    /// Difference from the stated diameter, less the known pre-travel, beyond which the run holds.
+    pub diameter_limit_um: f64,
+    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    pub monte_carlo_trials: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            parameters: Vec::new(),
+            design: Design::Optimal,
+            criterion: Criterion::D,
+            balls: 109,
+            minutes: 0.0,
+            find: Find::Every,
+            spindle: Spindle::Auto,
+            tilt_deg: vec![-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0],
+            turn_deg: vec![0.0, 90.0, 180.0, 270.0],
+            spindle_deg: vec![0.0, 90.0, 180.0, 270.0],
+            touches: 5,
+            references: true,
+            standoff_mm: 0.5,
+            search_mm: 1.0,
+            form_limit_um: 15.0,
+            diameter_limit_um: 30.0,
+            monte_carlo_trials: 0,
+        }
+    }
+}

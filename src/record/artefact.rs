@@ -1,0 +1,89 @@
+//! The artefact that is touched, as the machine file and the plan state it. It stands in the table
+//! frame: the machine frame when all axes stand at zero.
+
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Artefact {
+    Cylinder(Cylinder),
+    Balls(Balls),
+}
+
+/// A round part: foot of its axis, direction, radius, height of the touchable flank.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cylinder {
+    pub centre_mm: [f64; 3],
+    pub axis: [f64; 3],
+    pub radius_mm: f64,
+    #[serde(default = "default_height")]
+    pub height_mm: f64,
+    /// How far the true centre may lie from the stated one.
+    #[serde(default = "default_uncertainty")]
+    pub uncertainty_mm: f64,
+}
+
+/// Precision balls on stems. Nobody needs to know where they stand to the last micrometre; the
+/// lengths between some of them are certified.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Balls {
+    pub balls: Vec<Ball>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lengths: Vec<Length>,
+    /// How far the true centres may lie from the stated ones.
+    #[serde(default = "default_uncertainty")]
+    pub uncertainty_mm: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ball {
+    /// Short, without `/`: it stands in the labels of steps.
+    pub id: String,
+    pub centre_mm: [f64; 3],
+    pub radius_mm: f64,
+    /// Direction from the ball's centre along the stem to its foot.
+    #[serde(default = "default_stem")]
+    pub stem: [f64; 3],
+    /// 0: not declared, and not looked at.
+    #[serde(default)]
+    pub stem_radius_mm: f64,
+    /// From the ball's centre.
+    #[serde(default)]
+    pub stem_length_mm: f64,
+}
+
+/// A certified distance of two ball centres.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Length {
+    pub from: String,
+    pub to: String,
+    /// At 20 °C.
+    pub mm: f64,
+    /// Standard uncertainty of the certificate.
+    pub u_mm: f64,
+    /// Coefficient of expansion.
+    #[serde(default)]
+    pub expansion_um_per_m_k: f64,
+    /// Its temperature during the measurement; absent: 20 °C is assumed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// Standard uncertainty of that temperature.
+    #[serde(default)]
+    pub u_temperature_k: f64,
+}
+
+fn default_height() -> f64 {
+    100.0
+}
+
+fn default_uncertainty() -> f64 {
+    2.0
+}
+
+fn default_stem() -> [f64; 3] {
+    [0.0, 0.0, -1.0]
+}
