@@ -5,6 +5,8 @@
 mod clearance;
 mod error;
 mod limits;
+mod over_balls;
+mod surroundings;
 mod time;
 mod touch;
 
