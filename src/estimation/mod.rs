@@ -4,10 +4,12 @@
 pub mod circle;
 pub mod circle_lanes;
 pub mod coverage;
+mod gram_schmidt;
 pub mod linear;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
+pub mod schur;
 pub mod trigonometric;
 
 #[cfg(test)]
