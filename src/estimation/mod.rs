@@ -1,5 +1,5 @@
-//! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle,
-//! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
+//! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle, the
+//! sphere, trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
 
 pub mod circle;
 pub mod circle_lanes;
@@ -9,7 +9,9 @@ pub mod linear;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
+mod radial;
 pub mod schur;
+pub mod sphere;
 pub mod trigonometric;
 
 #[cfg(test)]
