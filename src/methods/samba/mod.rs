@@ -3,7 +3,11 @@
 
 mod identify;
 mod label;
+mod model;
+mod parameters;
 mod settings;
+#[cfg(test)]
+mod tests;
 
 pub use settings::Settings;
 
