@@ -31,7 +31,7 @@ pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failu
 }
 
 fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimate, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
         None => {
@@ -63,7 +63,7 @@ fn stored_run(
         )));
     }
     let machine = match &args.machine {
-        Some(file) => setup::load(Some(file))?,
+        Some(file) => setup::load(Some(file), &args.method)?,
         None => MachineFile::parse(&format!("machine file of run {run}"), stored.config)
             .map_err(SetupError::from)?,
     };

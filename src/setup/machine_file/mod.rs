@@ -33,8 +33,11 @@ use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
 
-/// The machine that serves when no file is given.
+/// The machine that serves when no file is given,
 const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
+/// and the one with balls for the methods that measure these.
+const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
+const OF_BALLS: [&str; 1] = ["samba"];
 
 const SECTIONS: [&str; 10] = [
     "machine",
@@ -65,8 +68,13 @@ pub struct MachineFile {
 }
 
 impl MachineFile {
-    pub fn embedded() -> Result<Self, MachineFileError> {
-        Self::parse("simulated.toml (built in)", EMBEDDED.to_owned())
+    /// The built-in machine that suits a method.
+    pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
+        let (file, text) = match OF_BALLS.contains(&method) {
+            true => ("samba.toml (built in)", EMBEDDED_BALLS),
+            false => ("simulated.toml (built in)", EMBEDDED),
+        };
+        Self::parse(file, text.to_owned())
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
