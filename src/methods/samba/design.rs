@@ -1,0 +1,109 @@
+//! The measuring design: which balls at which indexations, in which order, and whether that is enough.
+
+use std::collections::BTreeMap;
+
+use super::access::accessible;
+use super::bench::Bench;
+use super::choose::{Budget, Cost, LEAST_VISITS, choose};
+use super::indexation::in_words;
+use super::information::Sight;
+use super::settings::Design as Kind;
+use super::{order, paper, survey};
+use crate::base::Position;
+use crate::methods::Refused;
+
+/// One indexation and the balls measured there, as indices into the artefact's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Visit {
+    pub at: Position,
+    pub balls: Vec<usize>,
+}
+
+/// What can be measured.
+pub struct Candidates {
+    pub at: Vec<Position>,
+    pub sights: Vec<Sight>,
+}
+
+/// The visits in measuring order, rank and condition looked at.
+///
+/// # Errors
+/// Whatever [`Candidates::new`] refuses, a budget that does not suffice, the paper's design on a
+/// machine or artefact that cannot have it, and a design that does not tell the machine's errors
+/// apart, in words.
+pub fn design(bench: &Bench<'_>) -> Result<Vec<Visit>, Refused> {
+    let candidates = Candidates::new(bench)?;
+    let visits = match bench.settings.design {
+        // In the order that its definition gives.
+        Kind::Paper => paper::visits(bench, &candidates)?,
+        Kind::Optimal => {
+            let (balls, settings) = (bench.balls.balls.len(), bench.settings);
+            let limit = if settings.minutes > 0.0 { settings.minutes * 60.0 } else { f64::INFINITY };
+            let budget =
+                Budget { balls: settings.balls, indexations: settings.indexations, seconds: limit };
+            let cost = Cost { ball_s: 60.0, indexation_s: 10.0 };
+            let (sights, nothing) = (&candidates.sights, bench.nothing());
+            let chosen = choose(sights, balls, nothing, (budget, cost), settings.criterion)?;
+            order::in_order(&bench.plan.machine, candidates.visits(&chosen))
+        }
+    };
+    survey::check(bench, &visits)?;
+    Ok(visits)
+}
+
+impl Candidates {
+    /// # Errors
+    /// An indexation outside the limits; a ball that fewer than three indexations show.
+    pub fn new(bench: &Bench<'_>) -> Result<Self, Refused> {
+        let at = bench.candidates()?;
+        let mut sights = Vec::new();
+        for (ball, of) in bench.balls.balls.iter().enumerate() {
+            let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
+            for (indexation, at) in at.iter().enumerate() {
+                match accessible(bench, at, of) {
+                    Ok(()) => sights.push(bench.sight((indexation, at), (ball, of))?),
+                    Err(why) => drop(why_not.entry(why).or_insert(at)),
+                }
+            }
+            let count = sights.len() - first;
+            if count < LEAST_VISITS {
+                return Err(unreachable_ball(&of.id, count, at.len(), &why_not));
+            }
+        }
+        Ok(Self { at, sights })
+    }
+
+    /// The chosen sights, by indexation.
+    pub fn visits(&self, chosen: &[usize]) -> Vec<Visit> {
+        let mut by_place: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for sight in chosen.iter().filter_map(|index| self.sights.get(*index)) {
+            by_place.entry(sight.indexation).or_default().push(sight.ball);
+        }
+        let visit = |(place, balls): (usize, Vec<usize>)| Some(Visit { at: self.at.get(place)?.clone(), balls });
+        by_place.into_iter().filter_map(visit).collect()
+    }
+}
+
+fn unreachable_ball(
+    id: &str,
+    count: usize,
+    of: usize,
+    why_not: &BTreeMap<String, &Position>,
+) -> Refused {
+    let reasons: Vec<String> =
+        why_not.iter().take(2).map(|(why, at)| format!("at {} {why}", in_words(at))).collect();
+    let reached = match count {
+        0 => "cannot be reached at any".to_owned(),
+        some => format!("can be reached at {some} only"),
+    };
+    Refused {
+        why: format!(
+            "ball {id} {reached} of {of} indexations, where {LEAST_VISITS} are needed: {}",
+            reasons.join("; ")
+        ),
+        instead: "set the ball up elsewhere or with another stem, name other positions in tilt_deg and \
+                  turn_deg, or take it out of [artefact]"
+            .to_owned(),
+    }
+}
+
