@@ -1,41 +1,22 @@
 //! SAMBA: the geometry of a five-axis machine, the stylus and the artefact at once, from master balls
 //! that nobody has calibrated and one scale bar (paper 4; METHODS section 4).
 
-mod access;
-mod artefact_check;
-mod bench;
-mod choose;
 mod design;
 mod identify;
-mod indexation;
-mod information;
-mod known;
 mod label;
-mod measure;
 mod model;
-mod order;
-mod paper;
 mod parameters;
-mod review;
 mod settings;
 mod stages;
-mod survey;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod design_tests;
-#[cfg(test)]
-mod refusal_tests;
-#[cfg(test)]
-mod stage_tests;
 
 pub use settings::Settings;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use self::bench::Bench;
-use self::design::Visit;
-use self::known::Known;
+use self::design::{Bench, Visit};
+use self::stages::Known;
 use super::{IdentifyError, Method, Next, Refused, Source};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Estimate;
@@ -134,7 +115,7 @@ fn once_more(
     id: u32,
 ) -> Result<Option<Stage>, Refused> {
     let Some(last) = done.last() else { return Ok(None) };
-    let Some((steps, repeat)) = review::review(bench, last, readings)? else { return Ok(None) };
+    let Some((steps, repeat)) = stages::review(bench, last, readings)? else { return Ok(None) };
     let name = format!("{}, once more", last.name.trim_end_matches(", once more"));
     Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }

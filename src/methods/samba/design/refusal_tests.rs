@@ -1,9 +1,9 @@
 //! What cannot be measured is refused in words before anything moves.
 
-use super::design_tests::plan;
-use super::settings::{Design, Settings, Spindle};
-use super::{Method, Next, Samba, Source};
+use super::tests::plan;
 use crate::base::Axis;
+use crate::methods::samba::settings::{Design, Settings, Spindle};
+use crate::methods::samba::{Method, Next, Samba, Source};
 use crate::record::artefact::{Artefact, Balls};
 use crate::record::plan::Plan;
 

@@ -5,12 +5,13 @@ use glam::DVec3;
 
 use super::indexation::{candidates, in_words, oriented};
 use super::information::{Bar, Information, Sight};
-use super::model::{Model, length_u_mm};
-use super::settings::{Design, Settings};
-use super::{artefact_check, paper, parameters};
+use super::{artefact, paper};
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Chain, ErrorParameter, Shape};
 use crate::methods::Refused;
+use crate::methods::samba::model::{Model, length_u_mm};
+use crate::methods::samba::parameters;
+use crate::methods::samba::settings::{Design, Settings};
 use crate::record::artefact::{Ball, Balls, Length};
 use crate::record::plan::Plan;
 
@@ -36,7 +37,7 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// Settings, artefact or machine that cannot be measured with, each in words.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        let balls = artefact_check::balls(&plan.artefact)?;
+        let balls = artefact::balls(&plan.artefact)?;
         settings.check()?;
         let chain = Chain::new(&plan.machine).map_err(|error| Refused {
             why: error.to_string(),
@@ -80,8 +81,11 @@ impl<'a> Bench<'a> {
         let zero = vec![0.0; self.model.parameters().len()];
         let centre = DVec3::from_array(of.centre_mm);
         let rows = self.model.rows(&self.on_ball(at, of)?, &zero, self.tip.mm, centre);
-        let machine =
-            rows.machine.iter().zip(self.units()).map(|(column, unit)| *column * unit / self.u_mm());
+        let machine = rows
+            .machine
+            .iter()
+            .zip(self.units())
+            .map(|(column, unit)| *column * unit / self.u_mm());
         let tool = [rows.tool.x_axis, rows.tool.y_axis, rows.tool.z_axis];
         let tool = tool.into_iter().map(|column| column * OFFSET / self.u_mm());
         Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })

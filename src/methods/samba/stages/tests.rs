@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::design_tests::{plan, rumba};
-use super::label::{Label, Pass};
-use super::settings::{Find, Settings};
-use super::{Method, Next, Refused, Samba, Source};
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorTerm};
+use crate::methods::samba::design::tests::{plan, rumba};
+use crate::methods::samba::label::{Label, Pass};
+use crate::methods::samba::settings::{Find, Settings};
+use crate::methods::samba::{Method, Next, Refused, Samba, Source};
 use crate::record::artefact::Artefact;
 use crate::record::plan::{Plan, Stage, Step, StepKind};
 use crate::record::reading::Reading;
@@ -161,7 +161,8 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let settings = few();
     let mut shop = Shop::new(&plan(&settings));
-    let dirty = |label: &Label| label.pass == Pass::Slow && label.ball == "3" && label.touch == "-45";
+    let dirty =
+        |label: &Label| label.pass == Pass::Slow && label.ball == "3" && label.touch == "-45";
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
     let (played, done, readings) = play(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
@@ -193,5 +194,9 @@ fn a_ball_far_from_its_stated_place_is_named() {
     let mut shop = Shop::new(&plan(&settings));
     shop.shift = DVec3::new(0.8, 0.8, 0.0);
     let refused = play(&settings, &shop).unwrap_err();
-    assert!(refused.why.contains("1.1") && refused.why.contains("uncertainty_mm = 1"), "{}", refused.why);
+    assert!(
+        refused.why.contains("1.1") && refused.why.contains("uncertainty_mm = 1"),
+        "{}",
+        refused.why
+    );
 }

@@ -7,9 +7,9 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::settings::{Settings, Spindle};
 use crate::base::{Axis, Position};
 use crate::methods::Refused;
+use crate::methods::samba::settings::{Settings, Spindle};
 use crate::record::machine::{AxisSpec, Machine};
 
 /// Cosine from which on an axis counts as parallel to the spindle's.
@@ -34,7 +34,8 @@ struct Grid {
 /// to what it reaches); a spindle that shall be oriented without an axis S.
 pub fn candidates(machine: &Machine, settings: &Settings) -> Result<Vec<Position>, Refused> {
     let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
-    let mut grids = rotary.map(|(axis, spec)| grid(*axis, spec, settings)).collect::<Result<Vec<_>, _>>()?;
+    let mut grids =
+        rotary.map(|(axis, spec)| grid(*axis, spec, settings)).collect::<Result<Vec<_>, _>>()?;
     if grids.is_empty() {
         return Err(Refused {
             why: "samba turns the artefact; this machine has no rotary axis".to_owned(),
@@ -62,9 +63,10 @@ pub fn oriented<'a>(
         (Spindle::Orient | Spindle::Auto, Some(spec)) => Ok(Some(spec)),
         (Spindle::Orient, None) => Err(Refused {
             why: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
-            instead: "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
+            instead:
+                "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
                       (EX0S, EY0S) is told together with that of the stylus"
-                .to_owned(),
+                    .to_owned(),
         }),
     }
 }
@@ -116,8 +118,13 @@ fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refuse
     }
     if at.is_empty() {
         return Err(Refused {
-            why: format!("{axis} has no position: {key} names none within [{}, {}]", spec.min, spec.max),
-            instead: format!("name positions of {axis} in {key}, or correct the limits in [axes.{axis}]"),
+            why: format!(
+                "{axis} has no position: {key} names none within [{}, {}]",
+                spec.min, spec.max
+            ),
+            instead: format!(
+                "name positions of {axis} in {key}, or correct the limits in [axes.{axis}]"
+            ),
         });
     }
     Ok(Grid { axis, at })
@@ -133,15 +140,14 @@ fn outside(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -> Refused {
     }
 }
 
-/// The command for an angle within the limits, with whole turns more or less; the nearest to zero.
+/// The command for an angle within the limits: as stated, or a whole turn less or more.
 fn reached(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
     let (min, max) = (axis.from_edge(spec.min), axis.from_edge(spec.max));
     let wanted = axis.from_edge(degree);
     [0.0, -TAU, TAU]
         .into_iter()
         .map(|turn| wanted + turn)
-        .filter(|at| (min - SLACK_RAD..=max + SLACK_RAD).contains(at))
-        .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+        .find(|at| (min - SLACK_RAD..=max + SLACK_RAD).contains(at))
 }
 
 /// The same but for whole turns.

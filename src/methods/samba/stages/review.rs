@@ -2,13 +2,12 @@
 
 use glam::DVec3;
 
-use super::bench::Bench;
-use super::indexation::in_words;
 use super::known::{Known, Taken, taken};
-use super::label::Pass;
 use super::measure::Measured;
 use crate::base::Axis;
 use crate::methods::Refused;
+use crate::methods::samba::design::{Bench, in_words};
+use crate::methods::samba::label::Pass;
 use crate::record::plan::Stage;
 use crate::record::reading::Reading;
 
@@ -23,7 +22,8 @@ pub fn review(
     readings: &[Reading],
 ) -> Result<Option<(Vec<u32>, u32)>, Refused> {
     let all = taken(bench, readings);
-    let of_stage = |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
+    let of_stage =
+        |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for taken in all.iter().filter(of_stage) {
         let Some(fault) = fault(bench, taken) else {
@@ -52,7 +52,9 @@ fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<String> {
     }
     let (form_um, limit_um) = (form_mm * 1e3, bench.settings.form_limit_um);
     if form_um > limit_um {
-        return Some(format!("its touches stray by {form_um:.1} um from a sphere (limit {limit_um})"));
+        return Some(format!(
+            "its touches stray by {form_um:.1} um from a sphere (limit {limit_um})"
+        ));
     }
     let stated = bench.balls.balls.get(taken.ball)?.radius_mm + bench.plan.probe.ball_radius_mm;
     let (larger_um, limit_um) =
@@ -90,7 +92,8 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     let known = Known::of_taken(bench, before);
     let stated = DVec3::from_array(ball.centre_mm);
     let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
-    let (away, limit) = (measured.centre.distance(expected), known.uncertainty_mm(bench, taken.ball));
+    let (away, limit) =
+        (measured.centre.distance(expected), known.uncertainty_mm(bench, taken.ball));
     if away <= limit {
         return Ok(());
     }
@@ -100,9 +103,10 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
             why: format!(
                 "{place} was found {away:.3} mm from its stated place, beyond uncertainty_mm = {limit}"
             ),
-            instead: "check centre_mm of the ball and how the artefact stands on the table, then start \
+            instead:
+                "check centre_mm of the ball and how the artefact stands on the table, then start \
                       again"
-                .to_owned(),
+                    .to_owned(),
         });
     }
     Err(Refused {
@@ -110,8 +114,9 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
             "{place} was found {away:.3} mm from where the indexations before put it, beyond {limit} \
              mm: the ball has moved, or the rotary axes stand that far from where the file says"
         ),
-        instead: "tighten the ball, or correct point_mm of the rotary axes, or raise standoff_mm and \
+        instead:
+            "tighten the ball, or correct point_mm of the rotary axes, or raise standoff_mm and \
                   uncertainty_mm; then start again"
-            .to_owned(),
+                .to_owned(),
     })
 }

@@ -1,14 +1,28 @@
 //! The measuring design: which balls at which indexations, in which order, and whether that is enough.
 
+mod access;
+mod artefact;
+mod bench;
+mod choose;
+mod indexation;
+mod information;
+mod order;
+mod paper;
+mod survey;
+
+#[cfg(test)]
+mod refusal_tests;
+#[cfg(test)]
+pub mod tests;
+
 use std::collections::BTreeMap;
 
-use super::access::accessible;
-use super::bench::Bench;
-use super::choose::{Budget, Cost, LEAST_VISITS, choose};
-use super::indexation::in_words;
-use super::information::Sight;
+use self::access::accessible;
+pub use self::bench::Bench;
+use self::choose::{Budget, Cost, LEAST_VISITS, choose};
+pub use self::indexation::in_words;
+use self::information::Sight;
 use super::settings::Design as Kind;
-use super::{order, paper, survey};
 use crate::base::Position;
 use crate::methods::Refused;
 
@@ -38,7 +52,8 @@ pub fn design(bench: &Bench<'_>) -> Result<Vec<Visit>, Refused> {
         Kind::Paper => paper::visits(bench, &candidates)?,
         Kind::Optimal => {
             let (balls, settings) = (bench.balls.balls.len(), bench.settings);
-            let limit = if settings.minutes > 0.0 { settings.minutes * 60.0 } else { f64::INFINITY };
+            let limit =
+                if settings.minutes > 0.0 { settings.minutes * 60.0 } else { f64::INFINITY };
             let budget =
                 Budget { balls: settings.balls, indexations: settings.indexations, seconds: limit };
             let cost = Cost { ball_s: 60.0, indexation_s: 10.0 };
@@ -79,7 +94,9 @@ impl Candidates {
         for sight in chosen.iter().filter_map(|index| self.sights.get(*index)) {
             by_place.entry(sight.indexation).or_default().push(sight.ball);
         }
-        let visit = |(place, balls): (usize, Vec<usize>)| Some(Visit { at: self.at.get(place)?.clone(), balls });
+        let visit = |(place, balls): (usize, Vec<usize>)| {
+            Some(Visit { at: self.at.get(place)?.clone(), balls })
+        };
         by_place.into_iter().filter_map(visit).collect()
     }
 }
@@ -101,9 +118,9 @@ fn unreachable_ball(
             "ball {id} {reached} of {of} indexations, where {LEAST_VISITS} are needed: {}",
             reasons.join("; ")
         ),
-        instead: "set the ball up elsewhere or with another stem, name other positions in tilt_deg and \
+        instead:
+            "set the ball up elsewhere or with another stem, name other positions in tilt_deg and \
                   turn_deg, or take it out of [artefact]"
-            .to_owned(),
+                .to_owned(),
     }
 }
-

@@ -1,6 +1,6 @@
 //! In which order the indexations follow each other.
 
-use super::design::Visit;
+use super::Visit;
 use super::indexation::is_parallel;
 use crate::base::Axis;
 use crate::record::machine::Machine;
@@ -30,4 +30,3 @@ fn sweep(visits: &mut [Visit], axes: &[Axis], backward: &mut bool) {
     }
     *backward = !*backward;
 }
-

@@ -1,13 +1,21 @@
 //! Which stage comes next: the tasks of a design, one stage each.
 
-use super::bench::Bench;
-use super::design::Visit;
-use super::known::Known;
-use super::label::Pass;
-use super::measure::{self, Wanted};
+mod known;
+mod measure;
+mod review;
+
+#[cfg(test)]
+mod tests;
+
+pub use self::known::Known;
+pub use self::review::review;
+
+use self::measure::Wanted;
+use super::design::{Bench, Visit, in_words};
+use super::label::{Label, Pass};
 use super::settings::Find;
 use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Balls};
+use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::record::plan::{Stage, Step};
 
 /// One stage: a pass over balls at one indexation.
@@ -35,7 +43,8 @@ pub fn tasks(bench: &Bench<'_>, visits: &[Visit]) -> Vec<Task> {
     let mut tasks: Vec<Task> = searches
         .iter()
         .map(|(visit, new)| {
-            let all = visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
+            let all =
+                visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
             task(Pass::Find, *visit, all)
         })
         .collect();
@@ -108,7 +117,7 @@ pub fn stage(
 }
 
 fn name(bench: &Bench<'_>, visits: &[Visit], task: &Task) -> String {
-    let at = visits.get(task.visit).map_or(String::new(), |visit| super::indexation::in_words(&visit.at));
+    let at = visits.get(task.visit).map_or(String::new(), |visit| in_words(&visit.at));
     match task.pass {
         Pass::Find => format!("find at {at} ({} of {})", task.number + 1, visits.len()),
         Pass::Slow => format!("measure at {at} ({} of {})", task.number + 1, visits.len()),
@@ -143,12 +152,12 @@ fn new_steps(
 
 /// The first round of the references once more: the very same places.
 fn again(bench: &Bench<'_>, task: &Task) -> Vec<Step> {
-    let label = |step: &Step| step.label.parse::<super::label::Label>().ok();
+    let label = |step: &Step| step.label.parse::<Label>().ok();
     let of_first = |step: &&Step| {
         label(step).is_some_and(|label| label.pass == Pass::Reference && label.indexation == 0)
     };
     let renumbered = |step: &Step| {
-        let label = super::label::Label { indexation: task.number as u32, ..label(step)? };
+        let label = Label { indexation: task.number as u32, ..label(step)? };
         Some(Step { label: label.to_string(), ..step.clone() })
     };
     bench.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
@@ -170,7 +179,7 @@ fn found(bench: &Bench<'_>, task: &Task, known: &Known) -> Option<Artefact> {
     };
     let balls = bench.balls.balls.iter().enumerate().map(|(index, ball)| {
         let centre_mm = known.centre(bench, index, task.visit).to_array();
-        crate::record::artefact::Ball { centre_mm, ..ball.clone() }
+        Ball { centre_mm, ..ball.clone() }
     });
     let lengths = bench.balls.lengths.clone();
     Some(Artefact::Balls(Balls { balls: balls.collect(), lengths, uncertainty_mm }))

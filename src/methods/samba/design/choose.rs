@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use super::information::{Information, Sight};
-use super::settings::Criterion;
 use crate::methods::Refused;
+use crate::methods::samba::settings::Criterion;
 
 /// A ball that nobody has calibrated brings three unknowns along: below three measurements it tells
 /// hardly anything of the machine.
@@ -80,7 +80,8 @@ impl Choice<'_> {
     fn show_more(&mut self) -> bool {
         let new = |sight: &&Sight| self.visits.get(sight.ball) == Some(&0);
         let indexations = self.sights.iter().map(|sight| sight.indexation);
-        let count = |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
+        let count =
+            |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
         let candidates: BTreeSet<usize> = indexations.collect();
         // The first of equals.
         let best = candidates.into_iter().rev().max_by_key(|at| count(*at));

@@ -5,16 +5,17 @@ use std::f64::consts::TAU;
 use faer::Mat;
 use glam::DVec3;
 
-use super::bench::Bench;
-use super::label::{Label, Pass};
 use crate::base::{Point, Position};
 use crate::estimation::nonlinear::{self, Linearised};
 use crate::methods::Refused;
+use crate::methods::samba::design::Bench;
+use crate::methods::samba::label::{Label, Pass};
 use crate::record::artefact::Ball;
 use crate::record::plan::{Step, StepKind};
 use crate::record::reading::Reading;
 
-const AZIMUTHS: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
+const AZIMUTHS: [(&str, f64); 4] =
+    [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
 
 /// Which ball is measured, how and where.
 pub struct Wanted<'a> {
@@ -44,10 +45,18 @@ pub fn steps(bench: &Bench<'_>, wanted: &Wanted<'_>) -> Result<Vec<Step>, Refuse
         let (sin, cos) = (degree / 360.0 * TAU).sin_cos();
         (*name, DVec3::new(cos, sin, 0.0))
     });
-    round.chain([("pole", DVec3::Z)]).map(|(name, normal)| step(bench, wanted, name, normal)).collect()
+    round
+        .chain([("pole", DVec3::Z)])
+        .map(|(name, normal)| step(bench, wanted, name, normal))
+        .collect()
 }
 
-fn step(bench: &Bench<'_>, wanted: &Wanted<'_>, name: &str, normal: DVec3) -> Result<Step, Refused> {
+fn step(
+    bench: &Bench<'_>,
+    wanted: &Wanted<'_>,
+    name: &str,
+    normal: DVec3,
+) -> Result<Step, Refused> {
     let (settings, probe) = (bench.settings, &bench.plan.probe);
     let reach = wanted.ball.radius_mm + probe.ball_radius_mm;
     let chain = bench.model.chain();
@@ -82,9 +91,8 @@ fn step(bench: &Bench<'_>, wanted: &Wanted<'_>, name: &str, normal: DVec3) -> Re
 
 /// `None`: the touches do not lie on a sphere.
 pub fn evaluate(bench: &Bench<'_>, readings: &[&Reading], near: DVec3) -> Option<Measured> {
-    let tip = |reading: &&Reading| {
-        bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm
-    };
+    let tip =
+        |reading: &&Reading| bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm;
     let points: Vec<DVec3> = readings.iter().map(tip).collect();
     let radius = points.iter().map(|p| p.distance(near)).sum::<f64>() / points.len() as f64;
     let model = |x: &[f64]| {

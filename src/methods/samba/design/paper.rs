@@ -8,12 +8,11 @@
 //! accessible there 109 are kept: again and again, of the triple with the most balls, the ball that is
 //! measured most often is left out.
 
-use super::bench::Bench;
-use super::design::{Candidates, Visit};
 use super::indexation::{self, is_parallel, is_rotary, is_same};
-use super::settings::Settings;
+use super::{Bench, Candidates, Visit};
 use crate::base::{Axis, Position};
 use crate::methods::Refused;
+use crate::methods::samba::settings::Settings;
 use crate::record::machine::Machine;
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
@@ -78,7 +77,9 @@ pub fn visits(bench: &Bench<'_>, candidates: &Candidates) -> Result<Vec<Visit>, 
         };
         let Some(place) = candidates.at.iter().position(stands) else {
             let words = wanted.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
-            return Err(refused(format!("the machine does not reach {words} of the paper's design")));
+            return Err(refused(format!(
+                "the machine does not reach {words} of the paper's design"
+            )));
         };
         let there = candidates.sights.iter().filter(|sight| sight.indexation == place);
         let balls: Vec<usize> = there.map(|sight| sight.ball).collect();

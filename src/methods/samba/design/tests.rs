@@ -2,10 +2,10 @@
 
 use super::bench::Bench;
 use super::design::design;
-use super::settings::{Design as Kind, Settings};
 use super::survey;
 use super::tests::machine;
 use crate::estimation::linear::{LinearProblem, solve};
+use crate::methods::samba::settings::{Design as Kind, Settings};
 use crate::record::artefact::{Artefact, Ball, Balls, Length};
 use crate::record::plan::Plan;
 
@@ -64,7 +64,9 @@ fn check_g4(settings: &Settings) {
     let (matrix, names) = survey::matrix(&bench, &visits).unwrap();
     let found = survey::check(&bench, &visits).unwrap();
     println!("rank {} cond {}", found.rank, found.condition);
-    for v in &visits { println!("{} {:?}", super::indexation::in_words(&v.at), v.balls); }
+    for v in &visits {
+        println!("{} {:?}", super::indexation::in_words(&v.at), v.balls);
+    }
     let ones = vec![1.0; matrix.nrows()];
     let problem = LinearProblem {
         a: matrix.as_ref(),

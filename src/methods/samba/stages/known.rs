@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::bench::Bench;
-use super::label::{Label, Pass};
 use super::measure::{self, Measured};
+use crate::methods::samba::design::Bench;
+use crate::methods::samba::label::{Label, Pass};
 use crate::record::plan::{REPEAT_AFTER_STOP, Step};
 use crate::record::reading::Reading;
 
@@ -38,7 +38,9 @@ impl Known {
         let mut found = vec![Vec::new(); bench.balls.balls.len()];
         for taken in all {
             // References repeat a visit; what was found at it stands already.
-            if let (Some(centres), Some(measured)) = (found.get_mut(taken.ball), taken.measured(bench)) {
+            if let (Some(centres), Some(measured)) =
+                (found.get_mut(taken.ball), taken.measured(bench))
+            {
                 if taken.label.pass != Pass::Reference {
                     centres.push((taken.label.indexation as usize, measured.centre));
                 }
@@ -113,7 +115,8 @@ pub fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
             continue;
         };
         let same = |other: &Label| {
-            (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball)
+            (other.pass, other.indexation, &other.ball)
+                == (label.pass, label.indexation, &label.ball)
         };
         if !all.last().is_some_and(|last| same(&last.label)) {
             all.push(Taken { label, ball, steps: Vec::new(), readings: Vec::new() });

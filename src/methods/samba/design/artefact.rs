@@ -82,7 +82,10 @@ fn check_apart(artefact: &Artefact, set: &Balls) -> Result<(), Refused> {
             let gap = distance(&part.shape, centre) - ball.radius_mm;
             if gap <= 0.0 {
                 return refuse(
-                    format!("ball {} and {} touch or overlap by {:.2} mm", ball.id, part.name, -gap),
+                    format!(
+                        "ball {} and {} touch or overlap by {:.2} mm",
+                        ball.id, part.name, -gap
+                    ),
                     "set them further apart, or correct centre_mm, radius_mm and stem in [artefact]",
                 );
             }
@@ -108,7 +111,10 @@ fn check_lengths(set: &Balls) -> Result<(), Refused> {
         let find = |id: &String| set.balls.iter().find(|ball| ball.id == *id);
         let (Some(from), Some(to)) = (find(&length.from), find(&length.to)) else {
             return refuse(
-                format!("there is no pair of balls {} and {} for the length", length.from, length.to),
+                format!(
+                    "there is no pair of balls {} and {} for the length",
+                    length.from, length.to
+                ),
                 "name the ids of two balls of [artefact] in from and to",
             );
         };

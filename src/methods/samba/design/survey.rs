@@ -3,8 +3,8 @@
 use faer::Mat;
 use glam::DVec3;
 
+use super::Visit;
 use super::bench::{Bench, length_u};
-use super::design::Visit;
 use crate::estimation::linear::{RANK_THRESHOLD, Survey, survey};
 use crate::estimation::null_names::name_null_space;
 use crate::methods::Refused;
@@ -24,7 +24,8 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
         for index in &visit.balls {
             let Some(ball) = balls.get(*index) else { continue };
             let centre = DVec3::from_array(ball.centre_mm);
-            let seen = bench.model.rows(&bench.on_ball(&visit.at, ball)?, &zero, bench.tip.mm, centre);
+            let seen =
+                bench.model.rows(&bench.on_ball(&visit.at, ball)?, &zero, bench.tip.mm, centre);
             let tool = [seen.tool.x_axis, seen.tool.y_axis, seen.tool.z_axis];
             for axis in 0..3 {
                 let known = seen.machine.iter().chain(&tool).map(|column| column[axis]);
@@ -46,7 +47,8 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
         }
         rows.push(row);
     }
-    let of_balls = balls.iter().flat_map(|ball| ["x", "y", "z"].map(|c| format!("{c}_{}", ball.id)));
+    let of_balls =
+        balls.iter().flat_map(|ball| ["x", "y", "z"].map(|c| format!("{c}_{}", ball.id)));
     let tool = ["t_x", "t_y", "t_z"].map(str::to_owned);
     let names = parameters.iter().map(ToString::to_string).chain(tool).chain(of_balls).collect();
     Ok((Mat::from_fn(rows.len(), unknowns, |i, j| rows[i][j]), names))
@@ -70,9 +72,10 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
                 names.len(),
                 name_null_space(found.null_space.as_ref(), &names).join("; ")
             ),
-            instead: "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add \
+            instead:
+                "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add \
                       balls or a certified length, or take parameters out"
-                .to_owned(),
+                    .to_owned(),
         });
     }
     if found.condition > WORST_CONDITION {
