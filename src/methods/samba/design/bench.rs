@@ -53,6 +53,15 @@ impl<'a> Bench<'a> {
         Ok(Self { plan, settings, balls, model, tip, oriented })
     }
 
+    /// The same for a plan that has grown.
+    pub fn with<'b>(&self, plan: &'b Plan) -> Bench<'b>
+    where
+        'a: 'b,
+    {
+        let Self { settings, balls, model, tip, oriented, .. } = self;
+        Bench { plan, settings, balls, model: model.clone(), tip: *tip, oriented: *oriented }
+    }
+
     /// All indexations that the settings name and the machine reaches.
     pub fn candidates(&self) -> Result<Vec<Position>, Refused> {
         let machine = &self.plan.machine;

@@ -11,36 +11,36 @@ use crate::methods::samba::settings::Criterion;
 /// hardly anything of the machine.
 pub const LEAST_VISITS: usize = 3;
 
+/// What another indexation takes of a ball measurement's time: turning, and the way there.
+const OPENING: f64 = 0.25;
+
 /// What may be spent at most.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     pub balls: usize,
     pub indexations: usize,
-    pub seconds: f64,
 }
 
-/// What things take, s.
-#[derive(Debug, Clone, Copy)]
-pub struct Cost {
-    pub ball_s: f64,
-    pub indexation_s: f64,
+/// Sights in the order in which they were chosen.
+pub struct Chosen {
+    pub sights: Vec<usize>,
+    /// So many of them show each ball at [`LEAST_VISITS`] indexations.
+    pub least: usize,
 }
 
 /// What is chosen so far.
 struct Choice<'a> {
     sights: &'a [Sight],
     budget: Budget,
-    cost: Cost,
     criterion: Criterion,
     information: Information,
-    taken: BTreeSet<usize>,
+    taken: Vec<usize>,
     opened: BTreeSet<usize>,
     /// Of each ball.
     visits: Vec<usize>,
-    seconds: f64,
 }
 
-/// Indices of the chosen sights, ascending. `nothing` holds the lengths only.
+/// `nothing` holds the lengths only.
 ///
 /// First an indexation that sees most balls, then what shows the rest of them, then every ball at
 /// [`LEAST_VISITS`] indexations, then whatever tells most.
@@ -51,19 +51,17 @@ pub fn choose(
     sights: &[Sight],
     balls: usize,
     nothing: Information,
-    (budget, cost): (Budget, Cost),
+    budget: Budget,
     criterion: Criterion,
-) -> Result<Vec<usize>, Refused> {
+) -> Result<Chosen, Refused> {
     let mut choice = Choice {
         sights,
         budget,
-        cost,
         criterion,
         information: nothing,
-        taken: BTreeSet::new(),
+        taken: Vec::new(),
         opened: BTreeSet::new(),
         visits: vec![0; balls],
-        seconds: 0.0,
     };
     while choice.show_more() {}
     while choice.visits.iter().any(|visits| *visits < LEAST_VISITS) {
@@ -71,8 +69,9 @@ pub fn choose(
             return Err(choice.too_small());
         }
     }
+    let least = choice.taken.len();
     while choice.take_best(false) {}
-    Ok(choice.taken.into_iter().collect())
+    Ok(Chosen { sights: choice.taken, least })
 }
 
 impl Choice<'_> {
@@ -96,7 +95,7 @@ impl Choice<'_> {
         !allowed.is_empty()
     }
 
-    /// Of all that the budget allows, what tells most a second; with `wanting` only balls that want
+    /// Of all that the budget allows, what tells most for its time; with `wanting` only balls that want
     /// visits.
     fn take_best(&mut self, wanting: bool) -> bool {
         let wants = |sight: &Sight| {
@@ -105,7 +104,7 @@ impl Choice<'_> {
         let mut best: Option<(f64, usize)> = None;
         for (index, sight) in self.sights.iter().enumerate() {
             if wants(sight) && self.allows(index) {
-                let score = self.information.gain(sight, self.criterion) / self.seconds_for(sight);
+                let score = self.information.gain(sight, self.criterion) / self.time_for(sight);
                 if best.is_none_or(|(highest, _)| score > highest) {
                     best = Some((score, index));
                 }
@@ -123,19 +122,17 @@ impl Choice<'_> {
         !self.taken.contains(&index)
             && self.taken.len() < self.budget.balls
             && (room || self.opened.contains(&sight.indexation))
-            && self.seconds + self.seconds_for(sight) <= self.budget.seconds
     }
 
-    fn seconds_for(&self, sight: &Sight) -> f64 {
-        let opens = !self.opened.contains(&sight.indexation);
-        self.cost.ball_s + if opens { self.cost.indexation_s } else { 0.0 }
+    /// In ball measurements.
+    fn time_for(&self, sight: &Sight) -> f64 {
+        if self.opened.contains(&sight.indexation) { 1.0 } else { 1.0 + OPENING }
     }
 
     fn take(&mut self, index: usize) {
         let Some(sight) = self.sights.get(index) else { return };
-        self.seconds += self.seconds_for(sight);
         self.information.add(sight);
-        self.taken.insert(index);
+        self.taken.push(index);
         self.opened.insert(sight.indexation);
         if let Some(visits) = self.visits.get_mut(sight.ball) {
             *visits += 1;
@@ -144,17 +141,13 @@ impl Choice<'_> {
 
     fn too_small(&self) -> Refused {
         let least = LEAST_VISITS * self.visits.len();
-        let minutes = match self.budget.seconds.is_finite() {
-            true => format!(", {:.1} minutes", self.budget.seconds / 60.0),
-            false => String::new(),
-        };
         Refused {
             why: format!(
-                "the budget of {} ball measurements at {} indexations{minutes} does not suffice: every \
+                "the budget of {} ball measurements at {} indexations does not suffice: every \
                  ball must be measured at {LEAST_VISITS} indexations or more, {least} measurements",
                 self.budget.balls, self.budget.indexations
             ),
-            instead: "raise balls, indexations or minutes in [method.samba], or take balls out of \
+            instead: "raise balls and indexations in [method.samba], or take balls out of \
                       [artefact]"
                 .to_owned(),
         }

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 
 use self::access::accessible;
 pub use self::bench::Bench;
-use self::choose::{Budget, Cost, LEAST_VISITS, choose};
+use self::choose::{Budget, LEAST_VISITS, choose};
 pub use self::indexation::in_words;
 use self::information::Sight;
 use super::settings::Design as Kind;
@@ -39,31 +39,64 @@ pub struct Candidates {
     pub sights: Vec<Sight>,
 }
 
-/// The visits in measuring order, rank and condition looked at.
+/// The visits in measuring order, rank and condition looked at. `time_s` gives the machine time of
+/// visits.
 ///
 /// # Errors
 /// Whatever [`Candidates::new`] refuses, a budget that does not suffice, the paper's design on a
 /// machine or artefact that cannot have it, and a design that does not tell the machine's errors
 /// apart, in words.
-pub fn design(bench: &Bench<'_>) -> Result<Vec<Visit>, Refused> {
+pub fn design(
+    bench: &Bench<'_>,
+    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
+) -> Result<Vec<Visit>, Refused> {
     let candidates = Candidates::new(bench)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
         Kind::Paper => paper::visits(bench, &candidates)?,
-        Kind::Optimal => {
-            let (balls, settings) = (bench.balls.balls.len(), bench.settings);
-            let limit =
-                if settings.minutes > 0.0 { settings.minutes * 60.0 } else { f64::INFINITY };
-            let budget =
-                Budget { balls: settings.balls, indexations: settings.indexations, seconds: limit };
-            let cost = Cost { ball_s: 60.0, indexation_s: 10.0 };
-            let (sights, nothing) = (&candidates.sights, bench.nothing());
-            let chosen = choose(sights, balls, nothing, (budget, cost), settings.criterion)?;
-            order::in_order(&bench.plan.machine, candidates.visits(&chosen))
-        }
+        Kind::Optimal => optimal(bench, &candidates, time_s)?,
     };
     survey::check(bench, &visits)?;
     Ok(visits)
+}
+
+/// The greedy choice, as much of it as the minutes allow.
+fn optimal(
+    bench: &Bench<'_>,
+    candidates: &Candidates,
+    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
+) -> Result<Vec<Visit>, Refused> {
+    let (balls, settings) = (bench.balls.balls.len(), bench.settings);
+    let budget = Budget { balls: settings.balls, indexations: settings.indexations };
+    let sights = &candidates.sights;
+    let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
+    let first = |count: usize| {
+        let some = chosen.sights.get(..count).unwrap_or_default();
+        order::in_order(&bench.plan.machine, candidates.visits(some))
+    };
+    if settings.minutes == 0.0 {
+        return Ok(first(chosen.sights.len()));
+    }
+    let limit_s = settings.minutes * 60.0;
+    let least_s = time_s(&first(chosen.least))?;
+    if least_s > limit_s {
+        return Err(Refused {
+            why: format!(
+                "{} minutes do not suffice: to measure every ball at {LEAST_VISITS} indexations takes \
+                 {:.1} minutes of machine time",
+                settings.minutes,
+                least_s / 60.0
+            ),
+            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]".to_owned(),
+        });
+    }
+    // Halving: `fits` is known to fit.
+    let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
+    while beyond - fits > 1 {
+        let middle = (fits + beyond) / 2;
+        if time_s(&first(middle))? <= limit_s { fits = middle } else { beyond = middle }
+    }
+    Ok(first(fits))
 }
 
 impl Candidates {

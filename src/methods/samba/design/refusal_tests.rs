@@ -98,7 +98,7 @@ fn settings_that_make_no_sense() {
     let poor = Settings { balls: 17, ..Settings::default() };
     refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
     let short = Settings { minutes: 2.0, ..Settings::default() };
-    refused(&plan, short, &["2.0 minutes"]);
+    refused(&plan, short, &["2 minutes do not suffice"]);
     let few = Settings { indexations: 2, ..Settings::default() };
     refused(&plan, few, &["at 2 indexations"]);
     let still = Settings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..Settings::default() };

@@ -92,10 +92,8 @@ impl Known {
 impl Taken<'_> {
     /// `None`: touches are missing, or lie on no sphere.
     pub fn measured(&self, bench: &Bench<'_>) -> Option<Measured> {
-        let stated = bench.balls.balls.get(self.ball)?;
         let complete = self.steps.len() == self.readings.len();
-        complete.then(|| ())?;
-        measure::evaluate(bench, &self.readings, DVec3::from_array(stated.centre_mm))
+        complete.then(|| measure::evaluate(bench, &self.readings)).flatten()
     }
 }
 

@@ -2,11 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use faer::Mat;
 use glam::DVec3;
 
 use crate::base::{Point, Position};
-use crate::estimation::nonlinear::{self, Linearised};
+use crate::estimation::sphere::fit_sphere;
 use crate::methods::Refused;
 use crate::methods::samba::design::Bench;
 use crate::methods::samba::label::{Label, Pass};
@@ -90,25 +89,16 @@ fn step(
 }
 
 /// `None`: the touches do not lie on a sphere.
-pub fn evaluate(bench: &Bench<'_>, readings: &[&Reading], near: DVec3) -> Option<Measured> {
-    let tip =
-        |reading: &&Reading| bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm;
-    let points: Vec<DVec3> = readings.iter().map(tip).collect();
-    let radius = points.iter().map(|p| p.distance(near)).sum::<f64>() / points.len() as f64;
-    let model = |x: &[f64]| {
-        let centre = DVec3::new(x[0], x[1], x[2]);
-        let residuals = points.iter().map(|p| x[3] - p.distance(centre)).collect();
-        let jacobian = Mat::from_fn(points.len(), 4, |i, j| {
-            let normal = (points[i] - centre).normalize_or_zero();
-            if j < 3 { -normal[j] } else { -1.0 }
-        });
-        Linearised { residuals, jacobian }
+pub fn evaluate(bench: &Bench<'_>, readings: &[&Reading]) -> Option<Measured> {
+    let tip = |reading: &&Reading| {
+        bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm.to_array()
     };
-    let sigma = vec![1e-3; points.len()];
-    let start = [near.x, near.y, near.z, radius];
-    let found = nonlinear::minimise(&start, &sigma, None, &nonlinear::Settings::default(), model);
-    let found = found.ok()?.at;
-    let [x, y, z, r] = found.x.as_slice().try_into().ok()?;
+    let points: Vec<[f64; 3]> = readings.iter().map(tip).collect();
+    let found = fit_sphere(&points).ok()?;
     let form_mm = found.residuals.iter().fold(0.0_f64, |most, residual| most.max(residual.abs()));
-    Some(Measured { centre: DVec3::new(x, y, z), diameter_mm: 2.0 * r, form_mm })
+    Some(Measured {
+        centre: DVec3::from_array(found.centre),
+        diameter_mm: 2.0 * found.radius,
+        form_mm,
+    })
 }

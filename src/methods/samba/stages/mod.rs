@@ -16,7 +16,8 @@ use super::label::{Label, Pass};
 use super::settings::Find;
 use crate::methods::Refused;
 use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::record::plan::{Stage, Step};
+use crate::planning::{Clearance, PlanningError, blocks};
+use crate::record::plan::{Plan, Stage, Step};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,6 +86,22 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
         searches.push((number, balls));
     }
     searches
+}
+
+/// Machine time of the visits, everything where it is stated, s.
+///
+/// # Errors
+/// What cannot be planned.
+pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refused> {
+    let mut plan = Plan { steps: Vec::new(), ..bench.plan.clone() };
+    for (id, task) in (0..).zip(tasks(bench, visits)) {
+        let grown = bench.with(&plan);
+        let (_, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
+        plan.steps.extend(steps);
+    }
+    let planned = Clearance::above(&plan).and_then(|clearance| blocks(&plan, &clearance));
+    let refused = |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
+    Ok(planned.map_err(refused)?.1)
 }
 
 /// The steps of a task, numbered on from the plan's, and its stage.
