@@ -132,8 +132,8 @@ fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> 
 
 /// On a terminal.
 fn asked(ended: &str, ask: &str) -> Result<String, Failure> {
-    eprintln!("{ended}");
-    eprintln!(
+    tell!("{ended}");
+    tell!(
         "look at the machine: {ask} Z goes straight up first, then the references are touched.\n\
          type your name to go on, nothing to leave it as it is:"
     );
