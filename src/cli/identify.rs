@@ -64,8 +64,11 @@ fn stored_run(
     }
     let machine = match &args.machine {
         Some(file) => setup::load(Some(file), &args.method)?,
-        None => MachineFile::parse(&format!("machine file of run {run}"), stored.config)
-            .map_err(SetupError::from)?,
+        None => {
+            let file = format!("machine file of run {run}");
+            MachineFile::stored(&file, stored.config, &stored.plan.artefact)
+                .map_err(SetupError::from)?
+        }
     };
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;

@@ -1,6 +1,8 @@
 //! The least-squares circle of plane points (ISO 230-7: LSC): the sum of the squared radial
 //! deviations is least.
 
+use super::radial::{self, Radial, RadialError};
+
 /// Least-squares circle, in the unit of its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Circle {
@@ -20,119 +22,18 @@ pub enum CircleError {
     NotConverged,
 }
 
-/// Sagitta over length below which points count as collinear, squared.
-const FLATNESS: f64 = 1e-14;
-const MAX_STEPS: usize = 5000;
-
-/// Fits the circle: algebraic start (Kåsa 1976), then Gauss–Newton on the centre with the radius
-/// eliminated (it is the mean distance), each step halved until the deviations shrink.
+/// Fits the circle to three points or more.
+///
+/// # Errors
+/// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
-    if points.len() < 3 {
-        return Err(CircleError::TooFew(points.len()));
-    }
-    if points.iter().flatten().any(|coordinate| !coordinate.is_finite()) {
-        return Err(CircleError::NotFinite);
-    }
-    let mut centre = algebraic_centre(points)?;
-    let mut at = Radial::new(points, centre);
-    for _ in 0..MAX_STEPS {
-        let Some(mut step) = at.step() else { return Err(CircleError::NotConverged) };
-        loop {
-            let trial = [centre[0] + step[0], centre[1] + step[1]];
-            let next = Radial::new(points, trial);
-            let small = step[0].hypot(step[1]) <= 1e-13 * (at.radius + trial[0].hypot(trial[1]));
-            if small {
-                return Ok(Circle { centre, radius: at.radius });
-            }
-            // The slack is the rounding of the sum: near the minimum the step knows better.
-            if next.squares <= at.squares * (1.0 + 1e-12) {
-                (centre, at) = (trial, next);
-                break;
-            }
-            step = step.map(|part| 0.5 * part);
-        }
-    }
-    Err(CircleError::NotConverged)
-}
-
-/// Minimiser of Σ(|p − c|² − r²)², on points reduced to their mean.
-fn algebraic_centre(points: &[[f64; 2]]) -> Result<[f64; 2], CircleError> {
-    let mean = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64);
-    let mut normal = Normal::default();
-    for p in points {
-        let [x, y] = [p[0] - mean[0], p[1] - mean[1]];
-        normal.add([x, y], 0.5 * (x * x + y * y));
-    }
-    if normal.determinant() <= FLATNESS * (normal.xx + normal.yy).powi(2) {
-        return Err(CircleError::Collinear);
-    }
-    let offset = normal.solve();
-    Ok([mean[0] + offset[0], mean[1] + offset[1]])
-}
-
-/// Radial deviations about a centre and their normal equations.
-struct Radial {
-    radius: f64,
-    squares: f64,
-    normal: Normal,
-}
-
-impl Radial {
-    fn new(points: &[[f64; 2]], centre: [f64; 2]) -> Self {
-        let count = points.len() as f64;
-        let polar: Vec<([f64; 2], f64)> = points
-            .iter()
-            .map(|p| {
-                let (x, y) = (p[0] - centre[0], p[1] - centre[1]);
-                let distance = x.hypot(y);
-                // A point on the centre has no direction: it does not pull.
-                let safe = if distance > 0.0 { distance } else { 1.0 };
-                ([x / safe, y / safe], distance)
-            })
-            .collect();
-        let radius = polar.iter().map(|(_, distance)| distance).sum::<f64>() / count;
-        let mean = [0, 1].map(|k| polar.iter().map(|(unit, _)| unit[k]).sum::<f64>() / count);
-        let mut normal = Normal::default();
-        let mut squares = 0.0;
-        for (unit, distance) in &polar {
-            normal.add([unit[0] - mean[0], unit[1] - mean[1]], distance - radius);
-            squares += (distance - radius).powi(2);
-        }
-        Self { radius, squares, normal }
-    }
-
-    fn step(&self) -> Option<[f64; 2]> {
-        (self.normal.determinant() > 0.0).then(|| self.normal.solve())
-    }
-}
-
-/// Normal equations of two unknowns.
-#[derive(Default)]
-struct Normal {
-    xx: f64,
-    xy: f64,
-    yy: f64,
-    right: [f64; 2],
-}
-
-impl Normal {
-    fn add(&mut self, [x, y]: [f64; 2], value: f64) {
-        self.xx += x * x;
-        self.xy += x * y;
-        self.yy += y * y;
-        self.right[0] += x * value;
-        self.right[1] += y * value;
-    }
-
-    fn determinant(&self) -> f64 {
-        self.xx * self.yy - self.xy * self.xy
-    }
-
-    fn solve(&self) -> [f64; 2] {
-        let [x, y] = self.right;
-        let determinant = self.determinant();
-        [(x * self.yy - y * self.xy) / determinant, (y * self.xx - x * self.xy) / determinant]
-    }
+    let Radial { centre, radius, .. } = radial::fit(points, None).map_err(|error| match error {
+        RadialError::TooFew(count) => CircleError::TooFew(count),
+        RadialError::Flat => CircleError::Collinear,
+        RadialError::NotFinite => CircleError::NotFinite,
+        RadialError::NotConverged => CircleError::NotConverged,
+    })?;
+    Ok(Circle { centre, radius })
 }
 
 #[cfg(test)]

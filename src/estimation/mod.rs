@@ -1,13 +1,17 @@
-//! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle,
-//! trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
+//! Floor 1: estimation. Least squares with rank, condition and covariance report, the circle, the
+//! sphere, trigonometric interpolation, coverage factors, Monte Carlo. Knows nothing of machines.
 
 pub mod circle;
 pub mod circle_lanes;
 pub mod coverage;
+mod gram_schmidt;
 pub mod linear;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
+mod radial;
+pub mod schur;
+pub mod sphere;
 pub mod trigonometric;
 
 #[cfg(test)]

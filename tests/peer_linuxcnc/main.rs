@@ -7,6 +7,7 @@ mod faults;
 mod halt;
 mod interpreter;
 mod machine;
+mod person;
 mod resume;
 mod rig;
 mod states;

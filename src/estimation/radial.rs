@@ -1,0 +1,168 @@
+//! What circle and sphere have in common: points at one distance from a centre, in D dimensions.
+//! The sum of the squared radial deviations is least (geometric or orthogonal distance fit).
+
+use faer::Mat;
+
+use super::linear::{LinearProblem, LinearSolution, solve};
+
+/// In the unit of the points.
+pub(super) struct Radial<const D: usize> {
+    pub centre: [f64; D],
+    pub radius: f64,
+    /// Distance from the centre less radius, one per point.
+    pub residuals: Vec<f64>,
+    /// Of centre and, where it was sought, radius; for a standard uncertainty of 1 of each radial
+    /// deviation.
+    pub covariance: Mat<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum RadialError {
+    TooFew(usize),
+    /// The points lie in one line (D = 2) or plane (D = 3), or coincide.
+    Flat,
+    NotFinite,
+    NotConverged,
+}
+
+/// Thickness over length below which points count as flat.
+const FLATNESS: f64 = 1e-7;
+const MAX_STEPS: usize = 1000;
+/// In standard uncertainties that a radial deviation of one radius would cause: the rounding of
+/// the distances.
+const TOLERANCE: f64 = 1e-14;
+
+/// Fits centre and radius, or the centre alone where the `radius` is known: algebraic start (Kåsa
+/// 1976), then Gauss–Newton, each step halved until the deviations shrink.
+pub(super) fn fit<const D: usize>(
+    points: &[[f64; D]],
+    radius: Option<f64>,
+) -> Result<Radial<D>, RadialError> {
+    if points.len() <= D {
+        return Err(RadialError::TooFew(points.len()));
+    }
+    if points.iter().flatten().chain(&radius).any(|number| !number.is_finite()) {
+        return Err(RadialError::NotFinite);
+    }
+    // Near points differ by a number without rounding, wherever they stand.
+    let origin = points[0];
+    let local: Vec<[f64; D]> =
+        points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
+    let centre = algebraic_centre(&local)?;
+    let (at, step) = converge(&local, About::new(&local, centre, radius))?;
+    Ok(Radial {
+        centre: std::array::from_fn(|k| origin[k] + at.centre[k]),
+        radius: at.radius,
+        residuals: at.residuals,
+        covariance: step.covariance,
+    })
+}
+
+fn converge<const D: usize>(
+    points: &[[f64; D]],
+    start: About<D>,
+) -> Result<(About<D>, LinearSolution), RadialError> {
+    let (mut at, mut before) = (start, f64::INFINITY);
+    for _ in 0..MAX_STEPS {
+        let step = at.step().ok_or(RadialError::NotConverged)?;
+        let size = in_uncertainties(&step) / at.radius;
+        // Steps that are small and shrink no more are rounding.
+        if size <= TOLERANCE || (size <= 1e3 * TOLERANCE && size >= 0.5 * before) {
+            return Ok((at, step));
+        }
+        before = size;
+        let mut part = 1.0;
+        at = loop {
+            let next = at.moved(points, &step.x, part);
+            // The slack is the rounding of the sum: near the minimum the step knows better.
+            if next.squares() <= at.squares() * (1.0 + 1e-12) {
+                break next;
+            }
+            if part * size <= TOLERANCE {
+                return Ok((at, step));
+            }
+            part *= 0.5;
+        };
+    }
+    Err(RadialError::NotConverged)
+}
+
+fn in_uncertainties(step: &LinearSolution) -> f64 {
+    let parts = step.x.iter().enumerate().map(|(j, x)| x.abs() / step.covariance[(j, j)].sqrt());
+    parts.fold(0.0, f64::max)
+}
+
+/// Minimiser of Σ(|p − c|² − r²)², on points reduced to their mean.
+fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], RadialError> {
+    let count = points.len();
+    let mean: [f64; D] =
+        std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);
+    let mut a = Mat::from_fn(count, D, |i, k| points[i][k] - mean[k]);
+    let spread = a.singular_values().map_err(|_| RadialError::NotConverged)?;
+    // Not the product: the squares of small numbers vanish.
+    if spread[D - 1] <= FLATNESS * spread[0] {
+        return Err(RadialError::Flat);
+    }
+    a.resize_with(count, D + 1, |_, _| spread[0]);
+    let half: Vec<f64> =
+        (0..count).map(|i| 0.5 * (0..D).map(|k| a[(i, k)] * a[(i, k)]).sum::<f64>()).collect();
+    let offset = least_squares(&a, &half).ok_or(RadialError::Flat)?.x;
+    Ok(std::array::from_fn(|k| mean[k] + offset[k]))
+}
+
+fn least_squares(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
+    let sigma = vec![1.0; y.len()];
+    let a = a.as_ref();
+    solve(&LinearProblem { a, y, sigma: &sigma, constraints: None, rank_threshold: 1e-14 }).ok()
+}
+
+/// The points as seen from a centre.
+struct About<const D: usize> {
+    centre: [f64; D],
+    radius: f64,
+    known_radius: Option<f64>,
+    directions: Vec<[f64; D]>,
+    residuals: Vec<f64>,
+}
+
+impl<const D: usize> About<D> {
+    /// The radius that is best there, where it is not known: the mean distance.
+    fn new(points: &[[f64; D]], centre: [f64; D], known_radius: Option<f64>) -> Self {
+        let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar(p, &centre)).collect();
+        let distances = polar.iter().map(|(_, distance)| distance);
+        let radius =
+            known_radius.unwrap_or_else(|| distances.clone().sum::<f64>() / points.len() as f64);
+        let residuals = distances.map(|distance| distance - radius).collect();
+        let directions = polar.iter().map(|(direction, _)| *direction).collect();
+        Self { centre, radius, known_radius, directions, residuals }
+    }
+
+    fn step(&self) -> Option<LinearSolution> {
+        let unknowns = if self.known_radius.is_some() { D } else { D + 1 };
+        let a = Mat::from_fn(self.directions.len(), unknowns, |i, k| {
+            self.directions[i].get(k).copied().unwrap_or(1.0)
+        });
+        least_squares(&a, &self.residuals)
+    }
+
+    fn moved(&self, points: &[[f64; D]], step: &[f64], part: f64) -> Self {
+        let centre = std::array::from_fn(|k| self.centre[k] + part * step[k]);
+        Self::new(points, centre, self.known_radius)
+    }
+
+    fn squares(&self) -> f64 {
+        self.residuals.iter().map(|r| r * r).sum()
+    }
+}
+
+/// Unit vector and distance from the centre. A point on the centre has no direction: it does not
+/// pull.
+fn polar<const D: usize>(point: &[f64; D], centre: &[f64; D]) -> ([f64; D], f64) {
+    let offset: [f64; D] = std::array::from_fn(|k| point[k] - centre[k]);
+    let largest = offset.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
+    if largest == 0.0 {
+        return (offset, 0.0);
+    }
+    let distance = largest * offset.iter().map(|part| (part / largest).powi(2)).sum::<f64>().sqrt();
+    (offset.map(|part| part / distance), distance)
+}

@@ -1,0 +1,135 @@
+//! The least-squares sphere of points in space: the sum of the squared radial deviations is least.
+//! Made for a handful of touches on a ball.
+
+use super::radial::{self, Radial, RadialError};
+
+/// Least-squares sphere, in the unit of its points. `UNKNOWNS` is 4 (centre and radius) or 3
+/// (centre alone).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sphere<const UNKNOWNS: usize = 4> {
+    pub centre: [f64; 3],
+    pub radius: f64,
+    /// Distance from the centre less radius, one per point: positive outside.
+    pub residuals: Vec<f64>,
+    /// Of x, y, z and radius per unit variance of a radial reading: the readings' directions
+    /// alone make it. Times u² it is the covariance at standard uncertainty u.
+    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SphereError {
+    #[error("a sphere needs four points, there are {0}; touch the ball at more places")]
+    TooFew(usize),
+    #[error("the points lie in a plane or coincide; touch the ball at its pole as well")]
+    Coplanar,
+    #[error("a point or the radius of the sphere is not a finite number; check the input")]
+    NotFinite,
+    #[error("the sphere fit did not converge; the points do not resemble a sphere")]
+    NotConverged,
+}
+
+/// Fits centre and radius to four points or more.
+///
+/// # Errors
+/// Fewer points, points in one plane, or points that resemble no sphere.
+pub fn fit_sphere(points: &[[f64; 3]]) -> Result<Sphere, SphereError> {
+    fit(points, None)
+}
+
+/// Fits the centre alone; the `radius` is known (of the ball and the stylus ball together).
+///
+/// # Errors
+/// As [`fit_sphere`]: also here points in one plane are refused, for two spheres pass through
+/// them, one on each side.
+pub fn fit_sphere_of_radius(points: &[[f64; 3]], radius: f64) -> Result<Sphere<3>, SphereError> {
+    fit(points, Some(radius))
+}
+
+fn fit<const UNKNOWNS: usize>(
+    points: &[[f64; 3]],
+    radius: Option<f64>,
+) -> Result<Sphere<UNKNOWNS>, SphereError> {
+    let Radial { centre, radius, residuals, covariance } =
+        radial::fit(points, radius).map_err(|error| match error {
+            RadialError::TooFew(count) => SphereError::TooFew(count),
+            RadialError::Flat => SphereError::Coplanar,
+            RadialError::NotFinite => SphereError::NotFinite,
+            RadialError::NotConverged => SphereError::NotConverged,
+        })?;
+    let covariance = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
+    Ok(Sphere { centre, radius, residuals, covariance })
+}
+
+impl<const UNKNOWNS: usize> Sphere<UNKNOWNS> {
+    /// Covariance of the centre when each radial reading has the standard uncertainty `u`.
+    pub fn centre_covariance(&self, u: f64) -> [[f64; 3]; 3] {
+        std::array::from_fn(|i| std::array::from_fn(|j| u * u * self.covariance[i][j]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four touches round the ball, `below` (rad) under its equator or over it, and the pole.
+    fn five_touches(centre: [f64; 3], radius: f64, elevation: f64) -> Vec<[f64; 3]> {
+        let on = |azimuth: f64, elevation: f64| {
+            let (s, c) = elevation.sin_cos();
+            let n = [c * azimuth.to_radians().cos(), c * azimuth.to_radians().sin(), s];
+            std::array::from_fn(|k| centre[k] + radius * n[k])
+        };
+        let round = [45.0, -135.0, -45.0, 135.0].map(|azimuth| on(azimuth, elevation));
+        round.into_iter().chain([on(0.0, std::f64::consts::FRAC_PI_2)]).collect()
+    }
+
+    #[test]
+    fn regress_five_exact_touches_give_the_ball_back() {
+        for (centre, radius, elevation) in [
+            ([1e4, -3e3, 250.0], 15.0, 0.0),
+            ([0.0, 0.0, 0.0], 1e-2, 0.5),
+            ([1.0, 2.0, 3.0], 1e3, -0.2),
+        ] {
+            let points = five_touches(centre, radius, elevation);
+            let free = fit_sphere(&points).unwrap();
+            let known = fit_sphere_of_radius(&points, radius).unwrap();
+            let distance = |found: [f64; 3]| {
+                (0..3).map(|k| (found[k] - centre[k]).powi(2)).sum::<f64>().sqrt()
+            };
+            let rounding = 4e-16 * (radius + centre[0].abs());
+            assert!(distance(free.centre) < 20.0 * rounding, "{}", distance(free.centre));
+            assert!(distance(known.centre) < 20.0 * rounding, "{}", distance(known.centre));
+            assert!((free.radius - radius).abs() < 20.0 * rounding);
+        }
+    }
+
+    /// Touches on the equator and the pole, worked by hand: Σ u uᵀ = diag(2, 2, 1), Σu = (0, 0, 1);
+    /// the radius is the mean of four, z the pole less radius.
+    #[test]
+    fn regress_covariance_of_the_five_touches_by_hand() {
+        let points = five_touches([10.0, 20.0, 30.0], 12.5, 0.0);
+        let free = fit_sphere(&points).unwrap();
+        let expected = [
+            [0.5, 0.0, 0.0, 0.0],
+            [0.0, 0.5, 0.0, 0.0],
+            [0.0, 0.0, 1.25, -0.25],
+            [0.0, 0.0, -0.25, 0.25],
+        ];
+        for (found, expected) in free.covariance.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((found - expected).abs() < 1e-12, "{:?}", free.covariance);
+        }
+        let known = fit_sphere_of_radius(&points, 12.5).unwrap().centre_covariance(0.002);
+        for (i, expected) in [2e-6, 2e-6, 4e-6].into_iter().enumerate() {
+            assert!((known[i][i] - expected).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn regress_no_sphere_is_refused() {
+        let points = five_touches([5.0, 6.0, 7.0], 10.0, 0.3);
+        assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFew(3)));
+        assert_eq!(fit_sphere(&points[..4]), Err(SphereError::Coplanar));
+        assert_eq!(fit_sphere_of_radius(&points[..4], 10.0), Err(SphereError::Coplanar));
+        assert_eq!(fit_sphere(&[[1.0, 2.0, 3.0]; 5]), Err(SphereError::Coplanar));
+        assert_eq!(fit_sphere_of_radius(&points, f64::NAN), Err(SphereError::NotFinite));
+    }
+}
