@@ -37,7 +37,7 @@ fn strongest(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
 fn in_words(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Value {
     let symbol = |n: usize| {
         let (base, index) = number::split_symbol(&covariance.symbols[n]);
-        context! { plain => covariance.symbols[n], base, index }
+        context! { plain => covariance.symbols[n].clone(), base, index }
     };
     // 0.9996 must not read as 1.
     let decimals = if value.abs() > 0.99 { 4 } else { 2 };
