@@ -1,14 +1,23 @@
 //! SAMBA: the geometry of a five-axis machine, the stylus and the artefact at once, from master balls
 //! that nobody has calibrated and one scale bar (paper 4; METHODS section 4).
 
+mod fit;
 mod identify;
 mod label;
 mod model;
+mod observe;
+mod outputs;
 mod parameters;
 mod settings;
+mod sources;
+mod suspects;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
+mod warnings;
 
+pub use fit::{Bar, Measured, Problem, Seen};
+pub use model::Model;
 pub use settings::Settings;
 
 use super::{IdentifyError, Method, Next, Refused, Source};
