@@ -13,7 +13,7 @@ use crate::record::proof::Proof;
 use crate::setup::{self, MachineFile};
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
     let (plan, stages) = nominal(method.as_ref(), header)?;
     if args.json {

@@ -28,7 +28,8 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let stored = journal.load(id)?;
     check_state(&stored)?;
     check_machine_file(args, &stored)?;
-    let machine = MachineFile::parse(&format!("machine file of run {id}"), stored.config.clone())
+    let file = format!("machine file of run {id}");
+    let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)
         .map_err(SetupError::from)?;
     let name = stored.plan.method.clone();
     let method: Arc<dyn Method> =

@@ -25,7 +25,7 @@ use crate::store::{Journal, MachineLock, NewRun, RunId};
 const STOP_POLL: Duration = Duration::from_millis(50);
 
 pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, plan) = setup::header(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;

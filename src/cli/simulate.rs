@@ -6,10 +6,11 @@ use super::Exit;
 use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
 use crate::link::faults::{BadWire, Planned};
+use crate::methods;
 use crate::setup::{self, Pace};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), methods::NAMES[0])?;
     let pace = match args.speed {
         Speed::Real => Pace::Real,
         Speed::Fast => Pace::Fast,

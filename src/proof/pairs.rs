@@ -76,13 +76,12 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
         (Side::Tool, Side::Work | Side::Bed) | (Side::Work, Side::Bed) => true,
         (first, second) => first == second && one < other,
     };
-    if !comes_first || a.carried.axes().eq(b.carried.axes()) {
+    if !comes_first || a.carried.moves_as(&b.carried) {
         return None;
     }
     let meets = meets(a, b, bodies);
-    let of_artefact = |body: &Body| {
-        matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame)
-    };
+    let of_artefact =
+        |body: &Body| matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame);
     let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
     let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = Carried::between(&a.carried, &b.carried);

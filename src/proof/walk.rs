@@ -137,20 +137,10 @@ impl<'a> Walk<'a> {
         match self.phase {
             Phase::Approach => return Err(Reason::Unfinished("its touch")),
             Phase::Touched => return Err(Reason::Unfinished("its way back from contact")),
-            Phase::Back if self.goes_on() => {}
             Phase::Back => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,
         }
         self.proof.steps.extend(self.nearest.take());
         Ok(())
-    }
-
-    /// Does the next step of the same stage stand at the same rotary axes and spindle? Then it may
-    /// set out from where this one backed off.
-    fn goes_on(&self) -> bool {
-        let next = self.turn.and_then(|turn| self.turns.get(turn..turn + 2));
-        let Some([(step, stage), (next, of)]) = next else { return false };
-        let turning = |step: &Step| step.from.only(|axis| !axis.is_linear());
-        stage == of && turning(step) == turning(next)
     }
 
     fn end(&mut self) -> Checked {
