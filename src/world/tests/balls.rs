@@ -174,9 +174,8 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
         let centre = balls.centre(1, 0.0);
         // Distances along opposite directions: their sum is the diameter, whose form part is twice
         // that of one direction.
-        let out = [DVec3::X, -DVec3::X, DVec3::Z].map(|direction| {
-            balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3
-        });
+        let out = [DVec3::X, -DVec3::X, DVec3::Z]
+            .map(|direction| balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3);
         let off = centre - HIGH;
         let values = [off.x, off.y, off.z, out[0], out[0] - out[1], out[0] - out[2]];
         for (sum, value) in squares.iter_mut().zip(values) {
@@ -222,7 +221,9 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     };
     let surface = |u: DVec3| u * u.dot(quadratic * u);
     let mut apart = 0.0_f64;
-    for point in [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)] {
+    for point in
+        [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)]
+    {
         let nearest = balls.nearest(centre + point, 0.0);
         let start = point.normalize();
         let (a, b) = (start.any_orthonormal_vector(), start.cross(start.any_orthonormal_vector()));

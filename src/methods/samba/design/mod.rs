@@ -87,7 +87,8 @@ fn optimal(
                 settings.minutes,
                 least_s / 60.0
             ),
-            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]".to_owned(),
+            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]"
+                .to_owned(),
         });
     }
     // Halving: `fits` is known to fit.

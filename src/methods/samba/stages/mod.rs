@@ -15,8 +15,8 @@ use super::design::{Bench, Visit, in_words};
 use super::label::{Label, Pass};
 use super::settings::Find;
 use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::planning::{Clearance, PlanningError, blocks};
+use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::record::plan::{Plan, Stage, Step};
 
 /// One stage: a pass over balls at one indexation.
@@ -100,7 +100,8 @@ pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refuse
         plan.steps.extend(steps);
     }
     let planned = Clearance::above(&plan).and_then(|clearance| blocks(&plan, &clearance));
-    let refused = |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
+    let refused =
+        |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
     Ok(planned.map_err(refused)?.1)
 }
 
