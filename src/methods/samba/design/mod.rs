@@ -23,6 +23,7 @@ use self::information::Sight;
 use super::settings::Design as Kind;
 use crate::base::Position;
 use crate::methods::Refused;
+use crate::planning::Access;
 
 /// One indexation and the balls measured there, as indices into the artefact's.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,14 +49,15 @@ pub fn design(
     bench: &Bench<'_>,
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
-    let candidates = Candidates::new(bench)?;
+    let access = bench.access(&bench.plan.artefact)?;
+    let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
         Kind::Paper => paper::visits(bench, &candidates)?,
         Kind::Optimal => optimal(bench, &candidates, time_s)?,
     };
     survey::check(bench, &visits)?;
-    Ok(visits)
+    order::balls_in_order(bench, &access, visits)
 }
 
 /// The greedy choice, as much of it as the minutes allow.
@@ -101,9 +103,8 @@ fn optimal(
 impl Candidates {
     /// # Errors
     /// An indexation outside the limits; a ball that fewer than three indexations show.
-    pub fn new(bench: &Bench<'_>) -> Result<Self, Refused> {
+    pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
         let at = bench.candidates()?;
-        let access = bench.access(&bench.plan.artefact)?;
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
             let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
