@@ -53,17 +53,17 @@ pub fn design(
     let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
-        Kind::Paper => paper::visits(bench, &candidates)?,
-        Kind::Optimal => optimal(bench, &candidates, time_s)?,
+        Kind::Paper => order::balls_in_order(bench, &access, paper::visits(bench, &candidates)?)?,
+        Kind::Optimal => optimal(bench, (&candidates, &access), time_s)?,
     };
     survey::check(bench, &visits)?;
-    order::balls_in_order(bench, &access, visits)
+    Ok(visits)
 }
 
 /// The greedy choice, as much of it as the minutes allow.
 fn optimal(
     bench: &Bench<'_>,
-    candidates: &Candidates,
+    (candidates, access): (&Candidates, &Access),
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
     let (balls, settings) = (bench.balls.balls.len(), bench.settings);
@@ -72,13 +72,14 @@ fn optimal(
     let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
     let first = |count: usize| {
         let some = chosen.sights.get(..count).unwrap_or_default();
-        order::in_order(&bench.plan.machine, candidates.visits(some))
+        let visits = order::in_order(&bench.plan.machine, candidates.visits(some));
+        order::balls_in_order(bench, access, visits)
     };
     if settings.minutes == 0.0 {
-        return Ok(first(chosen.sights.len()));
+        return first(chosen.sights.len());
     }
     let limit_s = settings.minutes * 60.0;
-    let least_s = time_s(&first(chosen.least))?;
+    let least_s = time_s(&first(chosen.least)?)?;
     if least_s > limit_s {
         return Err(Refused {
             why: format!(
@@ -95,9 +96,9 @@ fn optimal(
     let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
     while beyond - fits > 1 {
         let middle = (fits + beyond) / 2;
-        if time_s(&first(middle))? <= limit_s { fits = middle } else { beyond = middle }
+        if time_s(&first(middle)?)? <= limit_s { fits = middle } else { beyond = middle }
     }
-    Ok(first(fits))
+    first(fits)
 }
 
 impl Candidates {
