@@ -1,6 +1,7 @@
 //! The design on the machine and the balls of paper 4.
 
 use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
 
 use super::{Bench, Candidates, Visit, design, in_words, survey};
 use crate::estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
