@@ -1,5 +1,5 @@
-//! Floor 3: from steps to motions. The touch cycle, clearances, first checks of travel, machine time.
-//! Knows no method. Whether something is in the way is not asked here but of the rendered text, by
+//! Floor 3: from steps to motions. The touch cycle, ball measurement, clearances, order, first checks of
+//! travel, machine time. Knows no method. Whether something is in the way is not asked here but of the rendered text, by
 //! `proof`.
 
 mod access;
