@@ -80,9 +80,8 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
         return None;
     }
     let meets = meets(a, b, bodies);
-    let of_artefact = |body: &Body| {
-        matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame)
-    };
+    let of_artefact =
+        |body: &Body| matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame);
     let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
     let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = Carried::between(&a.carried, &b.carried);

@@ -209,7 +209,9 @@ impl Builder {
         let mut bare: Vec<usize> = (0..touched.len()).collect();
         for part in &parts {
             let carries = |touched: &&Part| match part.shape {
-                artefact::Shape::Cylinder { from, .. } => Shape::part(touched).distance(from) <= 0.0,
+                artefact::Shape::Cylinder { from, .. } => {
+                    Shape::part(touched).distance(from) <= 0.0
+                }
                 artefact::Shape::Ball { .. } => false,
             };
             let own = |other: &&Part| std::ptr::eq(*other, part);

@@ -55,11 +55,10 @@ struct Line {
 /// it than the step says.
 pub fn reach(scene: &Scene, way: &Way, braking: f64, normal: [f64; 3]) -> Result<Reach, Reason> {
     let line = Line::new(scene, way).ok_or(Reason::NoContact)?;
-    let met = scene.touched().filter_map(|(number, body)| {
-        Some((number, body, line.contact(&body.shape, DVec3::ZERO)?))
-    });
-    let (number, body, at) =
-        met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(Reason::NoContact)?;
+    let met = scene
+        .touched()
+        .filter_map(|(number, body)| Some((number, body, line.contact(&body.shape, DVec3::ZERO)?)));
+    let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(Reason::NoContact)?;
     if let Some(ball) = body.shape.as_ball() {
         line.meets_wherever(body, ball, scene.uncertainty)?;
         line.is_aimed(body, ball.0, at, DVec3::from_array(normal))?;

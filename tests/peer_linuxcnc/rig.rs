@@ -15,7 +15,19 @@ use libtest_mimic::Failed;
 use super::person::Person;
 
 /// What is true when a trial begins.
-const TRUTH: [(&str, f64); 8] = [
+const TRUTH: [(&str, f64); 20] = [
+    ("radius", 45.0),
+    ("ball-radius-0", 0.0),
+    ("ball-radius-1", 0.0),
+    ("ball-radius-2", 0.0),
+    ("ball-radius-3", 0.0),
+    ("b-x", 0.0),
+    ("b-z", 0.0),
+    ("b-a", 0.0),
+    ("b-c", 0.0),
+    ("c-a", 0.0),
+    ("c-b", 0.0),
+    ("stylus-z", 0.0),
     ("c-x", 0.050),
     ("c-y", -0.030),
     ("ecc-x", 0.120),
