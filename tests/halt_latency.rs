@@ -90,7 +90,7 @@ fn patience() -> Patience {
 
 /// The run's runtime: the driver works on it, and in between it renders without a pause.
 fn drive(path: String, give: Sender<Halt>) {
-    let file = setup::load(None).unwrap();
+    let file = setup::load(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let link = link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap();

@@ -1,8 +1,10 @@
 //! Floor 2: what an artefact is made of, as bodies with places. The nouns themselves stand in
 //! `record`. Table frame, mm.
 
+mod check;
 mod part;
 
+pub use check::{Entry, Flaw, check};
 pub use part::{Part, Shape, parts};
 
 use crate::record::artefact::{Artefact, Balls, Cylinder};

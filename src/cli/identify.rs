@@ -31,7 +31,7 @@ pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failu
 }
 
 fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimate, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
         None => {
@@ -63,9 +63,12 @@ fn stored_run(
         )));
     }
     let machine = match &args.machine {
-        Some(file) => setup::load(Some(file))?,
-        None => MachineFile::parse(&format!("machine file of run {run}"), stored.config)
-            .map_err(SetupError::from)?,
+        Some(file) => setup::load(Some(file), &args.method)?,
+        None => {
+            let file = format!("machine file of run {run}");
+            MachineFile::stored(&file, stored.config, &stored.plan.artefact)
+                .map_err(SetupError::from)?
+        }
     };
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;

@@ -2,8 +2,13 @@
 //! code; they compute nothing.
 
 /// A line on standard output.
+macro_rules! say {
+    ($($words:tt)*) => { $crate::cli::print(format_args!($($words)*)) };
+}
+
+/// A line on standard error.
 macro_rules! tell {
-    ($($words:tt)*) => { $crate::cli::say(format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::cli::tell(format_args!($($words)*)) };
 }
 
 mod args;
@@ -57,14 +62,14 @@ pub fn main() -> ExitCode {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(failure) => {
             let remedy = failure.remedy.map(|remedy| format!("\n  → {remedy}"));
-            tell(&format!("error: {}{}", failure.what, remedy.unwrap_or_default()));
+            tell!("error: {}{}", failure.what, remedy.unwrap_or_default());
             ExitCode::from(failure.exit as u8)
         }
     }
 }
 
 /// To the person at the terminal; one that has gone is no reason to stop.
-fn tell(text: &str) {
+fn tell(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
@@ -83,11 +88,11 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
 }
 
 /// Nobody needs to read it to its end; but what could not be written to a file is told.
-fn say(words: std::fmt::Arguments<'_>) {
+fn print(words: std::fmt::Arguments<'_>) {
     use std::io::{ErrorKind, Write as _};
     match writeln!(std::io::stdout(), "{words}") {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            eprintln!("error: standard output: {error}");
+            tell!("error: standard output: {error}");
             std::process::exit(Exit::Error as i32);
         }
         _ => {}

@@ -13,25 +13,25 @@ use crate::record::proof::Proof;
 use crate::setup::{self, MachineFile};
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
     let (plan, stages) = nominal(method.as_ref(), header)?;
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
         let (text, proof) = program(&plan, &stages, dialect)?;
-        tell!("{}", text.trim_end_matches('\n'));
+        say!("{}", text.trim_end_matches('\n'));
         for line in summary(&proof, &plan) {
-            eprintln!("{line}");
+            tell!("{line}");
         }
-        eprintln!(
+        tell!(
             "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
         );
     } else {
         describe(&plan)?;
         let (_, proof) = program(&plan, &stages, spoken(&machine))?;
         for line in summary(&proof, &plan) {
-            tell!("{line}");
+            say!("{line}");
         }
     }
     Ok(Exit::Pass)
@@ -100,7 +100,7 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
 
 fn describe(plan: &Plan) -> Result<(), Failure> {
     let (_, seconds) = planning::blocks(plan, &Clearance::above(plan)?)?;
-    tell!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
+    say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step
             .from
@@ -108,8 +108,8 @@ fn describe(plan: &Plan) -> Result<(), Failure> {
             .filter(|(axis, _)| !axis.is_linear())
             .map(|(axis, value)| format!("{axis}{}", axis.to_edge(value)))
             .collect();
-        tell!("  {:>4}  {:<14} {}", step.id, step.label, turned.join(" "));
+        say!("  {:>4}  {:<14} {}", step.id, step.label, turned.join(" "));
     }
-    tell!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
+    say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     Ok(())
 }

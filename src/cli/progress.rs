@@ -66,7 +66,7 @@ impl Progress {
 
     fn say(&self, text: &str) {
         if self.bar.is_hidden() {
-            super::tell(text);
+            tell!("{}", text);
         } else {
             self.bar.println(text);
         }

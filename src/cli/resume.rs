@@ -28,7 +28,8 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let stored = journal.load(id)?;
     check_state(&stored)?;
     check_machine_file(args, &stored)?;
-    let machine = MachineFile::parse(&format!("machine file of run {id}"), stored.config.clone())
+    let file = format!("machine file of run {id}");
+    let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)
         .map_err(SetupError::from)?;
     let name = stored.plan.method.clone();
     let method: Arc<dyn Method> =
@@ -131,8 +132,8 @@ fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> 
 
 /// On a terminal.
 fn asked(ended: &str, ask: &str) -> Result<String, Failure> {
-    eprintln!("{ended}");
-    eprintln!(
+    tell!("{ended}");
+    tell!(
         "look at the machine: {ask} Z goes straight up first, then the references are touched.\n\
          type your name to go on, nothing to leave it as it is:"
     );

@@ -25,7 +25,7 @@ use crate::store::{Journal, MachineLock, NewRun, RunId};
 const STOP_POLL: Duration = Duration::from_millis(50);
 
 pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, plan) = setup::header(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
@@ -97,7 +97,7 @@ pub async fn identify(
     priors: Vec<Estimate>,
     halt: &Halt,
 ) -> Result<Estimate, Failure> {
-    super::tell(&format!("identifying from {} readings", readings.len()));
+    tell!("identifying from {} readings", readings.len());
     let method = method.clone();
     let (answer, mut result) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || drop(answer.send(method.identify(&plan, &readings, &priors))));
@@ -142,7 +142,7 @@ fn tell_result(output: &OutputArgs, id: RunId, estimate: &Estimate) -> Result<()
         show::print_json(estimate)
     } else {
         show::print_estimate(estimate);
-        tell!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
+        say!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
         Ok(())
     }
 }

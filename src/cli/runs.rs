@@ -17,10 +17,10 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         return Ok(Exit::Pass);
     }
     if runs.is_empty() {
-        tell!("no runs yet: `trued run self-calibration` makes one");
+        say!("no runs yet: `trued run self-calibration` makes one");
     }
     for run in runs {
-        tell!(
+        say!(
             "{:>5}  {:.0}  {:<18} {:<12} {}",
             run.id.to_string(),
             run.started,
@@ -29,7 +29,7 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             run.machine
         );
         if let Some(way_on) = way_on(run.state, &run.method, run.id) {
-            tell!("       {way_on}");
+            say!("       {way_on}");
         }
     }
     Ok(Exit::Pass)
@@ -41,14 +41,14 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let stored = journal.load(run)?;
     if let Some(file) = &args.report {
         show::write_report(&journal, run, file)?;
-        eprintln!("written: {}", file.display());
+        tell!("written: {}", file.display());
     }
     let last = stored.estimates.last().map(|stored| &stored.estimate);
     if args.json {
         show::print_json(&last)?;
         return Ok(Exit::Pass);
     }
-    tell!(
+    say!(
         "run {run}: {} on {}, started {:.0}, {}, {} readings",
         stored.summary.method,
         stored.summary.machine,
@@ -59,21 +59,21 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     tell_interruptions(&stored);
     match last {
         Some(estimate) => show::print_estimate(estimate),
-        None => tell!("no estimate: `trued export {run}` gives its readings"),
+        None => say!("no estimate: `trued export {run}` gives its readings"),
     }
     Ok(Exit::Pass)
 }
 
 fn tell_interruptions(stored: &StoredRun) {
     for (at, told) in story(stored) {
-        tell!("{at}  {told}");
+        say!("{at}  {told}");
     }
     let summary = &stored.summary;
     if summary.state != RunState::Finished {
-        tell!("{}", how_it_ended(stored));
+        say!("{}", how_it_ended(stored));
     }
     if let Some(way_on) = way_on(summary.state, &summary.method, summary.id) {
-        tell!("  → {way_on}");
+        say!("  → {way_on}");
     }
 }
 
@@ -85,7 +85,7 @@ pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
         std::fs::write(&file, content).map_err(|error| Failure::file(&file, &error))?;
-        tell!("{}", file.display());
+        say!("{}", file.display());
         Ok::<(), Failure>(())
     };
     write(format!("run-{run}-plan.json"), pretty(&stored.plan)?.as_bytes())?;

@@ -13,14 +13,14 @@ use crate::store::{Journal, RunId};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::plain)?;
-    tell!("{text}");
+    say!("{text}");
     Ok(())
 }
 
 pub fn print_estimate(estimate: &Estimate) {
-    tell!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit", "parameter", "value", "u", "U", "k");
+    say!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit", "parameter", "value", "u", "U", "k");
     for p in &estimate.parameters {
-        tell!(
+        say!(
             "{:<12} {:>12.3} {:>9.3} {:>9.3} {:>6.2}  {}",
             p.symbol,
             p.value,
@@ -30,7 +30,7 @@ pub fn print_estimate(estimate: &Estimate) {
             p.unit.symbol()
         );
     }
-    tell!(
+    say!(
         "residuals {:.2} µm rms, {} degrees of freedom, χ²/dof {:.2}; rank {} of {}, condition {:.1}",
         estimate.residual_rms_um,
         estimate.degrees_of_freedom,
@@ -43,15 +43,15 @@ pub fn print_estimate(estimate: &Estimate) {
         tell!("least certain: {weakest}");
     }
     for line in &estimate.gauge {
-        tell!("convention: {line}");
+        say!("convention: {line}");
     }
     for line in &estimate.not_identifiable {
-        tell!("cannot know: {line}");
+        say!("cannot know: {line}");
     }
     for line in &estimate.warnings {
-        tell!("warning: {line}");
+        say!("warning: {line}");
     }
-    tell!("verdict: {}", in_words(estimate.verdict));
+    say!("verdict: {}", in_words(estimate.verdict));
 }
 
 pub fn in_words(verdict: Verdict) -> &'static str {

@@ -6,10 +6,11 @@ use super::Exit;
 use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
 use crate::link::faults::{BadWire, Planned};
+use crate::methods;
 use crate::setup::{self, Pace};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref())?;
+    let machine = setup::load(args.machine.as_deref(), methods::NAMES[0])?;
     let pace = match args.speed {
         Speed::Real => Pace::Real,
         Speed::Fast => Pace::Fast,
@@ -21,10 +22,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     runtime.block_on(async {
         let simulator = match args.faults {
             None => setup::simulator(&machine, pace)?,
-            Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), tell)?,
+            Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?,
         };
-        tell!("{}", simulator.path.display());
-        eprintln!(
+        say!("{}", simulator.path.display());
+        tell!(
             "a simulated grblHAL machine speaks there; in a machine file:\n  [controller]\n  kind = \
              \"grbl\"\n  serial = \"{}\"\nCtrl-C ends it",
             simulator.path.display()
@@ -36,7 +37,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-fn tell(at: Duration, planned: Planned) {
-    let Planned { direction, line, byte, harm } = planned;
-    eprintln!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
+fn planned(at: Duration, harm: Planned) {
+    let Planned { direction, line, byte, harm } = harm;
+    tell!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
 }

@@ -23,6 +23,8 @@ pub enum ControllerError {
     Frozen,
     #[error("step {step}: the control refuses to leave its travel: {said}")]
     OutOfTravel { step: u32, said: String },
+    #[error("step {step}: the control was too late for itself and stopped: {said}")]
+    Late { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     #[error("this control cannot do it: {what}")]
@@ -75,21 +77,73 @@ impl ControllerError {
             Self::NotReady { remedy, .. } | Self::Unsupported { remedy, .. } => {
                 return remedy.clone();
             }
+            Self::NoAnswer { .. }
+            | Self::OutOfStep { .. }
+            | Self::Doubtful { .. }
+            | Self::Astray { .. } => self.on_the_wire(),
+            Self::EmergencyStop
+            | Self::SwitchedOff { .. }
+            | Self::Paused { .. }
+            | Self::HeldThere { .. }
+            | Self::Alarm { .. }
+            | Self::Reset { .. } => self.stopped_there(),
+            Self::Refused { .. } | Self::Frozen | Self::OutOfTravel { .. } | Self::Late { .. } => {
+                self.given_up_there()
+            }
+            Self::NoContact { .. } | Self::UnexpectedContact { .. } | Self::StillTripped { .. } => {
+                self.at_the_probe()
+            }
+            Self::Probe { fault } => fault.remedy(),
+            Self::Halted => "nothing moves until a person starts a run again",
+            Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => REPORT,
+        };
+        text.to_owned()
+    }
+
+    fn on_the_wire(&self) -> &'static str {
+        match self {
             Self::NoAnswer { .. } => {
                 "the state of the machine is unknown: look at it, then check cable, power and speed"
             }
-            Self::Refused { .. } => {
-                "check the dialect and the control's settings named in the message"
+            Self::OutOfStep { .. } | Self::Doubtful { .. } => {
+                "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
+                 which check what they carry, are better than a bare serial line"
             }
-            Self::Alarm { .. } => {
-                "look at the machine, clear the alarm there, home it if it asks, start again"
+            Self::Astray { .. } => {
+                "look at the machine; a wire that alters bytes moved it elsewhere (USB or a network \
+                 are safer than a bare serial line), or somebody else commands it"
             }
+            _ => REPORT,
+        }
+    }
+
+    /// Somebody, or a guard, has stopped the machine.
+    fn stopped_there(&self) -> &'static str {
+        match self {
             Self::EmergencyStop => {
                 "look at the machine; release the stop, switch it on, home it if it asks"
             }
             Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
             Self::Paused { .. } => {
                 "what was held has been given up: release it at the control; nothing goes on by itself"
+            }
+            Self::HeldThere { .. } => {
+                "nothing more is sent; what the control still holds moves when somebody resumes it \
+                 there: reset the control instead, look at the machine, then go on"
+            }
+            Self::Alarm { .. } => {
+                "look at the machine, clear the alarm there, home it if it asks, start again"
+            }
+            Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
+            _ => REPORT,
+        }
+    }
+
+    /// The control itself has not done it.
+    fn given_up_there(&self) -> &'static str {
+        match self {
+            Self::Refused { .. } => {
+                "check the dialect and the control's settings named in the message"
             }
             Self::Frozen => {
                 "the machine may still end the moves it has, and hears no halt: press its emergency \
@@ -98,6 +152,17 @@ impl ControllerError {
             Self::OutOfTravel { .. } => {
                 "make [axes] min and max as narrow as the control's limits, or move the part"
             }
+            Self::Late { .. } => {
+                "nothing is lost: `trued resume` goes on; if it comes again, the control's computer \
+                 is not fast enough for its servo thread: run latency-test there, use a realtime \
+                 kernel, end other programs"
+            }
+            _ => REPORT,
+        }
+    }
+
+    fn at_the_probe(&self) -> &'static str {
+        match self {
             Self::NoContact { .. } => {
                 "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
             }
@@ -107,25 +172,9 @@ impl ControllerError {
             Self::StillTripped { .. } => {
                 "retract by hand; check the probe's battery, cable and polarity"
             }
-            Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
-            Self::OutOfStep { .. } | Self::Doubtful { .. } => {
-                "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
-                 which check what they carry, are better than a bare serial line"
-            }
-            Self::Astray { .. } => {
-                "look at the machine; a wire that alters bytes moved it elsewhere (USB or a network \
-                 are safer than a bare serial line), or somebody else commands it"
-            }
-            Self::HeldThere { .. } => {
-                "nothing more is sent; what the control still holds moves when somebody resumes it \
-                 there: reset the control instead, look at the machine, then go on"
-            }
-            Self::Probe { fault } => fault.remedy(),
-            Self::Halted => "nothing moves until a person starts a run again",
-            Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => {
-                "please report this with the run's export"
-            }
-        };
-        text.to_owned()
+            _ => REPORT,
+        }
     }
 }
+
+const REPORT: &str = "please report this with the run's export";

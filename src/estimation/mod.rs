@@ -4,11 +4,13 @@
 pub mod circle;
 pub mod circle_lanes;
 pub mod coverage;
+mod gram_schmidt;
 pub mod linear;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
 mod radial;
+pub mod schur;
 pub mod sphere;
 pub mod trigonometric;
 

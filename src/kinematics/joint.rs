@@ -110,7 +110,9 @@ impl Joint {
             .filter(|e| e.parameter.shape() != Shape::Gain && e.parameter.component() == component)
             .map(|e| e.value * e.parameter.factor(command))
             .sum();
-        if component.is_linear() {
+        if amount == 0.0 {
+            DAffine3::IDENTITY
+        } else if component.is_linear() {
             DAffine3::from_translation(unit(component) * amount)
         } else {
             turn(unit(component), self.point, amount)

@@ -16,6 +16,8 @@ pub enum PlanningError {
     OutOfTravel { step: u32, axis: Axis, value: f64, min: f64, max: f64 },
     #[error("step {step} moves {axis}, which the machine does not have")]
     NoAxis { step: u32, axis: Axis },
+    #[error("step {step}: the spindle does not stand upright; balls are touched from above only")]
+    Tilted { step: u32 },
     #[error("step {step} is no touch")]
     NotATouch { step: u32 },
     #[error("step {step} does not say where {axis} stands")]
@@ -47,6 +49,9 @@ impl PlanningError {
                 "move the part nearer to the middle, or correct the limits in [axes]"
             }
             Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
+            Self::Tilted { .. } => {
+                "measure with the axis of the head where the spindle stands along Z"
+            }
             Self::NotATouch { .. } => "this version plans touches only",
             Self::Incomplete { .. } | Self::Turns { .. } | Self::NoLength { .. } => {
                 "correct the step in the plan; `from` names all axes, `to` moves linear ones alone"

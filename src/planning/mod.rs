@@ -2,14 +2,23 @@
 //! Knows no method. Whether something is in the way is not asked here but of the rendered text, by
 //! `proof`.
 
+mod access;
+mod ball;
 mod clearance;
 mod error;
+mod hull;
 mod limits;
+mod order;
+mod over_balls;
+mod surroundings;
 mod time;
 mod touch;
 
+pub use access::{Access, Contact, Unreachable};
+pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
 pub use error::PlanningError;
+pub use order::{Turn, Visit, order};
 pub use time::machine_time_s;
 pub use touch::{Start, touch_block};
 

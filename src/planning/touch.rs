@@ -1,6 +1,6 @@
 //! One touch as a safe sequence of motions.
 
-use super::{Clearance, PlanningError, limits};
+use super::{Clearance, PlanningError, limits, over_balls};
 use crate::base::{Axis, Position};
 use crate::record::motion::{Block, Motion};
 use crate::record::plan::{Plan, Step, StepKind};
@@ -17,17 +17,20 @@ pub struct Start<'a> {
     pub first: bool,
 }
 
-/// The motions of one touch: up to the safe height, turn the rotary axes and the spindle, over the
+/// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, over the
 /// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to
-/// `from`, guarded up again. It goes over the top between any two touches. A move to where an axis
-/// already stands is left out. Below the safe height all moves but the back-off are guarded, and the
-/// first approach of all is as slow as a search.
+/// `from`, guarded up again. A move to where an axis already stands is left out. Near the artefact
+/// all moves but the back-off are guarded, and the first approach of all is as slow as a search.
+///
+/// Round parts: over the top between any two touches. Balls: as high as the way wants
+/// ([`super::over_balls`]), and the block ends just above whatever stands near.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
 /// came; so that it is never longer than the probe's overtravel, the touch must not be either.
 ///
 /// # Errors
-/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel.
+/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel;
+/// of balls, a spindle that does not stand upright.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,
@@ -39,32 +42,43 @@ pub fn touch_block(
     check_guarded_feed(plan)?;
     let (near_feed, back_feed) = (near_feed(plan, start), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
-    let height = |z: f64| Position::new().with(Axis::Z, z);
-    let safe_z = clearance.safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
-
-    let begins = start.stands.cloned().unwrap_or_default();
-    let mut path = Path { stands: begins.clone(), motions: Vec::new() };
-    let near = |to| Motion::Guarded { to, feed_mm_min: near_feed };
-    match begins.get(Axis::Z) {
-        Some(z) if z >= safe_z => {}
-        Some(_) => path.feed(&height(safe_z), near),
-        None => path.rapid(&height(clearance.top_z.max(safe_z))),
-    }
-    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
-    path.orient(from.get(Axis::S));
-    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
-    path.rapid(&height(safe_z));
-    path.feed(&height(from.at(Axis::Z)), near);
+    let stands = start.stands.cloned().unwrap_or_default();
+    let mut path = Path { stands, motions: Vec::new(), near_feed };
+    let end_z = match clearance.over_all {
+        Some(safe_z) => over_the_part(&mut path, step, clearance.top_z, safe_z),
+        None => over_balls::approach(&mut path, step, start.first, clearance)?,
+    };
+    path.guarded(&height(from.at(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
         path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
     }
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
-    path.feed(&height(safe_z), near);
+    path.guarded(&height(end_z));
 
     let block = Block { step: step.id, repeat, motions: path.motions };
     limits::check(&block, &plan.machine)?;
     Ok(block)
+}
+
+/// Over the start of the touch, and the height to end at.
+fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> f64 {
+    let (from, to) = (&step.from, &step.to);
+    let safe_z = safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
+    match path.stands.get(Axis::Z) {
+        Some(z) if z >= safe_z => {}
+        Some(_) => path.guarded(&height(safe_z)),
+        None => path.rapid(&height(top_z.max(safe_z))),
+    }
+    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
+    path.orient(from.get(Axis::S));
+    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
+    path.rapid(&height(safe_z));
+    safe_z
+}
+
+pub(super) fn height(z: f64) -> Position {
+    Position::new().with(Axis::Z, z)
 }
 
 /// The first approach is to a part that is only roughly known, or after a stop, with a probe that
@@ -117,14 +131,21 @@ fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
 }
 
 /// Motions so far, and where they lead.
-struct Path {
-    stands: Position,
-    motions: Vec<Motion>,
+pub(super) struct Path {
+    pub stands: Position,
+    pub motions: Vec<Motion>,
+    /// Of guarded moves.
+    near_feed: f64,
 }
 
 impl Path {
-    fn rapid(&mut self, to: &Position) {
+    pub fn rapid(&mut self, to: &Position) {
         self.feed(to, |to| Motion::Rapid { to });
+    }
+
+    pub fn guarded(&mut self, to: &Position) {
+        let feed_mm_min = self.near_feed;
+        self.feed(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
     /// Only the axes that have somewhere to go; no motion if there is none.
@@ -137,14 +158,14 @@ impl Path {
         }
     }
 
-    fn orient(&mut self, s: Option<f64>) {
+    pub fn orient(&mut self, s: Option<f64>) {
         if let Some(s) = s.filter(|s| !self.stands_at(Axis::S, *s)) {
             self.stands.set(Axis::S, s);
             self.motions.push(Motion::Orient { s });
         }
     }
 
-    fn stands_at(&self, axis: Axis, value: f64) -> bool {
+    pub fn stands_at(&self, axis: Axis, value: f64) -> bool {
         self.stands.get(axis).is_some_and(|at| (at - value).abs() <= SAME)
     }
 }

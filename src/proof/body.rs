@@ -66,6 +66,12 @@ impl Shape {
         }
     }
 
+    /// Centre (carrier frame) and radius, if it is one.
+    pub fn as_ball(&self) -> Option<(DVec3, f64)> {
+        let ball = matches!(self.core, Core::Point);
+        ball.then_some((self.carrier_from_core.translation, self.round))
+    }
+
     /// A ball around all of it, carrier frame.
     pub fn bounds(&self) -> (DVec3, f64) {
         let radius = match self.core {
@@ -133,10 +139,25 @@ impl SupportMap for Placed {
     }
 }
 
+/// What a body is to a touch. Bodies of the artefact that are there to be touched are numbered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Role {
+    Touched(usize),
+    /// What a touched body stands on, and rides with: a stem.
+    StemOf(usize),
+    /// Of the artefact, neither touched nor the stem of one.
+    Frame,
+    StylusBall,
+    /// It bends the stylus as well: the probe feels it.
+    StylusStem,
+    Other,
+}
+
 /// Something that nothing else may meet.
 #[derive(Debug, Clone)]
 pub struct Body {
     pub name: String,
+    pub role: Role,
     pub shape: Shape,
     pub carried: Carried,
     /// [`Shape::corners`]

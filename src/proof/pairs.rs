@@ -1,8 +1,7 @@
 //! Which bodies could meet: all that move against each other.
 
 use super::MARGIN_MM;
-use super::body::Body;
-use super::scene::{ARTEFACT, BALL};
+use super::body::{Body, Role};
 use super::sweep::{Demand, Way, sweep};
 use crate::base::Axis;
 use crate::kinematics::{Carried, Side};
@@ -11,18 +10,22 @@ use crate::kinematics::{Carried, Side};
 pub struct Pair {
     pub one: Body,
     pub other: Body,
+    /// Which of all bodies they are.
+    pub numbers: [usize; 2],
     pub meets: Meets,
+    /// The stylus against the artefact: the probe feels it.
+    pub felt: bool,
     /// How far the two may stand nearer to each other than they are thought to, mm.
     pub grown: f64,
 }
 
-/// What a pair is to a touch.
+/// What a pair is to the touch of one body of the artefact, by its number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Meets {
-    /// The ball and the artefact: they are meant to.
-    Touch,
-    /// What rides with the ball, and the artefact.
-    Beside,
+    /// The stylus ball and that body: they are meant to.
+    Touch(usize),
+    /// What rides with the stylus ball, and that body or its stem; the ball itself, and that stem.
+    Beside(usize),
     /// All others.
     Never,
 }
@@ -73,29 +76,36 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
         (Side::Tool, Side::Work | Side::Bed) | (Side::Work, Side::Bed) => true,
         (first, second) => first == second && one < other,
     };
-    if !comes_first || a.carried.axes().eq(b.carried.axes()) {
+    if !comes_first || a.carried.moves_as(&b.carried) {
         return None;
     }
-    let meets = if other != ARTEFACT {
-        Meets::Never
-    } else if one == BALL {
-        Meets::Touch
-    } else if rides_with(&a.carried, bodies.get(BALL)) {
-        Meets::Beside
-    } else {
-        Meets::Never
-    };
-    let grown = if one == ARTEFACT || other == ARTEFACT { uncertainty } else { 0.0 };
+    let meets = meets(a, b, bodies);
+    let of_artefact =
+        |body: &Body| matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame);
+    let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
+    let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = Carried::between(&a.carried, &b.carried);
+    let numbers = [one, other];
     let (one, other) =
         (Body { carried: of_one, ..a.clone() }, Body { carried: of_other, ..b.clone() });
-    Some(Pair { one, other, meets, grown })
+    Some(Pair { one, other, numbers, meets, felt, grown })
 }
 
-/// The spindle's turn apart, the same linear and rotary axes move it as the ball.
-fn rides_with(carried: &Carried, ball: Option<&Body>) -> bool {
-    let axes = |carried: &Carried| -> Vec<Axis> {
-        carried.axes().filter(|axis| *axis != Axis::S).collect()
+fn meets(one: &Body, other: &Body, bodies: &[Body]) -> Meets {
+    match (one.role, other.role) {
+        (Role::StylusBall, Role::Touched(number)) => Meets::Touch(number),
+        (_, Role::Touched(number) | Role::StemOf(number)) if rides(one, bodies) => {
+            Meets::Beside(number)
+        }
+        _ => Meets::Never,
+    }
+}
+
+/// The spindle's turn apart, the same linear and rotary axes move it as the stylus ball.
+fn rides(body: &Body, bodies: &[Body]) -> bool {
+    let axes = |body: &Body| -> Vec<Axis> {
+        body.carried.axes().filter(|axis| *axis != Axis::S).collect()
     };
-    ball.is_some_and(|ball| axes(&ball.carried) == axes(carried))
+    let ball = bodies.iter().find(|other| other.role == Role::StylusBall);
+    ball.is_some_and(|ball| axes(ball) == axes(body))
 }

@@ -71,6 +71,12 @@ pub enum Reason {
     SecondTouch,
     #[error("the ball would not reach the artefact before the touch ends")]
     NoContact,
+    #[error(
+        "the touch would miss {body} where that stands {uncertainty} mm off (its uncertainty_mm)"
+    )]
+    Misses { body: String, uncertainty: f64 },
+    #[error("the touch meets {body}, {off:.0}° away from where its step expects contact")]
+    NotAimed { body: String, off: f64 },
     #[error("it is not known where {0} stands")]
     Unknown(Axis),
     #[error("between the touch and its way back something else happens")]
@@ -116,6 +122,10 @@ impl Refusal {
             }
             Reason::NoContact => {
                 "correct [artefact] in the machine file, or let the part be located first"
+            }
+            Reason::Misses { .. } => {
+                "let the touch go further (the method's search_mm), or state a smaller [artefact] \
+                 uncertainty_mm"
             }
             Reason::TooLong { .. } => {
                 "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or \

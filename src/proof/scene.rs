@@ -1,25 +1,23 @@
 //! All bodies of a plan, and which of them could meet.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
-use super::body::{Body, Shape};
+use super::body::{Body, Role, Shape};
 use super::gap::Across;
 use super::pairs::{Meets, Pair, pairs};
 use super::refusal::Reason;
-use super::sweep::{Demand, Way, sweep};
-use crate::artefact;
+use super::sweep::{Demand, FOUND_WITHIN, Way, nearest_origin, sweep};
+use crate::artefact::{self, Part};
 use crate::base::Axis;
-use crate::kinematics::{Chain, Side};
+use crate::kinematics::{Carried, Chain, Side};
 use crate::record::artefact::Artefact;
 use crate::record::machine::Carrier;
 use crate::record::plan::Plan;
 
-/// Index of the artefact and of the stylus ball among the bodies.
-pub(super) const ARTEFACT: usize = 0;
-pub(super) const BALL: usize = 1;
 /// What a probing move keeps from all that it is not there to touch, mm: the probe does not feel a
-/// nose on a clamp or a table on a column, so nothing would stop there, and what the machine file
-/// declares is not measured to the last tenth.
+/// nose on a clamp, its own body on a stem or a table on a column, so nothing would stop there, and
+/// what the machine file declares is not measured to the last tenth. The stylus, ball and stem, feels
+/// the artefact, stems included: on guarded moves it keeps that artefact's uncertainty and no more.
 const UNFELT_MM: f64 = 0.5;
 /// Rounding of the text and of the position that the control shows, mm.
 const LEAVING_MM: f64 = 0.01;
@@ -46,10 +44,12 @@ pub enum Care {
     /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
     /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
     Leaving,
-    /// A touch: what may not come near the artefact for its sake stays clear,
-    Strangers,
-    /// and so does what rides with the ball, of an artefact that may be off across the touch.
-    Riders(Across),
+    /// A touch of this body of the artefact: what may not come near another for its sake stays
+    /// clear,
+    Strangers(usize),
+    /// and so does what rides with the stylus ball, of that body and its stem, which may be off
+    /// across the touch.
+    Riders(usize, Across),
 }
 
 impl Scene {
@@ -58,28 +58,30 @@ impl Scene {
         let chain = Chain::new(&plan.machine)?;
         let mut builder = Builder { chain, bodies: Vec::new() };
         let uncertainty = artefact::uncertainty_mm(artefact);
-        for part in artefact::parts(artefact) {
-            builder.add(&part.name, Carrier::Table, Shape::part(&part))?;
-        }
-        let mut not_looked_at = builder.probe(plan)?;
+        let mut not_looked_at = builder.artefact(artefact)?;
+        not_looked_at.extend(builder.probe(plan)?);
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
-            builder.add(&keepout.name, Carrier::Bed, Shape::cuboid(low, high))?;
+            builder.add(&keepout.name, Role::Other, Carrier::Bed, Shape::cuboid(low, high))?;
         }
         for solid in &plan.solids {
-            builder.add(&solid.name, solid.on, Shape::solid(solid))?;
+            builder.add(&solid.name, Role::Other, solid.on, Shape::solid(solid))?;
         }
         let (pairs, neighbours) = pairs(&builder.bodies, uncertainty);
         not_looked_at.extend(neighbours);
         Ok(Self { bodies: builder.bodies, pairs, uncertainty, not_looked_at })
     }
 
-    pub fn artefact(&self) -> &Body {
-        &self.bodies[ARTEFACT]
+    /// What is there to be touched, by its number.
+    pub fn touched(&self) -> impl Iterator<Item = (usize, &Body)> {
+        self.bodies.iter().filter_map(|body| match body.role {
+            Role::Touched(number) => Some((number, body)),
+            _ => None,
+        })
     }
 
-    pub fn ball(&self) -> &Body {
-        &self.bodies[BALL]
+    pub fn ball(&self) -> Option<&Body> {
+        self.bodies.iter().find(|body| body.role == Role::StylusBall)
     }
 
     /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
@@ -91,19 +93,25 @@ impl Scene {
     pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
         let mut found = None;
         let mut nearest = most;
+        let centres = (!way.turns()).then(|| self.centres(way));
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
-                (Care::Guarded, meets) => (meets.guarded(), None),
-                (Care::Leaving, meets) => (at_start(pair, way).min(meets.guarded()), None),
-                (Care::Strangers, Meets::Never) => (UNFELT_MM, None),
-                (Care::Riders(across), Meets::Beside) => (0.0, Some(*across)),
+                (Care::Guarded, _) => (pair.guarded(), None),
+                (Care::Leaving, _) => (at_start(pair, way).min(pair.guarded()), None),
+                (Care::Strangers(meant), meets) if !meets.of(*meant) => (UNFELT_MM, None),
+                (Care::Riders(meant, across), Meets::Beside(number)) if number == *meant => {
+                    (pair.guarded(), Some(*across))
+                }
                 _ => continue,
             };
-            let counts = !pair.one_side() && (pair.meets != Meets::Touch || need > 0.0);
+            let counts = !pair.one_side() && (!matches!(pair.meets, Meets::Touch(_)) || need > 0.0);
             let grown = if across.is_none() { pair.grown } else { 0.0 };
             let demand =
                 Demand { need, grown, across, nearest: if counts { nearest } else { need } };
+            if centres.as_ref().is_some_and(|centres| far_apart(pair, centres, &demand)) {
+                continue;
+            }
             let Pair { one, other, .. } = pair;
             let between = || [one.name.clone(), other.name.clone()];
             match sweep(way, one, other, &demand) {
@@ -120,6 +128,39 @@ impl Scene {
         }
         Ok(found)
     }
+
+    /// Middle of each body at both ends of the way, machine frame.
+    fn centres(&self, way: &Way) -> Vec<[DVec3; 2]> {
+        let mut poses: Vec<(&Carried, [DAffine3; 2])> = Vec::new();
+        let of = |body: &Body, [from, to]: [DAffine3; 2]| {
+            let (centre, _) = body.shape.bounds();
+            [from.transform_point3(centre), to.transform_point3(centre)]
+        };
+        let mut centres = Vec::with_capacity(self.bodies.len());
+        for body in &self.bodies {
+            let known = poses.iter().find(|(carried, _)| carried.moves_as(&body.carried));
+            let pose = known.map_or_else(
+                || [&way.from, &way.to].map(|commands| body.carried.pose(commands)),
+                |(_, pose)| *pose,
+            );
+            if known.is_none() {
+                poses.push((&body.carried, pose));
+            }
+            centres.push(of(body, pose));
+        }
+        centres
+    }
+}
+
+/// On a way without turning, are the balls around the two bodies further apart than is asked?
+fn far_apart(pair: &Pair, centres: &[[DVec3; 2]], demand: &Demand) -> bool {
+    let [Some(one), Some(other)] = pair.numbers.map(|number| centres.get(number)) else {
+        return false;
+    };
+    let apart = nearest_origin(other[0] - one[0], other[1] - one[1]).length();
+    let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
+    let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
+    apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
 }
 
 /// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
@@ -133,10 +174,17 @@ fn at_start(pair: &Pair, way: &Way) -> f64 {
     }
 }
 
+impl Pair {
+    /// What the two keep between them on a guarded move, mm.
+    fn guarded(&self) -> f64 {
+        if self.felt { 0.0 } else { UNFELT_MM }
+    }
+}
+
 impl Meets {
-    /// What two bodies keep between them on a guarded move, mm.
-    fn guarded(self) -> f64 {
-        if self == Self::Never { UNFELT_MM } else { 0.0 }
+    /// Is the pair about this body of the artefact?
+    fn of(self, meant: usize) -> bool {
+        matches!(self, Self::Touch(number) | Self::Beside(number) if number == meant)
     }
 }
 
@@ -146,12 +194,39 @@ struct Builder {
 }
 
 impl Builder {
-    fn add(&mut self, name: &str, carrier: Carrier, shape: Shape) -> Result<(), Reason> {
+    fn add(&mut self, name: &str, role: Role, on: Carrier, shape: Shape) -> Result<(), Reason> {
         let missing = || Reason::Carrier { solid: name.to_owned() };
-        let carried = self.chain.carried(carrier).ok_or_else(missing)?;
+        let carried = self.chain.carried(on).ok_or_else(missing)?;
         let corners = shape.corners();
-        self.bodies.push(Body { name: name.to_owned(), shape, carried, corners });
+        self.bodies.push(Body { name: name.to_owned(), role, shape, carried, corners });
         Ok(())
+    }
+
+    /// A stem begins within the ball that it carries. Returns what is not declared.
+    fn artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, Reason> {
+        let parts = artefact::parts(artefact);
+        let touched: Vec<&Part> = parts.iter().filter(|part| part.touched).collect();
+        let mut bare: Vec<usize> = (0..touched.len()).collect();
+        for part in &parts {
+            let carries = |touched: &&Part| match part.shape {
+                artefact::Shape::Cylinder { from, .. } => {
+                    Shape::part(touched).distance(from) <= 0.0
+                }
+                artefact::Shape::Ball { .. } => false,
+            };
+            let own = |other: &&Part| std::ptr::eq(*other, part);
+            let number = |which: &dyn Fn(&&Part) -> bool| touched.iter().position(which);
+            let role = if let Some(number) = number(&own) {
+                Role::Touched(number)
+            } else {
+                number(&carries).map_or(Role::Frame, Role::StemOf)
+            };
+            bare.retain(|number| role != Role::StemOf(*number));
+            self.add(&part.name, role, Carrier::Table, Shape::part(part))?;
+        }
+        let stems = matches!(artefact, Artefact::Balls(_));
+        let bare = bare.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
+        Ok(bare.map(|part| format!("stem of {}", part.name)).collect())
     }
 
     /// Ball, stem and body of the probe, which turn with the spindle. Returns what is not declared.
@@ -160,17 +235,17 @@ impl Builder {
         let ball = DVec3::from_array(plan.machine.tool_mm);
         let turns = self.chain.topology().contains(Axis::S);
         let on = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
-        self.add("stylus ball", on, Shape::ball(ball, probe.ball_radius_mm))?;
+        self.add("stylus ball", Role::StylusBall, on, Shape::ball(ball, probe.ball_radius_mm))?;
         let end = ball + DVec3::Z * probe.stem_length_mm;
         let top = end + DVec3::Z * probe.body_length_mm;
         let parts = [
-            ("stylus stem", ball, end, probe.stem_radius_mm),
-            ("probe body", end, top, probe.body_radius_mm),
+            ("stylus stem", Role::StylusStem, ball, end, probe.stem_radius_mm),
+            ("probe body", Role::Other, end, top, probe.body_radius_mm),
         ];
         let mut missing = Vec::new();
-        for (name, from, to, radius) in parts {
+        for (name, role, from, to, radius) in parts {
             if radius > 0.0 && from != to {
-                self.add(name, on, Shape::cylinder(from, to, radius))?;
+                self.add(name, role, on, Shape::cylinder(from, to, radius))?;
             } else {
                 missing.push(name.to_owned());
             }

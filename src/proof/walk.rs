@@ -198,12 +198,12 @@ impl<'a> Walk<'a> {
         let way = Way { from, to: self.commands(&to)? };
         let reach = {
             let scene = self.scene().ok_or(Reason::NoStep)?;
-            touch::reach(scene, &way, braking).ok_or(Reason::NoContact)?
+            touch::reach(scene, &way, braking, step.normal)?
         };
         // Where it begins the ball is clear of the artefact, wherever that stands.
         self.look(&Way { from, to: from }, &Care::Guarded)?;
-        self.look(&way, &Care::Strangers)?;
-        self.look(&reach.way, &Care::Riders(reach.across))?;
+        self.look(&way, &Care::Strangers(reach.body))?;
+        self.look(&reach.way, &Care::Riders(reach.body, reach.across))?;
         self.stands = self.stands.only(|axis| motion.target.get(axis).is_none());
         self.phase = Phase::Touched;
         Ok(())

@@ -29,6 +29,7 @@ pub struct Cylinder {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Balls {
+    #[serde(default)]
     pub balls: Vec<Ball>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths: Vec<Length>,

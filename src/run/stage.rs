@@ -1,8 +1,8 @@
 //! One stage: plan all of its blocks, prove the text they become, then execute them.
 
-use super::{Run, RunError};
 use tokio::sync::oneshot;
 
+use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
 use crate::methods::{Next, Source};

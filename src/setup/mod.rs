@@ -14,11 +14,11 @@ pub use crate::controllers::grbl::firmware::Pace;
 use crate::methods::{self, Method};
 use crate::record::plan::{PLAN_VERSION, Plan};
 
-/// The machine file at `path`; without one, the embedded simulated machine.
-pub fn load(path: Option<&Path>) -> Result<MachineFile, SetupError> {
+/// The machine file at `path`; without one, the embedded simulated machine that suits the method.
+pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
     let file = match path {
         Some(path) => MachineFile::read(path)?,
-        None => MachineFile::embedded()?,
+        None => MachineFile::embedded_for(method)?,
     };
     file.check_method_names(&methods::NAMES)?;
     Ok(file)

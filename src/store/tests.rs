@@ -287,7 +287,7 @@ fn interruptions_join_the_plan_and_its_hash() {
 fn an_older_journal_is_brought_up_to_date() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
-    old.execute_batch(include_str!("first_version.sql")).unwrap();
+    old.execute_batch(include_str!("../../tests/data/journal_version_1.sql")).unwrap();
     drop(old);
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.runs().unwrap()[0].id;

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec3};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::truth::FormHarmonic;
@@ -17,6 +17,8 @@ enum Source {
     ErrorMotion,
     Drift,
     Roughness,
+    Ball,
+    Length,
 }
 
 /// Standard normal numbers of one source.
@@ -49,6 +51,43 @@ pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
     let each = sigma_um / (ORDERS.count() as f64).sqrt();
     let draw = |n, part| each * first_normal(seed, Source::Roughness, &[u64::from(n), part]);
     ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
+}
+
+/// What sets one ball of an artefact apart from the stated one, in standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BallDraw {
+    /// Each coordinate.
+    pub centre: DVec3,
+    pub diameter: f64,
+    /// Symmetric and without trace: uᵀ·oval·u has mean 0 and, over balls, variance 1 for every u.
+    pub oval: DMat3,
+}
+
+pub(super) fn ball(seed: u64, index: usize) -> BallDraw {
+    let draw = |part| first_normal(seed, Source::Ball, &[index as u64, part]);
+    // uᵀSu of S with variance 1 on and 1/2 off the diagonal has variance 1; a third of the trace less
+    // leaves 2/3 of it.
+    let full = DMat3::from_diagonal(DVec3::new(draw(4), draw(5), draw(6)))
+        + off_diagonal([draw(7), draw(8), draw(9)]) * 0.5_f64.sqrt();
+    let trace = full.x_axis.x + full.y_axis.y + full.z_axis.z;
+    let oval = (full - DMat3::from_diagonal(DVec3::splat(trace / 3.0))) * 1.5_f64.sqrt();
+    BallDraw { centre: DVec3::new(draw(0), draw(1), draw(2)), diameter: draw(3), oval }
+}
+
+fn off_diagonal([xy, xz, yz]: [f64; 3]) -> DMat3 {
+    DMat3::from_cols_array_2d(&[[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+}
+
+/// What sets one certified length apart from its certificate, in standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LengthDraw {
+    pub certificate: f64,
+    pub temperature: f64,
+}
+
+pub(super) fn length(seed: u64, number: usize) -> LengthDraw {
+    let draw = |part| first_normal(seed, Source::Length, &[number as u64, part]);
+    LengthDraw { certificate: draw(0), temperature: draw(1) }
 }
 
 /// Pre-travel of the probe over the direction of the contact normal, spindle frame.
@@ -147,44 +186,48 @@ impl RandomFunction {
     }
 }
 
-/// Positioning and straightness error motions of X and Y in their plane.
+/// Positioning and straightness error motions of X, Y and Z.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LinearErrors {
-    xx: RandomFunction,
-    yx: RandomFunction,
-    xy: RandomFunction,
-    yy: RandomFunction,
+    /// Of each axis along X, Y and Z.
+    motions: [[RandomFunction; 3]; 3],
 }
 
 impl LinearErrors {
-    /// For each of X and Y: standard deviation and correlation length, mm.
-    pub fn draw(seed: u64, x: [f64; 2], y: [f64; 2]) -> Self {
-        let draw = |axis: u64, direction: u64, [sigma, length]: [f64; 2]| {
-            RandomFunction::draw(seed, &[axis, direction], sigma, length)
+    /// For each of X, Y and Z: standard deviation and correlation length, mm.
+    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
+        let draw = |axis: usize, direction: usize| {
+            let [sigma, length] = axes[axis];
+            RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
         };
-        Self { xx: draw(0, 0, x), yx: draw(0, 1, x), xy: draw(1, 0, y), yy: draw(1, 1, y) }
+        let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
+        Self { motions: std::array::from_fn(along) }
     }
 
-    /// The same functions, fast within these distances of zero on X and Y, mm.
-    pub fn tabulated(self, [x, y]: [f64; 2]) -> Self {
+    /// The same functions, fast within these distances of zero on X, Y and Z, mm.
+    pub fn tabulated(self, reach: [f64; 3]) -> Self {
+        let mut reach = reach.into_iter();
         Self {
-            xx: self.xx.tabulated(x),
-            yx: self.yx.tabulated(x),
-            xy: self.xy.tabulated(y),
-            yy: self.yy.tabulated(y),
+            motions: self.motions.map(|along| {
+                let reach = reach.next().unwrap_or_default();
+                along.map(|function| function.tabulated(reach))
+            }),
         }
     }
 
-    /// True minus commanded position in X and Y, mm.
-    pub fn at(&self, x: f64, y: f64) -> DVec2 {
-        DVec2::new(self.xx.at(x) + self.xy.at(y), self.yx.at(x) + self.yy.at(y))
+    /// True minus commanded position, machine frame, mm.
+    pub fn at(&self, command: [f64; 3]) -> DVec3 {
+        let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
+            DVec3::from_array(along.each_ref().map(|function| function.at(q)))
+        };
+        self.motions.iter().zip(command).map(of_axis).sum()
     }
 }
 
 /// Slow thermal motion of the table against the spindle, and growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drift {
-    table_mm_per_s: DVec2,
+    table_mm_per_s: DVec3,
     radius_mm_per_s: f64,
 }
 
@@ -194,11 +237,12 @@ impl Drift {
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * first_normal(seed, Source::Drift, &[part]);
-        Self { table_mm_per_s: DVec2::new(draw(0), draw(1)), radius_mm_per_s: draw(2) }
+        let table_mm_per_s = DVec3::new(draw(0), draw(1), draw(3));
+        Self { table_mm_per_s, radius_mm_per_s: draw(2) }
     }
 
-    /// Displacement of the table in X and Y, machine frame, mm.
-    pub fn table(&self, t_s: f64) -> DVec2 {
+    /// Displacement of the table, machine frame, mm.
+    pub fn table(&self, t_s: f64) -> DVec3 {
         self.table_mm_per_s * Self::effective_s(t_s)
     }
 

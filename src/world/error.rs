@@ -18,6 +18,16 @@ pub enum WorldError {
         "[artefact]: the axis must not be zero, height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
     )]
     Artefact,
+    #[error(
+        "[artefact]: there must be balls, each of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
+    )]
+    Balls,
+    #[error("[simulated] {key} is for an artefact of the kind \"{belongs}\": remove it")]
+    OtherKind { key: &'static str, belongs: &'static str },
+    #[error("[simulated] names the ball `{id}`, which the artefact does not have")]
+    NoBall { id: String },
+    #[error("[[simulated.sag]]: there is no tilt axis {axis} in the topology")]
+    NoTilt { axis: Axis },
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     Dynamics { axis: Axis },
     #[error(
@@ -37,6 +47,9 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
         probe.overtravel_mm,
         machine.drift_um_per_h,
         truth.roughness_um,
+        truth.ball_offset_mm,
+        truth.ball_diameter_um,
+        truth.ball_form_um,
     ];
     magnitudes.extend(truth.backlash_um.values());
     for (axis, spec) in &machine.axes {
@@ -48,10 +61,23 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
             return Err(WorldError::Magnitude);
         }
     }
+    for term in &truth.sag {
+        if term.axis.is_linear() || !machine.axes.contains_key(&term.axis) {
+            return Err(WorldError::NoTilt { axis: term.axis });
+        }
+    }
     let form = truth.form.iter().flat_map(|h| [h.cos_um, h.sin_um]);
-    let offsets = truth.centre_offset_mm.into_iter().chain([truth.radius_offset_mm]);
+    let offsets = truth.centre_offset_mm.into_iter().chain(truth.tool_offset_um);
+    let offsets = offsets.chain([truth.radius_offset_mm]);
+    let balls = truth.ball.iter().flat_map(|ball| {
+        ball.offset_mm.into_iter().chain([ball.diameter_um, ball.form_um.unwrap_or_default()])
+    });
+    let moves =
+        truth.ball_moves.iter().flat_map(|moved| moved.by_mm.into_iter().chain([moved.at_s]));
+    let sag = truth.sag.iter().flat_map(|term| term.um.into_iter().chain(term.urad));
     let mut stated = truth.errors.values().copied().chain(form).chain(offsets);
-    if !stated.all(f64::is_finite) {
+    let mut of_balls = balls.chain(moves).chain(sag).chain([truth.length_error_um_per_m]);
+    if !(stated.all(f64::is_finite) && of_balls.all(f64::is_finite)) {
         return Err(WorldError::Magnitude);
     }
     if magnitudes.into_iter().all(sound) { Ok(()) } else { Err(WorldError::Magnitude) }

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
+use super::surface::Nearest;
 use super::truth::FormHarmonic;
 
 /// The solid, standing in the table frame.
@@ -14,13 +15,6 @@ pub(super) struct Flank {
     frame: DMat3,
     height: f64,
     profile: Profile,
-}
-
-/// Nearest point of the surface: signed distance (negative inside) and outward normal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Nearest {
-    pub distance: f64,
-    pub normal: DVec3,
 }
 
 impl Flank {

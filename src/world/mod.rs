@@ -1,16 +1,19 @@
 //! Floor 3: the simulated truth. One machine with all its errors, one probe, one artefact; exact
 //! and nonlinear, and built without any estimator's equation. Time passes only by motion and dwell.
 //!
-//! Directions: error motions of X and Y, and drift, shift tool against table along the machine's X
-//! and Y. Pre-travel and its scatter act along the contact normal: the probe triggers where the
+//! Directions: error motions of X, Y and Z, and drift, shift tool against table along the machine's
+//! axes. Pre-travel and its scatter act along the contact normal: the probe triggers where the
 //! gap between ball and surface, plus both, falls to zero.
 
+mod balls;
 mod drawn;
 mod error;
 mod flank;
 mod path;
 mod ramp;
+mod sag;
 mod scene;
+mod surface;
 mod truth;
 
 use std::collections::BTreeMap;

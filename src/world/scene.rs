@@ -5,11 +5,12 @@ use glam::{DAffine3, DMat2, DVec2, DVec3};
 
 use super::WorldError;
 use super::drawn::{self, Drift, LinearErrors, Lobing};
-use super::flank::{Flank, Profile};
+use super::sag::Sag;
+use super::surface::Surface;
 use super::truth::Truth;
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorTerm, Shape};
-use crate::record::artefact::{Artefact, Cylinder};
+use crate::record::artefact::Artefact;
 use crate::record::machine::{Machine, Probe};
 
 #[derive(Debug, Clone)]
@@ -23,7 +24,8 @@ pub(super) struct Scene {
     tip: DVec3,
     ball_radius: f64,
     lobing: Lobing,
-    flank: Flank,
+    surface: Surface,
+    sag: Sag,
     /// No rotary axis is farther than this from the machine's origin.
     axes_reach: f64,
 }
@@ -44,8 +46,8 @@ impl Scene {
             spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
         };
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
-        let linear_errors = LinearErrors::draw(seed, motions(Axis::X), motions(Axis::Y))
-            .tabulated([Axis::X, Axis::Y].map(travel));
+        let linear_errors =
+            LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
         let tool = DVec3::from_array(machine.tool_mm);
         Ok(Self {
             chain,
@@ -53,10 +55,13 @@ impl Scene {
             linear_errors,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
-            tip: tool + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
+            tip: tool
+                + DVec3::from_array(truth.tool_offset_um) * 1e-3
+                + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
             ball_radius: probe.ball_radius_mm,
             lobing: Lobing::draw(seed, probe.lobing_um * 1e-3),
-            flank: flank(artefact, truth)?,
+            surface: Surface::new(artefact, truth)?,
+            sag: Sag::new(&truth.sag),
             axes_reach: reach(machine),
         })
     }
@@ -84,25 +89,23 @@ impl Scene {
         if axis == Axis::S {
             return self.tip.x.hypot(self.tip.y);
         }
-        let linear = DVec3::from_array(Axis::LINEAR.map(|axis| position.at(axis)));
-        linear.length() + self.tip.length() + self.axes_reach
+        DVec3::from_array(linear(position)).length() + self.tip.length() + self.axes_reach
     }
 
     /// Distance and outward normal of the surface, the latter in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
-        let table = self.chain.machine_from_table(axes, &self.errors);
+        let table = self.sag.bend(self.chain.machine_from_table(axes, &self.errors), axes);
         let spindle = self.chain.machine_from_spindle(axes, &self.errors);
-        let shift =
-            self.linear_errors.at(command.at(Axis::X), command.at(Axis::Y)) - self.drift.table(t_s);
+        let shift = self.linear_errors.at(linear(command)) - self.drift.table(t_s);
         let ball = ball_on_table(&table, &spindle, self.tip, shift);
-        let nearest = self.flank.nearest(ball, self.drift.radius(t_s));
+        let nearest = self.surface.nearest(ball, self.drift.radius(t_s), t_s);
         let normal = spindle.matrix3.transpose() * (table.matrix3 * nearest.normal);
         (nearest.distance - self.ball_radius, normal)
     }
 
     /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
     /// `along` on it: the commanded position of the stated stylus centre that half a turn leaves in
-    /// place, with location errors, gains and drift. NaN for an axis that does not carry the part.
+    /// place, with location errors, gains, drift and the straightness of Z. NaN for an axis that does not carry the part.
     pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
         let lasting: Vec<ErrorTerm> = self
             .errors
@@ -132,23 +135,29 @@ impl Scene {
     /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn.
     fn half_turn(&self, axis: Axis, stylus: DVec3, errors: &[ErrorTerm], t_s: f64) -> DVec3 {
         let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
-        let Ok(linear) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
+        let Ok(stands) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
             return DVec3::NAN;
         };
+        let height = [0.0, 0.0, stands.at(Axis::Z)];
+        let shift = self.linear_errors.at(height) - self.drift.table(t_s);
         let seen = |angle| {
-            let at = linear.clone().with(axis, angle);
+            let at = stands.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);
             let spindle = self.chain.machine_from_spindle(&at, errors);
-            ball_on_table(&table, &spindle, self.tool, -self.drift.table(t_s))
+            ball_on_table(&table, &spindle, self.tool, shift)
         };
         seen(std::f64::consts::PI) - seen(0.0)
     }
 }
 
-/// The ball centre in the table frame; `shift` moves tool against table in the machine's X and Y.
-fn ball_on_table(table: &DAffine3, spindle: &DAffine3, tip: DVec3, shift: DVec2) -> DVec3 {
-    let in_machine = spindle.transform_point3(tip) + shift.extend(0.0);
+/// The ball centre in the table frame; `shift` moves tool against table, machine frame.
+fn ball_on_table(table: &DAffine3, spindle: &DAffine3, tip: DVec3, shift: DVec3) -> DVec3 {
+    let in_machine = spindle.transform_point3(tip) + shift;
     table.matrix3.transpose() * (in_machine - table.translation)
+}
+
+fn linear(position: &Position) -> [f64; 3] {
+    Axis::LINEAR.map(|axis| position.at(axis))
 }
 
 fn reach(machine: &Machine) -> f64 {
@@ -158,23 +167,4 @@ fn reach(machine: &Machine) -> f64 {
         .filter(|(axis, _)| !axis.is_linear())
         .map(|(_, spec)| DVec3::from_array(spec.point_mm).length())
         .fold(0.0, f64::max)
-}
-
-fn flank(artefact: &Artefact, truth: &Truth) -> Result<Flank, WorldError> {
-    let Artefact::Cylinder(Cylinder { centre_mm, axis, radius_mm, height_mm, .. }) = artefact
-    else {
-        return Err(WorldError::Artefact);
-    };
-    let rough = drawn::roughness(truth.seed, truth.roughness_um);
-    let radius = radius_mm + truth.radius_offset_mm;
-    let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
-    let direction = DVec3::from_array(*axis);
-    let sound = direction.is_finite() && direction.length() > 0.0 && *height_mm > 0.0;
-    // `>` is false for NaN as well.
-    if !(sound && profile.smallest_radius() > 0.0) {
-        return Err(WorldError::Artefact);
-    }
-    let foot =
-        DVec3::from_array(*centre_mm) + DVec2::from_array(truth.centre_offset_mm).extend(0.0);
-    Ok(Flank::new(foot, direction, *height_mm, profile))
 }

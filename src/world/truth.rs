@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use glam::{DVec2, DVec3};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
 use crate::base::Axis;
 use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
+use crate::record::artefact::Balls;
 
 /// The `[simulated]` table of the machine file. Whatever stands here is exactly so; sources that
 /// the machine file declares by magnitude only are drawn from `seed`.
@@ -28,6 +30,21 @@ pub struct Truth {
     pub form: Vec<FormHarmonic>,
     /// Standard deviation of the artefact's random roughness, drawn from `seed`.
     pub roughness_um: f64,
+    /// True stylus centre less the stated one, spindle frame, beside what is drawn.
+    pub tool_offset_um: [f64; 3],
+    /// Standard deviations of what is drawn for each ball: each coordinate of the true centre less
+    /// the stated one, the same of the diameter, and the radius over the directions (an oval).
+    pub ball_offset_mm: f64,
+    pub ball_diameter_um: f64,
+    pub ball_form_um: f64,
+    /// What is known of single balls, beside what is drawn.
+    pub ball: Vec<BallTruth>,
+    /// Balls that come loose.
+    pub ball_moves: Vec<BallMove>,
+    /// By how much certified lengths are longer than certificate and temperature say.
+    pub length_error_um_per_m: f64,
+    /// How the table gives way as the part is tilted.
+    pub sag: Vec<SagTerm>,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
     /// What the control does wrong: the simulated control reads it, the world does not.
@@ -63,7 +80,89 @@ pub struct FormHarmonic {
     pub sin_um: f64,
 }
 
+/// One ball as it is.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BallTruth {
+    pub id: String,
+    /// True centre less the stated one, table frame. What a certificate holds goes before it.
+    #[serde(default)]
+    pub offset_mm: [f64; 3],
+    #[serde(default)]
+    pub diameter_um: f64,
+    /// In place of `ball_form_um`.
+    #[serde(default)]
+    pub form_um: Option<f64>,
+}
+
+/// A ball that stands off by `by_mm` (table frame) from `at_s` on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BallMove {
+    pub ball: String,
+    /// Since the world was made.
+    pub at_s: f64,
+    pub by_mm: [f64; 3],
+}
+
+/// The table's displacement over the angle q of a tilt axis, machine frame, as it is at q = 90°.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SagTerm {
+    pub axis: Axis,
+    #[serde(default)]
+    pub law: SagLaw,
+    #[serde(default)]
+    pub um: [f64; 3],
+    /// Rotation vector, about where the table's origin stands.
+    #[serde(default)]
+    pub urad: [f64; 3],
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SagLaw {
+    /// sin q: a weight whose lever changes sides.
+    #[default]
+    Sin,
+    /// 1 − cos q: the same on both sides.
+    OneMinusCos,
+}
+
 impl Truth {
+    /// Of the artefact as a whole, table frame, mm.
+    pub(super) fn centre_offset(&self) -> DVec3 {
+        DVec2::from_array(self.centre_offset_mm).extend(0.0)
+    }
+
+    /// Refuse what only balls can have.
+    pub(super) fn of_a_round_part(&self) -> Result<(), WorldError> {
+        let drawn = [
+            ("ball_offset_mm", self.ball_offset_mm),
+            ("ball_diameter_um", self.ball_diameter_um),
+            ("ball_form_um", self.ball_form_um),
+            ("length_error_um_per_m", self.length_error_um_per_m),
+        ];
+        let drawn = drawn.into_iter().filter(|(_, value)| *value != 0.0).map(|(key, _)| key);
+        let listed = [("ball", self.ball.is_empty()), ("ball_moves", self.ball_moves.is_empty())];
+        let listed = listed.into_iter().filter(|(_, empty)| !empty).map(|(key, _)| key);
+        refuse(drawn.chain(listed), "balls")
+    }
+
+    /// Refuse what only a round part can have, and balls that are not there.
+    pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
+        let form = ("form", !self.form.is_empty());
+        let rough = ("roughness_um", self.roughness_um != 0.0);
+        let stated = [form, rough].into_iter().filter(|(_, there)| *there).map(|(key, _)| key);
+        refuse(stated, "cylinder")?;
+        let named = self.ball.iter().map(|ball| &ball.id);
+        let mut named = named.chain(self.ball_moves.iter().map(|moved| &moved.ball));
+        match named.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {
+            None => Ok(()),
+            Some(id) => Err(WorldError::NoBall { id: id.clone() }),
+        }
+    }
+
     /// All errors of the machine, in mm, rad and mm/mm.
     pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, WorldError> {
         let mut terms = Vec::new();
@@ -84,6 +183,13 @@ impl Truth {
         }
         Ok(terms)
     }
+}
+
+fn refuse(
+    mut keys: impl Iterator<Item = &'static str>,
+    belongs: &'static str,
+) -> Result<(), WorldError> {
+    keys.next().map_or(Ok(()), |key| Err(WorldError::OtherKind { key, belongs }))
 }
 
 /// `EX0C_um = 50.0` and the like.

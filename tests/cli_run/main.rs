@@ -100,6 +100,13 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Each of the words is told.
+fn tells(output: &Output, words: &[&str]) {
+    for word in words {
+        assert!(said(output).contains(word), "{word} in {}", said(output));
+    }
+}
+
 /// The estimate of a run that ended well.
 fn estimate(output: &Output) -> Value {
     assert_eq!(output.status.code(), Some(0), "{}", said(output));

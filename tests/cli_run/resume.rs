@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::bench::Bench;
 use super::stops::signal;
-use super::{Shop, changed, estimate, machine, said, with_control};
+use super::{Shop, changed, estimate, machine, said, tells, with_control};
 
 /// Where the C axis of the built-in machine truly stands, µm (drift moves it by less than 0.5 µm).
 const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
@@ -82,9 +82,7 @@ fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     // Nobody has acknowledged it: the machine does not hear of it.
     let refused = shop.command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
-    for words in ["held on request", "nothing has moved", "--acknowledge"] {
-        assert!(said(&refused).contains(words), "{}", said(&refused));
-    }
+    tells(&refused, &["held on request", "nothing has moved", "--acknowledge"]);
     assert_eq!((bench.heard(), shop.exported_steps().len()), (String::new(), 25));
 
     let resumed = resume(&shop);
@@ -160,9 +158,7 @@ fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     run.wait_with_output().unwrap();
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(5), "{}", said(&refused));
-    for words in ["not ready: Hold", "nothing has moved", "`trued resume 1`"] {
-        assert!(said(&refused).contains(words), "{}", said(&refused));
-    }
+    tells(&refused, &["not ready: Hold", "nothing has moved", "`trued resume 1`"]);
     assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
     assert_eq!(shop.states(), ["held"]);
     bench.reset();
@@ -184,9 +180,7 @@ fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     stopped(&bench, resume_command(&shop), "N56 G38.3", "KILL");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
-    for words in ["(limit 3.5 µm)", "closed", "`trued identify"] {
-        assert!(said(&refused).contains(words), "{words} in {}", said(&refused));
-    }
+    tells(&refused, &["(limit 3.5 µm)", "closed", "`trued identify"]);
     let told = said(&refused);
     let (_, moved) = told.split_once("R4/P090 moved by +").expect("the reference is named");
     let moved: f64 = moved.split(' ').next().unwrap().parse().unwrap();
@@ -220,9 +214,7 @@ fn what_too_few_readings_cannot_tell_is_named() {
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
     let identified = shop.trued(&["identify", "self-calibration", "--run", "1"]);
     assert_eq!(identified.status.code(), Some(1), "{}", said(&identified));
-    for words in ["rank 17 of 36", "EYC_total(90°)", "measure what is missing"] {
-        assert!(said(&identified).contains(words), "{}", said(&identified));
-    }
+    tells(&identified, &["rank 17 of 36", "EYC_total(90°)", "measure what is missing"]);
     assert_eq!(shop.states(), ["held"]);
 }
 
@@ -233,9 +225,7 @@ fn without_references_a_run_is_closed() {
     stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
-    for words in ["not all references were measured before the stop", "start a new run"] {
-        assert!(said(&refused).contains(words), "{}", said(&refused));
-    }
+    tells(&refused, &["not all references were measured before the stop", "start a new run"]);
     assert_eq!(shop.states(), ["closed"]);
     assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
 }
@@ -312,9 +302,10 @@ fn a_control_that_lost_its_position_must_be_homed() {
     assert_eq!(shop.run().status.code(), Some(5));
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
-    for words in ["the position is lost", "nobody has said that all axes are homed", "--homed"] {
-        assert!(said(&refused).contains(words), "{}", said(&refused));
-    }
+    tells(
+        &refused,
+        &["the position is lost", "nobody has said that all axes are homed", "--homed"],
+    );
     let homed = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--homed"]);
     assert_ne!(homed.status.code(), Some(2), "{}", said(&homed));
 }

@@ -10,6 +10,8 @@ use trued::record::estimate::Estimate;
 use super::rig::Rig;
 
 const MACHINE: &str = include_str!("../../config/linuxcnc-sim.toml");
+/// In the place of the part and the settings of `MACHINE`.
+const BALLS: &str = include_str!("samba.toml");
 
 /// A person's desk: a machine file for this rig and an empty journal.
 pub struct Desk(TempDir);
@@ -43,12 +45,22 @@ impl Desk {
         Self::with(rig, &short)
     }
 
+    /// With balls in the place of the cylinder.
+    pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
+        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        Self::of(rig, &format!("{head}{BALLS}"), &[])
+    }
+
     /// The file with some of its text replaced.
     fn with(rig: &Rig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        Self::of(rig, MACHINE, changes)
+    }
+
+    fn of(rig: &Rig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         let port = format!("127.0.0.1:{}", rig.port);
         let directory = rig.directory.display().to_string();
         let here = [("127.0.0.1:5007", &*port), ("/tmp/trued-linuxcnc", &*directory)];
-        let mut machine = MACHINE.to_owned();
+        let mut machine = machine.to_owned();
         for (from, to) in changes.iter().chain(&here) {
             if !machine.contains(from) {
                 return Err(format!("`{from}` does not stand in the machine file").into());
@@ -100,8 +112,12 @@ impl Desk {
     }
 
     pub fn start(&self) -> Result<Child, Failed> {
+        self.run("self-calibration")
+    }
+
+    pub fn run(&self, method: &str) -> Result<Child, Failed> {
         let machine = self.machine().display().to_string();
-        Ok(self.command(&["run", "self-calibration", "--json", "--machine", &machine]).spawn()?)
+        Ok(self.command(&["run", method, "--json", "--machine", &machine]).spawn()?)
     }
 }
 

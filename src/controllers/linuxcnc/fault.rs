@@ -34,23 +34,32 @@ async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerErr
     if let Some(reason) = switches(rsh).await? {
         return Ok(reason);
     }
-    let said = rsh.messages().await?;
-    if said.iter().any(|text| text.contains("Probe tripped")) {
-        return Ok(ControllerError::UnexpectedContact { step });
+    Ok(meant(step, &rsh.messages().await?))
+}
+
+/// What LinuxCNC's messages mean. Its interpreter looks at its own queue when a probe move or an input
+/// is over; if its motion, late, has not told yet that it is empty, it stops the program (2.9).
+fn meant(step: u32, said: &[String]) -> ControllerError {
+    let has = |words: &str| said.iter().any(|text| text.contains(words));
+    if has("Probe tripped") {
+        return ControllerError::UnexpectedContact { step };
     }
     if said.iter().any(|text| text.contains("xceed") && text.contains("limit")) {
-        return Ok(ControllerError::OutOfTravel { step, said: said.join("; ") });
+        return ControllerError::OutOfTravel { step, said: said.join("; ") };
+    }
+    if has("Queue is not empty after") {
+        return ControllerError::Late { step, said: said.join("; ") };
     }
     let meaning = if said.is_empty() {
         "it stopped without a message: somebody stopped it at the control"
     } else {
         "it stopped the program"
     };
-    Ok(ControllerError::Refused {
+    ControllerError::Refused {
         line: format!("the program of step {step}"),
         reply: said.join("; "),
         meaning: meaning.to_owned(),
-    })
+    }
 }
 
 /// An emergency stop comes without a message.
@@ -62,4 +71,27 @@ async fn switches(rsh: &mut Rsh) -> Result<Option<ControllerError>, ControllerEr
         return Ok(Some(ControllerError::SwitchedOff { said: rsh.messages().await?.join("; ") }));
     }
     Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Texts of LinuxCNC 2.9, as linuxcncrsh passed them on.
+    #[test]
+    fn each_message_has_its_own_meaning() {
+        let of = |text: &str| meant(7, &[text.to_owned()]);
+        for text in ["Queue is not empty after probing", "Queue is not empty after external input"]
+        {
+            let late = of(text);
+            assert!(matches!(late, ControllerError::Late { step: 7, .. }), "{late:?}");
+            assert!(late.to_string().contains(text), "{late}");
+            assert!(late.remedy().contains("latency-test"), "{}", late.remedy());
+        }
+        let touched = of("Probe tripped during non-probe move");
+        assert!(matches!(touched, ControllerError::UnexpectedContact { step: 7 }), "{touched:?}");
+        let far = of("Exceeded POSITIVE soft limit (40.00000) on joint 0");
+        assert!(matches!(far, ControllerError::OutOfTravel { step: 7, .. }), "{far:?}");
+        assert!(matches!(of("Unknown word"), ControllerError::Refused { .. }));
+    }
 }

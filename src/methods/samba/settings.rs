@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::methods::Refused;
+
 /// How the indexations are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -55,13 +57,16 @@ pub struct Settings {
     pub criterion: Criterion,
     /// Ball measurements at most, over all indexations.
     pub balls: usize,
+    /// Indexations at most.
+    pub indexations: usize,
     /// Machine time at most; 0: no limit.
     pub minutes: f64,
     pub find: Find,
     pub spindle: Spindle,
-    /// Candidate positions of the first rotary axis from the bed (tilt).
+    /// Candidate positions of rotary axes that tilt the part or the head (A, B), as commanded. The
+    /// defaults are cut to the axes' limits; a position that you name must lie within them.
     pub tilt_deg: Vec<f64>,
-    /// Candidate positions of the rotary axis nearer to the part.
+    /// Candidate positions of a rotary axis parallel to the spindle (C).
     pub turn_deg: Vec<f64>,
     pub spindle_deg: Vec<f64>,
     /// Touches of one measurement: 5, or more for a form check.
@@ -86,6 +91,7 @@ impl Default for Settings {
             design: Design::Optimal,
             criterion: Criterion::D,
             balls: 109,
+            indexations: 32,
             minutes: 0.0,
             find: Find::Every,
             spindle: Spindle::Auto,
@@ -100,5 +106,47 @@ impl Default for Settings {
             diameter_limit_um: 30.0,
             monte_carlo_trials: 0,
         }
+    }
+}
+
+/// The dearest design that is still chosen in a second or two.
+const MOST_BALLS: usize = 2_000;
+
+impl Settings {
+    /// What would fail on the way, refused before the first move.
+    pub fn check(&self) -> Result<(), Refused> {
+        let must = |holds: bool, why: String, instead: &str| {
+            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
+        };
+        must(
+            self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
+            "standoff_mm and search_mm must be greater than 0".to_owned(),
+            "leave them out, or choose about 0.5 and 1.0",
+        )?;
+        must(
+            (1..=MOST_BALLS).contains(&self.balls) && self.indexations > 0,
+            format!("a budget of {} balls at {} indexations", self.balls, self.indexations),
+            "leave balls and indexations out (109 and 32), or choose up to 2000 balls",
+        )?;
+        must(
+            self.minutes >= 0.0 && self.minutes.is_finite(),
+            format!("a budget of {} minutes", self.minutes),
+            "choose minutes = 0 for no limit, or the machine time you have",
+        )?;
+        must(
+            (5..=100).contains(&self.touches),
+            format!("{} touches do not tell a ball from its dents", self.touches),
+            "choose touches = 5, or 15 for a form check",
+        )?;
+        must(
+            self.form_limit_um > 0.0 && self.diameter_limit_um > 0.0,
+            "form_limit_um and diameter_limit_um must be greater than 0".to_owned(),
+            "leave them out, or choose about 15 and 30",
+        )?;
+        must(
+            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
+            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+        )
     }
 }

@@ -84,60 +84,72 @@ impl Settings {
 
     /// What would fail on the way, refused before the first move.
     pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
-        let Cylinder { height_mm, uncertainty_mm, axis, radius_mm, .. } = part;
-        let must = |holds: bool, why: String, instead: &str| {
-            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
-        };
+        self.check_reach(part)?;
+        self.check_heights(part, ball_radius_mm)?;
+        must(
+            (1..=100).contains(&self.repeats) && self.drift_order <= 3,
+            || "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
+            "leave them out",
+        )?;
+        must(
+            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
+            || format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+        )
+    }
+
+    /// Whether the touches reach the part, wherever it stands.
+    fn check_reach(&self, part: &Cylinder) -> Result<(), Refused> {
+        let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
         must(
             self.standoff_mm > 0.0 && self.search_mm > 0.0,
-            "standoff_mm and search_mm must be greater than 0".to_owned(),
+            || "standoff_mm and search_mm must be greater than 0".to_owned(),
             "leave them out, or choose about 0.5 and 1.0",
         )?;
         must(
             self.locate || *uncertainty_mm < self.standoff_mm.min(self.search_mm),
-            format!(
-                "without locate the part must stand where the file says, within standoff_mm = {} and \
-                 search_mm = {}; it may be {uncertainty_mm} mm away",
-                self.standoff_mm, self.search_mm
-            ),
+            || {
+                format!(
+                    "without locate the part must stand where the file says, within standoff_mm = {} \
+                     and search_mm = {}; it may be {uncertainty_mm} mm away",
+                    self.standoff_mm, self.search_mm
+                )
+            },
             "let it be located, or set [artefact] uncertainty_mm to what you know",
-        )?;
-        let on_flank = |height: &f64| *height > ball_radius_mm && *height <= *height_mm;
-        let outside = self.heights_mm.iter().find(|height| !on_flank(height));
-        must(
-            outside.is_none(),
-            format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
-            "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
         let [x, y] = self.z_reference_at_mm;
         must(
             !self.touches_top() || x.hypot(y) + uncertainty_mm < *radius_mm,
-            format!("the Z reference at [{x}, {y}] mm may miss the top face"),
+            || format!("the Z reference at [{x}, {y}] mm may miss the top face"),
             "choose z_reference_at_mm well inside the part's radius, or z_reference = false",
+        )?;
+        let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
+        must(
+            axis[2] > UPRIGHT * length,
+            || "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
+            "this method touches the flank of an upright round part",
+        )
+    }
+
+    fn check_heights(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
+        let on_flank = |height: &f64| *height > ball_radius_mm && *height <= part.height_mm;
+        let outside = self.heights_mm.iter().find(|height| !on_flank(height));
+        must(
+            outside.is_none(),
+            || format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
+            "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
         let close = |(i, a): (usize, &f64)| {
             self.heights_mm[..i].iter().any(|b| (a - b).abs() < LEAST_HEIGHT_STEP_MM)
         };
         must(
             !self.heights_mm.iter().enumerate().any(close),
-            "two heights are nearly the same".to_owned(),
+            || "two heights are nearly the same".to_owned(),
             "put heights_mm at least 1 mm apart, better far",
-        )?;
-        let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
-        must(
-            axis[2] > UPRIGHT * length,
-            "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
-            "this method touches the flank of an upright round part",
-        )?;
-        must(
-            (1..=100).contains(&self.repeats) && self.drift_order <= 3,
-            "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
-            "leave them out",
-        )?;
-        must(
-            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
-            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
     }
+}
+
+fn must(holds: bool, why: impl FnOnce() -> String, instead: &str) -> Result<(), Refused> {
+    if holds { Ok(()) } else { Err(Refused { why: why(), instead: instead.to_owned() }) }
 }

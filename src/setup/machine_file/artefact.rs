@@ -1,23 +1,41 @@
 //! `[artefact]`. The record's type is tagged by `kind` inside, and serde reads such a type from a
 //! buffer that has lost all lines: so `kind` is read first, then the fields of that kind.
 
+use std::path::Path;
+
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use super::balls_csv::{self, column};
 use super::document::{Document, value_problem};
-use super::error::{MachineFileError, Problem};
-use crate::record::artefact::Artefact;
+use super::error::{MachineFileError, Place, Problem};
+use crate::artefact::{self, Entry, Flaw};
+use crate::record::artefact::{Artefact, Balls};
+
+/// What stands beside a machine file.
+#[derive(Debug, Clone, Copy)]
+pub enum Beside<'a> {
+    /// The text is all there is.
+    Nothing,
+    /// Other files, in this folder.
+    Folder(&'a Path),
+    /// The artefact as it was read when the run began: the folder may be gone, or changed.
+    Artefact(&'a Artefact),
+}
 
 #[derive(Deserialize)]
 struct Kind {
     kind: String,
 }
 
-pub fn read(document: &Document) -> Result<Artefact, MachineFileError> {
+pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, MachineFileError> {
+    if let Beside::Artefact(artefact) = beside {
+        return Ok(artefact.clone());
+    }
     let Kind { kind } = document.required(&["artefact"])?;
     match kind.as_str() {
-        "cylinder" => fields(document).map(Artefact::Cylinder),
-        "balls" => fields(document).map(Artefact::Balls),
+        "cylinder" => fields(document, &["kind"]).map(Artefact::Cylinder),
+        "balls" => balls(document, beside).map(Artefact::Balls),
         _ => {
             let key = ["artefact", "kind"];
             let why = format!("is `{kind}`; known: cylinder, balls");
@@ -26,8 +44,79 @@ pub fn read(document: &Document) -> Result<Artefact, MachineFileError> {
     }
 }
 
-fn fields<T: DeserializeOwned>(document: &Document) -> Result<T, MachineFileError> {
-    let read = document.section(&["artefact"], |value| T::deserialize(value.without("kind")))?;
+/// The table less the keys that were read before.
+fn fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, MachineFileError> {
+    let read = document.section(&["artefact"], |value| {
+        T::deserialize(less.iter().fold(value, |value, key| value.without(key)))
+    })?;
     let missing = || Problem::MissingSection { section: "artefact".to_owned() };
     read.ok_or_else(|| document.error_at(&["artefact"], missing()))
+}
+
+fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileError> {
+    let mut balls: Balls = fields(document, &["kind", "file"])?;
+    let wrong = |key: &str, why: &str| {
+        let path = ["artefact", key];
+        document.error_at(&path, value_problem(&path, why.to_owned()))
+    };
+    let file: Option<String> = document.section(&["artefact", "file"], Deserialize::deserialize)?;
+    let table = match file {
+        Some(_) if !balls.balls.is_empty() => {
+            return Err(wrong("file", "stands beside [[artefact.balls]]: keep one of the two"));
+        }
+        None => None,
+        Some(name) => {
+            let Beside::Folder(folder) = beside else {
+                let why =
+                    "names a file, but there is no folder to look in: write [[artefact.balls]]";
+                return Err(wrong("file", why));
+            };
+            Some(Table::read(&folder.join(name))?)
+        }
+    };
+    if let Some(table) = &table {
+        balls.balls = table.balls.iter().map(|(ball, _)| ball.clone()).collect();
+    }
+    if balls.balls.is_empty() {
+        let why = "holds no ball: add [[artefact.balls]], or file = \"NAME.csv\"".to_owned();
+        let problem = Problem::Section { section: "artefact".to_owned(), why };
+        return Err(document.error_at(&["artefact"], problem));
+    }
+    if balls.uncertainty_mm < 0.0 {
+        return Err(wrong("uncertainty_mm", "must not be negative"));
+    }
+    artefact::check(&balls).map_err(|flaw| placed(document, table.as_ref(), flaw))?;
+    Ok(balls)
+}
+
+struct Table {
+    file: String,
+    balls: Vec<balls_csv::Placed>,
+}
+
+impl Table {
+    fn read(path: &Path) -> Result<Self, MachineFileError> {
+        let file = path.display().to_string();
+        match std::fs::read_to_string(path) {
+            Ok(text) => Ok(Self { balls: balls_csv::read(&file, &text)?, file }),
+            Err(source) => Err(MachineFileError::ReadBalls { file, source }),
+        }
+    }
+}
+
+/// A flaw where it stands: in the table, or under the key of the machine file.
+fn placed(document: &Document, table: Option<&Table>, flaw: Flaw) -> MachineFileError {
+    let Flaw { of, key, why } = flaw;
+    let (name, index) = match (of, table) {
+        (Entry::Ball(index), Some(table)) => {
+            let line = table.balls.get(index).map(|(_, line)| *line);
+            let place = Place { file: table.file.clone(), line };
+            let problem = Problem::Column { column: column(key).to_owned(), why };
+            return MachineFileError::Content { place, problem };
+        }
+        (Entry::Ball(index), None) => ("balls", index),
+        (Entry::Length(index), _) => ("lengths", index),
+    };
+    let problem = Problem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
+    document.error_at_entry(&["artefact", name], index, key, problem)
 }

@@ -91,17 +91,17 @@ impl Document {
         self.error(at, problem)
     }
 
-    /// An error at `key` of the section `[[name]]` that stands there as number `index`, or at its
+    /// An error at `key` of the section `[[path]]` that stands there as number `index`, or at its
     /// head where it lacks the key.
     pub fn error_at_entry(
         &self,
-        name: &str,
+        path: &[&str],
         index: usize,
         key: &str,
         problem: Problem,
     ) -> MachineFileError {
-        let entry = self.root().ok().and_then(|mut root| root.remove(name));
-        let entry = entry.and_then(|value| match value.into_inner() {
+        let list = self.root().ok().and_then(|root| find(root, path));
+        let entry = list.and_then(|(_, value)| match value.into_inner() {
             DeValue::Array(entries) => entries.into_iter().nth(index),
             _ => None,
         });

@@ -9,6 +9,10 @@ use super::hint;
 pub enum MachineFileError {
     #[error("{file} cannot be read: {source}; check the path given with --machine")]
     Read { file: String, source: io::Error },
+    #[error(
+        "{file} cannot be read: {source}; check `file` in [artefact]: it is looked for beside the machine file"
+    )]
+    ReadBalls { file: String, source: io::Error },
     #[error("{place}: {problem}")]
     Content { place: Place, problem: Problem },
 }
@@ -44,6 +48,10 @@ pub enum Problem {
     MissingSection { section: String },
     #[error("`{key}` in [{section}] {why}")]
     Value { section: String, key: String, why: String },
+    #[error("this is no table of comma-separated values: {0}")]
+    Table(String),
+    #[error("column `{column}` {why}")]
+    Column { column: String, why: String },
     #[error("[{section}] {why}")]
     Section { section: String, why: String },
 }

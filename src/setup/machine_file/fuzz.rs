@@ -1,12 +1,15 @@
 //! Any text as a machine file.
 
-use super::MachineFile;
+use super::{MachineFile, balls_csv};
+use crate::artefact;
 use crate::base::fuzz::fuzz;
 use crate::methods::{NAMES, Source};
+use crate::record::artefact::Balls;
 use crate::setup;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
 const GRBL: &[u8] = include_bytes!("../../../config/grblhal-serial.toml");
+const SAMBA: &[u8] = include_bytes!("../../../config/samba.toml");
 const LINUXCNC: &[u8] = include_bytes!("../../../config/linuxcnc-sim.toml");
 
 #[test]
@@ -19,6 +22,10 @@ fn the_machine_file_bears_anything() {
         "[[keepout]]\n",
         "[[solid]]\n",
         "[artefact]\n",
+        "[[artefact.balls]]\n",
+        "[[artefact.lengths]]\n",
+        "file = \"../set.csv\"\n",
+        "[[simulated.ball_moves]]\n",
         "[method.self-calibration]\n",
         "[tolerance]\n",
         "[simulated]\n",
@@ -32,11 +39,29 @@ fn the_machine_file_bears_anything() {
         "1.5\n",
         "\n",
     ];
-    fuzz("machine-file", &[SIMULATED, GRBL, LINUXCNC], &words, |input| {
+    fuzz("machine-file", &[SIMULATED, SAMBA, GRBL, LINUXCNC], &words, |input| {
         let text = String::from_utf8_lossy(input).into_owned();
         match MachineFile::parse("fuzz.toml", text) {
             Err(error) => error.to_string().len(),
             Ok(file) => plan(&file),
+        }
+    });
+}
+
+#[test]
+fn the_table_of_balls_bears_anything() {
+    const SET: &[u8] = b"# set\nball,x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,\
+        stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
+    let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
+    fuzz("balls-csv", &[SET], &words, |input| {
+        match balls_csv::read("set.csv", &String::from_utf8_lossy(input)) {
+            Err(error) => error.to_string().len(),
+            Ok(balls) => {
+                let balls: Vec<_> = balls.into_iter().map(|(ball, _)| ball).collect();
+                assert!(!serde_json::to_string(&balls).unwrap().contains("null"));
+                drop(artefact::check(&Balls { balls, ..Balls::default() }));
+                input.len()
+            }
         }
     });
 }

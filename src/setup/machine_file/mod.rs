@@ -16,6 +16,9 @@ use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 
 mod artefact;
+mod balls_csv;
+#[cfg(test)]
+mod balls_tests;
 mod check;
 mod controller;
 mod document;
@@ -28,13 +31,17 @@ mod tests;
 mod tolerance;
 mod value;
 
+use artefact::Beside;
 pub use controller::{Control, ControllerConfig, Link, Wire};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
 
-/// The machine that serves when no file is given.
+/// The machine that serves when no file is given,
 const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
+/// and the one with balls for the methods that measure these.
+const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
+const OF_BALLS: [&str; 1] = ["samba"];
 
 const SECTIONS: [&str; 10] = [
     "machine",
@@ -65,19 +72,33 @@ pub struct MachineFile {
 }
 
 impl MachineFile {
-    pub fn embedded() -> Result<Self, MachineFileError> {
-        Self::parse("simulated.toml (built in)", EMBEDDED.to_owned())
+    /// The built-in machine that suits a method.
+    pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
+        let (file, text) = match OF_BALLS.contains(&method) {
+            true => ("samba.toml (built in)", EMBEDDED_BALLS),
+            false => ("simulated.toml (built in)", EMBEDDED),
+        };
+        Self::parse(file, text.to_owned())
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
-        Self::parse(&file, text)
+        Self::parsed(&file, text, Beside::Folder(path.parent().unwrap_or(Path::new(""))))
     }
 
-    /// `file` is the name that errors call it by.
+    /// `file` is the name that errors call it by. There is nothing beside the text.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
+        Self::parsed(file, text, Beside::Nothing)
+    }
+
+    /// The machine file of a stored run, with the artefact that its plan holds.
+    pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
+        Self::parsed(file, text, Beside::Artefact(artefact))
+    }
+
+    fn parsed(file: &str, text: String, beside: Beside<'_>) -> Result<Self, MachineFileError> {
         let document = Document::parse(file, text)?;
         known_names(&document, &[], &SECTIONS)?;
         let machine = machine(&document)?;
@@ -89,7 +110,7 @@ impl MachineFile {
         let solids: Vec<Solid> =
             document.section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
         check::solids(&document, &solids, &machine)?;
-        let artefact = artefact::read(&document)?;
+        let artefact = artefact::read(&document, beside)?;
         check::artefact(&document, &artefact)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;

@@ -9,7 +9,7 @@ use super::*;
 use crate::record::artefact::{Artefact, Cylinder};
 
 /// Errors of the world below, in mm, rad and mm/mm.
-const ERRORS: [(&str, f64); 16] = [
+pub(super) const ERRORS: [(&str, f64); 16] = [
     ("EX0C_um", 50.0),
     ("EY0C_um", -30.0),
     ("EA0C_urad", -110.0),
@@ -27,11 +27,21 @@ const ERRORS: [(&str, f64); 16] = [
     ("EXC_cos2_um", 4.0),
     ("EBC_sin3_urad", 12.0),
 ];
-const TIP: [f64; 3] = [0.4, -0.2, -100.0];
+pub(super) const TIP: [f64; 3] = [0.4, -0.2, -100.0];
 
 /// Plain 4×4 products, written out by hand from the conventions of the machine's chain: errors
 /// before a joint's motion in the order X, Y, Z, A, B, C, gains with it.
-fn ball_by_products(q: &Position) -> DVec3 {
+pub(super) fn ball_by_products(q: &Position) -> DVec3 {
+    let (table, spindle) = by_products(q);
+    (table.inverse() * spindle * tip()).truncate()
+}
+
+pub(super) fn tip() -> DVec4 {
+    DVec4::new(TIP[0], TIP[1], TIP[2], 1.0)
+}
+
+/// Poses of table and spindle.
+pub(super) fn by_products(q: &Position) -> (DMat4, DMat4) {
     let shift = |x, y, z| DMat4::from_translation(DVec3::new(x, y, z));
     let rows = |r: [[f64; 3]; 3]| DMat4::from_mat3(DMat3::from_cols_array_2d(&r).transpose());
     let about_x =
@@ -57,13 +67,12 @@ fn ball_by_products(q: &Position) -> DVec3 {
         * shift(0.0, y * (1.0 - 80e-6), 0.0)
         * shift(0.021, -0.017, 0.0)
         * about_z(s);
-    let tip = DVec4::new(TIP[0], TIP[1], TIP[2], 1.0);
-    (table.inverse() * spindle * tip).truncate()
+    (table, spindle)
 }
 
 /// X, Y, Z that bring the ball to `target` with the other axes as they stand: the pose by products
 /// is affine in them.
-fn solve(target: DVec3, others: &Position) -> Position {
+pub(super) fn solve(target: DVec3, others: &Position) -> Position {
     let origin = ball_by_products(others);
     let column = |axis| ball_by_products(&others.clone().with(axis, 1.0)) - origin;
     let columns = DMat3::from_cols(column(Axis::X), column(Axis::Y), column(Axis::Z));
@@ -77,7 +86,7 @@ fn solve(target: DVec3, others: &Position) -> Position {
 
 /// Where on the segment `from`..`to` the distance from the axis (through `foot`, along the unit
 /// vector `along`) is `radius`: the smaller root of a quadratic.
-fn closed_form(from: DVec3, to: DVec3, foot: DVec3, along: DVec3, radius: f64) -> f64 {
+pub(super) fn closed_form(from: DVec3, to: DVec3, foot: DVec3, along: DVec3, radius: f64) -> f64 {
     let across = |v: DVec3| v - along * along.dot(v);
     let (p, d) = (across(from - foot), across(to - from));
     let (a, half_b, c) = (d.dot(d), p.dot(d), p.dot(p) - radius * radius);

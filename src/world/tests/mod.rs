@@ -1,5 +1,6 @@
 //! One fixture: an ideal C table under X, Y, Z and an oriented spindle; each test spoils it.
 
+mod balls;
 mod contact;
 mod motion;
 mod sources;
@@ -35,6 +36,12 @@ impl Bench {
             artefact: toml::from_str(&artefact).unwrap(),
             truth: Truth::default(),
         }
+    }
+
+    /// The same machine with balls in place of the part.
+    pub fn balls(balls: &str) -> Self {
+        let artefact = toml::from_str(&format!("kind = 'balls'\n{balls}")).unwrap();
+        Self { artefact, ..Self::ideal() }
     }
 
     pub fn axis(&mut self, axis: Axis) -> &mut AxisSpec {

@@ -53,24 +53,32 @@ fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
 fn regress_linear_error_motions_have_the_declared_covariance() {
     let (sigma, length) = (1.5, 60.0);
     let rho = |d: f64| (-d * d / (2.0 * length * length)).exp();
-    let draw = |seed| LinearErrors::draw(seed, [sigma, length], [0.5, 200.0]);
+    let draw = |seed| LinearErrors::draw(seed, [[sigma, length], [0.5, 200.0], [2.0, 100.0]]);
+    let on_x = |seed, x| draw(seed).at([x, 0.0, 0.0]);
     let variance = sigma * sigma;
     for (a, b) in [(40.0, 40.0), (-48.0, 48.0), (100.0, 130.0), (20.0, 300.0)] {
         let expected = variance * (rho(a - b) - rho(a) - rho(b) + 1.0);
-        let found = mean(|seed| draw(seed).at(a, 0.0).x * draw(seed).at(b, 0.0).x);
+        let found = mean(|seed| on_x(seed, a).x * on_x(seed, b).x);
         assert_moment(found, expected, 2.0 * variance);
-        let across = mean(|seed| draw(seed).at(a, 0.0).y * draw(seed).at(b, 0.0).y);
-        assert_moment(across, expected, 2.0 * variance);
-        assert_moment(mean(|s| draw(s).at(a, 0.0).x * draw(s).at(b, 0.0).y), 0.0, 2.0 * variance);
+        for across in [mean(|s| on_x(s, a).y * on_x(s, b).y), mean(|s| on_x(s, a).z * on_x(s, b).z)]
+        {
+            assert_moment(across, expected, 2.0 * variance);
+        }
+        assert_moment(mean(|s| on_x(s, a).x * on_x(s, b).y), 0.0, 2.0 * variance);
+        assert_moment(mean(|s| on_x(s, a).x * on_x(s, b).z), 0.0, 2.0 * variance);
     }
-    let y = mean(|seed| draw(seed).at(0.0, 500.0).y.powi(2));
+    let y = mean(|seed| draw(seed).at([0.0, 500.0, 0.0]).y.powi(2));
     assert_moment(y, 2.0 * 0.25 * (1.0 - (-500.0_f64.powi(2) / 8e4).exp()), 0.5);
-    assert!(draw(1).at(0.0, 0.0).length() < 1e-15);
+    for direction in 0..3 {
+        let z = mean(|seed| draw(seed).at([0.0, 0.0, 400.0])[direction].powi(2));
+        assert_moment(z, 2.0 * 4.0 * (1.0 - (-400.0_f64.powi(2) / 2e4).exp()), 8.0);
+    }
+    assert!(draw(1).at([0.0; 3]).length() < 1e-15);
     // The table that the world uses says the same as the cosines, within it and beyond.
-    let table = draw(1).tabulated([250.0, 250.0]);
+    let table = draw(1).tabulated([250.0; 3]);
     for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
-        let off = (table.at(x, -x) - draw(1).at(x, -x)).length();
-        assert!(off < 1e-5 * sigma, "{off} at {x}");
+        let off = (table.at([x, -x, x]) - draw(1).at([x, -x, x])).length();
+        assert!(off < 1e-5 * (sigma + 0.5 + 2.0), "{off} at {x}");
     }
 }
 
@@ -79,10 +87,10 @@ fn regress_linear_error_motions_move_the_true_position() {
     let mut bench = Bench::ideal();
     bench.truth.seed = 9;
     bench.axis(Axis::X).error_motion_um = 3.0;
-    let drawn = LinearErrors::draw(9, [3e-3, 200.0], [0.0, 1.0]);
+    let drawn = LinearErrors::draw(9, [[3e-3, 200.0], [0.0, 1.0], [0.0, 1.0]]);
     let found = touch(&mut bench.world(), PI, 0.0, 1).0;
     // Displayed −x where x + E_XX(x) meets the part; E_YX leaves it aside by far less than 1 nm.
-    let expected = CIRCLE + drawn.at(-CIRCLE, 0.0).x;
+    let expected = CIRCLE + drawn.at([-CIRCLE, 0.0, 0.0]).x;
     assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
     assert!((found - CIRCLE).abs() > 1e-4);
 }

@@ -1,0 +1,149 @@
+//! Columns that are made orthonormal one after the other (modified Gram–Schmidt).
+
+use faer::Mat;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::linear::RANK_THRESHOLD;
+
+/// Lanes of a sum, in a fixed order: the same answer with and without vector registers.
+const LANES: usize = 8;
+
+/// A matrix by columns.
+#[derive(Debug, Clone)]
+pub(super) struct Columns {
+    rows: usize,
+    count: usize,
+    values: Vec<f64>,
+}
+
+impl Columns {
+    pub fn zeros(rows: usize, count: usize) -> Self {
+        Self { rows, count, values: vec![0.0; rows * count] }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    pub fn set(&mut self, row: usize, column: usize, value: f64) {
+        self.values[column * self.rows + row] = value;
+    }
+
+    pub fn column(&self, column: usize) -> &[f64] {
+        &self.values[column * self.rows..][..self.rows]
+    }
+
+    pub fn column_mut(&mut self, column: usize) -> &mut [f64] {
+        &mut self.values[column * self.rows..][..self.rows]
+    }
+
+    pub fn truncate(&mut self, count: usize) {
+        self.values.truncate(count * self.rows);
+        self.count = count;
+    }
+
+    /// Makes the first `pivots` columns orthonormal and takes them out of all others. Returns R
+    /// (pivots × columns) and whether a column was a sum of those before it.
+    pub fn orthonormalise(&mut self, pivots: usize) -> (Mat<f64>, bool) {
+        Arch::new().dispatch(Orthonormalise { columns: self, pivots })
+    }
+
+    /// Takes the orthonormal columns out of `y` one after the other; their shares.
+    pub fn take_out(&self, y: &mut [f64]) -> Vec<f64> {
+        Arch::new().dispatch(TakeOut { columns: self, y })
+    }
+
+    /// Of each row.
+    pub fn square_sums(&self) -> Vec<f64> {
+        let mut sums = vec![0.0; self.rows];
+        for column in (0..self.count).map(|j| self.column(j)) {
+            sums.iter_mut().zip(column).for_each(|(sum, value)| *sum += value * value);
+        }
+        sums
+    }
+}
+
+struct Orthonormalise<'a> {
+    columns: &'a mut Columns,
+    pivots: usize,
+}
+
+impl WithSimd for Orthonormalise<'_> {
+    type Output = (Mat<f64>, bool);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { columns: Columns { rows, count, values }, pivots } = self;
+        let (rows, count) = (*rows, *count);
+        let mut r = Mat::zeros(pivots, count);
+        let mut lost = false;
+        let whole: Vec<f64> = (0..pivots)
+            .map(|j| dot(&values[j * rows..][..rows], &values[j * rows..][..rows]))
+            .collect();
+        for pivot in 0..pivots {
+            let (done, others) = values.split_at_mut((pivot + 1) * rows);
+            let column = &mut done[pivot * rows..];
+            let length = dot(column, column).sqrt();
+            let sound = length > RANK_THRESHOLD * whole[pivot].sqrt();
+            lost |= !sound;
+            r[(pivot, pivot)] = length;
+            let scale = if sound { 1.0 / length } else { 0.0 };
+            column.iter_mut().for_each(|value| *value *= scale);
+            for other in 0..count - pivot - 1 {
+                let other_column = &mut others[other * rows..][..rows];
+                let share = dot(column, other_column);
+                subtract(other_column, column, share);
+                r[(pivot, pivot + 1 + other)] = share;
+            }
+        }
+        (r, lost)
+    }
+}
+
+struct TakeOut<'a> {
+    columns: &'a Columns,
+    y: &'a mut [f64],
+}
+
+impl WithSimd for TakeOut<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { columns, y } = self;
+        let mut shares = Vec::with_capacity(columns.count);
+        for j in 0..columns.count {
+            let column = columns.column(j);
+            let share = dot(column, y);
+            subtract(y, column, share);
+            shares.push(share);
+        }
+        shares
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; LANES];
+    let (mut left, mut right) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    for (a, b) in (&mut left).zip(&mut right) {
+        for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += a * b;
+        }
+    }
+    let rest: f64 = left.remainder().iter().zip(right.remainder()).map(|(a, b)| a * b).sum();
+    lanes.iter().sum::<f64>() + rest
+}
+
+#[inline(always)]
+fn subtract(y: &mut [f64], column: &[f64], share: f64) {
+    y.iter_mut().zip(column).for_each(|(y, value)| *y -= share * value);
+}
+
+pub(super) fn norm(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+}

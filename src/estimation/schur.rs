@@ -1,0 +1,291 @@
+//! Weighted least squares where most unknowns come in small blocks that meet each other only through a
+//! few common unknowns: many points in space seen by one machine. Each block is eliminated on its own
+//! and what is left of its rows stands for the common unknowns: the Schur complement, here on the rows
+//! themselves (orthogonal, by modified Gram–Schmidt) and not on the normal equations, so that the
+//! condition is not squared. The right-hand side is taken along as one more column, which makes the
+//! solution as good as with Householder's reflections (Björck, BIT 7, 1967, 1–21).
+//!
+//! Unknowns stand in one vector: the common ones, then block after block. Rows stand block after block.
+
+use faer::Mat;
+
+use super::gram_schmidt::{Columns, norm};
+use super::linear::{LinearError, RANK_THRESHOLD, Survey, survey};
+use super::nonlinear::NonlinearError;
+
+/// Steps with a new Jacobian at most.
+const MOST_FACTORS: usize = 20;
+/// Steps with the same Jacobian at most.
+const MOST_CHORDS: usize = 8;
+/// Done when no unknown would move by more than this part of its standard uncertainty.
+const TOLERANCE: f64 = 1e-7;
+/// A Jacobian is that of the solution when the unknowns have moved by less since, in standard
+/// uncertainties.
+const NEAR: f64 = 0.1;
+
+/// The rows of one block, each divided by its standard uncertainty.
+#[derive(Debug, Clone)]
+pub struct Rows {
+    own: usize,
+    columns: Columns,
+}
+
+impl Rows {
+    /// Zeros: `count` rows over `own` unknowns of the block and `common` ones.
+    pub fn zeros(count: usize, own: usize, common: usize) -> Self {
+        Self { own, columns: Columns::zeros(count, own + common + 1) }
+    }
+
+    pub fn set_own(&mut self, row: usize, unknown: usize, value: f64) {
+        self.columns.set(row, unknown, value);
+    }
+
+    pub fn set_common(&mut self, row: usize, unknown: usize, value: f64) {
+        self.columns.set(row, self.own + unknown, value);
+    }
+
+    /// The value: measured, or measured less model.
+    pub fn set_value(&mut self, row: usize, value: f64) {
+        self.columns.set(row, self.columns.count() - 1, value);
+    }
+}
+
+/// A = Q·R in pieces: what all answers about the rows come from.
+#[derive(Debug, Clone)]
+pub struct Factored {
+    blocks: Vec<Block>,
+    /// Of all rows: the orthonormal columns of the common unknowns, the blocks taken out.
+    common: Columns,
+    /// Common × common, upper triangle.
+    triangle: Mat<f64>,
+    deficient: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Block {
+    orthonormal: Columns,
+    /// Own × own, upper triangle.
+    triangle: Mat<f64>,
+    /// Own × common.
+    coupling: Mat<f64>,
+}
+
+/// Factors the rows of all blocks; and, as coordinates along the orthonormal columns, their values.
+/// All blocks have the same common unknowns.
+pub fn factor(blocks: Vec<Rows>) -> (Factored, Vec<f64>) {
+    let common = blocks.first().map_or(0, |rows| rows.columns.count() - rows.own - 1);
+    let total = blocks.iter().map(|rows| rows.columns.rows()).sum();
+    let mut rest = Columns::zeros(total, common + 1);
+    let (mut factored, mut coordinates) = (Vec::with_capacity(blocks.len()), Vec::new());
+    let (mut deficient, mut first) = (false, 0);
+    for Rows { own, mut columns } in blocks {
+        let (r, lost) = columns.orthonormalise(own);
+        deficient |= lost;
+        for j in 0..=common {
+            rest.column_mut(j)[first..][..columns.rows()].copy_from_slice(columns.column(own + j));
+        }
+        first += columns.rows();
+        coordinates.extend((0..own).map(|i| r[(i, own + common)]));
+        columns.truncate(own);
+        factored.push(Block {
+            orthonormal: columns,
+            triangle: r.get(.., ..own).to_owned(),
+            coupling: r.get(.., own..own + common).to_owned(),
+        });
+    }
+    let (r, lost) = rest.orthonormalise(common);
+    let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
+    coordinates.splice(0..0, of_common);
+    rest.truncate(common);
+    let triangle = r.get(.., ..common).to_owned();
+    let deficient = deficient || lost;
+    (Factored { blocks: factored, common: rest, triangle, deficient }, coordinates)
+}
+
+impl Factored {
+    pub fn unknowns(&self) -> usize {
+        self.common.count()
+            + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
+    }
+
+    /// Least-squares solution for the values `y` of all rows.
+    pub fn solve(&self, y: &[f64]) -> Vec<f64> {
+        self.unknowns_at(&self.coordinates(&mut y.to_vec()))
+    }
+
+    /// What the unknowns cannot explain of `y`: (I − H)·y.
+    pub fn remainder(&self, y: &[f64]) -> Vec<f64> {
+        let mut rest = y.to_vec();
+        self.coordinates(&mut rest);
+        rest
+    }
+
+    /// Qᵀ·y; `y` becomes what is left of it.
+    fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
+        let mut own = Vec::with_capacity(self.unknowns());
+        let mut rest = &mut *y;
+        for block in &self.blocks {
+            let (rows, after) = rest.split_at_mut(block.orthonormal.rows());
+            own.extend(block.orthonormal.take_out(rows));
+            rest = after;
+        }
+        let mut all = self.common.take_out(y);
+        all.extend(own);
+        all
+    }
+
+    /// R⁻¹·coordinates.
+    fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
+        let (common, mut own) = coordinates.split_at(self.common.count());
+        let mut x = back_substituted(&self.triangle, common.to_vec());
+        let count = x.len();
+        for block in &self.blocks {
+            let (mine, after) = own.split_at(block.triangle.nrows());
+            let reduced = mine
+                .iter()
+                .enumerate()
+                .map(|(i, z)| z - (0..count).map(|j| block.coupling[(i, j)] * x[j]).sum::<f64>());
+            let solved = back_substituted(&block.triangle, reduced.collect());
+            x.extend(solved);
+            own = after;
+        }
+        x
+    }
+
+    /// R: square, with the rank, the singular values and the null space of all rows.
+    fn square(&self) -> Mat<f64> {
+        let (common, all) = (self.common.count(), self.unknowns());
+        let mut square = Mat::zeros(all, all);
+        square.get_mut(..common, ..common).copy_from(&self.triangle);
+        let mut first = common;
+        for Block { triangle, coupling, .. } in &self.blocks {
+            let last = first + triangle.nrows();
+            square.get_mut(first..last, first..last).copy_from(triangle);
+            square.get_mut(first..last, ..common).copy_from(coupling);
+            first = last;
+        }
+        square
+    }
+
+    /// What the rows can tell.
+    ///
+    /// # Errors
+    /// Rows that are not finite.
+    pub fn survey(&self) -> Result<Survey, LinearError> {
+        survey(self.square().as_ref(), None, RANK_THRESHOLD)
+    }
+
+    /// Unknowns × unknowns, for rows of unit variance.
+    pub fn covariance(&self) -> Mat<f64> {
+        let all = self.unknowns();
+        let mut root = Mat::zeros(all, all);
+        for j in 0..all {
+            let mut unit = vec![0.0; all];
+            unit[j] = 1.0;
+            let column = self.unknowns_at(&unit);
+            column.into_iter().enumerate().for_each(|(i, value)| root[(i, j)] = value);
+        }
+        &root * root.transpose()
+    }
+
+    /// Column norms of the rows: times the covariance's roots they are the scaled ones.
+    pub fn column_norms(&self) -> Vec<f64> {
+        let square = self.square();
+        (0..square.ncols()).map(|j| square.col(j).norm_l2()).collect()
+    }
+
+    /// Diagonal of H: how far each row is explained by itself.
+    pub fn leverage(&self) -> Vec<f64> {
+        let mut leverage = self.common.square_sums();
+        let own = self.blocks.iter().flat_map(|block| block.orthonormal.square_sums());
+        leverage.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+        leverage
+    }
+
+    fn checked(self) -> Result<Self, LinearError> {
+        if self.deficient {
+            let found = self.survey()?;
+            return Err(LinearError::RankDeficient(Box::new(found)));
+        }
+        Ok(self)
+    }
+}
+
+/// A nonlinear problem at its solution.
+#[derive(Debug, Clone)]
+pub struct Minimum {
+    pub x: Vec<f64>,
+    /// Of the model linearised there.
+    pub factored: Factored,
+    /// Weighted: measured less model.
+    pub residuals: Vec<f64>,
+    /// How often a Jacobian was needed.
+    pub factors: usize,
+}
+
+/// Gauss–Newton from `start`. `rows` gives residuals and derivatives (of the model) at a point,
+/// `residuals` the residuals alone. A Jacobian serves for several steps: once it was taken near the
+/// solution, further steps move the answer by rounding only.
+///
+/// # Errors
+/// Rows that do not separate the unknowns; no convergence.
+pub fn minimise(
+    start: Vec<f64>,
+    rows: impl Fn(&[f64]) -> Vec<Rows>,
+    residuals: impl Fn(&[f64]) -> Vec<f64>,
+) -> Result<Minimum, NonlinearError> {
+    let mut x = start;
+    let mut last = f64::INFINITY;
+    for factors in 1..=MOST_FACTORS {
+        let (factored, coordinates) = factor(rows(&x));
+        let factored = factored.checked()?;
+        let moved = norm(&coordinates);
+        add(&mut x, &factored.unknowns_at(&coordinates));
+        let (left, way) = chords(&factored, &mut x, moved, &residuals);
+        last = left;
+        if left <= TOLERANCE && way <= NEAR {
+            let residuals = residuals(&x);
+            return Ok(Minimum { x, factored, residuals, factors });
+        }
+    }
+    Err(NonlinearError::NotConverged { evaluations: MOST_FACTORS, step: last })
+}
+
+/// Steps with the same Jacobian as long as each is far smaller than the one before. Returns the last
+/// step and the whole way since the Jacobian, `moved` included, in standard uncertainties.
+fn chords(
+    factored: &Factored,
+    x: &mut [f64],
+    moved: f64,
+    residuals: &impl Fn(&[f64]) -> Vec<f64>,
+) -> (f64, f64) {
+    let (mut way, mut last) = (moved, moved);
+    for _ in 0..MOST_CHORDS {
+        // Written so that a NaN ends it.
+        if !(last > TOLERANCE && way <= NEAR) {
+            break;
+        }
+        let coordinates = factored.coordinates(&mut residuals(x));
+        last = norm(&coordinates);
+        way += last;
+        add(x, &factored.unknowns_at(&coordinates));
+    }
+    (last, way)
+}
+
+fn add(x: &mut [f64], step: &[f64]) {
+    x.iter_mut().zip(step).for_each(|(x, step)| *x += step);
+}
+
+/// Solves R·x = z in place of z; a lost unknown stays where it is.
+fn back_substituted(triangle: &Mat<f64>, mut z: Vec<f64>) -> Vec<f64> {
+    for i in (0..z.len()).rev() {
+        let known: f64 = (i + 1..z.len()).map(|j| triangle[(i, j)] * z[j]).sum();
+        let pivot = triangle[(i, i)];
+        z[i] = if pivot == 0.0 { 0.0 } else { (z[i] - known) / pivot };
+    }
+    z
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,181 @@
+//! Machine, artefact and settings as the design sees them: what could be measured, and what each
+//! measurement would tell.
+
+use glam::DVec3;
+
+use super::indexation::{candidates, in_words, oriented};
+use super::information::{Bar, Information, Sight};
+use super::{artefact, paper};
+use crate::base::{Axis, Point, Position, Spindle};
+use crate::kinematics::{Chain, ErrorParameter, Shape};
+use crate::methods::Refused;
+use crate::methods::samba::model::{Model, length_u_mm};
+use crate::methods::samba::parameters;
+use crate::methods::samba::settings::{Design, Settings};
+use crate::planning::{Access, Approach, BallTask};
+use crate::record::artefact::{Artefact, Ball, Balls, Length};
+use crate::record::plan::Plan;
+
+/// What is asked of the machine's parameters at a noise of 1 um (METHODS section 4, G4): the units in
+/// which the criteria compare them. mm, rad, mm/mm.
+const OFFSET: f64 = 0.8e-3;
+const ANGLE: f64 = 2e-6;
+const GAIN: f64 = 2.5e-6;
+/// Standard uncertainty of a coordinate of a ball's centre where nobody has declared one, mm.
+const USUAL_U: f64 = 1e-3;
+
+pub struct Bench<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub balls: &'a Balls,
+    pub model: Model,
+    pub tip: Point<Spindle>,
+    /// Whether the spindle turns with the design.
+    pub oriented: bool,
+}
+
+impl<'a> Bench<'a> {
+    /// # Errors
+    /// Settings, artefact or machine that cannot be measured with, each in words.
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
+        let balls = artefact::balls(&plan.artefact)?;
+        settings.check()?;
+        let chain = Chain::new(&plan.machine).map_err(|error| Refused {
+            why: error.to_string(),
+            instead: "correct [machine] and [axes] in the machine file".to_owned(),
+        })?;
+        let oriented = oriented(&plan.machine, settings)?.is_some();
+        let chosen = parameters::chosen(&settings.parameters, &chain, oriented)?;
+        if !oriented {
+            check_spindle(&chosen)?;
+        }
+        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let model = Model::of(chain, chosen);
+        Ok(Self { plan, settings, balls, model, tip, oriented })
+    }
+
+    /// The same for a plan that has grown.
+    pub fn with<'b>(&self, plan: &'b Plan) -> Bench<'b>
+    where
+        'a: 'b,
+    {
+        let Self { settings, balls, model, tip, oriented, .. } = self;
+        Bench { plan, settings, balls, model: model.clone(), tip: *tip, oriented: *oriented }
+    }
+
+    /// All indexations that the settings name and the machine reaches.
+    pub fn candidates(&self) -> Result<Vec<Position>, Refused> {
+        let machine = &self.plan.machine;
+        match self.settings.design {
+            Design::Optimal => candidates(machine, self.settings),
+            Design::Paper => paper::candidates(machine, self.settings),
+        }
+    }
+
+    /// What is free beside the artefact, as it is thought to stand.
+    ///
+    /// # Errors
+    /// A machine without kinematics.
+    pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
+        Access::new(self.plan, artefact)
+            .map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })
+    }
+
+    /// One measurement of a ball.
+    pub fn task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: Approach) -> BallTask<'t> {
+        BallTask { ball, rotary, approach, touches: self.settings.touches }
+    }
+
+    /// Fast, for a ball that may be so far from where it is expected.
+    pub fn search(&self, uncertainty_mm: f64) -> Approach {
+        Approach::Find { uncertainty_mm, standoff_mm: self.settings.standoff_mm }
+    }
+
+    /// Axis positions with the tip on the ball's stated centre.
+    pub fn on_ball(&self, at: &Position, ball: &Ball) -> Result<Position, Refused> {
+        let centre = Point::from_vec(DVec3::from_array(ball.centre_mm));
+        let linear = self.model.chain().linear_axes_for(centre, self.tip, at, &[]);
+        let linear = linear.map_err(|error| Refused {
+            why: format!("ball {} at {}: {error}", ball.id, in_words(at)),
+            instead: "correct the directions in [axes]".to_owned(),
+        })?;
+        Ok(at.updated_by(&linear.only(Axis::is_linear)))
+    }
+
+    pub fn sight(
+        &self,
+        (indexation, at): (usize, &Position),
+        (ball, of): (usize, &Ball),
+    ) -> Result<Sight, Refused> {
+        let zero = vec![0.0; self.model.parameters().len()];
+        let centre = DVec3::from_array(of.centre_mm);
+        let rows = self.model.rows(&self.on_ball(at, of)?, &zero, self.tip.mm, centre);
+        let machine = rows
+            .machine
+            .iter()
+            .zip(self.units())
+            .map(|(column, unit)| *column * unit / self.u_mm());
+        let tool = [rows.tool.x_axis, rows.tool.y_axis, rows.tool.z_axis];
+        let tool = tool.into_iter().map(|column| column * OFFSET / self.u_mm());
+        Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })
+    }
+
+    /// The certified lengths alone.
+    pub fn nothing(&self) -> Information {
+        let machine = self.model.parameters().len();
+        let bars: Vec<Bar> = self.balls.lengths.iter().filter_map(|l| self.bar(l)).collect();
+        let unit = OFFSET / self.u_mm();
+        Information::new(machine, machine + 3, self.balls.balls.len(), &bars, unit)
+    }
+
+    /// Which balls a length joins, and its direction.
+    pub fn ends(&self, length: &Length) -> Option<([usize; 2], DVec3)> {
+        let find = |id: &String| self.balls.balls.iter().position(|ball| ball.id == *id);
+        let ends = [find(&length.from)?, find(&length.to)?];
+        let [from, to] = ends.map(|end| self.balls.balls.get(end));
+        let way = DVec3::from_array(to?.centre_mm) - DVec3::from_array(from?.centre_mm);
+        Some((ends, way.try_normalize()?))
+    }
+
+    fn bar(&self, length: &Length) -> Option<Bar> {
+        let (balls, direction) = self.ends(length)?;
+        Some(Bar { balls, direction, weight: OFFSET / length_u(length) })
+    }
+
+    /// Standard uncertainty of a coordinate of a ball's centre, mm.
+    pub fn u_mm(&self) -> f64 {
+        self.plan.probe.repeatability_um.map_or(USUAL_U, |um| um.max(0.01) * 1e-3)
+    }
+
+    /// Of the machine's parameters.
+    fn units(&self) -> impl Iterator<Item = f64> + '_ {
+        self.model.parameters().iter().map(|parameter| match parameter.shape() {
+            Shape::Gain => GAIN,
+            _ if parameter.component().is_linear() => OFFSET,
+            _ => ANGLE,
+        })
+    }
+}
+
+/// Standard uncertainty of a length, mm: at least a nanometre, so that an exact one has a weight.
+pub fn length_u(length: &Length) -> f64 {
+    let [certificate, temperature] = length_u_mm(length);
+    certificate.hypot(temperature).max(1e-6)
+}
+
+/// Without a turning spindle its place cannot be told from that of the stylus on it.
+fn check_spindle(chosen: &[ErrorParameter]) -> Result<(), Refused> {
+    let of_spindle = |p: &&ErrorParameter| p.axis() == Axis::S && p.component().is_linear();
+    let Some(parameter) = chosen.iter().find(of_spindle) else { return Ok(()) };
+    let coordinate = parameter.component().letter().to_lowercase();
+    Err(Refused {
+        why: format!(
+            "{parameter} was asked for, but the spindle is not oriented: {parameter} and the stylus \
+             offset t_{coordinate} are inseparable, only {parameter} + t_{coordinate} is seen"
+        ),
+        instead: format!(
+            "declare [axes.S] and choose spindle = \"orient\", or take {parameter} out of parameters: \
+             then it stands in t_{coordinate}"
+        ),
+    })
+}

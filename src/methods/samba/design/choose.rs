@@ -1,0 +1,155 @@
+//! The greedy choice: one measurement of a ball after the other, each time the one that tells most of
+//! the machine for its time.
+
+use std::collections::BTreeSet;
+
+use super::information::{Information, Sight};
+use crate::methods::Refused;
+use crate::methods::samba::settings::Criterion;
+
+/// A ball that nobody has calibrated brings three unknowns along: below three measurements it tells
+/// hardly anything of the machine.
+pub const LEAST_VISITS: usize = 3;
+
+/// What another indexation takes of a ball measurement's time: turning, and the way there.
+const OPENING: f64 = 0.25;
+
+/// What may be spent at most.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    pub balls: usize,
+    pub indexations: usize,
+}
+
+/// Sights in the order in which they were chosen.
+pub struct Chosen {
+    pub sights: Vec<usize>,
+    /// So many of them show each ball at [`LEAST_VISITS`] indexations.
+    pub least: usize,
+}
+
+/// What is chosen so far.
+struct Choice<'a> {
+    sights: &'a [Sight],
+    budget: Budget,
+    criterion: Criterion,
+    information: Information,
+    taken: Vec<usize>,
+    opened: BTreeSet<usize>,
+    /// Of each ball.
+    visits: Vec<usize>,
+}
+
+/// `nothing` holds the lengths only.
+///
+/// First an indexation that sees most balls, then what shows the rest of them, then every ball at
+/// [`LEAST_VISITS`] indexations, then whatever tells most.
+///
+/// # Errors
+/// A budget that does not suffice for [`LEAST_VISITS`] of each ball.
+pub fn choose(
+    sights: &[Sight],
+    balls: usize,
+    nothing: Information,
+    budget: Budget,
+    criterion: Criterion,
+) -> Result<Chosen, Refused> {
+    let mut choice = Choice {
+        sights,
+        budget,
+        criterion,
+        information: nothing,
+        taken: Vec::new(),
+        opened: BTreeSet::new(),
+        visits: vec![0; balls],
+    };
+    while choice.show_more() {}
+    while choice.visits.iter().any(|visits| *visits < LEAST_VISITS) {
+        if !choice.take_best(true) {
+            return Err(choice.too_small());
+        }
+    }
+    let least = choice.taken.len();
+    while choice.take_best(false) {}
+    Ok(Chosen { sights: choice.taken, least })
+}
+
+impl Choice<'_> {
+    /// All balls of the indexation that sees most of those not seen yet.
+    fn show_more(&mut self) -> bool {
+        let new = |sight: &&Sight| self.visits.get(sight.ball) == Some(&0);
+        let indexations = self.sights.iter().map(|sight| sight.indexation);
+        let count =
+            |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
+        let candidates: BTreeSet<usize> = indexations.collect();
+        // The first of equals.
+        let best = candidates.into_iter().rev().max_by_key(|at| count(*at));
+        let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
+        let there = |(_, sight): &(usize, &Sight)| {
+            sight.indexation == best && (new(&sight) || self.taken.is_empty())
+        };
+        let found: Vec<usize> =
+            self.sights.iter().enumerate().filter(there).map(|(index, _)| index).collect();
+        let allowed: Vec<usize> = found.into_iter().filter(|index| self.allows(*index)).collect();
+        allowed.iter().for_each(|index| self.take(*index));
+        !allowed.is_empty()
+    }
+
+    /// Of all that the budget allows, what tells most for its time; with `wanting` only balls that want
+    /// visits.
+    fn take_best(&mut self, wanting: bool) -> bool {
+        let wants = |sight: &Sight| {
+            !wanting || self.visits.get(sight.ball).is_some_and(|visits| *visits < LEAST_VISITS)
+        };
+        let mut best: Option<(f64, usize)> = None;
+        for (index, sight) in self.sights.iter().enumerate() {
+            if wants(sight) && self.allows(index) {
+                let score = self.information.gain(sight, self.criterion) / self.time_for(sight);
+                if best.is_none_or(|(highest, _)| score > highest) {
+                    best = Some((score, index));
+                }
+            }
+        }
+        if let Some((_, index)) = best {
+            self.take(index);
+        }
+        best.is_some()
+    }
+
+    fn allows(&self, index: usize) -> bool {
+        let Some(sight) = self.sights.get(index) else { return false };
+        let room = self.opened.len() < self.budget.indexations;
+        !self.taken.contains(&index)
+            && self.taken.len() < self.budget.balls
+            && (room || self.opened.contains(&sight.indexation))
+    }
+
+    /// In ball measurements.
+    fn time_for(&self, sight: &Sight) -> f64 {
+        if self.opened.contains(&sight.indexation) { 1.0 } else { 1.0 + OPENING }
+    }
+
+    fn take(&mut self, index: usize) {
+        let Some(sight) = self.sights.get(index) else { return };
+        self.information.add(sight);
+        self.taken.push(index);
+        self.opened.insert(sight.indexation);
+        if let Some(visits) = self.visits.get_mut(sight.ball) {
+            *visits += 1;
+        }
+    }
+
+    fn too_small(&self) -> Refused {
+        let least = LEAST_VISITS * self.visits.len();
+        Refused {
+            why: format!(
+                "the budget of {} ball measurements at {} indexations does not suffice: every \
+                 ball must be measured at {LEAST_VISITS} indexations or more, {least} measurements",
+                self.budget.balls, self.budget.indexations
+            ),
+            instead: "raise balls and indexations in [method.samba], or take balls out of \
+                      [artefact]"
+                .to_owned(),
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Where the rotary axes and the spindle may stand: the candidates of the design.
+//!
+//! An indexation is a [`Position`] that names every rotary axis of the machine, and S where the
+//! spindle turns with the design.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use crate::base::{Axis, Position};
+use crate::methods::Refused;
+use crate::methods::samba::settings::{Settings, Spindle};
+use crate::record::machine::{AxisSpec, Machine};
+
+/// Cosine from which on an axis counts as parallel to the spindle's.
+const PARALLEL: f64 = 0.9;
+/// Two positions of one axis nearer than this, or than this from whole turns apart, are the same.
+const SAME_RAD: f64 = 1e-6;
+/// Slack of a limit, so that 90° is within [-90, 90], rad.
+const SLACK_RAD: f64 = 1e-9;
+
+/// One axis of the design and the places where it may stand, rad.
+struct Grid {
+    axis: Axis,
+    at: Vec<f64>,
+}
+
+/// All combinations of the positions that the settings name, as far as the axes reach them. A rotary
+/// axis parallel to the spindle takes those of `turn_deg`, any other those of `tilt_deg`, counted as
+/// the axis is commanded.
+///
+/// # Errors
+/// No rotary axis; a position that the settings name and the axis cannot reach (the defaults are cut
+/// to what it reaches); a spindle that shall be oriented without an axis S.
+pub fn candidates(machine: &Machine, settings: &Settings) -> Result<Vec<Position>, Refused> {
+    let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
+    let mut grids =
+        rotary.map(|(axis, spec)| grid(*axis, spec, settings)).collect::<Result<Vec<_>, _>>()?;
+    if grids.is_empty() {
+        return Err(Refused {
+            why: "samba turns the artefact; this machine has no rotary axis".to_owned(),
+            instead: "describe the rotary axes in [axes] and in the topology".to_owned(),
+        });
+    }
+    // The axis that turns farthest is the innermost: it sweeps while the others stand.
+    grids.sort_by_key(|grid| grid.at.len() > 1 && is_parallel(grid.axis, machine));
+    if let Some(spec) = oriented(machine, settings)? {
+        grids.push(grid(Axis::S, spec, settings)?);
+    }
+    Ok(grids.iter().fold(vec![Position::new()], |places, grid| product(&places, grid)))
+}
+
+/// The axis S, if the spindle turns with the design.
+///
+/// # Errors
+/// `spindle = "orient"` on a machine that declares no axis S.
+pub fn oriented<'a>(
+    machine: &'a Machine,
+    settings: &Settings,
+) -> Result<Option<&'a AxisSpec>, Refused> {
+    match (settings.spindle, machine.axes.get(&Axis::S)) {
+        (Spindle::Fixed, _) | (Spindle::Auto, None) => Ok(None),
+        (Spindle::Orient | Spindle::Auto, Some(spec)) => Ok(Some(spec)),
+        (Spindle::Orient, None) => Err(Refused {
+            why: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
+            instead:
+                "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
+                      (EX0S, EY0S) is told together with that of the stylus"
+                    .to_owned(),
+        }),
+    }
+}
+
+/// A rotary axis that moves table or head; the spindle is not one.
+pub fn is_rotary(axis: Axis) -> bool {
+    !axis.is_linear() && axis != Axis::S
+}
+
+/// Whether the rotary axis turns about the spindle's direction, all axes at zero.
+pub fn is_parallel(axis: Axis, machine: &Machine) -> bool {
+    let nominal = match axis {
+        Axis::A => DVec3::X,
+        Axis::B => DVec3::Y,
+        _ => DVec3::Z,
+    };
+    let stated = machine.axes.get(&axis).map(|spec| DVec3::from_array(spec.direction));
+    stated.and_then(DVec3::try_normalize).unwrap_or(nominal).z.abs() > PARALLEL
+}
+
+fn product(places: &[Position], grid: &Grid) -> Vec<Position> {
+    let with = |place: &Position| {
+        let all = grid.at.iter().map(|at| place.clone().with(grid.axis, *at));
+        all.collect::<Vec<_>>()
+    };
+    places.iter().flat_map(with).collect()
+}
+
+fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refused> {
+    let usual = Settings::default();
+    let direction = DVec3::from_array(spec.direction).try_normalize();
+    let parallel = direction.map_or(axis == Axis::C, |to| to.z.abs() > PARALLEL);
+    let (key, degrees, default) = match axis {
+        Axis::S => ("spindle_deg", &settings.spindle_deg, usual.spindle_deg),
+        _ if parallel => ("turn_deg", &settings.turn_deg, usual.turn_deg),
+        _ => ("tilt_deg", &settings.tilt_deg, usual.tilt_deg),
+    };
+    let mut at: Vec<f64> = Vec::new();
+    for degree in degrees {
+        let Some(place) = reached(axis, spec, *degree) else {
+            if *degrees == default {
+                continue;
+            }
+            return Err(outside(axis, spec, *degree, key));
+        };
+        if !at.iter().any(|other| is_same(*other, place)) {
+            at.push(place);
+        }
+    }
+    if at.is_empty() {
+        return Err(Refused {
+            why: format!(
+                "{axis} has no position: {key} names none within [{}, {}]",
+                spec.min, spec.max
+            ),
+            instead: format!(
+                "name positions of {axis} in {key}, or correct the limits in [axes.{axis}]"
+            ),
+        });
+    }
+    Ok(Grid { axis, at })
+}
+
+fn outside(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -> Refused {
+    Refused {
+        why: format!(
+            "an indexation with {axis} at {degree}° lies outside its limits [{}, {}]",
+            spec.min, spec.max
+        ),
+        instead: format!("take {degree} out of {key}, or correct the limits in [axes.{axis}]"),
+    }
+}
+
+/// The command for an angle within the limits: as stated, or a whole turn less or more.
+fn reached(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
+    let (min, max) = (axis.from_edge(spec.min), axis.from_edge(spec.max));
+    let wanted = axis.from_edge(degree);
+    [0.0, -TAU, TAU]
+        .into_iter()
+        .map(|turn| wanted + turn)
+        .find(|at| (min - SLACK_RAD..=max + SLACK_RAD).contains(at))
+}
+
+/// The same but for whole turns.
+pub fn is_same(one: f64, other: f64) -> bool {
+    let turns = (one - other) / TAU;
+    (turns - turns.round()).abs() * TAU < SAME_RAD
+}
+
+/// An indexation in words, degrees: `B30 C90 S0`.
+pub fn in_words(at: &Position) -> String {
+    let degree = |axis: Axis, value: f64| (axis.to_edge(value) * 1e3).round() / 1e3;
+    let words: Vec<String> =
+        at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
+    words.join(" ")
+}

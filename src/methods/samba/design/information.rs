@@ -1,0 +1,167 @@
+//! What a choice of measurements tells of the machine: the inverse of its information matrix, the
+//! balls without a certified length eliminated, kept up to date as measurements join.
+
+use glam::{DMat3, DVec3};
+
+use crate::methods::samba::settings::Criterion;
+
+/// Unknowns start with a variance so wide that it tells nothing, in their units.
+const UNKNOWN: f64 = 1e6;
+
+/// One ball seen at one indexation: ∂(tip on the table)/∂(machine errors, then tool), each column in
+/// the unit of its unknown, over the standard uncertainty of a centre.
+#[derive(Debug, Clone)]
+pub struct Sight {
+    pub indexation: usize,
+    pub ball: usize,
+    pub columns: Vec<DVec3>,
+}
+
+/// A certified distance: its balls, the direction from one to the other, and one over its standard
+/// uncertainty (in the unit of a ball's coordinate).
+#[derive(Debug, Clone, Copy)]
+pub struct Bar {
+    pub balls: [usize; 2],
+    pub direction: DVec3,
+    pub weight: f64,
+}
+
+/// Inverse of an information matrix, square, by rows.
+#[derive(Debug, Clone)]
+struct Inverse {
+    size: usize,
+    entries: Vec<f64>,
+}
+
+/// What three rows would do to an inverse P: P·Wᵀ, and I + W·P·Wᵀ.
+struct Effect {
+    along: Vec<DVec3>,
+    core: DMat3,
+}
+
+impl Inverse {
+    fn new(size: usize) -> Self {
+        let diagonal = |i: usize| if i.is_multiple_of(size + 1) { UNKNOWN } else { 0.0 };
+        Self { size, entries: (0..size * size).map(diagonal).collect() }
+    }
+
+    /// `columns`: those of W, one for each unknown.
+    fn effect(&self, columns: &[DVec3]) -> Effect {
+        let rows = self.entries.chunks_exact(self.size);
+        let along: Vec<DVec3> =
+            rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
+        let core = columns.iter().zip(&along).fold(DMat3::IDENTITY, |sum, (w, pw)| {
+            sum + DMat3::from_cols(*w * pw.x, *w * pw.y, *w * pw.z)
+        });
+        Effect { along, core }
+    }
+
+    /// The rows join (Woodbury).
+    fn join(&mut self, columns: &[DVec3]) {
+        let Effect { along, core } = self.effect(columns);
+        let solved = core.inverse();
+        for (row, left) in self.entries.chunks_exact_mut(self.size).zip(&along) {
+            let left = solved * *left;
+            row.iter_mut().zip(&along).for_each(|(entry, right)| *entry -= left.dot(*right));
+        }
+    }
+}
+
+/// Of the machine's parameters, after elimination of tool and balls.
+#[derive(Debug, Clone)]
+pub struct Information {
+    /// The first so many unknowns are what the design is for.
+    machine: usize,
+    /// Where the coordinates of a ball stand among the unknowns; `None`: eliminated.
+    slots: Vec<Option<usize>>,
+    /// Measurements of each ball so far, and the mean of their columns.
+    seen: Vec<(f64, Vec<DVec3>)>,
+    full: Inverse,
+    /// Of tool and balls alone, the machine known.
+    rest: Inverse,
+    /// The size of a coordinate's unit over the standard uncertainty of a centre.
+    ball_unit: f64,
+}
+
+impl Information {
+    /// `shared`: machine parameters and tool. Balls with a certified length stay among the unknowns.
+    pub fn new(machine: usize, shared: usize, balls: usize, bars: &[Bar], ball_unit: f64) -> Self {
+        let mut size = shared;
+        let mut slots = vec![None; balls];
+        for ball in bars.iter().flat_map(|bar| bar.balls) {
+            if let Some(slot @ None) = slots.get_mut(ball) {
+                *slot = Some(size);
+                size += 3;
+            }
+        }
+        let seen = vec![(0.0, vec![DVec3::ZERO; shared]); balls];
+        let (full, rest) = (Inverse::new(size), Inverse::new(size - machine));
+        let mut new = Self { machine, slots, seen, full, rest, ball_unit };
+        bars.iter().for_each(|bar| new.join_bar(bar));
+        new
+    }
+
+    fn join_bar(&mut self, bar: &Bar) {
+        let mut columns = vec![DVec3::ZERO; self.full.size];
+        for (ball, sign) in bar.balls.into_iter().zip([-1.0, 1.0]) {
+            let Some(slot) = self.slots.get(ball).copied().flatten() else { continue };
+            for (column, part) in columns.iter_mut().skip(slot).zip(bar.direction.to_array()) {
+                *column = DVec3::new(sign * bar.weight * part, 0.0, 0.0);
+            }
+        }
+        self.join(&columns);
+    }
+
+    fn join(&mut self, columns: &[DVec3]) {
+        self.full.join(columns);
+        self.rest.join(columns.get(self.machine..).unwrap_or_default());
+    }
+
+    /// The measurement's rows on the unknowns: an eliminated ball takes away what it must tell of
+    /// itself, n/(n+1) of the difference from the mean of the n measurements so far remains.
+    fn columns(&self, sight: &Sight) -> Vec<DVec3> {
+        let slot = self.slots.get(sight.ball).copied().flatten();
+        let mut columns = match (slot, self.seen.get(sight.ball)) {
+            (None, Some((count, mean))) => {
+                let share = (count / (count + 1.0)).sqrt();
+                sight.columns.iter().zip(mean).map(|(new, mean)| (*new - *mean) * share).collect()
+            }
+            _ => sight.columns.clone(),
+        };
+        columns.resize(self.full.size, DVec3::ZERO);
+        if let Some(slot) = slot {
+            let axes = DVec3::AXES.into_iter().map(|axis| -self.ball_unit * axis);
+            columns.iter_mut().skip(slot).zip(axes).for_each(|(column, to)| *column = to);
+        }
+        columns
+    }
+
+    /// How much the measurement would tell. D: growth of the logarithm of det(information); A: the
+    /// sum of variances it takes away.
+    pub fn gain(&self, sight: &Sight, criterion: Criterion) -> f64 {
+        let columns = self.columns(sight);
+        let full = self.full.effect(&columns);
+        match criterion {
+            Criterion::D => {
+                let rest = self.rest.effect(columns.get(self.machine..).unwrap_or_default());
+                full.core.determinant().ln() - rest.core.determinant().ln()
+            }
+            Criterion::A => {
+                let solved = full.core.inverse();
+                full.along.iter().take(self.machine).map(|along| along.dot(solved * *along)).sum()
+            }
+        }
+    }
+
+    /// The measurement joins.
+    pub fn add(&mut self, sight: &Sight) {
+        let columns = self.columns(sight);
+        self.join(&columns);
+        if let Some((count, mean)) = self.seen.get_mut(sight.ball) {
+            *count += 1.0;
+            for (mean, new) in mean.iter_mut().zip(&sight.columns) {
+                *mean += (*new - *mean) / *count;
+            }
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The measuring design: which balls at which indexations, in which order, and whether that is enough.
+
+mod artefact;
+mod bench;
+mod choose;
+mod indexation;
+mod information;
+mod order;
+mod paper;
+mod survey;
+
+#[cfg(test)]
+mod refusal_tests;
+#[cfg(test)]
+pub mod tests;
+
+use std::collections::BTreeMap;
+
+pub use self::bench::Bench;
+use self::choose::{Budget, LEAST_VISITS, choose};
+pub use self::indexation::in_words;
+use self::information::Sight;
+use super::settings::Design as Kind;
+use crate::base::Position;
+use crate::methods::Refused;
+
+/// One indexation and the balls measured there, as indices into the artefact's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Visit {
+    pub at: Position,
+    pub balls: Vec<usize>,
+}
+
+/// What can be measured.
+pub struct Candidates {
+    pub at: Vec<Position>,
+    pub sights: Vec<Sight>,
+}
+
+/// The visits in measuring order, rank and condition looked at. `time_s` gives the machine time of
+/// visits.
+///
+/// # Errors
+/// Whatever [`Candidates::new`] refuses, a budget that does not suffice, the paper's design on a
+/// machine or artefact that cannot have it, and a design that does not tell the machine's errors
+/// apart, in words.
+pub fn design(
+    bench: &Bench<'_>,
+    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
+) -> Result<Vec<Visit>, Refused> {
+    let candidates = Candidates::new(bench)?;
+    let visits = match bench.settings.design {
+        // In the order that its definition gives.
+        Kind::Paper => paper::visits(bench, &candidates)?,
+        Kind::Optimal => optimal(bench, &candidates, time_s)?,
+    };
+    survey::check(bench, &visits)?;
+    Ok(visits)
+}
+
+/// The greedy choice, as much of it as the minutes allow.
+fn optimal(
+    bench: &Bench<'_>,
+    candidates: &Candidates,
+    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
+) -> Result<Vec<Visit>, Refused> {
+    let (balls, settings) = (bench.balls.balls.len(), bench.settings);
+    let budget = Budget { balls: settings.balls, indexations: settings.indexations };
+    let sights = &candidates.sights;
+    let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
+    let first = |count: usize| {
+        let some = chosen.sights.get(..count).unwrap_or_default();
+        order::in_order(&bench.plan.machine, candidates.visits(some))
+    };
+    if settings.minutes == 0.0 {
+        return Ok(first(chosen.sights.len()));
+    }
+    let limit_s = settings.minutes * 60.0;
+    let least_s = time_s(&first(chosen.least))?;
+    if least_s > limit_s {
+        return Err(Refused {
+            why: format!(
+                "{} minutes do not suffice: to measure every ball at {LEAST_VISITS} indexations takes \
+                 {:.1} minutes of machine time",
+                settings.minutes,
+                least_s / 60.0
+            ),
+            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]".to_owned(),
+        });
+    }
+    // Halving: `fits` is known to fit.
+    let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
+    while beyond - fits > 1 {
+        let middle = (fits + beyond) / 2;
+        if time_s(&first(middle))? <= limit_s { fits = middle } else { beyond = middle }
+    }
+    Ok(first(fits))
+}
+
+impl Candidates {
+    /// # Errors
+    /// An indexation outside the limits; a ball that fewer than three indexations show.
+    pub fn new(bench: &Bench<'_>) -> Result<Self, Refused> {
+        let at = bench.candidates()?;
+        let access = bench.access(&bench.plan.artefact)?;
+        let mut sights = Vec::new();
+        for (ball, of) in bench.balls.balls.iter().enumerate() {
+            let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
+            for (indexation, at) in at.iter().enumerate() {
+                // As it is searched for, where it is stated and grown by how far it may be from
+                // there: then it can be measured wherever it is found.
+                match access.accessible(&bench.task(of, at, bench.search(bench.balls.uncertainty_mm))) {
+                    Ok(_) => sights.push(bench.sight((indexation, at), (ball, of))?),
+                    Err(why) => drop(why_not.entry(why.to_string()).or_insert(at)),
+                }
+            }
+            let count = sights.len() - first;
+            if count < LEAST_VISITS {
+                return Err(unreachable_ball(&of.id, count, at.len(), &why_not));
+            }
+        }
+        Ok(Self { at, sights })
+    }
+
+    /// The chosen sights, by indexation.
+    pub fn visits(&self, chosen: &[usize]) -> Vec<Visit> {
+        let mut by_place: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for sight in chosen.iter().filter_map(|index| self.sights.get(*index)) {
+            by_place.entry(sight.indexation).or_default().push(sight.ball);
+        }
+        let visit = |(place, balls): (usize, Vec<usize>)| {
+            Some(Visit { at: self.at.get(place)?.clone(), balls })
+        };
+        by_place.into_iter().filter_map(visit).collect()
+    }
+}
+
+fn unreachable_ball(
+    id: &str,
+    count: usize,
+    of: usize,
+    why_not: &BTreeMap<String, &Position>,
+) -> Refused {
+    let reasons: Vec<String> =
+        why_not.iter().take(2).map(|(why, at)| format!("at {} {why}", in_words(at))).collect();
+    let reached = match count {
+        0 => "cannot be reached at any".to_owned(),
+        some => format!("can be reached at {some} only"),
+    };
+    Refused {
+        why: format!(
+            "ball {id} {reached} of {of} indexations, where {LEAST_VISITS} are needed: {}",
+            reasons.join("; ")
+        ),
+        instead:
+            "set the ball up elsewhere or with another stem, name other positions in tilt_deg and \
+                  turn_deg, or take it out of [artefact]"
+                .to_owned(),
+    }
+}

@@ -1,0 +1,117 @@
+//! The design with the counts of paper 4, section 3: 32 triples of B, C and S, 109 balls; B at 0, ±10,
+//! ±30, ±60 and ±90°, C by 90° forward and reverse, S by 90°.
+//!
+//! The paper does not list its triples. This is one assignment with exactly its counts: the tilts in
+//! ascending order; at 0° all four quarters of C forward and again in reverse, at each other tilt three
+//! quarters, forward and reverse by turns, the quarter left out going round; S on by a quarter from
+//! triple to triple, the tilts a quarter apart, so that each C meets each S. Of the balls that are
+//! accessible there 109 are kept: again and again, of the triple with the most balls, the ball that is
+//! measured most often is left out.
+
+use super::indexation::{self, is_parallel, is_rotary, is_same};
+use super::{Bench, Candidates, Visit};
+use crate::base::{Axis, Position};
+use crate::methods::Refused;
+use crate::methods::samba::settings::Settings;
+use crate::record::machine::Machine;
+
+const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
+const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
+const TRIPLES: usize = 32;
+const BALLS: usize = 109;
+
+/// Indices into [`TILTS_DEG`], and into [`QUARTERS_DEG`] for C and S, in measuring order.
+fn triples() -> Vec<[usize; 3]> {
+    let mut triples = Vec::new();
+    for tilt in 0..TILTS_DEG.len() {
+        let forward = (0..4_usize).filter(|c| TILTS_DEG[tilt] == 0.0 || *c != tilt % 4);
+        let forward: Vec<usize> = forward.collect();
+        let reverse = forward.iter().rev();
+        let turns: Vec<usize> = match tilt {
+            _ if TILTS_DEG[tilt] == 0.0 => forward.iter().chain(reverse).copied().collect(),
+            even if even.is_multiple_of(2) => forward,
+            _ => reverse.copied().collect(),
+        };
+        let triple = |(k, c): (usize, usize)| [tilt, c, (k + k / 4 + tilt) % 4];
+        triples.extend(turns.into_iter().enumerate().map(triple));
+    }
+    triples
+}
+
+/// All combinations of the paper's positions.
+///
+/// # Errors
+/// A position that the machine does not reach.
+pub fn candidates(machine: &Machine, settings: &Settings) -> Result<Vec<Position>, Refused> {
+    let usual = Settings {
+        tilt_deg: TILTS_DEG.to_vec(),
+        turn_deg: QUARTERS_DEG.to_vec(),
+        spindle_deg: QUARTERS_DEG.to_vec(),
+        ..settings.clone()
+    };
+    indexation::candidates(machine, &usual)
+}
+
+/// In measuring order.
+///
+/// # Errors
+/// A machine without one tilting axis, one axis parallel to the spindle and a spindle that is
+/// oriented; fewer than 109 balls accessible at these triples.
+pub fn visits(bench: &Bench<'_>, candidates: &Candidates) -> Result<Vec<Visit>, Refused> {
+    let machine = &bench.plan.machine;
+    let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary(*a)).collect();
+    let of = |parallel: bool| rotary.iter().find(|axis| is_parallel(**axis, machine) == parallel);
+    let (Some(tilt), Some(turn), 2, true) = (of(false), of(true), rotary.len(), bench.oriented)
+    else {
+        return Err(refused(
+            "the paper's design needs one rotary axis that tilts, one parallel to the spindle, and a \
+             spindle that is oriented (axis S)"
+                .to_owned(),
+        ));
+    };
+    let mut visits = Vec::new();
+    for [b, c, s] in triples() {
+        let wanted = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
+        let stands = |at: &Position| {
+            wanted.iter().all(|(axis, degree)| is_same(at.at(*axis), axis.from_edge(*degree)))
+        };
+        let Some(place) = candidates.at.iter().position(stands) else {
+            let words = wanted.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
+            return Err(refused(format!(
+                "the machine does not reach {words} of the paper's design"
+            )));
+        };
+        let there = candidates.sights.iter().filter(|sight| sight.indexation == place);
+        let balls: Vec<usize> = there.map(|sight| sight.ball).collect();
+        let at = candidates.at.get(place).cloned().unwrap_or_default();
+        visits.push(Visit { at, balls });
+    }
+    let count = |visits: &[Visit]| visits.iter().map(|visit| visit.balls.len()).sum::<usize>();
+    let accessible = count(&visits);
+    if accessible < BALLS {
+        return Err(refused(format!(
+            "the paper's design measures {BALLS} balls at {TRIPLES} triples; of this artefact only \
+             {accessible} are accessible there"
+        )));
+    }
+    while count(&visits) > BALLS {
+        leave_one_out(&mut visits);
+    }
+    Ok(visits)
+}
+
+fn leave_one_out(visits: &mut [Visit]) {
+    let mut often = vec![0_usize; visits.iter().flat_map(|v| &v.balls).max().map_or(0, |b| b + 1)];
+    for ball in visits.iter().flat_map(|visit| &visit.balls) {
+        often[*ball] += 1;
+    }
+    // The first of equals.
+    let fullest = visits.iter_mut().rev().max_by_key(|visit| visit.balls.len());
+    let Some(visit) = fullest else { return };
+    let most = visit.balls.iter().rev().copied().max_by_key(|ball| often[*ball]);
+    visit.balls.retain(|ball| Some(*ball) != most);
+}
+
+fn refused(why: String) -> Refused {
+    Refused { why, instead: "choose design = \"optimal\"".to_owned() }
+}

@@ -1,0 +1,113 @@
+//! What cannot be measured is refused in words before anything moves.
+
+use super::tests::plan;
+use crate::base::Axis;
+use crate::methods::samba::settings::{Design, Settings, Spindle};
+use crate::methods::samba::{Method, Next, Samba, Source};
+use crate::record::artefact::{Artefact, Balls};
+use crate::record::plan::Plan;
+
+fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
+    let mut plan = plan(&Settings::default());
+    let Artefact::Balls(balls) = &mut plan.artefact else { panic!() };
+    change(balls);
+    plan
+}
+
+#[track_caller]
+fn refused(plan: &Plan, settings: Settings, words: &[&str]) {
+    let answer = Samba::new(settings).next(plan, &[], Source::Measured(&[]));
+    let Err(refused) = answer else { panic!("not refused") };
+    for word in words {
+        assert!(refused.why.contains(word), "`{word}` is not in: {}", refused.why);
+    }
+    assert!(!refused.instead.is_empty());
+}
+
+#[test]
+fn artefacts_that_cannot_be_measured() {
+    let twice = with_balls(|set| set.balls[3].id = "2".into());
+    refused(&twice, Settings::default(), &["two balls have the number 2"]);
+    let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
+    refused(&touching, Settings::default(), &["ball 1 and ball 2 touch"]);
+    let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
+    refused(&in_stem, Settings::default(), &["ball 2 and stem of ball 3 touch"]);
+    let two = with_balls(|set| {
+        set.balls.truncate(2);
+    });
+    refused(&two, Settings::default(), &["2 ball(s): samba needs three"]);
+    let slash = with_balls(|set| set.balls[0].id = "1/2".into());
+    refused(&slash, Settings::default(), &["`1/2` cannot be the number"]);
+    let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
+    refused(&no_pair, Settings::default(), &["no pair of balls 1 and 9"]);
+    let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
+    refused(&other_length, Settings::default(), &["300 mm", "304.8"]);
+    let mut cylinder = plan(&Settings::default());
+    cylinder.artefact = serde_json::from_str(
+        r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#,
+    )
+    .unwrap();
+    refused(&cylinder, Settings::default(), &["samba touches balls"]);
+}
+
+#[test]
+fn a_ball_that_no_indexation_shows_is_named() {
+    let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
+    refused(&far, Settings::default(), &["ball 5 cannot be reached at any of", "limits"]);
+    let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
+    refused(&hanging, Settings::default(), &["ball 5", "stem"]);
+}
+
+#[test]
+fn indexations_outside_the_limits() {
+    let mut narrow = plan(&Settings::default());
+    narrow.machine.axes.get_mut(&Axis::B).unwrap().min = -45.0;
+    let asked = Settings { tilt_deg: vec![-60.0, 0.0, 60.0], ..Settings::default() };
+    refused(&narrow, asked, &["B at -60°", "[-45, 1000]"]);
+    let paper = Settings { design: Design::Paper, ..Settings::default() };
+    refused(&narrow, paper, &["does not reach B-90"]);
+    // The defaults are cut to what the axis reaches.
+    let answer = Samba::new(Settings::default()).next(&narrow, &[], Source::Measured(&[]));
+    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+}
+
+#[test]
+fn a_spindle_that_is_not_oriented() {
+    let mut fixed = plan(&Settings::default());
+    fixed.machine.axes.remove(&Axis::S);
+    let orient = Settings { spindle: Spindle::Orient, ..Settings::default() };
+    refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
+    let asked = Settings { parameters: vec!["EA0C".into(), "EX0S".into()], ..Settings::default() };
+    refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
+    let answer = Samba::new(Settings::default()).next(&fixed, &[], Source::Measured(&[]));
+    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+}
+
+#[test]
+fn without_a_bar_the_gains_are_relative_and_the_run_goes_on() {
+    let no_bar = with_balls(|set| set.lengths.clear());
+    let answer = Samba::new(Settings::default()).next(&no_bar, &[], Source::Measured(&[]));
+    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+}
+
+#[test]
+fn settings_that_make_no_sense() {
+    let plan = plan(&Settings::default());
+    let unknown = Settings { parameters: vec!["EX0Q".into()], ..Settings::default() };
+    refused(&plan, unknown, &["`EX0Q` is no error parameter"]);
+    let poor = Settings { balls: 17, ..Settings::default() };
+    refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
+    let short = Settings { minutes: 2.0, ..Settings::default() };
+    refused(&plan, short, &["2 minutes do not suffice"]);
+    let few = Settings { indexations: 2, ..Settings::default() };
+    refused(&plan, few, &["at 2 indexations"]);
+    let still = Settings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..Settings::default() };
+    refused(&plan, still, &["indexations"]);
+    let tilted = Settings {
+        tilt_deg: vec![0.0],
+        parameters: ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C"].map(String::from).to_vec(),
+        ..Settings::default()
+    };
+    refused(&plan, tilted, &["cannot tell", "EA0B"]);
+    refused(&plan, Settings { touches: 3, ..Settings::default() }, &["3 touches"]);
+}

@@ -1,0 +1,97 @@
+//! Rank and condition of a design, before anything moves.
+
+use faer::Mat;
+use glam::DVec3;
+
+use super::Visit;
+use super::bench::{Bench, length_u};
+use crate::estimation::linear::{RANK_THRESHOLD, Survey, survey};
+use crate::estimation::null_names::name_null_space;
+use crate::methods::Refused;
+
+/// Scaled condition beyond which an error of the design is more likely than a machine that needs it.
+const WORST_CONDITION: f64 = 1e4;
+
+/// All rows of the design, weighted, on machine errors, tool and balls; and the names of these.
+pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<String>), Refused> {
+    let parameters = bench.model.parameters();
+    let shared = parameters.len() + 3;
+    let balls = &bench.balls.balls;
+    let unknowns = shared + 3 * balls.len();
+    let zero = vec![0.0; parameters.len()];
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    for visit in visits {
+        for index in &visit.balls {
+            let Some(ball) = balls.get(*index) else { continue };
+            let centre = DVec3::from_array(ball.centre_mm);
+            let seen =
+                bench.model.rows(&bench.on_ball(&visit.at, ball)?, &zero, bench.tip.mm, centre);
+            let tool = [seen.tool.x_axis, seen.tool.y_axis, seen.tool.z_axis];
+            for axis in 0..3 {
+                let known = seen.machine.iter().chain(&tool).map(|column| column[axis]);
+                let mut row: Vec<f64> = known.map(|entry| entry / bench.u_mm()).collect();
+                row.resize(unknowns, 0.0);
+                let own = row.get_mut(shared + 3 * index + axis);
+                own.into_iter().for_each(|entry| *entry = -1.0 / bench.u_mm());
+                rows.push(row);
+            }
+        }
+    }
+    for length in &bench.balls.lengths {
+        let Some((ends, direction)) = bench.ends(length) else { continue };
+        let mut row = vec![0.0; unknowns];
+        for (end, sign) in ends.into_iter().zip([-1.0, 1.0]) {
+            let own = row.iter_mut().skip(shared + 3 * end);
+            let parts = direction.to_array();
+            own.zip(parts).for_each(|(entry, part)| *entry = sign * part / length_u(length));
+        }
+        rows.push(row);
+    }
+    let of_balls =
+        balls.iter().flat_map(|ball| ["x", "y", "z"].map(|c| format!("{c}_{}", ball.id)));
+    let tool = ["t_x", "t_y", "t_z"].map(str::to_owned);
+    let names = parameters.iter().map(ToString::to_string).chain(tool).chain(of_balls).collect();
+    Ok((Mat::from_fn(rows.len(), unknowns, |i, j| rows[i][j]), names))
+}
+
+/// # Errors
+/// A design that leaves something open beyond the uniform scale, which nothing but a certified length
+/// could tell.
+pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
+    let (matrix, names) = matrix(bench, visits)?;
+    let found = survey(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| Refused {
+        why: format!("the design cannot be judged: {error}"),
+        instead: "correct [machine], [axes] and [artefact]".to_owned(),
+    })?;
+    let expected = usize::from(bench.balls.lengths.is_empty() && scales(bench));
+    if found.nullity > expected {
+        return Err(Refused {
+            why: format!(
+                "this design sees {} of {} unknowns; it cannot tell {}",
+                found.rank,
+                names.len(),
+                name_null_space(found.null_space.as_ref(), &names).join("; ")
+            ),
+            instead:
+                "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add \
+                      balls or a certified length, or take parameters out"
+                    .to_owned(),
+        });
+    }
+    if found.condition > WORST_CONDITION {
+        return Err(Refused {
+            why: format!(
+                "this design hardly tells its unknowns apart: scaled condition {:.0}",
+                found.condition
+            ),
+            instead: "allow more indexations, further apart, or take parameters out".to_owned(),
+        });
+    }
+    Ok(found)
+}
+
+/// Whether all three gains are asked for: then the scale of everything is open without a length.
+fn scales(bench: &Bench<'_>) -> bool {
+    let gain = |name: &str| bench.model.parameters().iter().any(|p| p.to_string() == name);
+    ["EXX1", "EYY1", "EZZ1"].into_iter().all(gain)
+}

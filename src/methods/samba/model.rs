@@ -1,0 +1,157 @@
+//! The equations: one measurement of a ball, and a certified length.
+
+use glam::{DMat3, DVec3};
+
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
+use crate::record::artefact::Length;
+use crate::record::machine::Machine;
+
+/// Temperature that lengths are certified at, °C (ISO 1).
+const REFERENCE_C: f64 = 20.0;
+/// Distance at which the change over a linear axis is taken, mm: a power of two, so that dividing by
+/// it does not round.
+const REACH: f64 = 256.0;
+
+/// The machine with its unknown errors.
+#[derive(Debug, Clone)]
+pub struct Model {
+    chain: Chain,
+    parameters: Vec<ErrorParameter>,
+}
+
+/// Of one measurement: FK(reading; errors, tool) − ball, table frame, and its derivatives. The one
+/// with respect to the ball is −I.
+#[derive(Debug, Clone)]
+pub struct Rows {
+    /// mm.
+    pub misclosure: DVec3,
+    /// ∂/∂parameter, in the order of the parameters: mm per mm, per rad or per mm/mm.
+    pub machine: Vec<DVec3>,
+    /// ∂/∂tool.
+    pub tool: DMat3,
+    /// ∂/∂(X, Y, Z) of the reading: into the table frame.
+    pub linear: DMat3,
+}
+
+impl Model {
+    /// # Errors
+    /// A machine whose kinematics cannot be built; an error of an axis that it does not have.
+    pub fn new(machine: &Machine, parameters: &[ErrorParameter]) -> Result<Self, KinematicsError> {
+        let chain = Chain::new(machine)?;
+        parameters.iter().try_for_each(|parameter| chain.check(*parameter))?;
+        Ok(Self::of(chain, parameters.to_vec()))
+    }
+
+    pub(super) fn of(chain: Chain, parameters: Vec<ErrorParameter>) -> Self {
+        Self { chain, parameters }
+    }
+
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    pub fn parameters(&self) -> &[ErrorParameter] {
+        &self.parameters
+    }
+
+    /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which
+    /// the stylus-ball centre coincides with it). `errors` in the order of the parameters, mm, rad,
+    /// mm/mm; `tool` from the spindle datum, mm.
+    pub fn rows(&self, position: &Position, errors: &[f64], tool: DVec3, ball: DVec3) -> Rows {
+        let xyz = DVec3::from_array(Axis::LINEAR.map(|axis| position.at(axis)));
+        let indexed = self.indexed(position, errors, tool);
+        let mut machine = vec![DVec3::ZERO; self.parameters.len()];
+        indexed.machine(xyz, &mut machine);
+        let misclosure = indexed.tip(xyz) - ball;
+        Rows { misclosure, machine, tool: indexed.tool, linear: indexed.tip.linear }
+    }
+
+    /// All measurements with the rotary axes and the spindle as in `position`.
+    pub fn indexed(&self, position: &Position, errors: &[f64], tool: DVec3) -> Indexed {
+        let errors: Vec<ErrorTerm> = self
+            .parameters
+            .iter()
+            .zip(errors)
+            .map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value })
+            .collect();
+        let tip = Point::from_vec(tool);
+        let at = |xyz: DVec3| {
+            let position = position.updated_by(&linear_axes(xyz));
+            let tip_mm = self.chain.tip_in_table(&position, tip, &errors).mm;
+            (tip_mm, self.chain.jacobian(&position, tip, &errors, &self.parameters))
+        };
+        let (origin, columns) = at(DVec3::ZERO);
+        let steps = DVec3::AXES.map(|axis| at(axis * REACH));
+        let machine = columns.iter().enumerate().map(|(k, column)| {
+            Affine::through(*column, [0, 1, 2].map(|axis: usize| steps[axis].1[k]))
+        });
+        let table = self.chain.machine_from_table(position, &errors).matrix3;
+        let spindle = self.chain.machine_from_spindle(position, &errors).matrix3;
+        Indexed {
+            tip: Affine::through(origin, [0, 1, 2].map(|axis: usize| steps[axis].0)),
+            machine: machine.collect(),
+            tool: table.transpose() * spindle,
+        }
+    }
+}
+
+/// The model at one indexation. Without angular error motions of linear axes the tip on the table and
+/// with it all its derivatives are affine in X, Y, Z: exact, and many times faster than a pose each.
+#[derive(Debug, Clone)]
+pub struct Indexed {
+    tip: Affine,
+    machine: Vec<Affine>,
+    /// ∂p_w/∂tool: R_wᵀ·R_t.
+    pub tool: DMat3,
+}
+
+impl Indexed {
+    /// The tip on the table with the linear axes at `xyz`.
+    pub fn tip(&self, xyz: DVec3) -> DVec3 {
+        self.tip.at(xyz)
+    }
+
+    /// ∂p_w/∂(X, Y, Z).
+    pub fn linear(&self) -> DMat3 {
+        self.tip.linear
+    }
+
+    /// ∂p_w/∂parameter into `columns`, one a parameter.
+    pub fn machine(&self, xyz: DVec3, columns: &mut [DVec3]) {
+        columns.iter_mut().zip(&self.machine).for_each(|(column, affine)| *column = affine.at(xyz));
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Affine {
+    origin: DVec3,
+    linear: DMat3,
+}
+
+impl Affine {
+    /// From its values at the origin and at [`REACH`] along X, Y, Z.
+    fn through(origin: DVec3, steps: [DVec3; 3]) -> Self {
+        let [x, y, z] = steps.map(|step| (step - origin) / REACH);
+        Self { origin, linear: DMat3::from_cols(x, y, z) }
+    }
+
+    fn at(&self, xyz: DVec3) -> DVec3 {
+        self.origin + self.linear * xyz
+    }
+}
+
+pub fn linear_axes(xyz: DVec3) -> Position {
+    Axis::LINEAR.into_iter().zip(xyz.to_array()).collect()
+}
+
+/// The certified length at its temperature during the measurement, mm: 20 °C where none is stated.
+pub fn length_mm(length: &Length) -> f64 {
+    let above = length.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_C);
+    length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * above)
+}
+
+/// Its standard uncertainty from the certificate and from the temperature, mm.
+pub fn length_u_mm(length: &Length) -> [f64; 2] {
+    [length.u_mm, (length.mm * length.expansion_um_per_m_k * 1e-6 * length.u_temperature_k).abs()]
+}

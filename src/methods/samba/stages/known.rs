@@ -1,0 +1,145 @@
+//! Where the balls were found so far, by the nominal machine.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use crate::methods::samba::design::Bench;
+use crate::estimation::sphere::fit_sphere;
+use crate::methods::samba::label::{Label, Pass};
+use crate::record::plan::{REPEAT_AFTER_STOP, Step};
+use crate::record::reading::Reading;
+
+/// What was found of each ball: the visit and the centre, table frame, the newest last.
+#[derive(Debug, Default)]
+pub struct Known {
+    found: Vec<Vec<(usize, DVec3)>>,
+}
+
+/// What a measurement says, by the nominal machine.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured {
+    /// Table frame, mm.
+    pub centre: DVec3,
+    pub diameter_mm: f64,
+    /// Largest residual of a touch, mm.
+    pub form_mm: f64,
+}
+
+/// One measurement of a ball: its steps and the newest readings of them.
+pub struct Taken<'a> {
+    pub label: Label,
+    /// Index of the ball.
+    pub ball: usize,
+    pub steps: Vec<&'a Step>,
+    pub readings: Vec<&'a Reading>,
+}
+
+impl Known {
+    /// Of the plan's steps and their readings; incomplete measurements do not count.
+    pub fn of(bench: &Bench<'_>, readings: &[Reading]) -> Self {
+        Self::of_taken(bench, &taken(bench, readings))
+    }
+
+    pub fn of_taken<'t, 'r: 't>(
+        bench: &Bench<'_>,
+        all: impl IntoIterator<Item = &'t Taken<'r>>,
+    ) -> Self {
+        let mut found = vec![Vec::new(); bench.balls.balls.len()];
+        for taken in all {
+            // References repeat a visit; what was found at it stands already.
+            if let (Some(centres), Some(measured)) =
+                (found.get_mut(taken.ball), taken.measured(bench))
+            {
+                if taken.label.pass != Pass::Reference {
+                    centres.push((taken.label.indexation as usize, measured.centre));
+                }
+            }
+        }
+        Self { found }
+    }
+
+    /// As if everything in the plan had been found where it is stated.
+    pub fn nominal(bench: &Bench<'_>) -> Self {
+        let mut found = vec![Vec::new(); bench.balls.balls.len()];
+        for label in bench.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
+            let ball = bench.balls.balls.iter().position(|ball| ball.id == label.ball);
+            let Some(ball) = ball else { continue };
+            if let (Some(centres), Some(of)) = (found.get_mut(ball), bench.balls.balls.get(ball)) {
+                centres.push((label.indexation as usize, DVec3::from_array(of.centre_mm)));
+            }
+        }
+        Self { found }
+    }
+
+    /// Whether every ball was found.
+    pub fn all(&self) -> bool {
+        self.found.iter().all(|centres| !centres.is_empty())
+    }
+
+    /// Where a ball is expected at a visit: as found there, as last found elsewhere, as stated.
+    pub fn centre(&self, bench: &Bench<'_>, ball: usize, visit: usize) -> DVec3 {
+        let found = self.found.get(ball);
+        let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
+        let last = there.or_else(|| found.and_then(|all| all.last()));
+        let stated = bench.balls.balls.get(ball).map(|ball| DVec3::from_array(ball.centre_mm));
+        last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
+    }
+
+    /// How far from there it may be when it is searched for, mm. A ball that was found elsewhere
+    /// strays by what the nominal machine does not know: twice the offsets of the rotary axes, and
+    /// nobody knows these before they are identified. As much is granted as a slow touch sets out
+    /// away from the ball, and never more than what is stated.
+    pub fn uncertainty_mm(&self, bench: &Bench<'_>, ball: usize) -> f64 {
+        let stated = bench.balls.uncertainty_mm;
+        match self.found.get(ball).is_some_and(|all| !all.is_empty()) {
+            true => stated.min(bench.settings.standoff_mm),
+            false => stated,
+        }
+    }
+}
+
+impl Taken<'_> {
+    /// `None`: touches are missing, or lie on no sphere.
+    pub fn measured(&self, bench: &Bench<'_>) -> Option<Measured> {
+        let complete = self.steps.len() == self.readings.len();
+        let tip = |reading: &&Reading| {
+            bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm.to_array()
+        };
+        let points: Vec<[f64; 3]> = self.readings.iter().map(tip).collect();
+        let found = fit_sphere(&points).ok().filter(|_| complete)?;
+        let form_mm = found.residuals.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
+        let (centre, diameter_mm) = (DVec3::from_array(found.centre), 2.0 * found.radius);
+        Some(Measured { centre, diameter_mm, form_mm })
+    }
+}
+
+/// All measurements that the plan's steps name, in their order.
+pub fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
+    let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
+    for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
+        let of_step = newest.entry(reading.step).or_insert(reading);
+        if reading.repeat >= of_step.repeat {
+            *of_step = reading;
+        }
+    }
+    let mut all: Vec<Taken<'_>> = Vec::new();
+    for step in &bench.plan.steps {
+        let Ok(label) = step.label.parse::<Label>() else { continue };
+        let Some(ball) = bench.balls.balls.iter().position(|ball| ball.id == label.ball) else {
+            continue;
+        };
+        let same = |other: &Label| {
+            (other.pass, other.indexation, &other.ball)
+                == (label.pass, label.indexation, &label.ball)
+        };
+        if !all.last().is_some_and(|last| same(&last.label)) {
+            all.push(Taken { label, ball, steps: Vec::new(), readings: Vec::new() });
+        }
+        if let Some(last) = all.last_mut() {
+            last.steps.push(step);
+            last.readings.extend(newest.get(&step.id).copied());
+        }
+    }
+    all
+}

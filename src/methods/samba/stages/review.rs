@@ -1,0 +1,121 @@
+//! What a stage's readings say: good, once more, or the run holds.
+
+use glam::DVec3;
+
+use super::known::{Known, Measured, Taken, taken};
+use crate::base::Axis;
+use crate::methods::Refused;
+use crate::methods::samba::design::{Bench, in_words};
+use crate::methods::samba::label::Pass;
+use crate::record::plan::Stage;
+use crate::record::reading::Reading;
+
+/// Looks at the measurements of the `last` stage. Returns the steps of those that must be measured
+/// once more, and in which repeat.
+///
+/// # Errors
+/// A measurement that was outside the limits before already; a ball that is not where it can be.
+pub fn review(
+    bench: &Bench<'_>,
+    last: &Stage,
+    readings: &[Reading],
+) -> Result<Option<(Vec<u32>, u32)>, Refused> {
+    let all = taken(bench, readings);
+    let of_stage =
+        |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
+    let mut again = Vec::new();
+    for taken in all.iter().filter(of_stage) {
+        let Some(fault) = fault(bench, taken) else {
+            check_place(bench, &all, taken)?;
+            continue;
+        };
+        // After a stop a person has looked, and perhaps cleaned.
+        let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
+        let looked_after = bench.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
+        if last.repeat > 0 && !looked_after {
+            return Err(outside(bench, taken, &fault));
+        }
+        again.extend(taken.steps.iter().map(|step| step.id));
+    }
+    Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
+}
+
+/// Why a measurement does not count.
+fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<String> {
+    let Some(Measured { diameter_mm, form_mm, .. }) = taken.measured(bench) else {
+        return Some("its touches lie on no sphere".to_owned());
+    };
+    // Fast touches come late, and the first do not come along the normals.
+    if taken.label.pass == Pass::Find {
+        return None;
+    }
+    let (form_um, limit_um) = (form_mm * 1e3, bench.settings.form_limit_um);
+    if form_um > limit_um {
+        return Some(format!(
+            "its touches stray by {form_um:.1} um from a sphere (limit {limit_um})"
+        ));
+    }
+    let stated = bench.balls.balls.get(taken.ball)?.radius_mm + bench.plan.probe.ball_radius_mm;
+    let (larger_um, limit_um) =
+        ((diameter_mm - 2.0 * stated) * 1e3, bench.settings.diameter_limit_um);
+    (larger_um.abs() > limit_um)
+        .then(|| format!("its diameter is off by {larger_um:.1} um (limit {limit_um})"))
+}
+
+fn outside(bench: &Bench<'_>, taken: &Taken<'_>, fault: &str) -> Refused {
+    Refused {
+        why: format!("{}: {fault}, twice: dirt, loose ball or wrong stylus?", name(bench, taken)),
+        instead: "clean and tighten the ball and the stylus and compare both radii with the machine \
+                  file; `trued resume` measures the ball again. form_limit_um and diameter_limit_um \
+                  stand in [method.samba]"
+            .to_owned(),
+    }
+}
+
+fn name(bench: &Bench<'_>, taken: &Taken<'_>) -> String {
+    let ball = bench.balls.balls.get(taken.ball).map_or("", |ball| &ball.id);
+    let at = taken.steps.first().map(|step| step.from.only(|axis: Axis| !axis.is_linear()));
+    format!("ball {ball} at {}", in_words(&at.unwrap_or_default()))
+}
+
+/// A ball may be no further from where it was expected than was granted.
+fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Result<(), Refused> {
+    let (Some(measured), Some(ball)) = (taken.measured(bench), bench.balls.balls.get(taken.ball))
+    else {
+        return Ok(());
+    };
+    if taken.label.pass != Pass::Find {
+        return Ok(());
+    }
+    let before = all.iter().take_while(|other| other.label != taken.label);
+    let known = Known::of_taken(bench, before);
+    let stated = DVec3::from_array(ball.centre_mm);
+    let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
+    let (away, limit) =
+        (measured.centre.distance(expected), known.uncertainty_mm(bench, taken.ball));
+    if away <= limit {
+        return Ok(());
+    }
+    let place = name(bench, taken);
+    if expected == stated {
+        return Err(Refused {
+            why: format!(
+                "{place} was found {away:.3} mm from its stated place, beyond uncertainty_mm = {limit}"
+            ),
+            instead:
+                "check centre_mm of the ball and how the artefact stands on the table, then start \
+                      again"
+                    .to_owned(),
+        });
+    }
+    Err(Refused {
+        why: format!(
+            "{place} was found {away:.3} mm from where the indexations before put it, beyond {limit} \
+             mm: the ball has moved, or the rotary axes stand that far from where the file says"
+        ),
+        instead:
+            "tighten the ball, or correct point_mm of the rotary axes, or raise standoff_mm and \
+                  uncertainty_mm; then start again"
+                .to_owned(),
+    })
+}

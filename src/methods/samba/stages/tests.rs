@@ -1,0 +1,202 @@
+//! The stages played with readings of a machine that is not the nominal one.
+
+use glam::DVec3;
+
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::{Chain, ErrorTerm};
+use crate::methods::samba::design::tests::{plan, rumba};
+use crate::methods::samba::label::{Label, Pass};
+use crate::methods::samba::settings::{Find, Settings};
+use crate::methods::samba::{Method, Next, Refused, Samba, Source};
+use crate::record::artefact::Artefact;
+use crate::record::plan::{Plan, Stage, Step, StepKind};
+use crate::record::reading::Reading;
+
+/// A machine with errors and balls that stand beside their stated places.
+struct Shop {
+    chain: Chain,
+    errors: Vec<ErrorTerm>,
+    shift: DVec3,
+    /// Added to the contact of one touch, mm: dirt.
+    dirt: Box<dyn Fn(&Label, u32) -> f64>,
+}
+
+impl Shop {
+    fn new(plan: &Plan) -> Self {
+        let term = |name: &str, value| ErrorTerm { parameter: name.parse().unwrap(), value };
+        Self {
+            chain: Chain::new(&plan.machine).unwrap(),
+            errors: vec![term("EX0C", -0.105), term("EY0S", 0.02), term("EA0C", -11e-6)],
+            shift: DVec3::new(0.3, -0.4, 0.2),
+            dirt: Box::new(|_, _| 0.0),
+        }
+    }
+
+    /// Where the stylus meets the ball, by halving.
+    fn touch(&self, plan: &Plan, step: &Step, repeat: u32) -> Reading {
+        let Artefact::Balls(balls) = &plan.artefact else { panic!() };
+        let label: Label = step.label.parse().unwrap();
+        let ball = balls.balls.iter().find(|ball| ball.id == label.ball).unwrap();
+        let centre = DVec3::from_array(ball.centre_mm) + self.shift;
+        let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
+        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let at = |share: f64| -> Position {
+            let part = |axis| step.from.at(axis) + share * (step.to.at(axis) - step.from.at(axis));
+            step.from.updated_by(&Axis::LINEAR.into_iter().map(|a| (a, part(a))).collect())
+        };
+        let gap = |share: f64| {
+            self.chain.tip_in_table(&at(share), tip, &self.errors).mm.distance(centre) - reach
+        };
+        assert!(gap(0.0) > 0.0 && gap(1.0) < 0.0, "{} misses", step.label);
+        let (mut out, mut inside) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = (out + inside) / 2.0;
+            if gap(middle) > 0.0 { out = middle } else { inside = middle }
+        }
+        Reading {
+            step: step.id,
+            repeat,
+            position: at(out),
+            value_mm: None,
+            sensor: "probe".into(),
+            t_s: 0.0,
+            flag: Default::default(),
+            temperatures_c: Default::default(),
+        }
+    }
+}
+
+/// All stages, as a run asks for them.
+fn play(settings: &Settings, shop: &Shop) -> Result<(Plan, Vec<Stage>, Vec<Reading>), Refused> {
+    let (mut plan, samba) = (plan(settings), Samba::new(settings.clone()));
+    let (mut done, mut readings): (Vec<Stage>, Vec<Reading>) = (Vec::new(), Vec::new());
+    while let Next::Stage { stage, new_steps } =
+        samba.next(&plan, &done, Source::Measured(&readings))?
+    {
+        plan.steps.extend(new_steps);
+        for id in &stage.steps {
+            let step = plan.steps.iter().find(|step| step.id == *id).unwrap();
+            let mut reading = shop.touch(&plan, step, stage.repeat);
+            reading.t_s = readings.len() as f64;
+            readings.push(reading);
+        }
+        done.push(stage);
+    }
+    Ok((plan, done, readings))
+}
+
+fn few() -> Settings {
+    Settings { balls: 30, indexations: 10, ..Settings::default() }
+}
+
+#[test]
+fn the_stages_are_played_to_the_end() {
+    let settings = few();
+    let shop = Shop::new(&plan(&settings));
+    let (played, done, _) = play(&settings, &shop).unwrap();
+    assert!(done.iter().all(|stage| stage.repeat == 0));
+    // Every ball is searched for first, and measured at three indexations or more.
+    let labels: Vec<Label> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
+    for ball in rumba().balls {
+        let of = |pass: Pass| {
+            let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
+            mine.filter(|l| l.ball == ball.id).count()
+        };
+        assert!(of(Pass::Slow) >= 3 && of(Pass::Find) >= 3, "ball {}", ball.id);
+    }
+    let slow = labels.iter().filter(|l| l.pass == Pass::Slow).count();
+    assert_eq!(slow, 5 * 30);
+    // From where all are found on, proofs look at the balls where they stand.
+    let last = done.last().unwrap().found.clone().unwrap();
+    let Artefact::Balls(found) = last else { panic!() };
+    let stated = rumba();
+    for (found, stated) in found.balls.iter().zip(&stated.balls) {
+        let true_centre = DVec3::from_array(stated.centre_mm) + shop.shift;
+        let off = DVec3::from_array(found.centre_mm).distance(true_centre);
+        assert!(off < 0.25, "ball {} is taken for {off} mm off", found.id);
+    }
+    // Three rounds of references at the same places.
+    let kind = |step: &&Step| step.kind == StepKind::Reference;
+    let references: Vec<&Step> = played.steps.iter().filter(kind).collect();
+    assert_eq!(references.len(), 15);
+    for (first, later) in references.iter().zip(&references[5..]) {
+        assert_eq!((&first.from, &first.to), (&later.from, &later.to));
+    }
+}
+
+#[test]
+fn without_readings_the_plan_has_the_same_stages() {
+    let settings = few();
+    let (mut printed, samba) = (plan(&settings), Samba::new(settings.clone()));
+    let mut done = Vec::new();
+    while let Next::Stage { stage, new_steps } =
+        samba.next(&printed, &done, Source::Nominal).unwrap()
+    {
+        printed.steps.extend(new_steps);
+        done.push(stage);
+    }
+    let shop = Shop::new(&printed);
+    let (played, played_stages, _) = play(&settings, &shop).unwrap();
+    let outline = |stages: &[Stage]| -> Vec<(u32, String, Vec<u32>, bool)> {
+        let one = |s: &Stage| (s.id, s.name.clone(), s.steps.clone(), s.found.is_some());
+        stages.iter().map(one).collect()
+    };
+    assert_eq!(outline(&done), outline(&played_stages));
+    let labels = |plan: &Plan| plan.steps.iter().map(|s| s.label.clone()).collect::<Vec<_>>();
+    assert_eq!(labels(&printed), labels(&played));
+    assert!(printed.steps.iter().enumerate().all(|(index, step)| step.id == index as u32));
+}
+
+#[test]
+fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
+    let settings = Settings { find: Find::Once, ..few() };
+    let shop = Shop::new(&plan(&settings));
+    let (played, _, _) = play(&settings, &shop).unwrap();
+    let finds = played.steps.iter().filter(|step| step.label.starts_with("find/")).count();
+    assert_eq!(finds, 5 * 6);
+}
+
+/// Dirt on one touch: the ball is measured once more, and then the run holds.
+#[test]
+fn dirt_is_measured_once_more_and_then_holds_the_run() {
+    let settings = few();
+    let mut shop = Shop::new(&plan(&settings));
+    let dirty =
+        |label: &Label| label.pass == Pass::Slow && label.ball == "3" && label.touch == "-45";
+    shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
+    let (played, done, readings) = play(&settings, &shop).unwrap();
+    let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
+    assert!(again.len() >= 3, "{} stages once more", again.len());
+    for stage in again {
+        assert_eq!(stage.steps.len(), 5);
+        let step = &played.steps[stage.steps[0] as usize];
+        assert!(step.label.contains("/3/"), "{}", step.label);
+    }
+    assert_eq!(readings.iter().filter(|reading| reading.repeat == 1).count() % 5, 0);
+    shop.dirt = Box::new(move |label, _| if dirty(label) { 0.06 } else { 0.0 });
+    let refused = play(&settings, &shop).unwrap_err();
+    assert!(refused.why.contains("dirt, loose ball or wrong stylus?"), "{}", refused.why);
+    assert!(refused.why.starts_with("ball 3 at B"), "{}", refused.why);
+}
+
+#[test]
+fn a_larger_ball_is_a_wrong_stylus() {
+    let settings = few();
+    let mut shop = Shop::new(&plan(&settings));
+    shop.dirt = Box::new(|_, _| 0.05);
+    let refused = play(&settings, &shop).unwrap_err();
+    assert!(refused.why.contains("diameter is off by 100.0 um"), "{}", refused.why);
+}
+
+#[test]
+fn a_ball_far_from_its_stated_place_is_named() {
+    let settings = few();
+    let mut shop = Shop::new(&plan(&settings));
+    shop.shift = DVec3::new(0.8, 0.8, 0.0);
+    let refused = play(&settings, &shop).unwrap_err();
+    assert!(
+        refused.why.contains("1.1") && refused.why.contains("uncertainty_mm = 1"),
+        "{}",
+        refused.why
+    );
+}

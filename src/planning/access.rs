@@ -1,0 +1,272 @@
+//! Which touches of a ball are free at a rotary position. Simple bounds on the safe side; the proof
+//! has the last word.
+
+use std::f64::consts::PI;
+
+use glam::{DAffine3, DMat4, DVec3, DVec4};
+
+use super::PlanningError;
+use super::surroundings::Surroundings;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::KinematicsError;
+use crate::record::artefact::{Artefact, Ball};
+use crate::record::machine::{Carrier, Machine};
+use crate::record::plan::Plan;
+
+/// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
+const CLEAR: f64 = 0.6;
+/// The four touches round the ball and where they may move to instead: by how much in azimuth, and how
+/// far up, degrees. On the equator the centre is found best: the nearest way out comes first.
+const INSTEAD: [(f64, f64); 12] = [
+    (0.0, 0.0),
+    (0.0, 15.0),
+    (15.0, 0.0),
+    (-15.0, 0.0),
+    (0.0, 30.0),
+    (15.0, 15.0),
+    (-15.0, 15.0),
+    (30.0, 0.0),
+    (-30.0, 0.0),
+    (30.0, 30.0),
+    (-30.0, 30.0),
+    (0.0, 45.0),
+];
+/// Paper 4, section 3.
+const ROUND: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
+pub const POLE: &str = "pole";
+/// Touches further than the five are taken from that many points, spread over the upper half.
+const SPREAD_POINTS: u32 = 90;
+/// Standard deviation of the centre in its worst direction, in those of one touch, that is still
+/// good: with all five touches it is 1.1.
+const WORST: f64 = 3.0;
+
+/// One free touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// `+45`, `-135`, `-45`, `+135`, `pole`: where it belongs, though it may have moved out of the way
+    /// of something; further ones by azimuth and elevation, `+117^35`.
+    pub name: String,
+    /// Outward normal, machine frame.
+    pub normal: DVec3,
+}
+
+/// Why a ball cannot be measured at a rotary position. `value`, `min`, `max` in mm or degrees.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Unreachable {
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+    #[error("{axis} would go to {value:.3}, outside [{min}, {max}]")]
+    OutOfTravel { axis: Axis, value: f64, min: f64, max: f64 },
+    #[error("the machine has no axis {axis}")]
+    NoAxis { axis: Axis },
+    #[error("the rotary position does not say where {axis} stands")]
+    Incomplete { axis: Axis },
+    #[error("the spindle does not stand upright, and balls are touched from above only")]
+    Tilted,
+    #[error("the {tool} would come too near to the {obstacle} at the touch {touch}")]
+    InTheWay { touch: String, tool: String, obstacle: String },
+    #[error(
+        "{free} touches are free, too few or too near to each other; the first that is not: {why}"
+    )]
+    TooFew { free: usize, why: Box<Unreachable> },
+    #[error("the search would be {length:.3} mm long, more than the overtravel of {overtravel} mm")]
+    TooLong { length: f64, overtravel: f64 },
+}
+
+/// How far off the ball a touch begins, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Stand {
+    pub out: f64,
+    /// How far the ball may stand off its place, mm.
+    pub loose: f64,
+}
+
+/// Knows the machine and everything on it.
+#[derive(Debug, Clone)]
+pub struct Access {
+    pub(super) about: Surroundings,
+    pub(super) machine: Machine,
+    ball_radius: f64,
+}
+
+impl Access {
+    /// `artefact`: all balls and stems, as they are thought to stand; grown by its uncertainty.
+    ///
+    /// # Errors
+    /// A machine without kinematics.
+    pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
+        let about = Surroundings::new(plan, artefact)?;
+        Ok(Self { about, machine: plan.machine.clone(), ball_radius: plan.probe.ball_radius_mm })
+    }
+
+    /// Radius of the centres of the stylus ball in contact.
+    pub(super) fn reach(&self, ball: &Ball) -> f64 {
+        ball.radius_mm + self.ball_radius
+    }
+
+    /// The touches of `ball` that are free with the rotary axes as in `rotary`: `touches` of them, the
+    /// five of the paper first; at least four, the pole among them, and well spread.
+    pub(super) fn contacts(
+        &self,
+        ball: &Ball,
+        rotary: &Position,
+        stand: Stand,
+        touches: usize,
+    ) -> Result<Vec<Contact>, Unreachable> {
+        self.check_rotary(rotary)?;
+        let spindle = self.spindle(rotary)?;
+        let normal =
+            |azimuth: f64, elevation: f64| spindle.transform_vector3(on_sphere(azimuth, elevation));
+        let free = |contact: &Contact| self.free(ball, rotary, contact, stand);
+        let mut blocked = None;
+        let mut contacts = Vec::new();
+        for (name, azimuth) in ROUND {
+            let at = |(turn, up): &(f64, f64)| named(name, normal(azimuth + turn, *up));
+            match INSTEAD.iter().map(at).find(|contact| free(contact).is_ok()) {
+                Some(contact) => contacts.push(contact),
+                None => blocked = blocked.or(free(&at(&INSTEAD[0])).err()),
+            }
+        }
+        let pole = named(POLE, normal(0.0, 90.0));
+        free(&pole)?;
+        contacts.push(pole);
+        let enough = contacts.len() >= 4 && worst_direction(&contacts) <= WORST;
+        if let (false, Some(why)) = (enough, blocked) {
+            return Err(Unreachable::TooFew { free: contacts.len(), why: Box::new(why) });
+        }
+        let more =
+            spread().map(|(name, azimuth, up)| Contact { name, normal: normal(azimuth, up) });
+        let more: Vec<Contact> = if touches > contacts.len() && touches > ROUND.len() + 1 {
+            more.filter(|contact| free(contact).is_ok()).collect()
+        } else {
+            Vec::new()
+        };
+        extend(&mut contacts, more, touches);
+        Ok(contacts)
+    }
+
+    /// The spindle's frame as far as S does not turn it.
+    fn spindle(&self, rotary: &Position) -> Result<DAffine3, Unreachable> {
+        if !self.about.upright(rotary) {
+            return Err(Unreachable::Tilted);
+        }
+        let carried = self.about.chain.carried(Carrier::Spindle);
+        let commands = Axis::ALL.map(|axis| rotary.at(axis));
+        Ok(carried.map_or(DAffine3::IDENTITY, |carried| carried.pose(&commands)))
+    }
+
+    fn check_rotary(&self, rotary: &Position) -> Result<(), Unreachable> {
+        let turning = self.machine.axes.keys().filter(|axis| !axis.is_linear());
+        for axis in turning.filter(|axis| **axis != Axis::S) {
+            rotary.get(*axis).ok_or(Unreachable::Incomplete { axis: *axis })?;
+        }
+        self.check_travel(&rotary.only(|axis| !axis.is_linear()))
+    }
+
+    fn check_travel(&self, position: &Position) -> Result<(), Unreachable> {
+        for (axis, value) in position.iter() {
+            let spec = self.machine.axes.get(&axis).ok_or(Unreachable::NoAxis { axis })?;
+            let (value, min, max) = (axis.to_edge(value), spec.min, spec.max);
+            if !(min - 1e-9..=max + 1e-9).contains(&value) {
+                return Err(Unreachable::OutOfTravel { axis, value, min, max });
+            }
+        }
+        Ok(())
+    }
+
+    /// X, Y, Z and the rotary axes with the stylus ball `far` along the normal from the ball's centre.
+    pub(super) fn position(
+        &self,
+        ball: &Ball,
+        rotary: &Position,
+        normal: DVec3,
+        far: f64,
+    ) -> Result<Position, KinematicsError> {
+        let chain = &self.about.chain;
+        let table = chain.machine_from_table(rotary, &[]).matrix3;
+        let target = DVec3::from_array(ball.centre_mm) + table.transpose() * normal * far;
+        let rotary = rotary.only(|axis| !axis.is_linear());
+        let linear =
+            chain.linear_axes_for(Point::from_vec(target), self.about.tip, &rotary, &[])?;
+        Ok(rotary.updated_by(&linear))
+    }
+
+    fn free(
+        &self,
+        ball: &Ball,
+        rotary: &Position,
+        contact: &Contact,
+        stand: Stand,
+    ) -> Result<(), Unreachable> {
+        let reach = self.reach(ball);
+        let place = |far| self.position(ball, rotary, contact.normal, reach + far);
+        let (from, touched) = (place(stand.out)?, place(0.0)?);
+        self.check_travel(&from)?;
+        self.check_travel(&place(-stand.loose)?)?;
+        let over = from.clone().with(Axis::Z, self.about.z_between(&from, &from, CLEAR));
+        self.check_travel(&over)?;
+        let own = format!("ball {}", ball.id);
+        match self.about.near(&from, &touched, CLEAR, &own) {
+            None => Ok(()),
+            Some(near) => Err(Unreachable::InTheWay {
+                touch: contact.name.clone(),
+                tool: near.tool,
+                obstacle: near.obstacle,
+            }),
+        }
+    }
+}
+
+fn named(name: &str, normal: DVec3) -> Contact {
+    Contact { name: name.to_owned(), normal }
+}
+
+/// Degrees, seen from the spindle: azimuth from X towards Y, elevation from the equator to the pole.
+fn on_sphere(azimuth: f64, elevation: f64) -> DVec3 {
+    let ((sin, cos), (up, out)) =
+        (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
+    DVec3::new(out * cos, out * sin, up)
+}
+
+/// Points spread evenly from the equator up to 75°: a spiral by the golden angle.
+fn spread() -> impl Iterator<Item = (String, f64, f64)> {
+    let golden = 180.0 * (3.0 - 5.0_f64.sqrt());
+    (0..SPREAD_POINTS).map(move |k| {
+        let height = 75.0_f64.to_radians().sin() * f64::from(k) / f64::from(SPREAD_POINTS);
+        let azimuth = (golden * f64::from(k) + 180.0).rem_euclid(360.0) - 180.0;
+        let (azimuth, up) = (azimuth.round(), (height.asin() * 180.0 / PI).round());
+        (format!("{azimuth:+}^{up}"), azimuth, up)
+    })
+}
+
+/// One after the other the one that stands farthest from all that are there.
+fn extend(contacts: &mut Vec<Contact>, mut more: Vec<Contact>, touches: usize) {
+    while contacts.len() < touches {
+        let nearest = |one: &Contact| {
+            let angles = contacts.iter().map(|other| other.normal.dot(one.normal));
+            angles.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let apart = |(_, a): &(usize, &Contact), (_, b): &(usize, &Contact)| {
+            nearest(a).total_cmp(&nearest(b))
+        };
+        let Some((index, _)) = more.iter().enumerate().min_by(apart) else { return };
+        contacts.push(more.remove(index));
+    }
+}
+
+/// Standard deviation of the fitted centre in its worst direction, in those of one touch; centre and
+/// radius are fitted.
+fn worst_direction(contacts: &[Contact]) -> f64 {
+    let rows = contacts.iter().map(|contact| contact.normal.extend(1.0));
+    let information = rows.fold(DMat4::ZERO, |sum, row| {
+        sum + DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w)
+    });
+    if information.determinant() < 1e-6 {
+        return f64::INFINITY;
+    }
+    let cofactor = information.inverse();
+    // Not less than the largest eigenvalue.
+    let rows = [cofactor.x_axis, cofactor.y_axis, cofactor.z_axis];
+    let sum = |row: &DVec4| row.truncate().abs().element_sum();
+    rows.iter().map(sum).fold(0.0, f64::max).sqrt()
+}

@@ -1,0 +1,121 @@
+//! A ball measurement as steps, reusable by every method: four touches round the ball and one at its
+//! pole, as seen along the spindle (paper 4, section 3), or more for a check of form.
+
+use super::access::{Access, Contact, Stand, Unreachable};
+use crate::base::{Axis, Position};
+use crate::record::artefact::Ball;
+use crate::record::machine::Probe;
+use crate::record::plan::{Step, StepKind};
+
+/// Beyond the expected place of a ball that is searched for, mm: contact comes in any case.
+const BEYOND: f64 = 0.3;
+
+/// How a ball is touched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Approach {
+    /// Fast, from so far that the ball is found within `uncertainty_mm` of its place.
+    Find { uncertainty_mm: f64, standoff_mm: f64 },
+    /// Slowly along the normals of the ball where it was found: from `standoff_mm` before contact to
+    /// `search_mm` beyond.
+    Slow { standoff_mm: f64, search_mm: f64 },
+}
+
+/// One measurement of one ball.
+#[derive(Debug, Clone, Copy)]
+pub struct BallTask<'a> {
+    /// Its centre where it is expected, table frame.
+    pub ball: &'a Ball,
+    /// Positions of all rotary axes, and of S if it is to be oriented.
+    pub rotary: &'a Position,
+    pub approach: Approach,
+    /// 5, or more for a check of form; fewer if some are not free, but never fewer than 4.
+    pub touches: usize,
+}
+
+impl Approach {
+    /// From where before contact to where beyond, mm.
+    fn ends(self) -> (f64, f64) {
+        match self {
+            Self::Find { uncertainty_mm, standoff_mm } => {
+                (uncertainty_mm + standoff_mm, uncertainty_mm + BEYOND)
+            }
+            Self::Slow { standoff_mm, search_mm } => (standoff_mm, search_mm),
+        }
+    }
+
+    fn stand(self) -> Stand {
+        let loose = match self {
+            Self::Find { uncertainty_mm, .. } => uncertainty_mm,
+            Self::Slow { search_mm, .. } => search_mm,
+        };
+        Stand { out: self.ends().0, loose }
+    }
+
+    fn feed_mm_min(self, probe: &Probe) -> f64 {
+        match self {
+            Self::Find { .. } => probe.search_feed_mm_min,
+            Self::Slow { .. } => probe.feed_mm_min,
+        }
+    }
+}
+
+impl Access {
+    /// Can this ball be measured so? Returns the touches that would be made.
+    ///
+    /// # Errors
+    /// Why not: what is in the way of which touch, an axis that does not reach, a tilted spindle.
+    pub fn accessible(&self, task: &BallTask<'_>) -> Result<Vec<Contact>, Unreachable> {
+        self.contacts(task.ball, task.rotary, task.approach.stand(), task.touches)
+    }
+
+    /// The steps of one measurement, numbered from `first`, in the words of the machine frame.
+    /// `label` makes a step's label of the touch's name.
+    ///
+    /// # Errors
+    /// As [`Access::accessible`]; a touch longer than the probe's overtravel.
+    pub fn steps(
+        &self,
+        task: &BallTask<'_>,
+        probe: &Probe,
+        kind: StepKind,
+        (first, stage): (u32, u32),
+        label: impl Fn(&str) -> String,
+    ) -> Result<Vec<Step>, Unreachable> {
+        let (out, beyond) = task.approach.ends();
+        let (length, overtravel) = (out + beyond, probe.overtravel_mm);
+        if length > overtravel {
+            return Err(Unreachable::TooLong { length, overtravel });
+        }
+        let contacts = self.accessible(task)?;
+        let numbered = (first..).zip(contacts);
+        numbered
+            .map(|(id, contact)| {
+                let place = |far: f64| {
+                    let far = self.reach(task.ball) + far;
+                    self.position(task.ball, task.rotary, contact.normal, far)
+                };
+                let (from, to) = (place(out)?, place(-beyond)?);
+                Ok(Step {
+                    id,
+                    stage,
+                    kind,
+                    label: label(&contact.name),
+                    from: from.as_written(),
+                    to: to.as_written(),
+                    feed_mm_min: task.approach.feed_mm_min(probe),
+                    sensor: "probe".to_owned(),
+                    normal: contact.normal.to_array(),
+                })
+            })
+            .collect()
+    }
+
+    /// Axis positions with the stylus-ball centre on the ball's centre: what a measurement gives.
+    ///
+    /// # Errors
+    /// A machine whose linear axes do not span space.
+    pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, Unreachable> {
+        let centre = self.position(ball, rotary, glam::DVec3::Z, 0.0)?;
+        Ok(centre.only(Axis::is_linear))
+    }
+}

@@ -1,0 +1,257 @@
+//! What stands about the tool, and how high the tool must be to pass.
+//!
+//! The tool stands upright along Z: the stylus ball, and above it cylinders without an upper end.
+//! Bounds are on the safe side; whether something is in the way indeed is for the proof to say.
+
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
+use parry3d_f64::shape::SupportMap;
+
+use super::PlanningError;
+use super::hull::{Body, Upright, apart_by};
+use crate::artefact::{self, Shape};
+use crate::base::{Axis, Point, Position, Spindle};
+use crate::kinematics::{Carried, Chain, Side};
+use crate::record::artefact::Artefact;
+use crate::record::machine::{Carrier, Solid};
+use crate::record::plan::Plan;
+
+/// Directions across which two bodies are looked at from above.
+const DIRECTIONS: u32 = 16;
+/// Heights are found to within this, mm.
+const FOUND_WITHIN: f64 = 0.1;
+
+/// The tool's shape from below.
+#[derive(Debug, Clone)]
+struct Element {
+    name: String,
+    radius: f64,
+    /// Of the lower end, from the centre of the stylus ball.
+    bottom: f64,
+}
+
+#[derive(Debug, Clone)]
+struct Obstacle {
+    name: String,
+    carried: Carried,
+    body: Body,
+    of_artefact: bool,
+    /// It may stand off its place by this.
+    loose: f64,
+}
+
+/// All of them, with the machine.
+#[derive(Debug, Clone)]
+pub(super) struct Surroundings {
+    pub chain: Chain,
+    pub tip: Point<Spindle>,
+    tool: Vec<Element>,
+    obstacles: Vec<Obstacle>,
+    ball_radius: f64,
+    /// Z ends here.
+    pub max_z: f64,
+}
+
+/// Something that the tool would come too near to.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Near {
+    pub tool: String,
+    pub obstacle: String,
+}
+
+impl Surroundings {
+    /// `artefact` as it is thought to stand.
+    pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
+        let chain = Chain::new(&plan.machine)?;
+        let loose = artefact::uncertainty_mm(artefact);
+        let mut obstacles = Vec::new();
+        let mut add = |name: &str, on: Carrier, body: Body, of_artefact: bool| {
+            if let Some(carried) = chain.carried(on).filter(|on| on.side() != Side::Tool) {
+                let (name, loose) = (name.to_owned(), if of_artefact { loose } else { 0.0 });
+                obstacles.push(Obstacle { name, carried, body, of_artefact, loose });
+            }
+        };
+        for part in artefact::parts(artefact) {
+            add(&part.name, Carrier::Table, Body::Round(part.shape), true);
+        }
+        for solid in &plan.solids {
+            add(&solid.name, solid.on, Body::of(solid), false);
+        }
+        for keepout in &plan.keepout {
+            let body = Body::cuboid(keepout.min_mm, keepout.max_mm);
+            add(&keepout.name, Carrier::Bed, body, false);
+        }
+        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
+        let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
+        Ok(Self { chain, tip, tool, obstacles, ball_radius, max_z })
+    }
+
+    /// Centre of the stylus ball in the machine frame.
+    pub fn tip_at(&self, position: &Position) -> DVec3 {
+        self.chain.machine_from_spindle(position, &[]).transform_point3(self.tip.mm)
+    }
+
+    /// Z command from which on the stylus ball is `margin` higher than all that Z can pass over, the
+    /// rotary axes as in `pose`, wherever the other axes stand. `Err`: what is on the table is
+    /// higher than Z reaches; the value is the Z needed.
+    pub fn z_over_all(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
+        let mut needed = f64::NEG_INFINITY;
+        for obstacle in &self.obstacles {
+            let seen = obstacle.seen(pose);
+            let height = seen.top() + obstacle.loose + margin + self.ball_radius;
+            let Some(z) = self.z_command(obstacle, pose, height) else { continue };
+            if z <= self.max_z {
+                needed = needed.max(z);
+            } else if obstacle.of_artefact {
+                return Err(z);
+            }
+        }
+        Ok(needed)
+    }
+
+    /// Z command from which on the tool is `margin` clear of all that Z can pass over, on the straight
+    /// way in X and Y between two positions with the same rotary axes. Nothing lower than `to` is
+    /// looked for.
+    pub fn z_between(&self, from: &Position, to: &Position, margin: f64) -> f64 {
+        let level = from.updated_by(&to.only(|axis| !matches!(axis, Axis::X | Axis::Y)));
+        let mut needed = f64::NEG_INFINITY;
+        for obstacle in &self.obstacles {
+            let way = [&level, to].map(|at| self.as_seen_by(obstacle, at));
+            let (body, margin) = (obstacle.seen(to), margin + obstacle.loose);
+            for part in self.tool.iter().filter(|part| part.might_meet(&way, &body, margin)) {
+                let height = way[1].z + part.rise(&way, &body, margin);
+                let z = self.z_command(obstacle, to, height);
+                needed = needed.max(z.filter(|z| *z <= self.max_z).unwrap_or(needed));
+            }
+        }
+        needed
+    }
+
+    /// What the tool comes nearer to than `margin` on the straight way in X, Y, Z between two positions
+    /// with the same rotary axes, or had come to on its way straight down to it. The ball of that
+    /// name is there to be touched: only what is above the stylus ball must stay clear of it.
+    pub fn near(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Near> {
+        self.obstacles.iter().find_map(|obstacle| {
+            let own = obstacle.name == touched;
+            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
+            let body = obstacle.seen(to);
+            // What is loose moves with the ball that stops the touch.
+            let margin = if own { 0.0 } else { margin + obstacle.loose };
+            let mut parts = self.tool.iter().skip(usize::from(own));
+            let near = parts.find(|part| {
+                part.might_meet(&way, &body, margin) && !apart_by(&part.on(way, 0.0), &body, margin)
+            });
+            near.map(|part| Near { tool: part.name.clone(), obstacle: obstacle.name.clone() })
+        })
+    }
+
+    /// Does a positive Z command lift the tool off the table?
+    pub fn z_lifts(&self) -> bool {
+        let at = |z: f64| Position::new().with(Axis::Z, z);
+        let over_table = |position: &Position| {
+            let table = self.chain.machine_from_table(position, &[]);
+            self.tip_at(position).z - table.translation.z
+        };
+        over_table(&at(1.0)) > over_table(&at(0.0))
+    }
+
+    /// Does the spindle stand upright?
+    pub fn upright(&self, pose: &Position) -> bool {
+        let axis = self.chain.machine_from_spindle(pose, &[]).matrix3 * DVec3::Z;
+        axis.z > 1.0 - 1e-9
+    }
+
+    /// Z command that holds the stylus ball's centre at a height over the obstacle's carrier; `None`
+    /// if Z does not lift it off.
+    fn z_command(&self, obstacle: &Obstacle, at: &Position, height: f64) -> Option<f64> {
+        let z = at.at(Axis::Z);
+        let here = self.as_seen_by(obstacle, at).z;
+        let higher = at.clone().with(Axis::Z, z + 1.0);
+        let lift = self.as_seen_by(obstacle, &higher).z - here;
+        (lift > 0.5).then(|| z + (height - here) / lift)
+    }
+
+    /// Centre of the stylus ball from the origin of the obstacle's carrier, machine directions.
+    fn as_seen_by(&self, obstacle: &Obstacle, position: &Position) -> DVec3 {
+        self.tip_at(position) - obstacle.carried.pose(&commands(position)).translation
+    }
+}
+
+fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
+    Axis::ALL.map(|axis| position.at(axis))
+}
+
+/// From the spindle's solids those that it carries itself: what else rides on the tool's side is
+/// for the proof.
+fn tool(plan: &Plan) -> Vec<Element> {
+    let probe = &plan.probe;
+    let element = |name: &str, radius, bottom| Element { name: name.to_owned(), radius, bottom };
+    let mut tool = vec![element("stylus ball", probe.ball_radius_mm, -probe.ball_radius_mm)];
+    if probe.stem_radius_mm > 0.0 {
+        tool.push(element("stylus stem", probe.stem_radius_mm, 0.0));
+    }
+    if probe.body_radius_mm > 0.0 {
+        tool.push(element("probe body", probe.body_radius_mm, probe.stem_length_mm));
+    }
+    let tip = DVec3::from_array(plan.machine.tool_mm);
+    let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
+    for solid in plan.solids.iter().filter(carried) {
+        let body = Body::of(solid);
+        let (points, radius) = body.points();
+        // The stylus may stand beside the spindle's axis, and S turns it about that.
+        let aside = |p: &DVec3| p.truncate().length() + tip.truncate().length();
+        let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
+        let bottom = body.local_support_point(DVec3::NEG_Z).z - tip.z;
+        tool.push(element(&solid.name, wide, bottom));
+    }
+    tool
+}
+
+impl Obstacle {
+    /// Turned as it stands, from the origin of its carrier.
+    fn seen(&self, position: &Position) -> Body {
+        self.body.turned(&self.carried.pose(&commands(position)).matrix3)
+    }
+}
+
+impl Element {
+    /// On a way of the stylus ball, higher by `rise`.
+    fn on(&self, way: [DVec3; 2], rise: f64) -> Upright {
+        Upright { way: way.map(|at| at + DVec3::Z * (self.bottom + rise)), radius: self.radius }
+    }
+
+    /// Quickly: neither above the body nor beside it.
+    fn might_meet(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> bool {
+        let lowest = way[0].z.min(way[1].z) + self.bottom;
+        lowest < body.top() + margin && beside(way, body) < self.radius + margin
+    }
+
+    /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.
+    fn rise(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> f64 {
+        if apart_by(&self.on(*way, 0.0), body, margin) {
+            return f64::NEG_INFINITY;
+        }
+        let over = body.top() + margin - self.bottom - way[0].z.min(way[1].z);
+        let (mut low, mut high) = (0.0, over.max(0.0));
+        while high - low > FOUND_WITHIN {
+            let middle = (low + high) / 2.0;
+            let clear = apart_by(&self.on(*way, middle), body, margin);
+            if clear { high = middle } else { low = middle }
+        }
+        high
+    }
+}
+
+/// A body is at least this far from a straight way, seen from above: across the direction that shows
+/// most.
+fn beside(way: &[DVec3; 2], body: &Body) -> f64 {
+    let (points, radius) = body.points();
+    let across = |k: u32| DVec2::from_angle(2.0 * PI * f64::from(k) / f64::from(DIRECTIONS));
+    let between = |u: DVec2| {
+        let near = points.iter().map(|p| p.truncate().dot(u)).fold(f64::INFINITY, f64::min);
+        near - way[0].truncate().dot(u).max(way[1].truncate().dot(u))
+    };
+    (0..DIRECTIONS).map(across).map(between).fold(f64::NEG_INFINITY, f64::max) - radius
+}

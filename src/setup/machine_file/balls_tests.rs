@@ -1,0 +1,248 @@
+//! Balls in machine files: what is read, and what is refused with file, line and key.
+
+use std::path::Path;
+
+use super::*;
+use crate::methods::NAMES;
+use crate::record::artefact::Balls;
+
+/// The built-in file with `from` replaced once by `to`, and the line on which the change begins.
+fn edited(from: &str, to: &str) -> (Result<MachineFile, MachineFileError>, usize) {
+    let at = EMBEDDED_BALLS.find(from).unwrap_or_else(|| panic!("no {from}"));
+    let line = EMBEDDED_BALLS[..at].matches('\n').count() + 1;
+    (MachineFile::parse("shop.toml", EMBEDDED_BALLS.replacen(from, to, 1)), line)
+}
+
+/// The error names the line `below` lines under the change.
+#[track_caller]
+fn refused(from: &str, to: &str, below: usize, said: &str) {
+    let (file, line) = edited(from, to);
+    let message = file.expect_err("accepted").to_string();
+    let expected = format!("shop.toml:{}: {said}", line + below);
+    assert!(message.starts_with(&expected), "{message}\nis not\n{expected}");
+}
+
+fn balls(file: &MachineFile) -> &Balls {
+    let Artefact::Balls(balls) = &file.artefact else { panic!("no balls") };
+    balls
+}
+
+#[test]
+fn the_built_in_machine_for_samba_is_that_of_the_paper() {
+    assert!(OF_BALLS.iter().all(|method| NAMES.contains(method)));
+    let file = MachineFile::embedded_for("samba").unwrap();
+    assert_eq!(file.machine.topology, "w-C-B-X-F-Z-Y-S-t");
+    let balls = balls(&file);
+    // Paper 4, Table 1.
+    let table = [
+        [-152.4, 0.0, 40.855],
+        [152.4, 0.0, 40.435],
+        [160.0, 160.0, 177.835],
+        [-160.0, 160.0, 177.695],
+        [-160.0, -160.0, 75.605],
+        [160.0, -160.0, 76.045],
+    ];
+    assert_eq!(balls.balls.iter().map(|ball| ball.centre_mm).collect::<Vec<_>>(), table);
+    assert_eq!((balls.lengths[0].mm, balls.lengths[0].u_mm), (304.8, 1e-4));
+    assert!(file.tolerance.is_empty(), "the first command must end with code 0");
+    crate::setup::world(&file).unwrap();
+}
+
+#[test]
+fn the_built_in_truth_is_the_papers_table() {
+    let file = MachineFile::embedded_for("samba").unwrap();
+    let truth: crate::world::Truth = file.simulated().unwrap().unwrap();
+    let table = include_str!("../../../tests/data/paper4-table2.csv");
+    let mut count = 0;
+    for line in table.lines().filter(|line| !line.starts_with('#')).skip(1) {
+        let [name, value, unit] = line.split(',').collect::<Vec<_>>().try_into().unwrap();
+        let value: f64 = value.parse().unwrap();
+        let (unit, value) = match unit {
+            "mm" => ("um", value * 1e3),
+            "um/m" => ("um_per_m", value),
+            same => (same, value),
+        };
+        assert!((truth.errors[&format!("{name}_{unit}")] - value).abs() < 1e-9, "{line}");
+        count += 1;
+    }
+    assert_eq!((count, truth.errors.len()), (13, 13));
+}
+
+#[test]
+fn balls_that_cannot_be_are_refused_where_they_stand() {
+    refused("id = \"2\"", "id = \"1\"", 0, "`id` in [artefact.balls] is `1`, and so is another");
+    for id in ["a/b", "a b", "a,b"] {
+        let to = format!("id = \"{id}\"");
+        refused("id = \"4\"", &to, 0, "`id` in [artefact.balls] is `a");
+    }
+    refused("id = \"4\"", "id = \"\"", 0, "`id` in [artefact.balls] must not be empty");
+    refused(
+        "centre_mm = [-160.0, 160.0, 177.695]",
+        "centre_mm = [160.0, 160.0, 190.0]",
+        0,
+        "`centre_mm` in [artefact.balls] stands 12.165 mm from ball `3`: the two would touch",
+    );
+    refused(
+        "centre_mm = [-160.0, -160.0, 75.605]",
+        "centre_mm = [160.0, 152.0, 100.0]",
+        0,
+        "`centre_mm` in [artefact.balls] puts ball `5` into the stem of ball `3`: 8.000 mm",
+    );
+    // The other way round: the stem of the later one.
+    refused(
+        "centre_mm = [160.0, -160.0, 76.045]",
+        "centre_mm = [-152.4, 5.0, 76.0]",
+        0,
+        "`centre_mm` in [artefact.balls] puts ball `1` into the stem of ball `6`: 5.000 mm",
+    );
+    for radius in ["0.0", "-1.0"] {
+        let to = format!("radius_mm = {radius}\nstem");
+        let said = "`radius_mm` in [artefact.balls] is ";
+        refused("radius_mm = 6.35\nstem", &to, 0, said);
+    }
+    refused(
+        "stem_radius_mm = 2.0\nstem_length_mm = 177.0",
+        "stem_radius_mm = 6.35\nstem_length_mm = 177.0",
+        0,
+        "`stem_radius_mm` in [artefact.balls] is 6.35; the stem must be thinner than its ball",
+    );
+    refused(
+        "stem_length_mm = 177.0",
+        "stem_length_mm = 6.0",
+        0,
+        "`stem_length_mm` in [artefact.balls] is 6; it counts from the ball's centre",
+    );
+    refused(
+        "stem = [0.0, 0.0, -1.0]",
+        "stem = [0.0, 0.0, 0.0]",
+        0,
+        "`stem` in [artefact.balls] must have a direction",
+    );
+    refused(
+        "uncertainty_mm = 1.0",
+        "uncertainty_mm = -1.0",
+        0,
+        "`uncertainty_mm` in [artefact] must not be negative",
+    );
+}
+
+#[test]
+fn lengths_that_cannot_be_are_refused_where_they_stand() {
+    let lengths = |key: &str| format!("`{key}` in [artefact.lengths]");
+    let ends = "from = \"1\"\nto = \"2\"";
+    refused(
+        ends,
+        "from = \"7\"\nto = \"2\"",
+        0,
+        &(lengths("from") + " is `7`, a ball that is not"),
+    );
+    refused(ends, "from = \"1\"\nto = \"7\"", 1, &(lengths("to") + " is `7`, a ball that is not"));
+    refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
+    refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
+    refused("u_mm = 0.0001", "u_mm = -0.1", 0, &(lengths("u_mm") + " is -0.1; the standard"));
+    let apart = lengths("mm") + " is 306.9, but balls `1` and `2` are stated 304.800 mm apart";
+    refused("mm = 304.8\n", "mm = 306.9\n", 0, &apart);
+    edited("mm = 304.8\n", "mm = 306.7\n").0.unwrap();
+    let warm = lengths("u_temperature_k") + " is -1; it must not be negative";
+    refused("u_temperature_k = 0.5", "u_temperature_k = -1", 0, &warm);
+    refused("u_mm = 0.0001", "u_um = 0.1", 0, "unknown key `u_um` in [artefact.lengths]");
+}
+
+/// The built-in file with its balls in a table beside it, whose text is `table`.
+fn beside(table: &str) -> Result<MachineFile, String> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("set.csv"), table).unwrap();
+    let at = EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap();
+    let to = EMBEDDED_BALLS.find("\n[[artefact.lengths]]").unwrap();
+    let text = format!("{}\nfile = \"set.csv\"\n{}", &EMBEDDED_BALLS[..at], &EMBEDDED_BALLS[to..]);
+    let path = folder.path().join("shop.toml");
+    std::fs::write(&path, text).unwrap();
+    let prefix = format!("{}/", folder.path().display());
+    MachineFile::read(&path).map_err(|error| error.to_string().replace(&prefix, ""))
+}
+
+const TABLE: &str = "# from the drawing
+ball, x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,stem_length_mm
+1,-152.4,0,40.855,6.35,0,0,-1,2,40
+2,152.4,0,40.435,6.35,,,,2,40
+# the tall ones
+3,160,160,177.835,6.35,0,0,-1,2,177
+4,-160,160,177.695,6.35,0,0,-1,2,177
+5,-160,-160,75.605,6.35,0,0,-1,2,75
+6,160,-160,76.045,6.35,0,0,-1,2,75
+";
+
+#[test]
+fn a_table_beside_the_file_says_the_same() {
+    let inline = MachineFile::embedded_for("samba").unwrap();
+    let file = beside(TABLE).unwrap();
+    assert_eq!(balls(&file), balls(&inline));
+    // A stored run knows its balls, whatever became of the table.
+    let text = file.text().to_owned();
+    let lost = MachineFile::parse("shop.toml", text.clone()).unwrap_err().to_string();
+    assert!(lost.contains("`file` in [artefact] names a file, but there is no folder"), "{lost}");
+    let stored = MachineFile::stored("run 1", text, &file.artefact).unwrap();
+    assert_eq!(stored.artefact, file.artefact);
+    // Columns may stand in any order, and the stem may be left out.
+    let few = beside("radius_mm,z_mm,y_mm,x_mm,ball\n6,40,0,-152.4,1\n6,40,0,152.4,2\n").unwrap();
+    assert_eq!(balls(&few).balls[1].centre_mm, [152.4, 0.0, 40.0]);
+    assert_eq!(balls(&few).balls[1].stem, [0.0, 0.0, -1.0]);
+}
+
+#[test]
+fn a_table_is_refused_with_its_line_and_column() {
+    let said = |from: &str, to: &str| {
+        assert!(TABLE.contains(from), "{from}");
+        beside(&TABLE.replacen(from, to, 1)).expect_err("accepted")
+    };
+    for (from, to, expected) in [
+        (
+            "y_mm",
+            "y_um",
+            "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?",
+        ),
+        ("radius_mm,stem_x", "x_mm,stem_x", "set.csv:2: column `radius_mm` is missing"),
+        ("stem_x", "stem_y", "set.csv:2: column `stem_y` stands twice"),
+        (
+            "152.4,0,40.435",
+            "wide,0,40.435",
+            "set.csv:4: column `x_mm` is `wide`; it must be a finite",
+        ),
+        (
+            "152.4,0,40.435",
+            "nan,0,40.435",
+            "set.csv:4: column `x_mm` is `nan`; it must be a finite",
+        ),
+        ("152.4,0,40.435", "152.4,,40.435", "set.csv:4: column `y_mm` is empty"),
+        ("2,152.4", "1,152.4", "set.csv:4: column `ball` is `1`, and so is another one's"),
+        (
+            "3,160,160,177.835",
+            "3,152.4,0,45",
+            "set.csv:6: column `x_mm` stands 4.565 mm from ball `2`",
+        ),
+        (",2,75\n6", ",2\n6", "set.csv:8: this is no table of comma-separated values: "),
+        ("3,160", "a b,160", "set.csv:6: column `ball` is `a b`; it must be one word"),
+    ] {
+        let message = said(from, to);
+        assert!(message.starts_with(expected), "{message}\nis not\n{expected}");
+    }
+    assert!(beside("ball,x_mm,y_mm,z_mm,radius_mm\n").unwrap_err().contains("holds no ball"));
+    let twice = "file = \"set.csv\"\n# id: any";
+    refused("# id: any", twice, 0, "`file` in [artefact] stands beside [[artefact.balls]]");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/none.toml");
+    let text = EMBEDDED_BALLS.replacen("uncertainty_mm = 1.0", "file = \"none.csv\"", 1);
+    let start = text.find("\n[[artefact.balls]]").unwrap();
+    let end = text.find("\n[[artefact.lengths]]").unwrap();
+    let text = format!("{}{}", &text[..start], &text[end..]);
+    let beside = artefact::Beside::Folder(path.parent().unwrap());
+    let message = MachineFile::parsed("x.toml", text, beside).unwrap_err().to_string();
+    assert!(message.contains("none.csv cannot be read"), "{message}");
+    assert!(message.contains("beside the machine file"), "{message}");
+}
+
+#[test]
+fn a_round_part_has_no_file() {
+    let text = EMBEDDED.replacen("kind = \"cylinder\"", "kind = \"cylinder\"\nfile = \"x.csv\"", 1);
+    let message = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
+    assert!(message.contains("unknown key `file` in [artefact]"), "{message}");
+}

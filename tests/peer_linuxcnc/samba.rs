@@ -1,0 +1,165 @@
+//! Balls on the rig's table: that they stand where the rig's pins say, and that `trued run samba`
+//! finds the true rotary axes by them.
+
+use std::f64::consts::FRAC_PI_2;
+use std::time::Instant;
+
+use glam::{DMat3, DVec3};
+use libtest_mimic::Failed;
+use trued::base::{Axis, Position};
+use trued::controllers::Driver as _;
+use trued::controllers::linuxcnc::LinuxCnc;
+use trued::estimation::sphere::fit_sphere;
+use trued::record::estimate::Estimate;
+use trued::record::motion::{Block, Motion};
+
+use super::desk::{Desk, complaint, result};
+use super::machine::{open, run, z};
+use super::rig::{Rig, rig};
+
+/// Where the true axes stand, mm, and how they lie, rad: the rig's pins.
+const B: DVec3 = DVec3::new(0.035, 0.0, -0.060);
+const B_LIES: [f64; 2] = [40e-6, -30e-6];
+const C: DVec3 = DVec3::new(0.110, -0.030, 0.0);
+const C_LIES: [f64; 2] = [-25e-6, 55e-6];
+const STYLUS: DVec3 = DVec3::new(0.0121, -0.0082, 0.045);
+/// Where the balls stand with all axes at zero, up to half a millimetre from where samba.toml has
+/// them; the first two stand 150 mm apart.
+const BALLS: [[f64; 3]; 4] =
+    [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
+const RADIUS: f64 = 10.0;
+/// Of the stylus ball.
+const TIP: f64 = 3.0;
+
+/// What the estimate has to be: µm, µrad, and mm for the stylus, which is measured from the true axes:
+/// B along X and Z, C along Y. How near, in the same units.
+const TRUTH: [(&str, f64, f64); 8] = [
+    ("EX0C", 75.0, 2.0),
+    ("EA0B", 40.0, 20.0),
+    ("EC0B", -30.0, 20.0),
+    ("EA0C", -65.0, 20.0),
+    ("EB0C", 55.0, 20.0),
+    ("tool_x", -0.0229, 0.002),
+    ("tool_y", 0.0218, 0.002),
+    ("tool_z", 0.105, 0.002),
+];
+
+/// Take the cylinder away, put the balls on the table, and let the axes lie as above.
+fn put_balls(rig: &Rig) -> Result<(), Failed> {
+    let axes = [
+        ("b-x", B.x),
+        ("b-z", B.z),
+        ("b-a", B_LIES[0]),
+        ("b-c", B_LIES[1]),
+        ("c-x", C.x),
+        ("c-y", C.y),
+        ("c-a", C_LIES[0]),
+        ("c-b", C_LIES[1]),
+        ("stylus-x", STYLUS.x),
+        ("stylus-y", STYLUS.y),
+        ("stylus-z", STYLUS.z),
+        ("radius", 0.0),
+    ];
+    for (name, value) in axes {
+        rig.make_true(name, value)?;
+    }
+    for (i, ball) in BALLS.iter().enumerate() {
+        for (axis, value) in ["x", "y", "z"].into_iter().zip(ball) {
+            rig.make_true(&format!("ball-{axis}-{i}"), *value)?;
+        }
+        rig.make_true(&format!("ball-radius-{i}"), RADIUS)?;
+    }
+    Ok(())
+}
+
+/// Where the axes X, Y, Z stand when the stylus ball is where the ball is: plain matrices, where the
+/// rig turns points about lines.
+fn coincide(ball: [f64; 3], b: f64, c: f64) -> DVec3 {
+    let about = |p: DVec3, through: DVec3, lies: DMat3, turn: DMat3| {
+        through + lies * turn * lies.transpose() * (p - through)
+    };
+    let c_lies = DMat3::from_rotation_y(C_LIES[1]) * DMat3::from_rotation_x(C_LIES[0]);
+    let b_lies = DMat3::from_rotation_z(B_LIES[1]) * DMat3::from_rotation_x(B_LIES[0]);
+    let turned = about(DVec3::from_array(ball), C, c_lies, DMat3::from_rotation_z(c));
+    about(turned, B, b_lies, DMat3::from_rotation_y(b)) - STYLUS
+}
+
+fn linear(at: DVec3) -> Position {
+    Position::new().with(Axis::X, at.x).with(Axis::Y, at.y).with(Axis::Z, at.z)
+}
+
+/// A touch of the ball at `centre` against `normal`, from above and back up.
+fn touch(step: u32, centre: DVec3, normal: DVec3, (b, c): (f64, f64)) -> Block {
+    let place = |far: f64| linear(centre + (RADIUS + TIP + far) * normal);
+    let over = place(0.4).with(Axis::Z, 200.0).with(Axis::B, b).with(Axis::C, c);
+    let motions = vec![
+        Motion::Rapid { to: z(200.0) },
+        Motion::Rapid { to: over },
+        Motion::Guarded { to: place(0.4), feed_mm_min: 3000.0 },
+        Motion::Probe { to: place(-1.0), feed_mm_min: 30.0 },
+        Motion::BackOff { to: place(0.4), feed_mm_min: 600.0 },
+        Motion::Guarded { to: z(200.0), feed_mm_min: 6000.0 },
+    ];
+    Block { step, repeat: 0, motions }
+}
+
+/// Four touches round the ball and one at its pole.
+async fn centre(driver: &mut LinuxCnc, near: DVec3, at: (f64, f64)) -> Result<DVec3, Failed> {
+    let round = (0..4).map(|i| DMat3::from_rotation_z((f64::from(i) + 0.5) * FRAC_PI_2) * DVec3::X);
+    let mut points = Vec::new();
+    for (step, normal) in (0..).zip(round.chain([DVec3::Z])) {
+        let outcome = driver.execute(&touch(step, near, normal, at)).await?;
+        let touch = outcome.touch.ok_or("no touch")?;
+        points.push(Axis::LINEAR.map(|axis| touch.at(axis)));
+    }
+    let sphere = fit_sphere(&points)?;
+    eprintln!("radius off by {:.3} um", (sphere.radius - RADIUS - TIP) * 1e3);
+    if (sphere.radius - RADIUS - TIP).abs() > 0.001 {
+        return Err(format!("{sphere:?}").into());
+    }
+    Ok(DVec3::from_array(sphere.centre))
+}
+
+/// The rig's balls, touched by hand.
+pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_balls(&rig)?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        for (ball, b, c) in [(0, 0.0, 0.0), (2, 30.0, 50.0), (3, -40.0, 200.0)] {
+            let (b, c) = (f64::to_radians(b), f64::to_radians(c));
+            let truth = coincide(BALLS[ball], b, c);
+            // From a tenth beside it: nobody knows where it is.
+            let near = truth + DVec3::new(0.05, -0.1, 0.04);
+            let off_um = (centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
+            eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {off_um:.3} um");
+            if off_um.abs().max_element() > 1.0 {
+                return Err(format!("ball {ball}: off by {off_um} um").into());
+            }
+        }
+        Ok(driver.finish().await?)
+    })
+}
+
+/// `trued run samba` with the errors that the rig has.
+pub fn finds_the_true_axes() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_balls(&rig)?;
+    let started = Instant::now();
+    let output = Desk::with_balls(&rig)?.run("samba")?.wait_with_output()?;
+    eprintln!("{}in {:.0} s", complaint(&output), started.elapsed().as_secs_f64());
+    if output.status.code() != Some(0) {
+        return Err(complaint(&output).into());
+    }
+    let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
+    let mut wrong = String::new();
+    for (symbol, truth, near) in TRUTH {
+        let (value, expanded) = result(&estimate, symbol)?;
+        eprintln!("{symbol} = {value:.4}, U = {expanded:.4}, truth {truth}");
+        if (value - truth).abs() > near || expanded > 2.0 * near {
+            wrong += &format!("{symbol} = {value}, U = {expanded}; ");
+        }
+    }
+    if wrong.is_empty() { Ok(()) } else { Err(wrong.into()) }
+}
