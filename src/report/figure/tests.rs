@@ -148,7 +148,7 @@ fn a_matrix_is_coloured_by_sign_and_strength() {
     assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.8\"", "#C2571A")), (2, 3));
     assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.8\"", "#1F6FB2")), (0, 1));
     // A name at its row and one above its column.
-    assert_eq!(svg.matches("ball_2_x").count(), 2);
+    assert_eq!(svg.matches("ball_2,x").count(), 2);
     assert!(inside(&svg));
 }
 
@@ -186,7 +186,7 @@ fn tips(svg: &str) -> Vec<(f64, f64)> {
     heads.map(corner).collect()
 }
 
-/// Two places 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 56 long.
+/// Two places 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 long.
 #[test]
 fn arrows_point_where_the_vectors_do() {
     let figure = arrows(&[
@@ -196,12 +196,12 @@ fn arrows_point_where_the_vectors_do() {
     let common = Common::of(&figure).unwrap();
     let svg = common.draw(&figure.groups[0]).unwrap();
     let expected = [
-        (250.0 - 160.0 + 56.0, 250.0),
-        (250.0 + 160.0, 250.0 - 14.0),
-        (750.0 - 160.0 + 56.0, 250.0),
-        (750.0 + 160.0, 250.0 - 42.0),
+        (250.0 - 140.0 + 80.0, 250.0),
+        (250.0 + 140.0, 250.0 - 20.0),
+        (750.0 - 140.0 + 80.0, 250.0),
+        (750.0 + 140.0, 250.0 - 60.0),
         // The scale: 2 µm.
-        (24.0 + 28.0, 535.0),
+        (24.0 + 40.0, 535.0),
     ];
     assert_eq!(tips(&svg), expected);
     assert!(svg.contains("2 µm") && svg.contains("XY") && svg.contains("XZ"));
@@ -216,7 +216,7 @@ fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
     let common = Common::of(&figure).unwrap();
     assert!(common.cuts(&figure));
     let svg = common.draw(&figure.groups[0]).unwrap();
-    assert_eq!(tips(&svg)[..2], [(90.0, 250.0 - 56.0), (410.0, 250.0 - 84.0)]);
+    assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
     assert_eq!(svg.matches("r=\"13\"").count(), 2);
     assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
     // Nothing to draw, and strange numbers.

@@ -85,7 +85,8 @@ fn optimal(
                 settings.minutes,
                 least_s / 60.0
             ),
-            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]".to_owned(),
+            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]"
+                .to_owned(),
         });
     }
     // Halving: `fits` is known to fit.
@@ -109,7 +110,11 @@ impl Candidates {
             for (indexation, at) in at.iter().enumerate() {
                 // As it is searched for, where it is stated and grown by how far it may be from
                 // there: then it can be measured wherever it is found.
-                match access.accessible(&bench.task(of, at, bench.search(bench.balls.uncertainty_mm))) {
+                match access.accessible(&bench.task(
+                    of,
+                    at,
+                    bench.search(bench.balls.uncertainty_mm),
+                )) {
                     Ok(_) => sights.push(bench.sight((indexation, at), (ball, of))?),
                     Err(why) => drop(why_not.entry(why.to_string()).or_insert(at)),
                 }

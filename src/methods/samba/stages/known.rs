@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use crate::methods::samba::design::Bench;
 use crate::estimation::sphere::fit_sphere;
+use crate::methods::samba::design::Bench;
 use crate::methods::samba::label::{Label, Pass};
 use crate::record::plan::{REPEAT_AFTER_STOP, Step};
 use crate::record::reading::Reading;
