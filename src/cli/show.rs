@@ -39,6 +39,9 @@ pub fn print_estimate(estimate: &Estimate) {
         estimate.unknowns,
         estimate.condition
     );
+    if let Some(weakest) = &estimate.weakest {
+        tell!("least certain: {weakest}");
+    }
     for line in &estimate.gauge {
         say!("convention: {line}");
     }

@@ -66,6 +66,11 @@ impl Carried {
         self.joints.iter().map(Joint::axis)
     }
 
+    /// Do the same axes move both?
+    pub fn moves_as(&self, other: &Self) -> bool {
+        self.axes().eq(other.axes())
+    }
+
     /// Both as seen from the last carrier that they share: what moves them together is left out.
     pub fn between(one: &Self, other: &Self) -> [Self; 2] {
         let shared = one.axes().zip(other.axes()).take_while(|(a, b)| a == b).count();

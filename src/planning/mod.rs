@@ -6,7 +6,9 @@ mod access;
 mod ball;
 mod clearance;
 mod error;
+mod hull;
 mod limits;
+mod order;
 mod over_balls;
 mod surroundings;
 mod time;
@@ -16,6 +18,7 @@ pub use access::{Access, Contact, Unreachable};
 pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
 pub use error::PlanningError;
+pub use order::{Turn, Visit, order};
 pub use time::machine_time_s;
 pub use touch::{Start, touch_block};
 

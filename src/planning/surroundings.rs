@@ -1,14 +1,15 @@
 //! What stands about the tool, and how high the tool must be to pass.
 //!
-//! The tool stands upright along Z: the stylus ball, and above it wider and wider cylinders without
-//! an upper end. Everything else is looked at from above, grown by a margin. Bounds are on the safe
-//! side; whether something is in the way indeed is for the proof to say.
+//! The tool stands upright along Z: the stylus ball, and above it cylinders without an upper end.
+//! Bounds are on the safe side; whether something is in the way indeed is for the proof to say.
 
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use parry3d_f64::shape::SupportMap;
 
 use super::PlanningError;
+use super::hull::{Body, Upright, apart_by};
 use crate::artefact::{self, Shape};
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Carried, Chain, Side};
@@ -17,7 +18,9 @@ use crate::record::machine::{Carrier, Solid};
 use crate::record::plan::Plan;
 
 /// Directions across which two bodies are looked at from above.
-const DIRECTIONS: u32 = 24;
+const DIRECTIONS: u32 = 16;
+/// Heights are found to within this, mm.
+const FOUND_WITHIN: f64 = 0.1;
 
 /// The tool's shape from below.
 #[derive(Debug, Clone)]
@@ -29,13 +32,6 @@ struct Element {
 }
 
 #[derive(Debug, Clone)]
-enum Body {
-    Round(Shape),
-    /// Corners.
-    Box(Vec<DVec3>),
-}
-
-#[derive(Debug, Clone)]
 struct Obstacle {
     name: String,
     carried: Carried,
@@ -43,14 +39,6 @@ struct Obstacle {
     of_artefact: bool,
     /// It may stand off its place by this.
     loose: f64,
-}
-
-/// An obstacle as seen from above: the convex hull of points with a radius, turned as it stands,
-/// from the origin of its carrier.
-struct Seen {
-    points: Vec<DVec3>,
-    radius: f64,
-    top: f64,
 }
 
 /// All of them, with the machine.
@@ -91,8 +79,8 @@ impl Surroundings {
             add(&solid.name, solid.on, Body::of(solid), false);
         }
         for keepout in &plan.keepout {
-            let corners = corners(keepout.min_mm, keepout.max_mm);
-            add(&keepout.name, Carrier::Bed, Body::Box(corners), false);
+            let body = Body::cuboid(keepout.min_mm, keepout.max_mm);
+            add(&keepout.name, Carrier::Bed, body, false);
         }
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
@@ -112,7 +100,7 @@ impl Surroundings {
         let mut needed = f64::NEG_INFINITY;
         for obstacle in &self.obstacles {
             let seen = obstacle.seen(pose);
-            let height = seen.top + obstacle.loose + margin + self.ball_radius;
+            let height = seen.top() + obstacle.loose + margin + self.ball_radius;
             let Some(z) = self.z_command(obstacle, pose, height) else { continue };
             if z <= self.max_z {
                 needed = needed.max(z);
@@ -124,15 +112,16 @@ impl Surroundings {
     }
 
     /// Z command from which on the tool is `margin` clear of all that Z can pass over, on the straight
-    /// way in X and Y between two positions with the same rotary axes.
+    /// way in X and Y between two positions with the same rotary axes. Nothing lower than `to` is
+    /// looked for.
     pub fn z_between(&self, from: &Position, to: &Position, margin: f64) -> f64 {
+        let level = from.updated_by(&to.only(|axis| !matches!(axis, Axis::X | Axis::Y)));
         let mut needed = f64::NEG_INFINITY;
         for obstacle in &self.obstacles {
-            let [a, b] = [from, to].map(|at| self.as_seen_by(obstacle, at));
-            let (seen, margin) = (obstacle.seen(to), margin + obstacle.loose);
-            let apart = seen.apart(&[a.truncate(), b.truncate()]);
-            for element in self.tool.iter().filter(|part| apart < part.radius + margin) {
-                let height = seen.top + margin - element.bottom;
+            let way = [&level, to].map(|at| self.as_seen_by(obstacle, at));
+            let (body, margin) = (obstacle.seen(to), margin + obstacle.loose);
+            for part in self.tool.iter().filter(|part| part.might_meet(&way, &body, margin)) {
+                let height = way[1].z + part.rise(&way, &body, margin);
                 let z = self.z_command(obstacle, to, height);
                 needed = needed.max(z.filter(|z| *z <= self.max_z).unwrap_or(needed));
             }
@@ -144,24 +133,17 @@ impl Surroundings {
     /// with the same rotary axes, or had come to on its way straight down to it. The ball of that
     /// name is there to be touched: only what is above the stylus ball must stay clear of it.
     pub fn near(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Near> {
-        let named = |part: &Element, obstacle: &Obstacle| Near {
-            tool: part.name.clone(),
-            obstacle: obstacle.name.clone(),
-        };
         self.obstacles.iter().find_map(|obstacle| {
             let own = obstacle.name == touched;
-            let [a, b] = [from, to].map(|at| self.as_seen_by(obstacle, at));
-            let seen = obstacle.seen(to);
+            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
+            let body = obstacle.seen(to);
             // What is loose moves with the ball that stops the touch.
             let margin = if own { 0.0 } else { margin + obstacle.loose };
-            let parts = self.tool.iter().skip(usize::from(own));
-            let mut near = parts.filter(|part| {
-                let lowest = a.z.min(b.z) + part.bottom - margin;
-                seen.above(lowest).is_some_and(|rest| {
-                    rest.apart(&[a.truncate(), b.truncate()]) < part.radius + margin
-                })
+            let mut parts = self.tool.iter().skip(usize::from(own));
+            let near = parts.find(|part| {
+                part.might_meet(&way, &body, margin) && !apart_by(&part.on(way, 0.0), &body, margin)
             });
-            near.next().map(|part| named(part, obstacle))
+            near.map(|part| Near { tool: part.name.clone(), obstacle: obstacle.name.clone() })
         })
     }
 
@@ -201,21 +183,6 @@ fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
     Axis::ALL.map(|axis| position.at(axis))
 }
 
-impl Body {
-    fn of(solid: &Solid) -> Self {
-        let (from, to) = (DVec3::from_array(solid.from_mm), DVec3::from_array(solid.to_mm));
-        match solid.radius_mm {
-            Some(radius) => Self::Round(Shape::Cylinder { from, to, radius }),
-            None => Self::Box(corners(solid.from_mm, solid.to_mm)),
-        }
-    }
-}
-
-fn corners(one: [f64; 3], other: [f64; 3]) -> Vec<DVec3> {
-    let pick = |k: usize, bit: usize| if k >> bit & 1 == 0 { one[bit] } else { other[bit] };
-    (0..8).map(|k| DVec3::new(pick(k, 0), pick(k, 1), pick(k, 2))).collect()
-}
-
 /// From the spindle's solids those that it carries itself: what else rides on the tool's side is
 /// for the proof.
 fn tool(plan: &Plan) -> Vec<Element> {
@@ -231,74 +198,60 @@ fn tool(plan: &Plan) -> Vec<Element> {
     let tip = DVec3::from_array(plan.machine.tool_mm);
     let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
     for solid in plan.solids.iter().filter(carried) {
-        let (points, radius, low) = match Body::of(solid) {
-            Body::Round(Shape::Ball { centre, radius }) => (vec![centre], radius, radius),
-            Body::Round(Shape::Cylinder { from, to, radius }) => {
-                let axis = (to - from).normalize_or_zero();
-                (vec![from, to], radius, radius * (1.0 - axis.z * axis.z).max(0.0).sqrt())
-            }
-            Body::Box(points) => (points, 0.0, 0.0),
-        };
+        let body = Body::of(solid);
+        let (points, radius) = body.points();
         // The stylus may stand beside the spindle's axis, and S turns it about that.
         let aside = |p: &DVec3| p.truncate().length() + tip.truncate().length();
         let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
-        let bottom = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min) - low - tip.z;
+        let bottom = body.local_support_point(DVec3::NEG_Z).z - tip.z;
         tool.push(element(&solid.name, wide, bottom));
     }
     tool
 }
 
 impl Obstacle {
-    fn seen(&self, position: &Position) -> Seen {
-        let turned = self.carried.pose(&commands(position)).matrix3;
-        let up = turned.transpose() * DVec3::Z;
-        match &self.body {
-            Body::Round(shape) => {
-                let (points, radius) = match *shape {
-                    Shape::Ball { centre, radius } => (vec![centre], radius),
-                    Shape::Cylinder { from, to, radius } => (vec![from, to], radius),
-                };
-                let points = points.into_iter().map(|point| turned * point).collect();
-                Seen { points, radius, top: shape.highest(up) }
-            }
-            Body::Box(corners) => {
-                let points: Vec<DVec3> = corners.iter().map(|point| turned * *point).collect();
-                let top = points.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
-                Seen { points, radius: 0.0, top }
-            }
-        }
+    /// Turned as it stands, from the origin of its carrier.
+    fn seen(&self, position: &Position) -> Body {
+        self.body.turned(&self.carried.pose(&commands(position)).matrix3)
     }
 }
 
-impl Seen {
-    /// The part of it that is higher than `z`: of a cylinder the piece that can reach there.
-    fn above(&self, z: f64) -> Option<Seen> {
-        if self.top <= z {
-            return None;
-        }
-        let points = match self.points[..] {
-            [a, b] => {
-                let (low, high) = if a.z < b.z { (a, b) } else { (b, a) };
-                let share = (z - self.radius - low.z) / (high.z - low.z);
-                // A level cylinder gives no share, or one without a number: all of it counts.
-                let share = if share > 0.0 && share < 1.0 { share } else { 0.0 };
-                vec![low.lerp(high, share), high]
-            }
-            _ => self.points.clone(),
-        };
-        Some(Seen { points, ..*self })
+impl Element {
+    /// On a way of the stylus ball, higher by `rise`.
+    fn on(&self, way: [DVec3; 2], rise: f64) -> Upright {
+        Upright { way: way.map(|at| at + DVec3::Z * (self.bottom + rise)), radius: self.radius }
     }
 
-    /// At least this far from a straight way, seen from above: across the direction that shows most.
-    fn apart(&self, way: &[DVec2; 2]) -> f64 {
-        let across = |k: u32| DVec2::from_angle(2.0 * PI * f64::from(k) / f64::from(DIRECTIONS));
-        let straight = (way[1] - way[0]).perp().normalize_or_zero();
-        let directions = (0..DIRECTIONS).map(across).chain([straight, -straight]);
-        let between = |u: DVec2| {
-            let near =
-                self.points.iter().map(|p| p.truncate().dot(u)).fold(f64::INFINITY, f64::min);
-            near - way[0].dot(u).max(way[1].dot(u))
-        };
-        directions.map(between).fold(f64::NEG_INFINITY, f64::max) - self.radius
+    /// Quickly: neither above the body nor beside it.
+    fn might_meet(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> bool {
+        let lowest = way[0].z.min(way[1].z) + self.bottom;
+        lowest < body.top() + margin && beside(way, body) < self.radius + margin
     }
+
+    /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.
+    fn rise(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> f64 {
+        if apart_by(&self.on(*way, 0.0), body, margin) {
+            return f64::NEG_INFINITY;
+        }
+        let over = body.top() + margin - self.bottom - way[0].z.min(way[1].z);
+        let (mut low, mut high) = (0.0, over.max(0.0));
+        while high - low > FOUND_WITHIN {
+            let middle = (low + high) / 2.0;
+            let clear = apart_by(&self.on(*way, middle), body, margin);
+            if clear { high = middle } else { low = middle }
+        }
+        high
+    }
+}
+
+/// A body is at least this far from a straight way, seen from above: across the direction that shows
+/// most.
+fn beside(way: &[DVec3; 2], body: &Body) -> f64 {
+    let (points, radius) = body.points();
+    let across = |k: u32| DVec2::from_angle(2.0 * PI * f64::from(k) / f64::from(DIRECTIONS));
+    let between = |u: DVec2| {
+        let near = points.iter().map(|p| p.truncate().dot(u)).fold(f64::INFINITY, f64::min);
+        near - way[0].truncate().dot(u).max(way[1].truncate().dot(u))
+    };
+    (0..DIRECTIONS).map(across).map(between).fold(f64::NEG_INFINITY, f64::max) - radius
 }

@@ -36,7 +36,12 @@ fn middle(from: &Position, to: &Position) -> Position {
     to.iter().map(|(axis, end)| (axis, (from.get(axis).unwrap_or(end) + end) / 2.0)).collect()
 }
 
-fn motion_s(from: &Position, to: &Position, feed_per_min: Option<f64>, machine: &Machine) -> f64 {
+pub(super) fn motion_s(
+    from: &Position,
+    to: &Position,
+    feed_per_min: Option<f64>,
+    machine: &Machine,
+) -> f64 {
     let ways: Vec<(Axis, f64)> = to
         .iter()
         .map(|(axis, end)| (axis, (end - from.get(axis).unwrap_or(end)).abs()))

@@ -26,13 +26,14 @@ pub struct Gap {
     pub direction: DVec3,
 }
 
-/// Looked for first across `hint`, and not more closely once it is above `enough`.
+/// Looked for first across `hint`, and not more closely once it is above what is `enough` across
+/// that direction; in no direction is more than `most` enough.
 pub fn gap(
     one: &Placed,
     other: &Placed,
     hint: Option<DVec3>,
     across: Option<Across>,
-    enough: f64,
+    (enough, most): (impl Fn(DVec3) -> f64, f64),
 ) -> Gap {
     let (a, b) = (&one.machine_from_core, &other.machine_from_core);
     if !(a.is_finite() && b.is_finite()) {
@@ -49,12 +50,12 @@ pub fn gap(
     let wider = |a: Gap, b: Gap| if b.mm > a.mm { b } else { a };
     let start = hint.unwrap_or((b.translation - a.translation).normalize_or(DVec3::X));
     let first = between(start);
-    if first.mm > enough {
+    if first.mm > enough(start) {
         return first;
     }
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, one, other, start));
-    let widest = if enough.is_finite() { enough + round } else { f64::MAX };
+    let widest = if most.is_finite() { most + round } else { f64::MAX };
     match closest_points(&Pose::IDENTITY, one, other, widest, true, &mut simplex) {
         GJKResult::Intersection => first,
         // Away from an edge the line between the two points is the better direction.

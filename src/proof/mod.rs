@@ -39,6 +39,8 @@ mod touch;
 mod walk;
 
 #[cfg(test)]
+mod ball_tests;
+#[cfg(test)]
 mod tests;
 
 pub use refusal::{Reason, Refusal};

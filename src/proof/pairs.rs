@@ -76,7 +76,7 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
         (Side::Tool, Side::Work | Side::Bed) | (Side::Work, Side::Bed) => true,
         (first, second) => first == second && one < other,
     };
-    if !comes_first || a.carried.axes().eq(b.carried.axes()) {
+    if !comes_first || a.carried.moves_as(&b.carried) {
         return None;
     }
     let meets = meets(a, b, bodies);

@@ -1,15 +1,15 @@
 //! All bodies of a plan, and which of them could meet.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use super::body::{Body, Role, Shape};
 use super::gap::Across;
 use super::pairs::{Meets, Pair, pairs};
 use super::refusal::Reason;
-use super::sweep::{Demand, Way, sweep};
+use super::sweep::{Demand, FOUND_WITHIN, Way, nearest_origin, sweep};
 use crate::artefact::{self, Part};
 use crate::base::Axis;
-use crate::kinematics::{Chain, Side};
+use crate::kinematics::{Carried, Chain, Side};
 use crate::record::artefact::Artefact;
 use crate::record::machine::Carrier;
 use crate::record::plan::Plan;
@@ -93,6 +93,7 @@ impl Scene {
     pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
         let mut found = None;
         let mut nearest = most;
+        let centres = (!way.turns()).then(|| self.centres(way));
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
@@ -108,6 +109,9 @@ impl Scene {
             let grown = if across.is_none() { pair.grown } else { 0.0 };
             let demand =
                 Demand { need, grown, across, nearest: if counts { nearest } else { need } };
+            if centres.as_ref().is_some_and(|centres| far_apart(pair, centres, &demand)) {
+                continue;
+            }
             let Pair { one, other, .. } = pair;
             let between = || [one.name.clone(), other.name.clone()];
             match sweep(way, one, other, &demand) {
@@ -124,6 +128,39 @@ impl Scene {
         }
         Ok(found)
     }
+
+    /// Middle of each body at both ends of the way, machine frame.
+    fn centres(&self, way: &Way) -> Vec<[DVec3; 2]> {
+        let mut poses: Vec<(&Carried, [DAffine3; 2])> = Vec::new();
+        let of = |body: &Body, [from, to]: [DAffine3; 2]| {
+            let (centre, _) = body.shape.bounds();
+            [from.transform_point3(centre), to.transform_point3(centre)]
+        };
+        let mut centres = Vec::with_capacity(self.bodies.len());
+        for body in &self.bodies {
+            let known = poses.iter().find(|(carried, _)| carried.moves_as(&body.carried));
+            let pose = known.map_or_else(
+                || [&way.from, &way.to].map(|commands| body.carried.pose(commands)),
+                |(_, pose)| *pose,
+            );
+            if known.is_none() {
+                poses.push((&body.carried, pose));
+            }
+            centres.push(of(body, pose));
+        }
+        centres
+    }
+}
+
+/// On a way without turning, are the balls around the two bodies further apart than is asked?
+fn far_apart(pair: &Pair, centres: &[[DVec3; 2]], demand: &Demand) -> bool {
+    let [Some(one), Some(other)] = pair.numbers.map(|number| centres.get(number)) else {
+        return false;
+    };
+    let apart = nearest_origin(other[0] - one[0], other[1] - one[1]).length();
+    let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
+    let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
+    apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
 }
 
 /// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all

@@ -3,17 +3,18 @@
 //! Over a part of the way, no point strays further from where it stands in the middle than
 //! [`Carried::sweep`](crate::kinematics::Carried::sweep) says; what is further apart in the middle
 //! does not meet on that part. Where nothing turns, what keeps two bodies apart across one direction
-//! does so along the whole way, and one look is often enough. Rotary axes move together with linear ones, straight in joint space,
-//! and nothing between samples is left to chance.
+//! does so along the whole way, and one look is often enough. Rotary axes move together with linear
+//! ones, straight in joint space, and nothing between samples is left to chance.
 
 use glam::DVec3;
 
 use super::body::Body;
 use super::gap::{Across, gap};
+use crate::base::Axis;
 use crate::kinematics::Commands;
 
 /// The smallest clearance of a step is found to within this, mm.
-const FOUND_WITHIN: f64 = 0.02;
+pub(super) const FOUND_WITHIN: f64 = 0.02;
 /// What is nearer than this on the way counts as met, mm.
 const RESOLUTION: f64 = 1e-3;
 
@@ -25,6 +26,15 @@ pub struct Way {
 }
 
 impl Way {
+    /// Does a rotary axis or the spindle move?
+    pub fn turns(&self) -> bool {
+        Axis::ALL.iter().any(|axis| !axis.is_linear() && self.moves(*axis))
+    }
+
+    fn moves(&self, axis: Axis) -> bool {
+        self.from[axis as usize] != self.to[axis as usize]
+    }
+
     fn middle(&self, at: f64) -> Commands {
         std::array::from_fn(|i| self.from[i] + at * (self.to[i] - self.from[i]))
     }
@@ -59,7 +69,13 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
     let mut nearest = demand.nearest;
     // Middle and half-length of the parts still to be looked at.
     let mut parts = vec![(0.5, 0.5)];
-    let mut hint = None;
+    let mut hint = straight.map(|goes| {
+        let at_end = |body: &Body, (centre, _): (DVec3, f64)| {
+            body.carried.pose(&way.to).transform_point3(centre)
+        };
+        let end = at_end(other, bounds.1) - at_end(one, bounds.0);
+        nearest_origin(end - goes, end).normalize_or(DVec3::X)
+    });
     while let Some((at, share)) = parts.pop() {
         let (middle, half) = (way.middle(at), way.half(share));
         let sweep = |body: &Body| {
@@ -75,12 +91,16 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
             continue;
         }
         let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
-        let enough = wanted + stray + demand.grown;
+        // Without turning, the gap across one direction changes evenly along the way.
+        let change = |direction: DVec3| {
+            straight.map_or(stray, |goes| share * goes.dot(direction).abs())
+        };
+        let wide = wanted + demand.grown;
+        let enough = (|direction| wide + change(direction), wide + stray);
         let found = gap(&one_at, &other_at, hint, demand.across, enough);
         hint = Some(found.direction);
         let clearance = found.mm - demand.grown;
-        // Without turning, the gap across one direction changes evenly along the way.
-        let change = straight.map_or(stray, |way| share * way.dot(found.direction).abs());
+        let change = change(found.direction);
         if clearance <= demand.need || (stray < RESOLUTION && clearance - change <= demand.need) {
             return Err(clearance);
         }
@@ -95,11 +115,18 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
 /// How the other body goes as seen from the one, mm, machine frame; `None` if either turns.
 fn straight(way: &Way, one: &Body, other: &Body) -> Option<DVec3> {
     let turns = |body: &Body| {
-        let mut rotary = body.carried.axes().filter(|axis| !axis.is_linear());
-        rotary.any(|axis| way.from[axis as usize] != way.to[axis as usize])
+        body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis))
     };
     let goes = |body: &Body| {
         body.carried.pose(&way.to).translation - body.carried.pose(&way.from).translation
     };
     (!turns(one) && !turns(other)).then(|| goes(other) - goes(one))
+}
+
+/// The point nearest to the origin on the straight line between two points.
+pub(super) fn nearest_origin(from: DVec3, to: DVec3) -> DVec3 {
+    let goes = to - from;
+    let square = goes.length_squared();
+    let share = if square > 0.0 { (-from.dot(goes) / square).clamp(0.0, 1.0) } else { 0.0 };
+    from + share * goes
 }

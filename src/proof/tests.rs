@@ -28,12 +28,16 @@ fn plan(change: impl FnOnce(&mut Value)) -> Plan {
 }
 
 /// Up at the right of the part, rotary axes at zero.
-fn beside() -> Position {
+pub(super) fn beside() -> Position {
     let axes = [(Axis::X, 100.0), (Axis::Y, 0.0), (Axis::Z, 300.0), (Axis::B, 0.0), (Axis::C, 0.0)];
     axes.into_iter().collect()
 }
 
-fn proven_from(plan: &Plan, lines: &str, stands: Option<&Position>) -> Result<Proof, Refusal> {
+pub(super) fn proven_from(
+    plan: &Plan,
+    lines: &str,
+    stands: Option<&Position>,
+) -> Result<Proof, Refusal> {
     proven_as(plan, lines, stands, false)
 }
 

@@ -5,5 +5,7 @@ mod number;
 pub mod page;
 mod proven;
 pub mod readings_csv;
+mod related;
 #[cfg(test)]
 mod tests;
+mod vectors;

@@ -3,7 +3,7 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::{figure, number, proven};
+use super::{figure, number, proven, related, vectors};
 use crate::record::artefact::{Artefact, Balls, Cylinder};
 use crate::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
 use crate::record::plan::{Plan, StepKind};
@@ -46,6 +46,8 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
             key_results => KEY_RESULTS,
             figures => figures(estimate),
+            related => related::related(&estimate.covariance),
+            vectors => estimate.arrows.iter().map(vectors::vectors).collect::<Vec<_>>(),
             budget => budget(&estimate.parameters),
             warnings => estimate.warnings.clone(),
             gauge => estimate.gauge.clone(),
@@ -169,14 +171,16 @@ fn budget(parameters: &[Parameter]) -> Value {
 type Rows = Vec<(String, String)>;
 
 fn quality(estimate: &Estimate) -> Rows {
-    let rows = [
+    let mut rows = vec![
         ("Rank", format!("{} of {} unknowns", estimate.rank, estimate.unknowns)),
         ("Scaled condition number", number::fixed(estimate.condition, 2)),
+        ("What limits it", estimate.weakest.clone().unwrap_or_default()),
         ("Residuals (rms)", format!("{} µm", number::fixed(estimate.residual_rms_um, 3))),
         ("Degrees of freedom", estimate.degrees_of_freedom.to_string()),
         ("χ² per degree of freedom", number::fixed(estimate.chi2_per_dof, 2)),
     ];
-    rows.map(|(name, text)| (name.to_owned(), text)).into()
+    rows.retain(|(_, text)| !text.is_empty());
+    rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
 }
 
 fn plan_rows(plan: &Plan) -> Rows {
@@ -209,10 +213,29 @@ fn artefact(artefact: &Artefact) -> String {
             "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
             vector(*centre_mm)
         ),
-        Artefact::Balls(Balls { balls, lengths, .. }) => {
-            format!("{} balls, {} certified lengths", balls.len(), lengths.len())
-        }
+        Artefact::Balls(artefact) => balls(artefact),
     }
+}
+
+fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
+    let radii = balls.iter().map(|ball| ball.radius_mm);
+    let (least, most) = (radii.clone().fold(f64::INFINITY, f64::min), radii.fold(0.0, f64::max));
+    let radius = match balls.len() {
+        0 => String::new(),
+        _ if least == most => format!(", radius {most} mm"),
+        _ => format!(", radius {least} to {most} mm"),
+    };
+    let certified = lengths.iter().map(|length| {
+        let u_um = 1e3 * length.u_mm;
+        let u_um = number::fixed(u_um, number::decimals(u_um));
+        format!("{} to {}: {} mm (u = {u_um} µm)", length.from, length.to, length.mm)
+    });
+    let certified: Vec<String> = certified.collect();
+    let lengths = match certified.as_slice() {
+        [] => "no certified length".to_owned(),
+        some => format!("certified lengths {}", some.join(", ")),
+    };
+    format!("{} balls{radius}; {lengths}", balls.len())
 }
 
 fn vector([x, y, z]: [f64; 3]) -> String {

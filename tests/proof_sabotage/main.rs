@@ -1,12 +1,14 @@
 //! Rendered programs of real plans: all are proven as they are; each spoiled one is refused, and the
 //! refusal names the line.
 
+mod balls;
 mod program;
 mod sabotage;
 
 use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
 use trued::base::{Axis, Position};
 use trued::proof::Refusal;
+use trued::record::artefact::Artefact;
 
 /// Steps are drawn by this.
 const SEED: u64 = 20_250_314;
@@ -54,6 +56,16 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
     ]
 }
 
+/// Those, and two that measure balls.
+fn rendered() -> Vec<(String, Rendered)> {
+    let round = programs()
+        .into_iter()
+        .map(|(name, file, dialect)| (name.to_owned(), Rendered::new(&file, dialect)));
+    let balls = ["linuxcnc", "grbl-m19"]
+        .map(|dialect| (format!("balls, {dialect}"), balls::rendered(dialect)));
+    round.chain(balls).collect()
+}
+
 /// High over the middle, all axes at zero.
 fn parked(rendered: &Rendered) -> Position {
     let axes = rendered.plan.machine.axes.iter();
@@ -62,8 +74,7 @@ fn parked(rendered: &Rendered) -> Position {
 
 #[test]
 fn no_program_as_rendered_is_refused() {
-    for (name, file, dialect) in programs() {
-        let rendered = Rendered::new(&file, dialect);
+    for (name, rendered) in rendered() {
         for stands in [None, Some(parked(&rendered))] {
             let proof = rendered
                 .prove(&rendered.lines, stands.as_ref())
@@ -113,11 +124,13 @@ fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, Str
 fn every_sabotage_is_refused_and_its_line_named() {
     let mut count = 0;
     let mut unseen = Vec::new();
-    for (number, (name, file, dialect)) in programs().into_iter().enumerate() {
-        let rendered = Rendered::new(&file, dialect);
-        for (kind, (what, act)) in sabotage::ALL.iter().chain(&sabotage::MORE).enumerate() {
-            // Each kind in every third program.
-            if (number + kind) % 3 != 0 {
+    for (number, (name, rendered)) in rendered().into_iter().enumerate() {
+        let of_balls = matches!(rendered.plan.artefact, Artefact::Balls(_));
+        let more: &[_] = if of_balls { &balls::BALLS } else { &[] };
+        let all = sabotage::ALL.iter().chain(&sabotage::MORE).chain(more);
+        for (kind, (what, act)) in all.enumerate() {
+            // Each kind in every third program; the balls' own in both.
+            if !of_balls && (number + kind) % 3 != 0 {
                 continue;
             }
             let seed = SEED + 100 * number as u64 + kind as u64;

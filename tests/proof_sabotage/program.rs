@@ -32,6 +32,11 @@ impl Rendered {
             plan.steps.extend(new_steps);
             stages.push(stage);
         }
+        Self::of(plan, stages, dialect)
+    }
+
+    /// A whole plan.
+    pub fn of(plan: Plan, stages: Vec<Stage>, dialect: &str) -> Self {
         let (blocks, _) = planning::blocks(&plan, &Clearance::above(&plan).unwrap()).unwrap();
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
         let dialect = Dialect::named(dialect).unwrap();

@@ -269,7 +269,7 @@ fn value(line: &str, letter: char) -> Option<f64> {
 }
 
 /// Change the words of these letters in a line; false if nothing is changed.
-fn changed(l: &mut Lines, at: usize, letters: &[char], change: impl Fn(f64) -> f64) -> bool {
+pub fn changed(l: &mut Lines, at: usize, letters: &[char], change: impl Fn(f64) -> f64) -> bool {
     let word = |word: &str| {
         let number = word.chars().next().filter(|c| letters.contains(c)).map(|_| &word[1..]);
         match number.and_then(|number| number.parse::<f64>().ok()) {

@@ -6,14 +6,18 @@ use plotters::prelude::*;
 use self::scale::Ticked;
 use crate::record::estimate::{FigureKind, Function};
 
+mod arrows;
 mod circle;
 mod curve;
+mod matrix;
 mod polar;
 mod scale;
 #[cfg(test)]
 mod tests;
 
+pub(super) use arrows::Common;
 pub(super) use circle::circle;
+pub(super) use matrix::{correlation, matrix};
 
 /// Colours by their role; the page's style sheet replaces them by these very values in the dark.
 const INK: RGBColor = RGBColor(0x22, 0x26, 0x2B);

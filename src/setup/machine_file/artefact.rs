@@ -67,7 +67,8 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
         None => None,
         Some(name) => {
             let Beside::Folder(folder) = beside else {
-                let why = "names a file, but there is no folder to look in: write [[artefact.balls]]";
+                let why =
+                    "names a file, but there is no folder to look in: write [[artefact.balls]]";
                 return Err(wrong("file", why));
             };
             Some(Table::read(&folder.join(name))?)
@@ -116,7 +117,6 @@ fn placed(document: &Document, table: Option<&Table>, flaw: Flaw) -> MachineFile
         (Entry::Ball(index), None) => ("balls", index),
         (Entry::Length(index), _) => ("lengths", index),
     };
-    let problem =
-        Problem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
+    let problem = Problem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
     document.error_at_entry(&["artefact", name], index, key, problem)
 }

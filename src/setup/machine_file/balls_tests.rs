@@ -130,7 +130,12 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
 fn lengths_that_cannot_be_are_refused_where_they_stand() {
     let lengths = |key: &str| format!("`{key}` in [artefact.lengths]");
     let ends = "from = \"1\"\nto = \"2\"";
-    refused(ends, "from = \"7\"\nto = \"2\"", 0, &(lengths("from") + " is `7`, a ball that is not"));
+    refused(
+        ends,
+        "from = \"7\"\nto = \"2\"",
+        0,
+        &(lengths("from") + " is `7`, a ball that is not"),
+    );
     refused(ends, "from = \"1\"\nto = \"7\"", 1, &(lengths("to") + " is `7`, a ball that is not"));
     refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
     refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
@@ -191,14 +196,30 @@ fn a_table_is_refused_with_its_line_and_column() {
         beside(&TABLE.replacen(from, to, 1)).expect_err("accepted")
     };
     for (from, to, expected) in [
-        ("y_mm", "y_um", "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?"),
+        (
+            "y_mm",
+            "y_um",
+            "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?",
+        ),
         ("radius_mm,stem_x", "x_mm,stem_x", "set.csv:2: column `radius_mm` is missing"),
         ("stem_x", "stem_y", "set.csv:2: column `stem_y` stands twice"),
-        ("152.4,0,40.435", "wide,0,40.435", "set.csv:4: column `x_mm` is `wide`; it must be a finite"),
-        ("152.4,0,40.435", "nan,0,40.435", "set.csv:4: column `x_mm` is `nan`; it must be a finite"),
+        (
+            "152.4,0,40.435",
+            "wide,0,40.435",
+            "set.csv:4: column `x_mm` is `wide`; it must be a finite",
+        ),
+        (
+            "152.4,0,40.435",
+            "nan,0,40.435",
+            "set.csv:4: column `x_mm` is `nan`; it must be a finite",
+        ),
         ("152.4,0,40.435", "152.4,,40.435", "set.csv:4: column `y_mm` is empty"),
         ("2,152.4", "1,152.4", "set.csv:4: column `ball` is `1`, and so is another one's"),
-        ("3,160,160,177.835", "3,152.4,0,45", "set.csv:6: column `x_mm` stands 4.565 mm from ball `2`"),
+        (
+            "3,160,160,177.835",
+            "3,152.4,0,45",
+            "set.csv:6: column `x_mm` stands 4.565 mm from ball `2`",
+        ),
         (",2,75\n6", ",2\n6", "set.csv:8: this is no table of comma-separated values: "),
         ("3,160", "a b,160", "set.csv:6: column `ball` is `a b`; it must be one word"),
     ] {

@@ -76,7 +76,11 @@ pub fn solids(document: &Document, solids: &[Solid], machine: &Machine) -> Check
         let name = solid.name.as_str();
         let must = |holds: bool, key: &str, why: String| {
             let problem = Problem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
-            if holds { Ok(()) } else { Err(document.error_at_entry(&["solid"], index, key, problem)) }
+            if holds {
+                Ok(())
+            } else {
+                Err(document.error_at_entry(&["solid"], index, key, problem))
+            }
         };
         must(!name.trim().is_empty(), "name", "must not be empty".to_owned())?;
         let alone = solids.iter().filter(|other| other.name == name).count() == 1;

@@ -94,11 +94,7 @@ impl MachineFile {
     }
 
     /// The machine file of a stored run, with the artefact that its plan holds.
-    pub fn stored(
-        file: &str,
-        text: String,
-        artefact: &Artefact,
-    ) -> Result<Self, MachineFileError> {
+    pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
         Self::parsed(file, text, Beside::Artefact(artefact))
     }
 

@@ -94,9 +94,13 @@ fn a_stem_is_felt_where_it_stands() {
     let mut world = bench.world();
     let others = rotary(POSES[0]);
     let below = HIGH + along * (160.0 + BALL + 0.1);
-    world.travel(&solve(below + DVec3::X * 20.0, &others), Speed::Rapid);
-    let across = solve(below - DVec3::X * 20.0, &others).only(Axis::is_linear);
+    let aside = along.any_orthonormal_vector() * 20.0;
+    world.travel(&solve(below + aside, &others), Speed::Rapid);
+    let across = solve(below - aside, &others).only(Axis::is_linear);
     assert_eq!(world.probe(&across, 60.0, 1).contact, None);
+    let higher = solve(below - along * 0.2 - aside, &others).only(Axis::is_linear);
+    world.travel(&solve(below + aside - along * 0.2, &others), Speed::Rapid);
+    assert!(world.probe(&higher, 60.0, 1).contact.is_some());
 }
 
 #[test]
@@ -146,7 +150,7 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
         world.travel(&at(13.0), Speed::Rapid);
         let [x, y, z] = Axis::LINEAR.map(|axis| contact.position.at(axis));
         let found = (DVec3::new(x, y, z - 100.0) - centre).dot(outward);
-        world.dwell(3000.0);
+        world.dwell(4000.0);
         found
     };
     let sum = 6.35 + BALL;
@@ -174,9 +178,8 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
         let centre = balls.centre(1, 0.0);
         // Distances along opposite directions: their sum is the diameter, whose form part is twice
         // that of one direction.
-        let out = [DVec3::X, -DVec3::X, DVec3::Z].map(|direction| {
-            balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3
-        });
+        let out = [DVec3::X, -DVec3::X, DVec3::Z]
+            .map(|direction| balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3);
         let off = centre - HIGH;
         let values = [off.x, off.y, off.z, out[0], out[0] - out[1], out[0] - out[2]];
         for (sum, value) in squares.iter_mut().zip(values) {
@@ -222,7 +225,9 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     };
     let surface = |u: DVec3| u * u.dot(quadratic * u);
     let mut apart = 0.0_f64;
-    for point in [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)] {
+    for point in
+        [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)]
+    {
         let nearest = balls.nearest(centre + point, 0.0);
         let start = point.normalize();
         let (a, b) = (start.any_orthonormal_vector(), start.cross(start.any_orthonormal_vector()));

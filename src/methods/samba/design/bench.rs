@@ -12,7 +12,8 @@ use crate::methods::Refused;
 use crate::methods::samba::model::{Model, length_u_mm};
 use crate::methods::samba::parameters;
 use crate::methods::samba::settings::{Design, Settings};
-use crate::record::artefact::{Ball, Balls, Length};
+use crate::planning::{Access, Approach, BallTask};
+use crate::record::artefact::{Artefact, Ball, Balls, Length};
 use crate::record::plan::Plan;
 
 /// What is asked of the machine's parameters at a noise of 1 um (METHODS section 4, G4): the units in
@@ -69,6 +70,25 @@ impl<'a> Bench<'a> {
             Design::Optimal => candidates(machine, self.settings),
             Design::Paper => paper::candidates(machine, self.settings),
         }
+    }
+
+    /// What is free beside the artefact, as it is thought to stand.
+    ///
+    /// # Errors
+    /// A machine without kinematics.
+    pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
+        Access::new(self.plan, artefact)
+            .map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })
+    }
+
+    /// One measurement of a ball.
+    pub fn task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: Approach) -> BallTask<'t> {
+        BallTask { ball, rotary, approach, touches: self.settings.touches }
+    }
+
+    /// Fast, for a ball that may be so far from where it is expected.
+    pub fn search(&self, uncertainty_mm: f64) -> Approach {
+        Approach::Find { uncertainty_mm, standoff_mm: self.settings.standoff_mm }
     }
 
     /// Axis positions with the tip on the ball's stated centre.

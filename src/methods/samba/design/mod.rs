@@ -1,6 +1,5 @@
 //! The measuring design: which balls at which indexations, in which order, and whether that is enough.
 
-mod access;
 mod artefact;
 mod bench;
 mod choose;
@@ -17,7 +16,6 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-use self::access::accessible;
 pub use self::bench::Bench;
 use self::choose::{Budget, LEAST_VISITS, choose};
 pub use self::indexation::in_words;
@@ -104,13 +102,16 @@ impl Candidates {
     /// An indexation outside the limits; a ball that fewer than three indexations show.
     pub fn new(bench: &Bench<'_>) -> Result<Self, Refused> {
         let at = bench.candidates()?;
+        let access = bench.access(&bench.plan.artefact)?;
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
             let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
             for (indexation, at) in at.iter().enumerate() {
-                match accessible(bench, at, of) {
-                    Ok(()) => sights.push(bench.sight((indexation, at), (ball, of))?),
-                    Err(why) => drop(why_not.entry(why).or_insert(at)),
+                // As it is searched for, where it is stated and grown by how far it may be from
+                // there: then it can be measured wherever it is found.
+                match access.accessible(&bench.task(of, at, bench.search(bench.balls.uncertainty_mm))) {
+                    Ok(_) => sights.push(bench.sight((indexation, at), (ball, of))?),
+                    Err(why) => drop(why_not.entry(why.to_string()).or_insert(at)),
                 }
             }
             let count = sights.len() - first;

@@ -1,11 +1,9 @@
 //! The design on the machine and the balls of paper 4.
 
-use super::bench::Bench;
-use super::design::design;
-use super::survey;
-use super::tests::machine;
+use super::{Bench, design, survey};
 use crate::estimation::linear::{LinearProblem, solve};
 use crate::methods::samba::settings::{Design as Kind, Settings};
+use crate::methods::samba::tests::machine;
 use crate::record::artefact::{Artefact, Ball, Balls, Length};
 use crate::record::plan::Plan;
 

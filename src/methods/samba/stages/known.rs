@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::measure::{self, Measured};
 use crate::methods::samba::design::Bench;
+use crate::estimation::sphere::fit_sphere;
 use crate::methods::samba::label::{Label, Pass};
 use crate::record::plan::{REPEAT_AFTER_STOP, Step};
 use crate::record::reading::Reading;
@@ -14,6 +14,16 @@ use crate::record::reading::Reading;
 #[derive(Debug, Default)]
 pub struct Known {
     found: Vec<Vec<(usize, DVec3)>>,
+}
+
+/// What a measurement says, by the nominal machine.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured {
+    /// Table frame, mm.
+    pub centre: DVec3,
+    pub diameter_mm: f64,
+    /// Largest residual of a touch, mm.
+    pub form_mm: f64,
 }
 
 /// One measurement of a ball: its steps and the newest readings of them.
@@ -93,7 +103,14 @@ impl Taken<'_> {
     /// `None`: touches are missing, or lie on no sphere.
     pub fn measured(&self, bench: &Bench<'_>) -> Option<Measured> {
         let complete = self.steps.len() == self.readings.len();
-        complete.then(|| measure::evaluate(bench, &self.readings)).flatten()
+        let tip = |reading: &&Reading| {
+            bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm.to_array()
+        };
+        let points: Vec<[f64; 3]> = self.readings.iter().map(tip).collect();
+        let found = fit_sphere(&points).ok().filter(|_| complete)?;
+        let form_mm = found.residuals.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
+        let (centre, diameter_mm) = (DVec3::from_array(found.centre), 2.0 * found.radius);
+        Some(Measured { centre, diameter_mm, form_mm })
     }
 }
 

@@ -1,7 +1,6 @@
 //! Which stage comes next: the tasks of a design, one stage each.
 
 mod known;
-mod measure;
 mod review;
 
 #[cfg(test)]
@@ -10,14 +9,13 @@ mod tests;
 pub use self::known::Known;
 pub use self::review::review;
 
-use self::measure::Wanted;
 use super::design::{Bench, Visit, in_words};
 use super::label::{Label, Pass};
-use super::settings::Find;
+use super::settings::{Find, Settings};
 use crate::methods::Refused;
 use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::planning::{Clearance, PlanningError, blocks};
-use crate::record::plan::{Plan, Stage, Step};
+use crate::planning::{Approach, Clearance, PlanningError, Unreachable, blocks};
+use crate::record::plan::{Plan, Stage, Step, StepKind};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,19 +150,41 @@ fn new_steps(
     known: &Known,
 ) -> Result<Vec<Step>, Refused> {
     let Some(visit) = visits.get(task.visit) else { return Ok(Vec::new()) };
-    let mut steps = Vec::new();
+    let thought = found(bench, task, known);
+    let access = bench.access(thought.as_ref().unwrap_or(&bench.plan.artefact))?;
+    let Settings { standoff_mm, search_mm, .. } = *bench.settings;
+    let mut steps: Vec<Step> = Vec::new();
     for index in &task.balls {
         let Some(ball) = bench.balls.balls.get(*index) else { continue };
-        let uncertainty_mm = match task.pass {
-            Pass::Find => known.uncertainty_mm(bench, *index),
-            _ => 0.0,
+        let centre_mm = known.centre(bench, *index, task.visit).to_array();
+        let expected = Ball { centre_mm, ..ball.clone() };
+        let approach = match task.pass {
+            Pass::Find => bench.search(known.uncertainty_mm(bench, *index)),
+            Pass::Slow | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
         };
-        let centre = known.centre(bench, *index, task.visit);
-        let (pass, number, at) = (task.pass, task.number, &visit.at);
-        let wanted = Wanted { pass, number, at, ball, centre, uncertainty_mm };
-        steps.extend(measure::steps(bench, &wanted)?);
+        let kind =
+            if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
+        let label = |touch: &str| {
+            let (pass, indexation, touch) = (task.pass, task.number as u32, touch.to_owned());
+            Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
+        };
+        let wanted = bench.task(&expected, &visit.at, approach);
+        let new = access.steps(&wanted, &bench.plan.probe, kind, (0, 0), label);
+        steps.extend(new.map_err(|why| refused(bench, visit, ball, &why))?);
     }
     Ok(steps)
+}
+
+fn refused(bench: &Bench<'_>, visit: &Visit, ball: &Ball, why: &Unreachable) -> Refused {
+    let instead = match why {
+        Unreachable::TooLong { .. } => format!(
+            "lower uncertainty_mm of [artefact] ({} mm): set the artefact up nearer to where the file \
+             says, or take its place from a first probing by hand",
+            bench.balls.uncertainty_mm
+        ),
+        _ => "take the position out of tilt_deg and turn_deg, or set the ball up elsewhere".to_owned(),
+    };
+    Refused { why: format!("ball {} at {}: {why}", ball.id, in_words(&visit.at)), instead }
 }
 
 /// The first round of the references once more: the very same places.

@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::known::{Known, Taken, taken};
-use super::measure::Measured;
+use super::known::{Known, Measured, Taken, taken};
 use crate::base::Axis;
 use crate::methods::Refused;
 use crate::methods::samba::design::{Bench, in_words};

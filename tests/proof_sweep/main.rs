@@ -3,6 +3,8 @@
 //! nothing with `kinematics/` or the collision library. It sees less than there is (only its points,
 //! only its steps), so what it does see the proof must refuse.
 
+mod balls;
+
 use rayon::prelude::*;
 use serde_json::json;
 use trued::base::{Axis, Position};
@@ -187,19 +189,24 @@ impl Kind {
         }
     }
 
-    fn plan(self, solids: &[Solid; 3]) -> Plan {
+    /// Axes of the plan's machine.
+    fn axes(self) -> serde_json::Value {
         let linear = json!({"min": -1000.0, "max": 1000.0});
         let turn = |positive: &str, point: Point| json!({"min": -720.0, "max": 720.0, "positive": positive, "point_mm": point});
         let (b, c) = match self {
             Kind::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
             Kind::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
         };
+        json!({"X": linear, "Y": linear, "Z": linear, "B": b, "C": c})
+    }
+
+    fn plan(self, solids: &[Solid; 3]) -> Plan {
         let at = json!({"X": 0.0, "Y": 0.0, "Z": 0.0, "B": 0.0, "C": 0.0});
         // Ball and artefact far from everything.
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
             "machine": {"name": "m", "topology": self.topology(), "tool_mm": [0.0, 0.0, 9000.0],
-                "axes": {"X": linear, "Y": linear, "Z": linear, "B": b, "C": c}},
+                "axes": self.axes()},
             "probe": {"ball_radius_mm": 0.1},
             "artefact": {"kind": "cylinder", "centre_mm": [0.0, 0.0, -9000.0], "axis": [0.0, 0.0, 1.0],
                 "radius_mm": 1.0, "height_mm": 1.0},
@@ -287,28 +294,8 @@ impl Case {
 
     /// Is the move refused?
     fn proof_refuses(&self, dialect: &Dialect) -> bool {
-        let letters = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
-        let stands: Position =
-            letters.iter().zip(self.from).map(|(a, v)| (*a, a.from_edge(v))).collect();
-        let words: Vec<String> =
-            letters.iter().zip(self.to).map(|(a, v)| format!("{a}{v:.4}")).collect();
-        // The first guarded move may leave from where it stands: a wait goes before it.
-        let go = if self.guarded { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
-        let text = format!(
-            "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\nN0 {go} {}\n",
-            words.join(" ")
-        );
         let plan = self.kind.plan(&self.solids);
-        let stages = [Staged { steps: &[0], found: None }];
-        let request = Request {
-            plan: &plan,
-            stages: &stages,
-            stands: Some(&stands),
-            first: false,
-            dialect,
-            text: &text,
-        };
-        match prove(&request).unwrap_err().reason {
+        match verdict(&plan, (self.from, self.to), self.guarded, dialect) {
             Reason::Near { .. } => true,
             // The move itself was found good.
             Reason::Unfinished(_) => false,
@@ -363,6 +350,24 @@ impl Case {
     }
 }
 
+const LETTERS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
+
+fn position(axes: Axes) -> Position {
+    LETTERS.iter().zip(axes).map(|(axis, value)| (*axis, axis.from_edge(value))).collect()
+}
+
+/// What a program of one move is refused for; it never is complete.
+fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> Reason {
+    let words: Vec<String> = LETTERS.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
+    // The first guarded move may leave from where it stands: a wait goes before it.
+    let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
+    let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
+    let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
+    let (stages, stands) = ([Staged { steps: &[0], found: None }], position(from));
+    let (stages, stands) = (&stages, Some(&stands));
+    prove(&Request { plan, stages, stands, first: false, dialect, text: &text }).unwrap_err().reason
+}
+
 #[derive(Default, Clone, Copy, Debug)]
 struct Count {
     refused: u32,
@@ -376,6 +381,17 @@ const COARSE: f64 = 6.0;
 const FINE: f64 = 0.8;
 /// What guarded moves keep from all but the artefact, mm.
 const GUARDED_MM: f64 = 0.5;
+
+impl Count {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            refused: self.refused + other.refused,
+            collisions: self.collisions + other.collisions,
+            conservative: self.conservative + other.conservative,
+            missed: self.missed + other.missed,
+        }
+    }
+}
 
 fn look(number: u64, dialect: &Dialect) -> Count {
     let case = Case::new(number);
@@ -404,14 +420,10 @@ fn look(number: u64, dialect: &Dialect) -> Count {
 #[test]
 fn ten_thousand_random_moves_no_missed_collision() {
     let dialect = Dialect::named("grbl").unwrap();
-    let add = |a: Count, b: Count| Count {
-        refused: a.refused + b.refused,
-        collisions: a.collisions + b.collisions,
-        conservative: a.conservative + b.conservative,
-        missed: a.missed + b.missed,
-    };
-    let count =
-        (0..MOVES).into_par_iter().map(|number| look(number, &dialect)).reduce(Count::default, add);
+    let count = (0..MOVES)
+        .into_par_iter()
+        .map(|number| look(number, &dialect))
+        .reduce(Count::default, Count::plus);
     println!("{MOVES} moves: {count:?}");
     assert_eq!(count.missed, 0);
     assert!(u64::from(count.conservative) * 50 <= MOVES, "{count:?}");

@@ -1,0 +1,180 @@
+//! Artefacts of several balls, in cases whose clearances are known by hand.
+
+use serde_json::{Value, json};
+
+use super::tests::{beside, proven_from};
+use super::*;
+
+/// Stylus ball of 3 mm on a stem of 1 mm, the probe's body of 20 mm 100 mm above it. Ball 1 of 10 mm
+/// stands 60 mm over the origin, ball 2 beside it; each on a stem of 4 mm, known to 0.5 mm. The step
+/// touches ball 1 from +X, where the stylus ball meets it at 13 mm.
+fn plan(change: impl FnOnce(&mut Value)) -> Plan {
+    let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
+    let rotary = json!({"min": -360.0, "max": 360.0});
+    let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 180.0, "B": 0.0, "C": 0.0});
+    let mut plan = json!({
+        "trued_plan": 1, "method": "test", "settings": {},
+        "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-t", "tool_mm": [0.0, 0.0, -120.0],
+            "axes": {"X": linear, "Y": linear, "Z": linear, "B": rotary, "C": rotary}},
+        "probe": {"ball_radius_mm": 3.0, "overtravel_mm": 4.0, "search_feed_mm_min": 300.0,
+            "guarded_feed_mm_min": 1500.0, "stem_radius_mm": 1.0, "stem_length_mm": 100.0,
+            "body_radius_mm": 20.0, "body_length_mm": 20.0},
+        "artefact": {"kind": "balls", "uncertainty_mm": 0.5,
+            "balls": [ball("1", [0.0, 0.0, 60.0]), ball("2", [60.0, 0.0, 60.0])]},
+        "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "t", "from": at(15.0),
+            "to": at(11.0), "feed_mm_min": 30.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]}],
+    });
+    change(&mut plan);
+    serde_json::from_value(plan).unwrap()
+}
+
+fn ball(id: &str, centre: [f64; 3]) -> Value {
+    json!({"id": id, "centre_mm": centre, "radius_mm": 10.0, "stem_radius_mm": 4.0,
+        "stem_length_mm": 60.0})
+}
+
+fn with_third(change: impl FnOnce(&mut Value)) -> Plan {
+    plan(|plan| {
+        let mut third = ball("3", [0.0, 100.0, 60.0]);
+        change(&mut third);
+        plan["artefact"]["balls"].as_array_mut().unwrap().push(third);
+    })
+}
+
+/// The touch from one X to another, and the program for it.
+fn way(from: f64, to: f64) -> (Plan, String) {
+    let lines = format!(
+        "N0 G53 G0 X{from}\nN0 G38.3 Z180 F1500\nN0 G38.3 X{to} F30\nN0 G53 G1 X{from} F300\n\
+         N0 G38.3 Z300 F1500\n"
+    );
+    let plan = plan(|plan| {
+        plan["steps"][0]["from"]["X"] = from.into();
+        plan["steps"][0]["to"]["X"] = to.into();
+    });
+    (plan, lines)
+}
+
+fn proven(plan: &Plan) -> Result<Proof, Refusal> {
+    proven_from(plan, &way(15.0, 11.0).1, Some(&beside()))
+}
+
+#[track_caller]
+fn assert_near(plan: &Plan, line: usize, pair: [&str; 2]) -> String {
+    let refusal = proven(plan).unwrap_err();
+    match &refusal.reason {
+        Reason::Near { between, .. } => assert_eq!(between, &pair, "{refusal}"),
+        _ => panic!("{refusal}"),
+    }
+    assert_eq!(refusal.line, line, "{refusal}");
+    refusal.to_string()
+}
+
+const DOWN: usize = 5;
+const TOUCH: usize = 6;
+
+#[test]
+fn a_touch_of_one_ball_among_others_is_proven() {
+    let proof = proven(&plan(|_| {})).unwrap();
+    // At contact the stem of the stylus is the ball's radius less its own away; it goes 0.1 mm of
+    // pre-travel and as much further as a ball 0.5 mm aside lets it: 13 − √(13² − 0.5²) = 0.01 mm.
+    let nearest = proof.nearest.unwrap();
+    assert_eq!(nearest.between, ["stylus stem", "ball 1"]);
+    assert!((nearest.clearance_mm - 1.88).abs() < 0.04, "{nearest:?}");
+    assert_eq!(nearest.line, TOUCH);
+    assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+    let bare = plan(|plan| plan["artefact"]["balls"][1]["stem_radius_mm"] = 0.0.into());
+    let told = proven(&bare).unwrap().not_looked_at;
+    assert_eq!(told, ["stem of ball 2", "spindle nose", "table"]);
+}
+
+#[test]
+fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
+    let result = |(plan, lines): (Plan, String)| proven_from(&plan, &lines, Some(&beside()));
+    // 13 − 0.5.
+    assert!(result(way(15.0, 12.49)).is_ok());
+    let refusal = result(way(15.0, 12.51)).unwrap_err();
+    let body = "ball 1".to_owned();
+    assert_eq!(refusal.line, TOUCH);
+    assert_eq!(refusal.reason, Reason::Misses { body: body.clone(), uncertainty: 0.5 });
+    assert_eq!(result(way(17.0, 13.01)).unwrap_err().reason, Reason::NoContact);
+    // 13 + 0.5.
+    assert!(result(way(13.51, 11.0)).is_ok());
+    let refusal = result(way(13.49, 11.0)).unwrap_err();
+    assert_eq!(refusal.line, DOWN, "{refusal}");
+    let normal = |degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        proven(&plan(|plan| plan["steps"][0]["normal"] = json!([cos, 0.0, sin])))
+    };
+    assert!(normal(24.0).is_ok());
+    match normal(180.0).unwrap_err().reason {
+        Reason::NotAimed { body: found, off } if found == body => assert!((off - 180.0).abs() < 1e-6),
+        other => panic!("{other}"),
+    }
+    assert!(matches!(normal(26.0).unwrap_err().reason, Reason::NotAimed { .. }));
+}
+
+/// The other balls and stems are strangers: half a millimetre beside the full length of the touch,
+/// and their uncertainty.
+#[test]
+fn a_touch_stays_clear_of_other_balls_and_stems() {
+    let at = |y: f64| with_third(|third| third["centre_mm"] = json!([13.0, y, 60.0]));
+    // 10 + 3 + 0.5 + 0.5.
+    assert!(proven(&at(24.01)).is_ok());
+    let said = assert_near(&at(23.99), TOUCH, ["stylus ball", "ball 3"]);
+    assert!(said.contains("0.50 mm are kept"), "{said}");
+    // The approach, which feels it, keeps the uncertainty: 10 + 3 + 0.5.
+    assert_near(&at(23.4), DOWN, ["stylus ball", "ball 3"]);
+    // A stem that lies across and ends 3 + 0.5 + 0.5 before the touch's line.
+    let lying = |length: f64| {
+        with_third(|third| {
+            third["centre_mm"] = json!([13.0, 40.0, 60.0]);
+            third["stem"] = json!([0.0, -1.0, 0.0]);
+            third["stem_length_mm"] = length.into();
+        })
+    };
+    assert!(proven(&lying(35.99)).is_ok());
+    assert_near(&lying(36.01), TOUCH, ["stylus ball", "stem of ball 3"]);
+}
+
+/// The stem of the ball that is touched rides with it: contact stops the stylus ball before it.
+#[test]
+fn the_own_stem_is_looked_at_as_far_as_contact_lets_the_ball_come() {
+    let thick =
+        |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
+    // 13 − 0.11 − 3; not 11 − 3.
+    assert!(proven(&thick(9.8)).is_ok());
+    assert_near(&thick(9.95), TOUCH, ["stylus ball", "stem of ball 1"]);
+}
+
+/// What the stylus does not feel keeps half a millimetre from balls as from all else.
+#[test]
+fn the_body_of_the_probe_feels_no_ball() {
+    let high = |y: f64| with_third(|third| third["centre_mm"] = json!([15.0, y, 170.0]));
+    // 20 + 10 + 0.5 + 0.5.
+    assert!(proven(&high(31.01)).is_ok());
+    assert_near(&high(30.99), DOWN, ["probe body", "ball 3"]);
+}
+
+#[test]
+fn guarded_ways_round_a_ball_are_free_and_through_one_are_not() {
+    let go = |more: &str| {
+        let lines = way(15.0, 11.0).1.replacen("N0 G38.3 Z300", &format!("{more}N0 G38.3 Z300"), 1);
+        proven_from(&plan(|_| {}), &lines, Some(&beside()))
+    };
+    // Round at the height of the touch, and over the top: 60 + 10 + 3 + 0.5 for the tip, 120 for Z.
+    assert!(go("N0 G38.3 Y15 F1500\nN0 G38.3 X-15 F1500\nN0 G38.3 Y0 F1500\n").is_ok());
+    assert!(go("N0 G38.3 Z193.51 F1500\nN0 G38.3 X-15 F1500\n").is_ok());
+    let line = |more: &str| {
+        let refusal = go(more).unwrap_err();
+        assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
+        refusal.line
+    };
+    assert_eq!(line("N0 G38.3 Z193.49 F1500\nN0 G38.3 X-15 F1500\n"), 9);
+    assert_eq!(line("N0 G38.3 X-15 F1500\n"), 8);
+    // Under the ball there is the stem.
+    assert_eq!(line("N0 G38.3 X20 F1500\nN0 G38.3 Z150 F1500\nN0 G38.3 X-20 F1500\n"), 10);
+    // Fast only with the margin; turned only so as well.
+    assert_eq!(line("N0 G53 G0 X20\n"), 8);
+    assert_eq!(line("N0 G53 G0 C5\n"), 8);
+    assert_eq!(line("N0 G38.3 B1 F100\n"), 8);
+}

@@ -1,0 +1,141 @@
+//! Vectors at places in space: a plan view and a side view of each group, all of one figure at one
+//! scale.
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::scale::{bounds, label, round_step};
+use super::{Area, Drawn, FIT, FONT, GRID, INK, LINE, picture, text_style};
+use crate::record::estimate::{Arrow, ArrowFigure, Arrows};
+use crate::report::number;
+
+/// Two square panels side by side, and the scale below.
+const PANEL: i32 = 500;
+const FOOT: i32 = 70;
+const SIZE: (u32, u32) = (2 * PANEL as u32, (PANEL + FOOT) as u32);
+/// From the middle of a panel to the farthest place, and the longest arrow that is not flagged.
+const HALF: f64 = 160.0;
+const LONGEST: f64 = 56.0;
+/// Flagged ones may be longer than the rest by orders: they are cut here.
+const CUT: f64 = 84.0;
+const HEAD: f64 = 14.0;
+
+/// What all groups of a figure share.
+pub(in crate::report) struct Common {
+    /// Middle of all places, mm.
+    middle: [f64; 3],
+    /// Picture units per mm, and per unit of the vectors.
+    place: f64,
+    vector: f64,
+    /// What the scale arrow says.
+    key: (f64, String),
+}
+
+impl Common {
+    /// `None` without a single finite arrow.
+    pub(in crate::report) fn of(figure: &ArrowFigure) -> Option<Self> {
+        let all = || figure.groups.iter().flat_map(drawable);
+        let mut middle = [0.0; 3];
+        let mut reach: f64 = 0.0;
+        for k in 0..3 {
+            let (low, high) = bounds(all().map(|arrow| arrow.at_mm[k]))?;
+            middle[k] = 0.5 * (low + high);
+            reach = reach.max(0.5 * (high - low));
+        }
+        let longest = |flagged: bool| {
+            let chosen = all().filter(|arrow| flagged || !arrow.flagged);
+            chosen.map(|arrow| norm(arrow.vector)).fold(0.0, f64::max)
+        };
+        let length = [longest(false), longest(true)].into_iter().find(|length| *length > 0.0);
+        let length = length.unwrap_or(1.0);
+        let value = round_step(0.4 * length);
+        let text = format!("{} {}", label(value, value), number::unit(figure.unit));
+        let place = if reach > 0.0 { HALF / reach } else { 1.0 };
+        Some(Self { middle, place, vector: LONGEST / length, key: (value, text) })
+    }
+
+    /// One group: seen from above (X to the right, Y up), and from the side (X to the right, Z up).
+    pub(in crate::report) fn draw(&self, group: &Arrows) -> Option<String> {
+        picture(SIZE, |area| {
+            for (panel, up) in [(0, 1), (1, 2)] {
+                self.panel(area, panel, up, group)?;
+            }
+            self.scale(area)
+        })
+    }
+
+    fn panel(&self, area: &Area<'_>, panel: i32, up: usize, group: &Arrows) -> Drawn {
+        let left = panel * PANEL;
+        let frame = [(left + 4, 4), (left + PANEL - 4, PANEL - 4)];
+        area.draw(&Rectangle::new(frame, GRID.stroke_width(2)))?;
+        let named = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Top));
+        area.draw(&Text::new(["XY", "XZ"][up - 1], (left + 16, 14), named))?;
+        // Those that matter on top.
+        let order =
+            drawable(group).filter(|a| !a.flagged).chain(drawable(group).filter(|a| a.flagged));
+        for arrow in order {
+            let from = [0, up].map(|k| self.place * (arrow.at_mm[k] - self.middle[k]));
+            let from =
+                (left + PANEL / 2 + from[0].round() as i32, PANEL / 2 - from[1].round() as i32);
+            self.arrow(area, from, [arrow.vector[0], arrow.vector[up]], arrow)?;
+        }
+        Ok(())
+    }
+
+    fn arrow(&self, area: &Area<'_>, from: (i32, i32), along: [f64; 2], arrow: &Arrow) -> Drawn {
+        let colour = if arrow.flagged { FIT } else { LINE };
+        area.draw(&Circle::new(from, 4, INK.mix(0.5).filled()))?;
+        let factor = self.vector * (CUT / (self.vector * norm(arrow.vector))).min(1.0);
+        let by = along.map(|part| factor * part);
+        drawn(area, from, by, colour)?;
+        if arrow.flagged {
+            area.draw(&Circle::new(from, 13, colour.stroke_width(4)))?;
+            let style = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Center));
+            area.draw(&Text::new(arrow.label.clone(), (from.0 + 20, from.1 + 4), style))?;
+        }
+        Ok(())
+    }
+
+    fn scale(&self, area: &Area<'_>) -> Drawn {
+        let (value, text) = &self.key;
+        let from = (24, PANEL + FOOT / 2);
+        drawn(area, from, [self.vector * value, 0.0], INK)?;
+        let style = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Center));
+        let right = from.0 + (self.vector * value) as i32 + 20;
+        area.draw(&Text::new(text.clone(), (right, from.1), style))?;
+        Ok(())
+    }
+
+    /// Whether a flagged arrow is drawn shorter than it is.
+    pub(in crate::report) fn cuts(&self, figure: &ArrowFigure) -> bool {
+        figure.groups.iter().flat_map(drawable).any(|a| self.vector * norm(a.vector) > CUT)
+    }
+}
+
+/// A line with a head; up is positive.
+fn drawn(area: &Area<'_>, from: (i32, i32), [x, y]: [f64; 2], colour: RGBColor) -> Drawn {
+    let length = x.hypot(y);
+    if length < 1.0 {
+        return Ok(());
+    }
+    let at = |along: f64, aside: f64| {
+        let (u, v) = (x / length, y / length);
+        let (dx, dy) = (along * u - aside * v, along * v + aside * u);
+        (from.0 + dx.round() as i32, from.1 - dy.round() as i32)
+    };
+    let head = HEAD.min(0.6 * length);
+    let shaft = vec![from, at(length - 0.5 * head, 0.0)];
+    area.draw(&PathElement::new(shaft, colour.stroke_width(4)))?;
+    let back = length - head;
+    let tip = vec![at(length, 0.0), at(back, 0.5 * head), at(back, -0.5 * head)];
+    area.draw(&Polygon::new(tip, colour.filled()))?;
+    Ok(())
+}
+
+fn drawable(group: &Arrows) -> impl Iterator<Item = &Arrow> {
+    group.arrows.iter().filter(|a| a.at_mm.iter().chain(&a.vector).all(|part| part.is_finite()))
+}
+
+fn norm(vector: [f64; 3]) -> f64 {
+    vector.iter().map(|part| part * part).sum::<f64>().sqrt()
+}

@@ -1,0 +1,112 @@
+//! A correlation matrix: how much two results depend on each other, by colour.
+
+use plotters::prelude::*;
+use plotters::style::FontTransform;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::{Area, Drawn, FIT, GRID, LINE, picture, text_style};
+use crate::record::estimate::Covariance;
+use crate::report::number;
+
+/// Fewer need no picture, more cannot be read.
+const DRAWN: std::ops::RangeInclusive<usize> = 3..=60;
+const SIDE: i32 = 1500;
+/// A name takes so much of its own font size for each letter.
+const LETTER: f64 = 0.62;
+/// Cells paler than this are left out.
+const PALE: f64 = 0.02;
+const KEY: i32 = 110;
+
+/// The coefficient of correlation of `i` and `j`, −1 to 1; `None` where either has no variance.
+pub(in crate::report) fn correlation(covariance: &Covariance, i: usize, j: usize) -> Option<f64> {
+    let at = |i: usize, j: usize| covariance.rows.get(i)?.get(j).copied();
+    let coefficient = at(i, j)? / (at(i, i)? * at(j, j)?).sqrt();
+    coefficient.is_finite().then(|| coefficient.clamp(-1.0, 1.0))
+}
+
+/// `None` unless there are 3 to 60 names.
+pub(in crate::report) fn matrix(covariance: &Covariance) -> Option<String> {
+    let names: Vec<String> = covariance.symbols.iter().map(|s| number::plain_symbol(s)).collect();
+    DRAWN.contains(&names.len()).then_some(())?;
+    let layout = Layout::of(&names);
+    picture((SIDE as u32, SIDE as u32), |area| {
+        for (i, name) in names.iter().enumerate() {
+            layout.name(area, i, name)?;
+            for j in 0..names.len() {
+                layout.cell(area, [i, j], correlation(covariance, i, j))?;
+            }
+        }
+        layout.key(area)
+    })
+}
+
+struct Layout {
+    /// Where the cells begin, from the left and from the top.
+    begin: i32,
+    cell: f64,
+    font: f64,
+}
+
+impl Layout {
+    fn of(names: &[String]) -> Self {
+        let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(1).min(24);
+        let count = names.len() as f64;
+        // Cell and font depend on each other: font = 0.8·cell, begin = letters·font.
+        let letters = LETTER * longest as f64 + 1.0;
+        let cell = (f64::from(SIDE - KEY) / (count + 0.8 * letters)).min(70.0);
+        let font = (0.8 * cell).min(34.0);
+        Self { begin: (letters * font) as i32, cell, font }
+    }
+
+    fn edge(&self, n: usize) -> i32 {
+        self.begin + (n as f64 * self.cell).round() as i32
+    }
+
+    /// At the left of its row and above its column.
+    fn name(&self, area: &Area<'_>, n: usize, name: &str) -> Drawn {
+        let middle = (self.edge(n) + self.edge(n + 1)) / 2;
+        let before = self.begin - (0.35 * self.font) as i32;
+        let style = text_style(self.font);
+        let row = style.clone().pos(Pos::new(HPos::Right, VPos::Center));
+        area.draw(&Text::new(name.to_owned(), (before, middle), row))?;
+        let turned = style.transform(FontTransform::Rotate270);
+        let column = turned.pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(name.to_owned(), (middle, before), column))?;
+        Ok(())
+    }
+
+    fn cell(&self, area: &Area<'_>, [i, j]: [usize; 2], value: Option<f64>) -> Drawn {
+        let corners = [(self.edge(j), self.edge(i)), (self.edge(j + 1) - 1, self.edge(i + 1) - 1)];
+        match value {
+            _ if i == j => area.draw(&Rectangle::new(corners, GRID.filled()))?,
+            Some(value) => tile(area, corners, value)?,
+            None => area.draw(&Rectangle::new(corners, GRID.stroke_width(1)))?,
+        }
+        Ok(())
+    }
+
+    /// The colours and what they mean, below.
+    fn key(&self, area: &Area<'_>) -> Drawn {
+        let (top, wide) = (SIDE - 66, 64);
+        let style = text_style(30.0).pos(Pos::new(HPos::Center, VPos::Center));
+        for n in -5..=5 {
+            let left = self.begin.max(60) + (n + 5) * wide;
+            tile(area, [(left, top), (left + wide - 2, top + 24)], f64::from(n) / 5.0)?;
+            if n % 5 == 0 {
+                let label = number::fixed(f64::from(n) / 5.0, 0);
+                let place = (left + wide / 2, top + 46);
+                area.draw(&Text::new(label, place, style.clone()))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// One colour for either sign, the deeper the stronger.
+fn tile(area: &Area<'_>, corners: [(i32, i32); 2], value: f64) -> Drawn {
+    if value.abs() >= PALE {
+        let colour = if value < 0.0 { LINE } else { FIT };
+        area.draw(&Rectangle::new(corners, colour.mix(value.abs()).filled()))?;
+    }
+    Ok(())
+}

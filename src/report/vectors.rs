@@ -1,0 +1,34 @@
+//! Arrows at places in space: a picture of each group, and what is flagged in words.
+
+use minijinja::{Value, context};
+
+use super::figure;
+use super::number;
+use crate::record::estimate::{Arrow, ArrowFigure};
+
+pub(super) fn vectors(figure: &ArrowFigure) -> Value {
+    let common = figure::Common::of(figure);
+    let groups = figure.groups.iter().map(|group| {
+        let drawn = common.as_ref().and_then(|common| common.draw(group));
+        context! {
+            name => group.name.as_str(),
+            svg => drawn.map_or(Value::from(()), Value::from_safe_string),
+        }
+    });
+    let flagged = figure.groups.iter().flat_map(|group| {
+        let flagged = group.arrows.iter().filter(|arrow| arrow.flagged);
+        flagged.map(|arrow| in_words(figure, &group.name, arrow))
+    });
+    let (base, index) = number::split_symbol(&figure.symbol);
+    context! {
+        symbol => context! { plain => figure.symbol.as_str(), base, index },
+        groups => groups.collect::<Vec<_>>(),
+        flagged => flagged.collect::<Vec<_>>(),
+        cut => common.is_some_and(|common| common.cuts(figure)),
+    }
+}
+
+fn in_words(figure: &ArrowFigure, group: &str, Arrow { label, vector, .. }: &Arrow) -> String {
+    let [x, y, z] = vector.map(|part| number::fixed(part, 1));
+    format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit(figure.unit))
+}
