@@ -1,10 +1,13 @@
 //! One machine, its control behind a grbl wire, and what is measured with it.
 
 use toml::{Table, Value};
+use trued::methods::{Method, Next, Source};
+use trued::planning::{Clearance, Start, end_of, touch_block};
+use trued::record::artefact::Artefact;
 use trued::record::estimate::{Estimate, Parameter};
 use trued::record::event::Event;
-use trued::record::plan::Plan;
-use trued::record::reading::Reading;
+use trued::record::plan::{Plan, Stage};
+use trued::record::reading::{Flag, Reading};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};
@@ -67,6 +70,19 @@ pub struct Measured {
 }
 
 impl Measured {
+    fn of(
+        world: &World,
+        method: &dyn Method,
+        plan: Plan,
+        readings: Vec<Reading>,
+    ) -> Result<Self, Failed> {
+        let estimate = method
+            .identify(&plan, &readings, &[])
+            .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
+        let errors = world.0["simulated"]["errors"].as_table().unwrap().clone();
+        Ok(Self { plan, readings, estimate, errors })
+    }
+
     pub fn parameter(&self, symbol: &str) -> &Parameter {
         let found = self.estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
         found.unwrap_or_else(|| panic!("no {symbol}"))
@@ -105,18 +121,13 @@ impl Bench {
             setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
-        let estimate = method
-            .identify(&plan, &readings, &[])
-            .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
-        let simulated = world.0["simulated"].as_table().unwrap();
-        let errors = simulated["errors"].as_table().unwrap().clone();
-        Ok(Measured { plan, readings, estimate, errors })
+        Measured::of(world, method.as_ref(), plan, readings)
     }
 
     async fn run(
         &self,
         file: &MachineFile,
-        method: &dyn trued::methods::Method,
+        method: &dyn Method,
         plan: Plan,
     ) -> Result<(Plan, Vec<Reading>), Failed> {
         let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
@@ -128,6 +139,54 @@ impl Bench {
         let Run { plan, readings, .. } = run;
         let why = |error: RunError| Failed(format!("{error}; {}", error.remedy()));
         ended.map(|()| (plan, readings)).map_err(why)
+    }
+}
+
+/// As a run measures, over the same wire, without its proof and its journal.
+pub fn measure(seed: u64, world: &World) -> Result<Measured, Failed> {
+    let file = world.file(seed);
+    let (method, header) =
+        setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let (plan, readings) = runtime.block_on(touch_all(&file, method.as_ref(), header))?;
+    Measured::of(world, method.as_ref(), plan, readings)
+}
+
+async fn touch_all(
+    file: &MachineFile,
+    method: &dyn Method,
+    mut plan: Plan,
+) -> Result<(Plan, Vec<Reading>), Failed> {
+    let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+    let mut stands = devices.controller.prepare().await.unwrap().stands;
+    let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
+    loop {
+        let next = method.next(&plan, &done, Source::Measured(&readings));
+        let next = next.map_err(|refused| Failed(format!("{refused}; {}", refused.instead)))?;
+        let Next::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
+        plan.steps.extend(new_steps);
+        let clearance = match &stage.found {
+            Some(balls @ Artefact::Balls(_)) => Clearance::over(&plan, balls).unwrap(),
+            _ => Clearance::above(&plan).unwrap(),
+        };
+        for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+            let start = Start { stands: Some(&stands), first: false };
+            let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
+            stands = end_of(&block, &stands);
+            let outcome = devices.controller.execute(block).await;
+            let outcome = outcome.map_err(|error| Failed(error.to_string()))?;
+            readings.push(Reading {
+                step: step.id,
+                repeat: stage.repeat,
+                position: outcome.touch.unwrap(),
+                value_mm: None,
+                sensor: step.sensor.clone(),
+                t_s: outcome.t_s.unwrap_or(0.0),
+                flag: Flag::None,
+                temperatures_c: Default::default(),
+            });
+        }
+        done.push(stage);
     }
 }
 
