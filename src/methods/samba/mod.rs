@@ -2,15 +2,24 @@
 //! that nobody has calibrated and one scale bar (paper 4; METHODS section 4).
 
 mod design;
+mod fit;
 mod identify;
 mod label;
 mod model;
+mod observe;
+mod outputs;
 mod parameters;
 mod settings;
+mod sources;
 mod stages;
+mod suspects;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
+mod warnings;
 
+pub use fit::{Bar, Measured, Problem, Seen};
+pub use model::Model;
 pub use settings::Settings;
 
 use std::sync::{Arc, Mutex, PoisonError};
