@@ -1,6 +1,7 @@
 //! NIST's 27 nonlinear regression problems, each from both of its starting points, with one setting
 //! for all 54: ours against certified values. `cargo test --test nist_strd -- --nocapture` prints the
-//! table.
+//! table: at least eight digits of parameters and, but for `ROUNDED_AWAY`, of standard deviations.
+//! Seven are asked for, for the mathematical functions differ a little by platform.
 //!
 //! What this is not: a certificate. NIST certifies the values, not programs that meet them; and 27
 //! small problems with dense Jacobians say nothing about the model, the rank decisions or the
@@ -60,7 +61,7 @@ fn digits(found: &[f64], certified: &[f64]) -> f64 {
 }
 
 #[test]
-fn all_54_cases_to_eight_digits() {
+fn all_54_cases_to_seven_digits() {
     let mut short = Vec::new();
     let mut least = [11.0_f64; 3];
     println!("problem    start  parameters  deviations  squares  evaluations");
@@ -79,7 +80,7 @@ fn all_54_cases_to_eight_digits() {
                 "{name:<10} {:>5} {parameters:>11.1} {deviations:>11.1} {squares:>8.1} {evaluations:>12}",
                 start + 1
             );
-            let wanted = if name == ROUNDED_AWAY { [8.0, 2.0, 2.0] } else { [8.0, 8.0, 9.0] };
+            let wanted = if name == ROUNDED_AWAY { [7.0, 2.0, 2.0] } else { [7.0, 7.0, 9.0] };
             if digits.iter().zip(wanted).any(|(digits, wanted)| *digits < wanted) {
                 short.push(format!("{name} from start {}: {digits:.1?} digits", start + 1));
             }

@@ -35,13 +35,10 @@ impl Common {
     /// `None` without a single finite arrow.
     pub(in crate::report) fn of(figure: &ArrowFigure) -> Option<Self> {
         let all = || figure.groups.iter().flat_map(drawable);
-        let mut middle = [0.0; 3];
-        let mut reach: f64 = 0.0;
-        for k in 0..3 {
-            let (low, high) = bounds(all().map(|arrow| arrow.at_mm[k]))?;
-            middle[k] = 0.5 * (low + high);
-            reach = reach.max(0.5 * (high - low));
-        }
+        let side = |k: usize| bounds(all().map(|arrow| arrow.at_mm[k]));
+        let sides = [side(0)?, side(1)?, side(2)?];
+        let middle = sides.map(|(low, high)| 0.5 * (low + high));
+        let reach = sides.iter().map(|(low, high)| 0.5 * (high - low)).fold(0.0, f64::max);
         let longest = |flagged: bool| {
             let chosen = all().filter(|arrow| flagged || !arrow.flagged);
             chosen.map(|arrow| norm(arrow.vector)).fold(0.0, f64::max)
@@ -90,8 +87,10 @@ impl Common {
         drawn(area, from, by, colour)?;
         if arrow.flagged {
             area.draw(&Circle::new(from, 13, colour.stroke_width(4)))?;
-            let style = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Center));
-            area.draw(&Text::new(arrow.label.clone(), (from.0 + 20, from.1 + 4), style))?;
+            // On the side that the arrow leaves free.
+            let (side, away) = if along[0] < 0.0 { (HPos::Left, 20) } else { (HPos::Right, -20) };
+            let style = text_style(FONT).pos(Pos::new(side, VPos::Center));
+            area.draw(&Text::new(arrow.label.clone(), (from.0 + away, from.1 + 4), style))?;
         }
         Ok(())
     }
