@@ -63,7 +63,8 @@ impl Samba {
         if let Some(made) = made.as_ref().filter(fits) {
             return Ok(made.visits.clone());
         }
-        let visits: Arc<[Visit]> = design::design(bench, |visits| stages::machine_time_s(bench, visits))?.into();
+        let visits: Arc<[Visit]> =
+            design::design(bench, |visits| stages::machine_time_s(bench, visits))?.into();
         let (machine, probe, artefact) = (machine.clone(), probe.clone(), artefact.clone());
         *made = Some(Made { machine, probe, artefact, visits: visits.clone() });
         Ok(visits)

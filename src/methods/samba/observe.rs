@@ -10,7 +10,7 @@ use crate::base::{Axis, Position};
 use crate::estimation::sphere::fit_sphere;
 use crate::methods::{IdentifyError, Refused};
 use crate::record::artefact::{Artefact, Balls};
-use crate::record::plan::{Plan, Step};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
 use crate::record::reading::{Flag, Reading};
 
 /// Touches that give centre and radius.
@@ -94,7 +94,7 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
             touches.push((step, reading, label));
         }
     }
-    let mut observed = Observed::default();
+    let mut observed = Observed { left_out: superseded(&mut visits), ..Observed::default() };
     for (visit, touches) in visits {
         let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
         let ball =
@@ -109,6 +109,29 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
     }
     observed.sights.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     Ok(observed)
+}
+
+/// Takes out what was measured once more (dirt, a loose ball): the newest counts. What was measured
+/// again after a stop shows whether the machine stands as it stood, and supersedes nothing.
+fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
+    let ordinary = |visit: &&Visit| visit.repeat < REPEAT_AFTER_STOP;
+    let key = |visit: &Visit| (visit.pass, visit.indexation, visit.ball.clone());
+    // In the order of repeats: the last one stays.
+    let newest: BTreeMap<_, u32> =
+        visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
+    let mut left_out = Vec::new();
+    visits.retain(|visit, _| {
+        let stays =
+            !ordinary(&visit) || newest.get(&key(visit)).is_none_or(|last| *last == visit.repeat);
+        if !stays {
+            left_out.push(format!(
+                "ball {} at indexation {} was measured once more: only the last measurement counts",
+                visit.ball, visit.indexation
+            ));
+        }
+        stays
+    });
+    left_out
 }
 
 pub fn balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
