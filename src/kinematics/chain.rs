@@ -99,12 +99,18 @@ impl Chain {
         Ok(linear(first + inverse * missing(first)))
     }
 
-    /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
+    /// As [`Chain::linear_jacobian`], which must have an inverse.
     fn linear_columns(
         &self,
         position: &Position,
         errors: &[ErrorTerm],
     ) -> Result<DMat3, KinematicsError> {
+        let columns = self.linear_jacobian(position, errors);
+        if columns.determinant().abs() > 1e-3 { Ok(columns) } else { Err(KinematicsError::Flat) }
+    }
+
+    /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
+    pub fn linear_jacobian(&self, position: &Position, errors: &[ErrorTerm]) -> DMat3 {
         let into_table = self.machine_from_table(position, errors).matrix3.transpose();
         let mut columns = DMat3::ZERO;
         for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
@@ -117,7 +123,7 @@ impl Chain {
                 prefix *= joint.motion(position, errors).matrix3;
             }
         }
-        if columns.determinant().abs() > 1e-3 { Ok(columns) } else { Err(KinematicsError::Flat) }
+        columns
     }
 }
 

@@ -92,8 +92,15 @@ impl Joint {
 
     /// Location errors and error motions: one motion a component, in the order of [`COMPONENTS`].
     pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        if self.own(errors).next().is_none() {
+            return DAffine3::IDENTITY;
+        }
+        let command = position.at(self.axis);
         COMPONENTS.into_iter().fold(DAffine3::IDENTITY, |outer, component| {
-            outer * self.error_motion(component, position, errors)
+            match self.amount(component, command, errors) {
+                0.0 => outer,
+                amount => outer * self.moved(component, amount),
+            }
         })
     }
 
@@ -104,15 +111,18 @@ impl Joint {
         position: &Position,
         errors: &[ErrorTerm],
     ) -> DAffine3 {
-        let command = position.at(self.axis);
-        let amount: f64 = self
-            .own(errors)
+        self.moved(component, self.amount(component, position.at(self.axis), errors))
+    }
+
+    fn amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
+        self.own(errors)
             .filter(|e| e.parameter.shape() != Shape::Gain && e.parameter.component() == component)
             .map(|e| e.value * e.parameter.factor(command))
-            .sum();
-        if amount == 0.0 {
-            DAffine3::IDENTITY
-        } else if component.is_linear() {
+            .sum()
+    }
+
+    fn moved(&self, component: Axis, amount: f64) -> DAffine3 {
+        if component.is_linear() {
             DAffine3::from_translation(unit(component) * amount)
         } else {
             turn(unit(component), self.point, amount)

@@ -10,7 +10,7 @@ use super::parameters;
 use super::settings::{Settings, Spindle};
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
-use super::uncertainty::{Misfit, Propagated, by_trials};
+use super::uncertainty::{Misfit, Propagated, Weights, by_trials};
 use crate::base::Axis;
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::monte_carlo::Trials;
@@ -26,7 +26,7 @@ use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
 /// Operations of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
-const MOST_WORK: usize = 8_000_000_000;
+const MOST_WORK: usize = 2_000_000_000;
 
 /// The whole identification of one plan's readings.
 pub fn identify(
@@ -44,17 +44,14 @@ pub fn identify(
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
     let problem = problem(stylus, model, &observed, &balls, &whitening)?;
-    let measured = Measured {
-        xyz: observed.sights.iter().map(|sight| sight.xyz).collect(),
-        lengths: lengths.iter().map(|length| length_mm(length)).collect(),
-    };
+    let measured = measured(&observed, &lengths);
     let names = outputs::names(&problem, &balls);
     let (survey, minimum) = solve(&problem, &measured).map_err(|why| failed(why, &names))?;
     let u_bars: Vec<f64> = lengths.iter().map(|length| u_bar(length)).collect();
     let declared = plan.probe.repeatability_um.is_some();
-    let misfit = Misfit::judge(&problem, &minimum, &sources, &whitening, &u_bars, declared);
-    let propagated =
-        Propagated::new(&problem, &minimum.factored, &sources, &whitening, &u_bars, &misfit);
+    let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
+    let misfit = Misfit::judge(&weights, &minimum, &sources, declared);
+    let propagated = Propagated::new(&weights, &minimum.factored, &sources, &misfit);
     let trials = trials(settings, &problem, &sources);
     let monte_carlo = by_trials(&problem, &minimum, &measured, &sources, misfit.factor, trials)
         .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
@@ -73,6 +70,13 @@ pub fn identify(
         lengths: &lengths,
         u_bars: &u_bars,
     }))
+}
+
+fn measured(observed: &Observed, lengths: &[&Length]) -> Measured {
+    Measured {
+        xyz: observed.sights.iter().map(|sight| sight.xyz).collect(),
+        lengths: lengths.iter().map(|length| length_mm(length)).collect(),
+    }
 }
 
 /// What the measurements can tell, asked before they are believed, and the solution.
@@ -175,7 +179,7 @@ fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
 
 fn trials(settings: &Settings, problem: &Problem, sources: &[UncertaintySource]) -> Trials {
     let draws: usize = sources.iter().flat_map(|s| &s.draws).map(|draw| draw.values.len()).sum();
-    let work = 20 * draws + 60 * problem.rows_count() + 1;
+    let work = draws + 100 * problem.rows_count() + 1;
     match settings.monte_carlo_trials {
         0 => Trials::Adaptive { digits: 2, max: (MOST_WORK / work).clamp(10_000, 200_000) },
         count => Trials::Fixed(count),

@@ -32,8 +32,6 @@ pub struct Rows {
     pub machine: Vec<DVec3>,
     /// ∂/∂tool.
     pub tool: DMat3,
-    /// ∂/∂(X, Y, Z) of the reading: into the table frame.
-    pub linear: DMat3,
 }
 
 impl Model {
@@ -74,11 +72,18 @@ impl Model {
     /// the stylus-ball centre coincides with it). `errors` in the order of the parameters, mm, rad,
     /// mm/mm; `tool` from the spindle datum, mm.
     pub fn rows(&self, position: &Position, errors: &[f64], tool: DVec3, ball: DVec3) -> Rows {
-        let xyz = DVec3::from_array(Axis::LINEAR.map(|axis| position.at(axis)));
-        let indexed = self.indexed(position, errors, tool);
-        let machine = (0..self.parameters.len()).map(|k| indexed.machine(k, xyz)).collect();
-        let misclosure = indexed.tip(xyz) - ball;
-        Rows { misclosure, machine, tool: indexed.tool, linear: indexed.tip.linear }
+        let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
+        Rows {
+            misclosure: self.chain.tip_in_table(position, tip, &terms).mm - ball,
+            machine: self.chain.jacobian(position, tip, &terms, &self.parameters),
+            tool: self.tool_columns(position, &terms),
+        }
+    }
+
+    /// R_wᵀ·R_t.
+    fn tool_columns(&self, position: &Position, terms: &[ErrorTerm]) -> DMat3 {
+        let table = self.chain.machine_from_table(position, terms).matrix3;
+        table.transpose() * self.chain.machine_from_spindle(position, terms).matrix3
     }
 
     fn terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
@@ -89,33 +94,30 @@ impl Model {
     /// The tip on the table with the rotary axes and the spindle as in `position`.
     pub fn tips(&self, position: &Position, errors: &[f64], tool: DVec3) -> Affine {
         let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
-        let at = |xyz: DVec3| {
-            let position = position.updated_by(&linear_axes(xyz));
-            self.chain.tip_in_table(&position, tip, &errors).mm
-        };
-        Affine::through(at(DVec3::ZERO), DVec3::AXES.map(|axis| at(axis * REACH)))
+        let zero = position.only(|axis| !axis.is_linear());
+        Affine {
+            origin: self.chain.tip_in_table(&zero, tip, &errors).mm,
+            linear: self.chain.linear_jacobian(&zero, &errors),
+        }
     }
 
     /// All that [`Model::rows`] gives, for all X, Y, Z with the rotary axes and the spindle as in
     /// `position`.
     pub fn indexed(&self, position: &Position, errors: &[f64], tool: DVec3) -> Indexed {
-        let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
+        let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         let at = |xyz: DVec3| {
             let position = position.updated_by(&linear_axes(xyz));
-            let tip_mm = self.chain.tip_in_table(&position, tip, &errors).mm;
-            (tip_mm, self.chain.jacobian(&position, tip, &errors, &self.parameters))
+            self.chain.jacobian(&position, tip, &terms, &self.parameters)
         };
-        let (origin, columns) = at(DVec3::ZERO);
+        let columns = at(DVec3::ZERO);
         let steps = DVec3::AXES.map(|axis| at(axis * REACH));
         let machine = columns.iter().enumerate().map(|(k, column)| {
-            Affine::through(*column, [0, 1, 2].map(|axis: usize| steps[axis].1[k]))
+            Affine::through(*column, [0, 1, 2].map(|axis: usize| steps[axis][k]))
         });
-        let table = self.chain.machine_from_table(position, &errors).matrix3;
-        let spindle = self.chain.machine_from_spindle(position, &errors).matrix3;
         Indexed {
-            tip: Affine::through(origin, [0, 1, 2].map(|axis: usize| steps[axis].0)),
+            tip: self.tips(position, errors, tool),
             machine: machine.collect(),
-            tool: table.transpose() * spindle,
+            tool: self.tool_columns(position, &terms),
         }
     }
 }

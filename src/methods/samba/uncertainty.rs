@@ -4,7 +4,7 @@
 use std::convert::Infallible;
 
 use faer::Mat;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -18,6 +18,16 @@ use crate::estimation::schur::{Factored, Minimum};
 const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
 /// Probability that χ² stays within its bounds where all is as declared.
 const CREDIBLE: f64 = 0.998;
+
+/// How what is measured stands in the rows of the problem.
+#[derive(Clone, Copy)]
+pub struct Weights<'a> {
+    pub problem: &'a Problem,
+    /// Of each measurement.
+    pub whitening: &'a [DMat3],
+    /// Of each length, mm.
+    pub u_bars: &'a [f64],
+}
 
 /// First-order propagation.
 pub struct Propagated {
@@ -51,19 +61,17 @@ impl Misfit {
     /// the mean and the variance that they make (Satterthwaite). Declared sizes stand unless the
     /// residuals contradict them; without a declaration the residuals judge.
     pub fn judge(
-        problem: &Problem,
+        weights: &Weights<'_>,
         minimum: &Minimum,
         sources: &[UncertaintySource],
-        whitening: &[glam::DMat3],
-        u_bars: &[f64],
         declared: bool,
     ) -> Self {
         let columns: Vec<Vec<f64>> = sources
             .iter()
             .flat_map(|source| &source.draws)
-            .map(|draw| minimum.factored.remainder(&weighted(problem, draw, whitening, u_bars)))
+            .map(|draw| minimum.factored.remainder(&weights.rows(draw)))
             .collect();
-        let rows = problem.rows_count();
+        let rows = minimum.residuals.len();
         let left = Mat::from_fn(rows, columns.len(), |i, j| columns[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
         let joint =
@@ -89,24 +97,20 @@ impl Misfit {
 
 impl Propagated {
     pub fn new(
-        problem: &Problem,
+        weights: &Weights<'_>,
         factored: &Factored,
         sources: &[UncertaintySource],
-        whitening: &[glam::DMat3],
-        u_bars: &[f64],
         misfit: &Misfit,
     ) -> Self {
-        let unknowns = problem.unknowns();
+        let unknowns = weights.problem.unknowns();
         let mut covariance = Mat::zeros(unknowns, unknowns);
         let mut shown = vec![0.0; unknowns];
         let mut budget = Vec::new();
         for source in sources {
             let factor = if source.shown { misfit.factor } else { 1.0 };
-            let effects: Vec<Vec<f64>> = source
-                .draws
-                .iter()
-                .map(|draw| factored.solve(&weighted(problem, draw, whitening, u_bars)))
-                .collect();
+            let draws = source.draws.iter();
+            let effects: Vec<Vec<f64>> =
+                draws.map(|draw| factored.solve(&weights.rows(draw))).collect();
             let effect = Mat::from_fn(unknowns, effects.len(), |i, j| factor * effects[j][i]);
             let share = &effect * effect.transpose();
             let variance: Vec<f64> = (0..unknowns).map(|i| share[(i, i)]).collect();
@@ -129,21 +133,22 @@ impl Propagated {
     }
 }
 
-/// A draw as it stands in the weighted rows. Its sign has no meaning.
-fn weighted(problem: &Problem, draw: &Draw, whitening: &[glam::DMat3], u_bars: &[f64]) -> Vec<f64> {
-    let mut rows = vec![0.0; problem.rows_count()];
-    let sights = whitening.len();
-    if draw.first >= 3 * sights {
-        let bar = draw.first - 3 * sights;
-        rows[problem.row_of_bar(bar)] = draw.values[0] / u_bars[bar];
-        return rows;
+impl Weights<'_> {
+    /// A draw as it stands in the weighted rows. Its sign has no meaning.
+    fn rows(&self, draw: &Draw) -> Vec<f64> {
+        let Self { problem, whitening, u_bars } = *self;
+        let mut rows = vec![0.0; problem.rows_count()];
+        if let Some(bar) = draw.first.checked_sub(3 * whitening.len()) {
+            rows[problem.row_of_bar(bar)] = draw.values[0] / u_bars[bar];
+            return rows;
+        }
+        for (i, moved) in draw.values.chunks_exact(3).enumerate() {
+            let sight = draw.first / 3 + i;
+            let moved = whitening[sight] * DVec3::from_slice(moved);
+            rows[problem.row_of(sight)..][..3].copy_from_slice(&moved.to_array());
+        }
+        rows
     }
-    for (i, moved) in draw.values.chunks_exact(3).enumerate() {
-        let sight = draw.first / 3 + i;
-        let moved = whitening[sight] * DVec3::from_slice(moved);
-        rows[problem.row_of(sight)..][..3].copy_from_slice(&moved.to_array());
-    }
-    rows
 }
 
 /// Monte Carlo through the whole identification: every measured position and length is drawn anew and
@@ -177,9 +182,8 @@ pub fn by_trials(
 }
 
 fn disturb(measured: &mut Measured, draw: &Draw, by: f64) {
-    let sights = measured.xyz.len();
-    if draw.first >= 3 * sights {
-        measured.lengths[draw.first - 3 * sights] += by * draw.values[0];
+    if let Some(bar) = draw.first.checked_sub(3 * measured.xyz.len()) {
+        measured.lengths[bar] += by * draw.values[0];
         return;
     }
     for (xyz, moved) in measured.xyz[draw.first / 3..].iter_mut().zip(draw.values.chunks_exact(3)) {

@@ -137,6 +137,21 @@ fn regress_inseparable_additions_are_named() {
     }
 }
 
+/// The exact machine closes: what it reads is where its balls are.
+#[test]
+fn regress_no_misclosure_at_the_truth() {
+    let (model, truth) = (model(), truth());
+    let errors: Vec<f64> = paper_errors().into_iter().map(|(_, value)| value).collect();
+    for (triple, ball) in design(&true_balls()) {
+        let centre = true_balls()[ball];
+        let xyz = truth.axes_at(centre, triple);
+        let here =
+            position(triple).updated_by(&Axis::LINEAR.into_iter().zip(xyz.to_array()).collect());
+        let rows = model.rows(&here, &errors, TOOL, centre);
+        assert!(rows.misclosure.length() < 1e-11, "{}", rows.misclosure);
+    }
+}
+
 #[test]
 fn paper_noise_free_recovery_in_three_steps() {
     let (problem, measured) = measured(true, true);

@@ -1,5 +1,7 @@
 //! From readings to the estimate, on the machine of paper 4 built a second way: touches, not centres.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 use glam::DVec3;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -7,6 +9,7 @@ use super::htm::{Triple, Truth, design};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
 use crate::base::random::stream;
 use crate::base::{Axis, Position};
+use crate::estimation::coverage;
 use crate::methods::IdentifyError;
 use crate::methods::samba::Settings;
 use crate::methods::samba::identify::identify;
@@ -26,18 +29,27 @@ struct World {
     seed: u64,
     noise_um: f64,
     bar_mm: f64,
+    /// Standard deviation of positioning and straightness of X, Y and Z, declared as such.
+    motion_um: f64,
     /// Where a ball stands at a visit, off its place, mm.
     shift: fn(ball: usize, visit: usize, triple: Triple) -> DVec3,
 }
 
-const SOUND: World =
-    World { seed: 1, noise_um: REPEATABILITY_UM, bar_mm: BAR_MM, shift: |_, _, _| DVec3::ZERO };
+const SOUND: World = World {
+    seed: 1,
+    noise_um: REPEATABILITY_UM,
+    bar_mm: BAR_MM,
+    motion_um: 0.0,
+    shift: |_, _, _| DVec3::ZERO,
+};
+const WAVELENGTH_MM: f64 = 200.0;
 
 impl World {
     fn measure(&self) -> (Plan, Vec<Reading>) {
         let balls = true_balls();
         let truth = Truth { errors: paper_errors().into_iter().collect(), tool: TOOL };
         let mut normal = StandardNormal.sample_iter(stream(self.seed, &[]));
+        let motions = Motions::draw(self.seed, self.motion_um * 1e-3);
         let (mut steps, mut readings) = (Vec::new(), Vec::new());
         for (visit, (triple, ball)) in design(&balls).into_iter().enumerate() {
             let place = |xyz: DVec3| {
@@ -54,6 +66,7 @@ impl World {
                 let deviation: f64 = normal.next().unwrap();
                 let apart = BALL_MM + STYLUS_MM + deviation * self.noise_um * 1e-3;
                 let xyz = truth.axes_at(centre + on_table.normalize() * apart, triple);
+                let xyz = xyz - motions.at(xyz);
                 let id = steps.len() as u32;
                 steps.push(Step {
                     id,
@@ -84,6 +97,11 @@ impl World {
     fn plan(&self, steps: Vec<Step>) -> Plan {
         let mut machine = machine("wCBXFZYSt");
         machine.tool_mm = [0.0, 0.0, -326.717];
+        for axis in Axis::LINEAR {
+            let spec = machine.axes.get_mut(&axis).unwrap();
+            spec.error_motion_um = self.motion_um;
+            spec.error_wavelength_mm = WAVELENGTH_MM;
+        }
         let probe =
             format!(r#"{{"ball_radius_mm":{STYLUS_MM},"repeatability_um":{REPEATABILITY_UM}}}"#);
         let ball = |(i, centre): (usize, DVec3)| Ball {
@@ -123,8 +141,40 @@ impl World {
     }
 
     fn identify(&self) -> Result<Estimate, IdentifyError> {
+        self.identify_with(settings().monte_carlo_trials)
+    }
+
+    fn identify_with(&self, monte_carlo_trials: usize) -> Result<Estimate, IdentifyError> {
         let (plan, readings) = self.measure();
-        identify(&plan, &settings(), &readings)
+        identify(&plan, &Settings { monte_carlo_trials, ..settings() }, &readings)
+    }
+}
+
+/// Nine smooth functions, each a sum of cosines of random wavelength, zero at zero.
+struct Motions {
+    amplitude: f64,
+    /// Of each axis, along each direction: (frequency, phase).
+    waves: Vec<Vec<(f64, f64)>>,
+}
+
+impl Motions {
+    fn draw(seed: u64, sigma: f64) -> Self {
+        const WAVES: usize = 40;
+        let mut normal = StandardNormal.sample_iter(stream(seed, &[9]));
+        let mut next = || -> f64 { normal.next().unwrap() };
+        // A phase of ten turns' standard deviation is as good as any.
+        let mut wave = || (next() / WAVELENGTH_MM, next() * 60.0);
+        let waves = (0..9).map(|_| (0..WAVES).map(|_| wave()).collect()).collect();
+        Self { amplitude: sigma * (2.0 / WAVES as f64).sqrt(), waves }
+    }
+
+    fn at(&self, xyz: DVec3) -> DVec3 {
+        let value = |axis: usize, along: usize| -> f64 {
+            let waves = self.waves[3 * axis + along].iter();
+            waves.map(|(w, p)| (w * xyz[axis] + p).cos() - p.cos()).sum::<f64>() * self.amplitude
+        };
+        let along = |along: usize| (0..3).map(|axis| value(axis, along)).sum();
+        DVec3::new(along(0), along(1), along(2))
     }
 }
 
@@ -167,6 +217,48 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
     assert_eq!(estimate.covariance.rows.len(), 34);
     assert!(estimate.gauge[0].contains("EX0B") && !estimate.gauge[0].contains("EX0S"));
     assert_eq!(estimate, SOUND.identify().unwrap());
+}
+
+/// Over many seeds the deviations of all unknowns together scatter as their covariance says; also where
+/// positioning and straightness of the linear axes, which no unknown describes, are declared.
+#[test]
+fn regress_the_covariance_covers_over_seeds() {
+    const SEEDS: u64 = 60;
+    for motion_um in [0.0, 1.5] {
+        let (mut joint, mut misfits, mut unknowns) = (0.0, 0, 0);
+        for seed in 0..SEEDS {
+            let estimate = World { seed, motion_um, ..SOUND }.identify_with(100).unwrap();
+            unknowns = estimate.unknowns;
+            joint += joint_chi2(&estimate);
+            misfits += usize::from(says(&estimate, &["does not explain"]));
+        }
+        let dof = (SEEDS as usize * unknowns) as f64;
+        let (low, high) = coverage::chi_square_bounds(dof, 0.99).unwrap();
+        println!("{motion_um} µm: χ² {:.3} of {:.3} to {:.3}", joint / dof, low / dof, high / dof);
+        assert!((low..=high).contains(&joint), "{motion_um} µm: {}", joint / dof);
+        assert!(misfits <= 1, "{motion_um} µm: {misfits} of {SEEDS} called a misfit");
+    }
+}
+
+/// δᵀ·C⁻¹·δ over all unknowns.
+fn joint_chi2(estimate: &Estimate) -> f64 {
+    let balls = true_balls();
+    let truth = |p: &Parameter| match p.symbol.split('_').collect::<Vec<_>>().as_slice() {
+        ["tool", k] => TOOL["xyz".find(k).unwrap()],
+        ["ball", id, k] => balls[id.parse::<usize>().unwrap() - 1]["xyz".find(k).unwrap()],
+        _ => {
+            let errors = paper_errors();
+            p.unit.from_internal(errors.iter().find(|(name, _)| *name == p.symbol).unwrap().1)
+        }
+    };
+    let count = estimate.parameters.len();
+    let u = |i: usize| estimate.parameters[i].u;
+    let off = Mat::from_fn(count, 1, |i, _| {
+        (estimate.parameters[i].value - truth(&estimate.parameters[i])) / u(i)
+    });
+    let scaled = Mat::from_fn(count, count, |i, j| estimate.covariance.rows[i][j] / (u(i) * u(j)));
+    let solved = scaled.partial_piv_lu().solve(&off);
+    (off.transpose() * solved)[(0, 0)]
 }
 
 /// A ball that slips by 20 µm half-way is named, with the visits between which it did.
