@@ -1,6 +1,6 @@
-//! Floor 3: from steps to motions. The touch cycle, ball measurement, clearances, order, first checks of
-//! travel, machine time. Knows no method. Whether something is in the way is not asked here but of the rendered text, by
-//! `proof`.
+//! Floor 3: from steps to motions. The touch cycle, ball measurement, clearances, order, first checks
+//! of travel, machine time. Knows no method. Whether something is in the way is not asked here but of
+//! the rendered text, by `proof`.
 
 mod access;
 mod ball;

@@ -134,7 +134,7 @@ fn another_ball_below_the_probe_or_above_the_ball_is_in_the_way() {
 #[test]
 fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
     let stem = [0.0, 0.0, -1.0];
-    let far = plan(TABLE, &[ball("1", [295.0, 0.0, 50.0], stem)]);
+    let far = plan(TABLE, &[ball("1", [300.0, 0.0, 50.0], stem)]);
     let error = touches(&far, &indexed(0.0, 0.0), 5).unwrap_err();
     assert!(matches!(error, Unreachable::TooFew { free: 3, .. }), "{error}");
     let low = plan(TABLE, &[ball("1", [0.0, 0.0, -335.0], stem)]);
