@@ -21,9 +21,13 @@ use self::choose::{Budget, LEAST_VISITS, choose};
 pub use self::indexation::in_words;
 use self::information::Sight;
 use super::settings::Design as Kind;
-use crate::base::Position;
+use crate::base::{Axis, Position};
 use crate::methods::Refused;
 use crate::planning::Access;
+use crate::record::artefact::Ball;
+
+/// A stylus this near to the spindle's axis stands on it, as far as ways past obstacles go.
+const CENTRAL_MM: f64 = 0.1;
 
 /// One indexation and the balls measured there, as indices into the artefact's.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,20 +112,17 @@ impl Candidates {
         let at = bench.candidates()?;
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
-            let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
-            for (indexation, at) in at.iter().enumerate() {
-                // As it is searched for, where it is stated and grown by how far it may be from
-                // there: then it can be measured wherever it is found.
-                match access.accessible(&bench.task(
-                    of,
-                    at,
-                    bench.search(bench.balls.uncertainty_mm),
-                )) {
-                    Ok(_) => sights.push(bench.sight((indexation, at), (ball, of))?),
-                    Err(why) => drop(why_not.entry(why.to_string()).or_insert(at)),
+            let (mut count, mut why_not) = (0, BTreeMap::<String, &Position>::new());
+            for (indexation, free) in free(bench, access, &at, of).into_iter().enumerate() {
+                let Some(at) = at.get(indexation) else { continue };
+                match free {
+                    Ok(()) => {
+                        sights.push(bench.sight((indexation, at), (ball, of))?);
+                        count += 1;
+                    }
+                    Err(why) => drop(why_not.entry(why).or_insert(at)),
                 }
             }
-            let count = sights.len() - first;
             if count < LEAST_VISITS {
                 return Err(unreachable_ball(&of.id, count, at.len(), &why_not));
             }
@@ -140,6 +141,34 @@ impl Candidates {
         };
         by_place.into_iter().filter_map(visit).collect()
     }
+}
+
+/// Whether a ball can be measured, or why not, at each indexation: as it is searched for, where it is
+/// stated and grown by how far it may be from there. Then it can be measured wherever it is found.
+fn free(
+    bench: &Bench<'_>,
+    access: &Access,
+    at: &[Position],
+    ball: &Ball,
+) -> Vec<Result<(), String>> {
+    let approach = bench.search(bench.balls.uncertainty_mm);
+    // A stylus on the spindle's axis stands the same however the spindle is turned.
+    let central = bench.tip.mm.truncate().length() < CENTRAL_MM;
+    let mut last: Option<(Position, Result<(), String>)> = None;
+    let mut all = Vec::with_capacity(at.len());
+    for place in at {
+        let rotary = if central { place.only(|axis| axis != Axis::S) } else { place.clone() };
+        let answer = match last.take().filter(|(before, _)| *before == rotary) {
+            Some((_, answer)) => answer,
+            None => match access.accessible(&bench.task(ball, place, approach)) {
+                Ok(_) => Ok(()),
+                Err(why) => Err(why.to_string()),
+            },
+        };
+        all.push(answer.clone());
+        last = Some((rotary, answer));
+    }
+    all
 }
 
 fn unreachable_ball(

@@ -53,17 +53,19 @@ fn artefacts_that_cannot_be_measured() {
 #[test]
 fn a_ball_that_no_indexation_shows_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
-    refused(&far, Settings::default(), &["ball 5 cannot be reached at any of", "limits"]);
+    refused(&far, Settings::default(), &["ball 5 cannot be reached at any of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
-    refused(&hanging, Settings::default(), &["ball 5", "stem"]);
+    let upright = Settings { tilt_deg: vec![-30.0, 0.0, 30.0], ..Settings::default() };
+    refused(&hanging, upright, &["ball 5", "stem"]);
 }
 
 #[test]
 fn indexations_outside_the_limits() {
     let mut narrow = plan(&Settings::default());
-    narrow.machine.axes.get_mut(&Axis::B).unwrap().min = -45.0;
+    let b = narrow.machine.axes.get_mut(&Axis::B).unwrap();
+    (b.min, b.max) = (-45.0, 100.0);
     let asked = Settings { tilt_deg: vec![-60.0, 0.0, 60.0], ..Settings::default() };
-    refused(&narrow, asked, &["B at -60°", "[-45, 1000]"]);
+    refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
     let paper = Settings { design: Design::Paper, ..Settings::default() };
     refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are cut to what the axis reaches.
@@ -102,7 +104,7 @@ fn settings_that_make_no_sense() {
     let few = Settings { indexations: 2, ..Settings::default() };
     refused(&plan, few, &["at 2 indexations"]);
     let still = Settings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..Settings::default() };
-    refused(&plan, still, &["indexations"]);
+    refused(&plan, still, &["cannot tell", "EX0C"]);
     let tilted = Settings {
         tilt_deg: vec![0.0],
         parameters: ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C"].map(String::from).to_vec(),

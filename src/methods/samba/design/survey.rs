@@ -65,12 +65,15 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     })?;
     let expected = usize::from(bench.balls.lengths.is_empty() && scales(bench));
     if found.nullity > expected {
+        // Where the machine is not known the balls are not either: that need not be said.
+        let shared = bench.model.parameters().len() + 3;
+        let of_machine = found.null_space.get(..shared, ..);
         return Err(Refused {
             why: format!(
                 "this design sees {} of {} unknowns; it cannot tell {}",
                 found.rank,
                 names.len(),
-                name_null_space(found.null_space.as_ref(), &names).join("; ")
+                name_null_space(of_machine, &names).join("; ")
             ),
             instead:
                 "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add \
