@@ -7,15 +7,20 @@
 //! - each step touches once: from its `from` to its `to`, at its feed, no longer than the probe's
 //!   overtravel; the ball stands clear of the artefact at `from`, wherever within its uncertainty
 //!   that is, and contact with the nominal artefact comes before `to`; then straight back to `from`;
+//! - of an artefact of several bodies the touch means the one that its line meets first. A ball is met
+//!   wherever within its uncertainty it stands, and on the side that the step's `normal` says; all
+//!   other balls and stems are strangers, whom the full length of the touch passes;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
 //!   everything and stop within the overtravel if they should meet something all the same; the first
 //!   approach since the machine was prepared is as slow as a search;
-//! - what the probe is not there to feel stays half a millimetre apart on guarded moves and touches;
+//! - what the probe is not there to feel stays half a millimetre apart on guarded moves and touches:
+//!   it feels the artefact, stems included, with the ball and the stem of its stylus alone;
 //! - rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every
 //!   step ends that far away.
 //!
-//! The artefact is grown by its uncertainty. During a touch only what rides on the spindle may be
-//! nearer to it, and only as far as contact lets it come ([`touch`]).
+//! The artefact is grown by its uncertainty, each of its bodies. During a touch only what rides on
+//! the spindle may be nearer, only to the body that is meant and its stem (which stands off as its
+//! ball does), and only as far as contact lets it come ([`touch`]).
 //!
 //! Bodies: stylus ball, stem, probe body and the solids of the tool side against artefact, keep-out
 //! boxes and the solids of the workpiece side and the bed; workpiece side against bed; and on one
