@@ -79,7 +79,10 @@ pub async fn devices(
             let simulator = simulator_after(file, pace, past)?;
             let path = simulator.path.display().to_string();
             let link = link::open(&Address::Serial { path, baud: 115_200 }).await?;
-            Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, file.controller.control.dialect())? })
+            Ok(Devices {
+                _simulator: Some(simulator),
+                ..grbl(file, link, file.controller.control.dialect())?
+            })
         }
         Control::Grbl { link, dialect } => grbl(file, link::open(&address(link)?).await?, dialect),
         Control::LinuxCnc { tcp, program_dir, dialect } => {
