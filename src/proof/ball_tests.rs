@@ -107,7 +107,9 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
     };
     assert!(normal(24.0).is_ok());
     match normal(180.0).unwrap_err().reason {
-        Reason::NotAimed { body: found, off } if found == body => assert!((off - 180.0).abs() < 1e-6),
+        Reason::NotAimed { body: found, off } if found == body => {
+            assert!((off - 180.0).abs() < 1e-6)
+        }
         other => panic!("{other}"),
     }
     assert!(matches!(normal(26.0).unwrap_err().reason, Reason::NotAimed { .. }));

@@ -92,9 +92,8 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
         }
         let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
         // Without turning, the gap across one direction changes evenly along the way.
-        let change = |direction: DVec3| {
-            straight.map_or(stray, |goes| share * goes.dot(direction).abs())
-        };
+        let change =
+            |direction: DVec3| straight.map_or(stray, |goes| share * goes.dot(direction).abs());
         let wide = wanted + demand.grown;
         let enough = (|direction| wide + change(direction), wide + stray);
         let found = gap(&one_at, &other_at, hint, demand.across, enough);
@@ -114,9 +113,7 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
 
 /// How the other body goes as seen from the one, mm, machine frame; `None` if either turns.
 fn straight(way: &Way, one: &Body, other: &Body) -> Option<DVec3> {
-    let turns = |body: &Body| {
-        body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis))
-    };
+    let turns = |body: &Body| body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis));
     let goes = |body: &Body| {
         body.carried.pose(&way.to).translation - body.carried.pose(&way.from).translation
     };

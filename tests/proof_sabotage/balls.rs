@@ -9,7 +9,7 @@ use trued::setup::{MachineFile, header};
 use super::program::{Place, Rendered};
 use super::sabotage::{Act, Lines, Window, changed};
 
-const SAMBA: &str = include_str!("../../config/samba.toml");
+pub const SAMBA: &str = include_str!("../../config/samba.toml");
 /// B, C, S in degrees.
 const INDEXATIONS: [[f64; 3]; 6] = [
     [0.0, 0.0, 0.0],

@@ -91,15 +91,16 @@ impl Bench {
             Body::Rod(Solid { from, to, radius }) => (radius.unwrap(), length(minus(*to, *from))),
             Body::Ball(_, radius) => (*radius, 0.0),
         };
-        let balls: Vec<_> = self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
+        let balls = self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
             let ((centre, radius), (stem, long)) = (ball[0].bound(), rod(&ball[1]));
             json!({"id": k.to_string(), "centre_mm": centre, "radius_mm": radius, "stem": way,
                 "stem_radius_mm": stem, "stem_length_mm": long})
         });
         let balls: Vec<_> = balls.collect();
-        let ([ball, stem, body], at) = (self.stylus.each_ref().map(rod), |[x, y, z, b, c]: Axes| {
-            json!({"X": x, "Y": y, "Z": z, "B": b, "C": c})
-        });
+        let ([ball, stem, body], at) = (
+            self.stylus.each_ref().map(rod),
+            |[x, y, z, b, c]: Axes| json!({"X": x, "Y": y, "Z": z, "B": b, "C": c}),
+        );
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
             "machine": {"name": "m", "topology": self.kind.topology(), "tool_mm": TIP,
@@ -115,12 +116,17 @@ impl Bench {
 
     /// Distance of a body of the stylus from one of the artefact, the latter off by `shift` (table
     /// frame); `far` or more is not looked at closely.
-    fn apart(&self, at: &[Matrix; 2], [tool, work]: [&Body; 2], shift: Point, by: (f64, f64)) -> f64 {
+    fn apart(
+        &self,
+        at: &[Matrix; 2],
+        [tool, work]: [&Body; 2],
+        shift: Point,
+        by: (f64, f64),
+    ) -> f64 {
         let (spacing, far) = by;
         let to_table = |p: Point| minus(unmapped(&at[1], mapped(&at[0], p)), shift);
-        let to_tool = |p: Point| {
-            unmapped(&at[0], mapped(&at[1], std::array::from_fn(|i| p[i] + shift[i])))
-        };
+        let to_tool =
+            |p: Point| unmapped(&at[0], mapped(&at[1], std::array::from_fn(|i| p[i] + shift[i])));
         let ((a, reach), (b, other)) = (tool.bound(), work.bound());
         let loose = length(minus(to_table(a), b)) - reach - other;
         if loose > far {
@@ -183,7 +189,8 @@ impl Move {
         let bench = Bench::new(&mut dice, kind);
         let [b, c] = [dice.written(-40.0, 40.0), dice.written(-180.0, 180.0)];
         let mut place = |low: f64, b: f64, c: f64| {
-            let tip = [dice.between(-90.0, 90.0), dice.between(-90.0, 90.0), dice.between(low, 130.0)];
+            let tip =
+                [dice.between(-90.0, 90.0), dice.between(-90.0, 90.0), dice.between(low, 130.0)];
             bench.linear_for(tip, b, c)
         };
         let from = place(20.0, b, c);
@@ -318,7 +325,7 @@ impl Touch {
             bench.apart(&at, [&bench.stylus[tool], work], shift, by)
         };
         let shares = (0..=STEPS).map(|k| k as f64 / STEPS as f64);
-        let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 0.0) else {
+        let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 3e-3) else {
             return false;
         };
         let stop = contact + PRE_TRAVEL / length_mm - 1.0 / STEPS as f64;
@@ -340,7 +347,8 @@ impl Touch {
         (0..=STEPS / 4).all(|k| {
             let at = bench.at(self.from, self.to, 4.0 * k as f64 / STEPS as f64);
             bench.stylus.iter().all(|tool| {
-                let apart = |work: &&Body| bench.apart(&at, [tool, *work], [0.0; 3], (1.0, keep + 1.0));
+                let apart =
+                    |work: &&Body| bench.apart(&at, [tool, *work], [0.0; 3], (1.0, keep + 1.0));
                 others.iter().all(|work| apart(work) > keep - 1e-3)
             })
         })
