@@ -10,7 +10,7 @@ use crate::planning::{self, Clearance};
 use crate::proof::{Request, Staged, prove};
 use crate::record::plan::{Plan, Stage};
 use crate::record::proof::Proof;
-use crate::setup::{self, MachineFile};
+use crate::setup;
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
@@ -29,21 +29,12 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         );
     } else {
         describe(&plan)?;
-        let (_, proof) = program(&plan, &stages, spoken(&machine))?;
+        let (_, proof) = program(&plan, &stages, machine.controller.control.dialect())?;
         for line in summary(&proof, &plan) {
             say!("{line}");
         }
     }
     Ok(Exit::Pass)
-}
-
-/// The dialect of the machine's control.
-fn spoken(machine: &MachineFile) -> &str {
-    use crate::setup::machine_file::Control;
-    match &machine.controller.control {
-        Control::Simulated { .. } => "grbl",
-        Control::Grbl { dialect, .. } | Control::LinuxCnc { dialect, .. } => dialect,
-    }
 }
 
 /// The plan with every stage resolved from nominal positions, and the stages.

@@ -11,6 +11,7 @@ pub mod nonlinear;
 pub mod null_names;
 mod radial;
 pub mod schur;
+pub mod smooth;
 pub mod sphere;
 pub mod trigonometric;
 

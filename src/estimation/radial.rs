@@ -28,9 +28,9 @@ pub(super) enum RadialError {
 /// Thickness over length below which points count as flat.
 const FLATNESS: f64 = 1e-7;
 const MAX_STEPS: usize = 1000;
-/// In standard uncertainties that a radial deviation of one radius would cause: the rounding of
-/// the distances.
-const TOLERANCE: f64 = 1e-14;
+/// In standard uncertainties that a radial deviation of one radius would cause: what the rounding of
+/// the distances can cause.
+const TOLERANCE: f64 = 4e-15;
 
 /// Fits centre and radius, or the centre alone where the `radius` is known: algebraic start (Kåsa
 /// 1976), then Gauss–Newton, each step halved until the deviations shrink.
@@ -62,20 +62,18 @@ fn converge<const D: usize>(
     points: &[[f64; D]],
     start: About<D>,
 ) -> Result<(About<D>, LinearSolution), RadialError> {
-    let (mut at, mut before) = (start, f64::INFINITY);
+    let mut at = start;
     for _ in 0..MAX_STEPS {
         let step = at.step().ok_or(RadialError::NotConverged)?;
         let size = in_uncertainties(&step) / at.radius;
-        // Steps that are small and shrink no more are rounding.
-        if size <= TOLERANCE || (size <= 1e3 * TOLERANCE && size >= 0.5 * before) {
-            return Ok((at, step));
+        if size <= TOLERANCE {
+            return Ok((at.moved(points, &step.x, 1.0), step));
         }
-        before = size;
         let mut part = 1.0;
         at = loop {
             let next = at.moved(points, &step.x, part);
-            // The slack is the rounding of the sum: near the minimum the step knows better.
-            if next.squares() <= at.squares() * (1.0 + 1e-12) {
+            // Near the minimum the step knows better than the rounded distances.
+            if next.norm() <= at.norm() + at.rounding() {
                 break next;
             }
             if part * size <= TOLERANCE {
@@ -99,7 +97,6 @@ fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], Rad
         std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);
     let mut a = Mat::from_fn(count, D, |i, k| points[i][k] - mean[k]);
     let spread = a.singular_values().map_err(|_| RadialError::NotConverged)?;
-    // Not the product: the squares of small numbers vanish.
     if spread[D - 1] <= FLATNESS * spread[0] {
         return Err(RadialError::Flat);
     }
@@ -150,8 +147,13 @@ impl<const D: usize> About<D> {
         Self::new(points, centre, self.known_radius)
     }
 
-    fn squares(&self) -> f64 {
-        self.residuals.iter().map(|r| r * r).sum()
+    fn norm(&self) -> f64 {
+        self.residuals.iter().map(|r| r * r).sum::<f64>().sqrt()
+    }
+
+    /// Of the norm, by that of the distances.
+    fn rounding(&self) -> f64 {
+        4.0 * f64::EPSILON * self.radius * (self.residuals.len() as f64).sqrt()
     }
 }
 

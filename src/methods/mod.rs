@@ -57,8 +57,8 @@ impl IdentifyError {
                 "give the plan that was measured (--plan) and all of its readings".to_owned()
             }
             Self::RankDeficient { .. } => {
-                "measure what is missing (`trued resume` goes on with a run that was stopped), or lower \
-                 drift_order in the plan's settings"
+                "measure what is missing (`trued resume` goes on with a run that was stopped), or take \
+                 what cannot be told apart out of the plan's settings (drift_order, parameters)"
                     .to_owned()
             }
             Self::Numerical(_) => "correct the plan or the readings named above".to_owned(),

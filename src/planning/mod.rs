@@ -1,5 +1,5 @@
-//! Floor 3: from steps to motions. The touch cycle, clearances, first checks of travel, machine time.
-//! Knows no method. Whether something is in the way is not asked here but of the rendered text, by
+//! Floor 3: from steps to motions. The touch cycle, ball measurement, clearances, order, first checks of
+//! travel, machine time. Knows no method. Whether something is in the way is not asked here but of the rendered text, by
 //! `proof`.
 
 mod access;
@@ -8,6 +8,7 @@ mod clearance;
 mod error;
 mod hull;
 mod limits;
+mod measured;
 mod order;
 mod over_balls;
 mod surroundings;
@@ -18,6 +19,7 @@ pub use access::{Access, Contact, Unreachable};
 pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
 pub use error::PlanningError;
+pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
 pub use order::{Turn, Visit, order};
 pub use time::machine_time_s;
 pub use touch::{Start, touch_block};

@@ -39,7 +39,7 @@ pub(super) fn approach(
     }
     let high = way.z_above(&step.from, MARGIN);
     let known = |axis: Axis| axis == Axis::S || path.stands.get(axis).is_some();
-    if !step.from.iter().all(|(axis, _)| known(axis)) {
+    if !step.from.iter().all(|(axis, _)| known(axis)) || !clearance.about.upright(&path.stands) {
         way.from_nowhere(path, high);
     } else if way.turns(path) {
         way.turning(path, high)?;

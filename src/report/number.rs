@@ -48,7 +48,8 @@ pub(super) fn split_symbol(symbol: &str) -> (String, String) {
         Some(rest) if is_error_motion(rest) => ("E", rest),
         _ => (head, ""),
     };
-    let index: Vec<_> = [letters, tail].into_iter().filter(|part| !part.is_empty()).collect();
+    let index: Vec<_> =
+        std::iter::once(letters).chain(tail.split('_')).filter(|part| !part.is_empty()).collect();
     (base.to_owned(), index.join(","))
 }
 
@@ -84,6 +85,7 @@ mod tests {
             ("E_radial", "E", "radial"),
             ("W", "W", ""),
             ("tool_x", "tool", "x"),
+            ("ball_3_z", "ball", "3,z"),
             ("Eccentricity", "Eccentricity", ""),
         ] {
             assert_eq!(split_symbol(symbol), (base.to_owned(), index.to_owned()));

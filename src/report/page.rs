@@ -235,7 +235,8 @@ fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
         [] => "no certified length".to_owned(),
         some => format!("certified lengths {}", some.join(", ")),
     };
-    format!("{} balls{radius}; {lengths}", balls.len())
+    let plural = if balls.len() == 1 { "" } else { "s" };
+    format!("{} ball{plural}{radius}; {lengths}", balls.len())
 }
 
 fn vector([x, y, z]: [f64; 3]) -> String {

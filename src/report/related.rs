@@ -37,9 +37,9 @@ fn strongest(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
 fn in_words(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Value {
     let symbol = |n: usize| {
         let (base, index) = number::split_symbol(&covariance.symbols[n]);
-        context! { plain => covariance.symbols[n], base, index }
+        context! { plain => covariance.symbols[n].clone(), base, index }
     };
-    // 0.9996 must not read as 1.
-    let decimals = if value.abs() > 0.99 { 4 } else { 2 };
+    // What is missing to 1 counts.
+    let decimals = number::decimals(1.0 - value.abs()).max(2);
     context! { one => symbol(*i), other => symbol(*j), value => number::fixed(*value, decimals) }
 }

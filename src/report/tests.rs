@@ -169,9 +169,74 @@ fn the_page_holds_everything() {
     assert_eq!(page.matches("<li>probe body</li>").count(), 1);
 }
 
+/// A result with unknowns that depend on each other, and vectors at their places.
+fn in_space() -> Estimate {
+    let arrow = |label: &str, vector, flagged| Arrow {
+        label: label.to_owned(),
+        at_mm: [120.0, -40.0, 60.0],
+        vector,
+        flagged,
+    };
+    let group = |name: &str, arrows| Arrows { name: name.to_owned(), arrows };
+    let groups = vec![
+        group("B -30°, C 90°", vec![arrow("ball 1", [0.3, -0.4, 0.1], false)]),
+        group("B 60°, C 0°", vec![arrow("ball 2", [0.2, -9.4, 1.25], true)]),
+        group("B 90°, C 0°", vec![]),
+    ];
+    Estimate {
+        arrows: vec![ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }],
+        weakest: Some("EX0S together with tool_x".to_owned()),
+        covariance: Covariance {
+            symbols: ["EX0S", "tool_x", "EA0B"].map(str::to_owned).into(),
+            rows: vec![vec![4.0, -3.9999, 0.1], vec![-3.9999, 4.0, 0.0], vec![0.1, 0.0, 1.0]],
+        },
+        ..example()
+    }
+}
+
+#[test]
+fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
+    let page = render(&plan("mill"), &in_space(), &facts()).unwrap();
+    for text in [
+        "EX0S together with tool_x",
+        "<h3>Beyond ±0.5</h3>",
+        "<sub>x</sub></span>: −0.999975",
+        "B -30°, C 90°",
+        "<li>ball 2 at B 60°, C 0°: (0.2, −9.4, 1.2) µm</li>",
+        "the longest of these are cut",
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert!(!page.contains("ball 1 at"));
+    // Six as without, the matrix, and a picture of each group: also of the one without arrows.
+    assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
+    let without = render(&plan("mill"), &example(), &facts()).unwrap();
+    for absent in ["depend on each other", "What limits it", "Seen from above"] {
+        assert!(page.contains(absent) && !without.contains(absent), "{absent}");
+    }
+}
+
+#[test]
+fn balls_are_told_in_words() {
+    let mut plan = plan("mill");
+    let ball = |id: &str, radius_mm: f64| serde_json::json!({"id": id, "centre_mm": [0, 0, 60], "radius_mm": radius_mm});
+    let told = |plan: &Plan| render(plan, &example(), &facts()).unwrap();
+    plan.artefact = serde_json::from_value(serde_json::json!({
+        "kind": "balls", "balls": [ball("1", 12.5), ball("2", 15.0)],
+        "lengths": [{"from": "1", "to": "2", "mm": 304.8, "u_mm": 1e-4}],
+    }))
+    .unwrap();
+    let text = "2 balls, radius 12.5 to 15 mm; certified lengths 1 to 2: 304.8 mm (u = 0.10 µm)";
+    assert!(told(&plan).contains(text));
+    plan.artefact =
+        serde_json::from_value(serde_json::json!({"kind": "balls", "balls": [ball("1", 15.0)]}))
+            .unwrap();
+    assert!(told(&plan).contains("1 ball, radius 15 mm; no certified length"));
+}
+
 #[test]
 fn the_page_stands_alone() {
-    let page = render(&plan("mill"), &example(), &facts()).unwrap();
+    let page = render(&plan("mill"), &in_space(), &facts()).unwrap();
     for foreign in ["{{", "{%", "<script", "src=", "href=", "url(", "@import", "NaN", " inf"] {
         assert!(!page.contains(foreign), "{foreign}");
     }
@@ -180,7 +245,11 @@ fn the_page_stands_alone() {
 #[test]
 fn names_cannot_break_out() {
     let hostile = "<script>alert('1')</script>\" onload=\"x";
-    let mut estimate = example();
+    let mut estimate = in_space();
+    estimate.arrows[0].groups[1].name = hostile.to_owned();
+    estimate.arrows[0].groups[1].arrows[0].label = hostile.to_owned();
+    estimate.covariance.symbols[0] = hostile.to_owned();
+    estimate.weakest = Some(hostile.to_owned());
     estimate.warnings = vec![hostile.to_owned()];
     estimate.parameters[0].symbol = hostile.to_owned();
     estimate.functions[0].symbol = hostile.to_owned();

@@ -127,7 +127,7 @@ fn proven(
     begin: &Begin,
     dialect: &Dialect,
 ) -> Result<(Vec<Task>, Proof), RunError> {
-    let tasks = tasks(plan, stage, begin)?;
+    let tasks = tasks(plan, stage, found, begin)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
     let program = Program { title: &stage.name, axes: &axes, log: None };
@@ -146,8 +146,16 @@ fn proven(
 }
 
 /// The blocks of a stage; nothing is planned that has no way to its start.
-fn tasks(plan: &Plan, stage: &Stage, begin: &Begin) -> Result<Vec<Task>, RunError> {
-    let clearance = Clearance::above(plan)?;
+fn tasks(
+    plan: &Plan,
+    stage: &Stage,
+    found: Option<&Artefact>,
+    begin: &Begin,
+) -> Result<Vec<Task>, RunError> {
+    let clearance = match found {
+        Some(balls @ Artefact::Balls(_)) => Clearance::over(plan, balls)?,
+        _ => Clearance::above(plan)?,
+    };
     let mut stands = begin.stands.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);

@@ -51,9 +51,6 @@ impl Drop for Simulator {
     }
 }
 
-/// The language of the simulated control: it orients its spindle.
-const SIMULATED: &str = "grbl-m19";
-
 /// Size of the in-process wire, bytes.
 const WIRE_BYTES: usize = 4096;
 
@@ -76,13 +73,13 @@ pub async fn devices(
             let (near, far) = tokio::io::duplex(WIRE_BYTES);
             let mut firmware = firmware(file, pace, past)?;
             tokio::spawn(async move { drop(firmware.serve(far).await) });
-            grbl(file, Link::over("the simulated machine", near), SIMULATED)
+            grbl(file, Link::over("the simulated machine", near), file.controller.control.dialect())
         }
         Control::Simulated { wire: Wire::Pty } => {
             let simulator = simulator_after(file, pace, past)?;
             let path = simulator.path.display().to_string();
             let link = link::open(&Address::Serial { path, baud: 115_200 }).await?;
-            Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, SIMULATED)? })
+            Ok(Devices { _simulator: Some(simulator), ..grbl(file, link, file.controller.control.dialect())? })
         }
         Control::Grbl { link, dialect } => grbl(file, link::open(&address(link)?).await?, dialect),
         Control::LinuxCnc { tcp, program_dir, dialect } => {

@@ -22,6 +22,7 @@ use libtest_mimic::{Arguments, Completion, Failed, Trial};
 const LATE: &str = "Queue is not empty after";
 
 fn patiently(trial: fn() -> Result<(), Failed>) -> Result<(), Failed> {
+    let started = std::time::Instant::now();
     let told = |failed: &Failed| failed.message().is_some_and(|said| said.contains(LATE));
     let mut result = trial();
     for _ in 0..2 {
@@ -33,6 +34,7 @@ fn patiently(trial: fn() -> Result<(), Failed>) -> Result<(), Failed> {
             _ => break,
         }
     }
+    eprintln!("took {:.0} s", started.elapsed().as_secs_f64());
     result
 }
 

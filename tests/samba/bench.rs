@@ -89,7 +89,8 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let memory = std::path::Path::new("/dev/shm");
-        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let folder =
+            if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
         let folder = folder.unwrap();
         Self { journal: Journal::open(folder.path()).unwrap(), _folder: folder }
     }
@@ -100,7 +101,8 @@ impl Bench {
 
     pub fn try_measure(&self, seed: u64, world: &World) -> Result<Measured, Failed> {
         let file = world.file(seed);
-        let (method, header) = setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let (method, header) =
+            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
         let estimate = method

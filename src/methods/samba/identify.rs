@@ -1,11 +1,183 @@
 //! Plan + readings → estimate.
 
-use super::Settings;
+use glam::{DMat3, DVec3};
+
+use super::fit::{Bar, Measured, Problem, Seen};
+use super::model::{Model, length_mm, length_u_mm};
+use super::observe::{Observed, balls, observe};
+use super::outputs::{self, Parts};
+use super::parameters;
+use super::settings::{Settings, Spindle};
+use super::sources::{UncertaintySource, sources, weighting};
+use super::suspects::Solved;
+use super::uncertainty::{Misfit, Propagated, by_trials};
+use crate::base::Axis;
+use crate::estimation::linear::{LinearError, Survey};
+use crate::estimation::monte_carlo::Trials;
+use crate::estimation::nonlinear::NonlinearError;
+use crate::estimation::null_names::name_null_space;
+use crate::estimation::schur::{Minimum, factor};
+use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
+use crate::record::artefact::{Balls, Length};
 use crate::record::estimate::Estimate;
+use crate::record::machine::Machine;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
-pub fn identify(_: &Plan, _: &Settings, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-    Err(Refused { why: "not built yet".to_owned(), instead: "wait".to_owned() }.into())
+/// Operations of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
+const MOST_WORK: usize = 8_000_000_000;
+
+/// The whole identification of one plan's readings.
+pub fn identify(
+    plan: &Plan,
+    settings: &Settings,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let stated = balls(plan)?;
+    let mut observed = observe(plan, readings)?;
+    let balls = seen_balls(stated, &mut observed);
+    let stylus = DVec3::from_array(plan.machine.tool_mm);
+    let lengths: Vec<&Length> = balls.lengths.iter().collect();
+    let model = model(&plan.machine, settings)?;
+    let sources = sources(plan, &observed, &lengths);
+    let whitening: Vec<DMat3> =
+        weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
+    let problem = problem(stylus, model, &observed, &balls, &whitening)?;
+    let measured = Measured {
+        xyz: observed.sights.iter().map(|sight| sight.xyz).collect(),
+        lengths: lengths.iter().map(|length| length_mm(length)).collect(),
+    };
+    let names = outputs::names(&problem, &balls);
+    let (survey, minimum) = solve(&problem, &measured).map_err(|why| failed(why, &names))?;
+    let u_bars: Vec<f64> = lengths.iter().map(|length| u_bar(length)).collect();
+    let declared = plan.probe.repeatability_um.is_some();
+    let misfit = Misfit::judge(&problem, &minimum, &sources, &whitening, &u_bars, declared);
+    let propagated =
+        Propagated::new(&problem, &minimum.factored, &sources, &whitening, &u_bars, &misfit);
+    let trials = trials(settings, &problem, &sources);
+    let monte_carlo = by_trials(&problem, &minimum, &measured, &sources, misfit.factor, trials)
+        .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    let solved =
+        Solved { problem: &problem, minimum: &minimum, observed: &observed, balls: &balls };
+    Ok(outputs::estimate(&Parts {
+        plan,
+        settings,
+        solved,
+        measured: &measured,
+        names,
+        survey,
+        misfit,
+        propagated,
+        monte_carlo,
+        lengths: &lengths,
+        u_bars: &u_bars,
+    }))
+}
+
+/// What the measurements can tell, asked before they are believed, and the solution.
+fn solve(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), NonlinearError> {
+    let start = problem.start(measured);
+    let (ideal, _) = factor(problem.rows(&start, &problem.ideal(&start)));
+    let survey = ideal.survey()?;
+    if survey.nullity > 0 {
+        return Err(LinearError::RankDeficient(Box::new(survey)).into());
+    }
+    Ok((survey, problem.solve(measured, start)?))
+}
+
+/// The machine with the errors that are asked for.
+pub fn model(machine: &Machine, settings: &Settings) -> Result<Model, IdentifyError> {
+    let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
+    let chain = Chain::new(machine).map_err(|why| refused(why.to_string()))?;
+    let declared = machine.axes.contains_key(&Axis::S);
+    let turns = declared && settings.spindle != Spindle::Fixed;
+    let parameters = parameters::chosen(&settings.parameters, &chain, turns)?;
+    Ok(Model::of(chain, parameters))
+}
+
+/// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
+fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
+    let seen = |ball: usize| observed.sights.iter().any(|sight| sight.ball == ball);
+    let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| seen(*ball)).collect();
+    let mut balls = stated.clone();
+    balls.balls = kept.iter().map(|ball| stated.balls[*ball].clone()).collect();
+    let known = |id: &str| balls.balls.iter().any(|ball| ball.id == id);
+    balls.lengths.retain(|length| known(&length.from) && known(&length.to));
+    for sight in &mut observed.sights {
+        sight.ball = kept.partition_point(|ball| *ball < sight.ball);
+    }
+    let missing = (0..stated.balls.len()).filter(|ball| !kept.contains(ball));
+    let ids: Vec<&str> = missing.map(|ball| stated.balls[ball].id.as_str()).collect();
+    if !ids.is_empty() {
+        observed.left_out.push(format!("not measured: ball {}", ids.join(", ball ")));
+    }
+    balls
+}
+
+fn problem(
+    stylus: DVec3,
+    model: Model,
+    observed: &Observed,
+    balls: &Balls,
+    whitening: &[DMat3],
+) -> Result<Problem, IdentifyError> {
+    let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
+    let bars = balls.lengths.iter().filter_map(|length| {
+        Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: u_bar(length) })
+    });
+    let sights = observed.sights.iter().zip(whitening);
+    let seen: Vec<Seen> =
+        sights.map(|(s, w)| Seen { place: s.place, ball: s.ball, whitening: *w }).collect();
+    if seen.is_empty() {
+        let why = "there is no complete measurement of a ball among the readings".to_owned();
+        let instead = "measure at least the slow touches of one stage".to_owned();
+        return Err(Refused { why, instead }.into());
+    }
+    let (places, count) = (observed.places.clone(), balls.balls.len());
+    Ok(Problem::new(model, places, seen, bars.collect(), count, stylus))
+}
+
+/// Standard uncertainty of a length, no smaller than a nanometre: it is a weight.
+fn u_bar(length: &Length) -> f64 {
+    let [certificate, temperature] = length_u_mm(length);
+    certificate.hypot(temperature).max(1e-6)
+}
+
+/// W = L⁻¹ with Σ = L·Lᵀ.
+fn whitening(covariance: DMat3) -> DMat3 {
+    let c = |i: usize, j: usize| covariance.col(j)[i];
+    let l00 = c(0, 0).sqrt();
+    let (l10, l20) = (c(1, 0) / l00, c(2, 0) / l00);
+    let l11 = (c(1, 1) - l10 * l10).sqrt();
+    let l21 = (c(2, 1) - l20 * l10) / l11;
+    let l22 = (c(2, 2) - l20 * l20 - l21 * l21).sqrt();
+    let l = DMat3::from_cols(
+        DVec3::new(l00, l10, l20),
+        DVec3::new(0.0, l11, l21),
+        DVec3::new(0.0, 0.0, l22),
+    );
+    l.inverse()
+}
+
+fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
+    match why {
+        NonlinearError::Linear(LinearError::RankDeficient(survey)) => {
+            IdentifyError::RankDeficient {
+                rank: survey.rank,
+                unknowns: survey.rank + survey.nullity,
+                what: outputs::lost_in_words(name_null_space(survey.null_space.as_ref(), names)),
+            }
+        }
+        other => IdentifyError::Numerical(other.to_string()),
+    }
+}
+
+fn trials(settings: &Settings, problem: &Problem, sources: &[UncertaintySource]) -> Trials {
+    let draws: usize = sources.iter().flat_map(|s| &s.draws).map(|draw| draw.values.len()).sum();
+    let work = 20 * draws + 60 * problem.rows_count() + 1;
+    match settings.monte_carlo_trials {
+        0 => Trials::Adaptive { digits: 2, max: (MOST_WORK / work).clamp(10_000, 200_000) },
+        count => Trials::Fixed(count),
+    }
 }

@@ -2,15 +2,24 @@
 //! that nobody has calibrated and one scale bar (paper 4; METHODS section 4).
 
 mod design;
+mod fit;
 mod identify;
 mod label;
 mod model;
+mod observe;
+mod outputs;
 mod parameters;
 mod settings;
+mod sources;
 mod stages;
+mod suspects;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
+mod warnings;
 
+pub use fit::{Bar, Measured, Problem, Seen};
+pub use model::Model;
 pub use settings::Settings;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -54,7 +63,8 @@ impl Samba {
         if let Some(made) = made.as_ref().filter(fits) {
             return Ok(made.visits.clone());
         }
-        let visits: Arc<[Visit]> = design::design(bench, |visits| stages::machine_time_s(bench, visits))?.into();
+        let visits: Arc<[Visit]> =
+            design::design(bench, |visits| stages::machine_time_s(bench, visits))?.into();
         let (machine, probe, artefact) = (machine.clone(), probe.clone(), artefact.clone());
         *made = Some(Made { machine, probe, artefact, visits: visits.clone() });
         Ok(visits)

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::parameters::free_stylus;
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
 use crate::record::artefact::Length;
@@ -18,6 +19,7 @@ const REACH: f64 = 256.0;
 pub struct Model {
     chain: Chain,
     parameters: Vec<ErrorParameter>,
+    stylus: Vec<usize>,
 }
 
 /// Of one measurement: FK(reading; errors, tool) − ball, table frame, and its derivatives. The one
@@ -44,7 +46,13 @@ impl Model {
     }
 
     pub(super) fn of(chain: Chain, parameters: Vec<ErrorParameter>) -> Self {
-        Self { chain, parameters }
+        let stylus = free_stylus(&chain);
+        Self { chain, parameters, stylus }
+    }
+
+    /// For looking at columns: no parameter is unknown yet.
+    pub(super) fn bare(chain: Chain, parameters: Vec<ErrorParameter>) -> Self {
+        Self { chain, parameters, stylus: Vec::new() }
     }
 
     pub fn chain(&self) -> &Chain {
@@ -55,27 +63,43 @@ impl Model {
         &self.parameters
     }
 
+    /// The coordinates of the stylus that are unknown: all three (0, 1, 2), but for those that only
+    /// shift all balls alike, such as its length where nothing ever turns across it (four axes). These
+    /// are held as stated.
+    pub fn stylus(&self) -> &[usize] {
+        &self.stylus
+    }
+
     /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which
     /// the stylus-ball centre coincides with it). `errors` in the order of the parameters, mm, rad,
     /// mm/mm; `tool` from the spindle datum, mm.
     pub fn rows(&self, position: &Position, errors: &[f64], tool: DVec3, ball: DVec3) -> Rows {
         let xyz = DVec3::from_array(Axis::LINEAR.map(|axis| position.at(axis)));
         let indexed = self.indexed(position, errors, tool);
-        let mut machine = vec![DVec3::ZERO; self.parameters.len()];
-        indexed.machine(xyz, &mut machine);
+        let machine = (0..self.parameters.len()).map(|k| indexed.machine(k, xyz)).collect();
         let misclosure = indexed.tip(xyz) - ball;
         Rows { misclosure, machine, tool: indexed.tool, linear: indexed.tip.linear }
     }
 
-    /// All measurements with the rotary axes and the spindle as in `position`.
+    fn terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
+        let pairs = self.parameters.iter().zip(errors);
+        pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
+    }
+
+    /// The tip on the table with the rotary axes and the spindle as in `position`.
+    pub fn tips(&self, position: &Position, errors: &[f64], tool: DVec3) -> Affine {
+        let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
+        let at = |xyz: DVec3| {
+            let position = position.updated_by(&linear_axes(xyz));
+            self.chain.tip_in_table(&position, tip, &errors).mm
+        };
+        Affine::through(at(DVec3::ZERO), DVec3::AXES.map(|axis| at(axis * REACH)))
+    }
+
+    /// All that [`Model::rows`] gives, for all X, Y, Z with the rotary axes and the spindle as in
+    /// `position`.
     pub fn indexed(&self, position: &Position, errors: &[f64], tool: DVec3) -> Indexed {
-        let errors: Vec<ErrorTerm> = self
-            .parameters
-            .iter()
-            .zip(errors)
-            .map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value })
-            .collect();
-        let tip = Point::from_vec(tool);
+        let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
         let at = |xyz: DVec3| {
             let position = position.updated_by(&linear_axes(xyz));
             let tip_mm = self.chain.tip_in_table(&position, tip, &errors).mm;
@@ -112,19 +136,15 @@ impl Indexed {
         self.tip.at(xyz)
     }
 
-    /// ∂p_w/∂(X, Y, Z).
-    pub fn linear(&self) -> DMat3 {
-        self.tip.linear
-    }
-
-    /// ∂p_w/∂parameter into `columns`, one a parameter.
-    pub fn machine(&self, xyz: DVec3, columns: &mut [DVec3]) {
-        columns.iter_mut().zip(&self.machine).for_each(|(column, affine)| *column = affine.at(xyz));
+    /// ∂p_w/∂parameter of the parameter `index`.
+    pub fn machine(&self, index: usize, xyz: DVec3) -> DVec3 {
+        self.machine[index].at(xyz)
     }
 }
 
+/// A point of the table frame that follows X, Y, Z.
 #[derive(Debug, Clone, Copy)]
-struct Affine {
+pub struct Affine {
     origin: DVec3,
     linear: DMat3,
 }
@@ -136,7 +156,12 @@ impl Affine {
         Self { origin, linear: DMat3::from_cols(x, y, z) }
     }
 
-    fn at(&self, xyz: DVec3) -> DVec3 {
+    /// ∂/∂(X, Y, Z).
+    pub fn linear(&self) -> DMat3 {
+        self.linear
+    }
+
+    pub fn at(&self, xyz: DVec3) -> DVec3 {
         self.origin + self.linear * xyz
     }
 }

@@ -71,7 +71,7 @@ fn refused(why: String) -> Refused {
 /// wCBXFZYSt these are the thirteen of paper 4.
 pub fn implied(chain: &Chain, spindle_turns: bool) -> Vec<ErrorParameter> {
     let candidates = candidates(chain);
-    let model = Model::of(chain.clone(), candidates.clone());
+    let model = Model::bare(chain.clone(), candidates.clone());
     let columns = columns(&model, spindle_turns);
     let (known, of_machine) = columns.split_at(columns.len() - candidates.len());
     let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -88,6 +88,17 @@ pub fn implied(chain: &Chain, spindle_turns: bool) -> Vec<ErrorParameter> {
     let place = |axis| workpiece.iter().chain(tool).position(|a| *a == axis);
     kept.sort_by_key(|p| (p.shape() == Shape::Gain, place(p.axis())));
     kept
+}
+
+/// The coordinates of the stylus that are no mere shift of all balls.
+pub fn free_stylus(chain: &Chain) -> Vec<usize> {
+    let columns = columns(&Model::bare(chain.clone(), Vec::new()), false);
+    let (stylus, balls) = columns.split_at(3);
+    let mut basis = Vec::new();
+    for column in balls {
+        joins(&mut basis, column);
+    }
+    (0..3).filter(|k| joins(&mut basis, &stylus[*k])).collect()
 }
 
 /// In the order of preference.

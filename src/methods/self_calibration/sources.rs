@@ -2,11 +2,12 @@
 //! independent draws), covariance B·Bᵀ, mm². The magnitudes are those declared in the plan; how
 //! each acts is METHODS sections 1 and 6.
 
-use faer::{Mat, Side};
+use faer::Mat;
 
 use super::model::{Layout, Observation};
 use super::settings::Spindle;
 use crate::base::Axis;
+use crate::estimation::smooth::smooth_function;
 use crate::record::machine::AxisSpec;
 use crate::record::plan::Plan;
 
@@ -175,7 +176,8 @@ fn linear_axes(plan: &Plan, layout: &Layout, seen: &[Observation]) -> Uncertaint
                 (s.radius * [cos, sin][along]).round()
             })
             .collect();
-        for draw in smooth_function(&places, spec) {
+        for draw in smooth_function(&places, spec.error_motion_um * 1e-3, spec.error_wavelength_mm)
+        {
             // Positioning and straightness of the axis: the same law, independent draws.
             for part in 0..2 {
                 columns.push(
@@ -192,33 +194,4 @@ fn linear_axes(plan: &Plan, layout: &Layout, seen: &[Observation]) -> Uncertaint
     }
     let factor = Mat::from_fn(seen.len(), columns.len(), |i, j| columns[j][i]);
     UncertaintySource { name: "error motions of X and Y", shape: Shape::Normal, factor }
-}
-
-/// Columns of a factor of the covariance of f(x) − f(0) at the given places, mm.
-fn smooth_function(places: &[f64], spec: &AxisSpec) -> Vec<Vec<f64>> {
-    let mut nodes = places.to_vec();
-    nodes.sort_by(f64::total_cmp);
-    nodes.dedup();
-    let sigma = spec.error_motion_um * 1e-3;
-    let bell = |d: f64| (-0.5 * (d / spec.error_wavelength_mm).powi(2)).exp();
-    let kernel = Mat::from_fn(nodes.len(), nodes.len(), |i, j| {
-        let (u, v) = (nodes[i], nodes[j]);
-        sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0)
-    });
-    let Ok(eigen) = kernel.self_adjoint_eigen(Side::Lower) else { return Vec::new() };
-    let values = eigen.S().column_vector();
-    let largest = values.iter().copied().fold(0.0, f64::max);
-    (0..nodes.len())
-        .filter(|j| values[*j] > 1e-9 * largest)
-        .map(|j| {
-            let scale = values[j].sqrt();
-            places
-                .iter()
-                .map(|place| {
-                    let node = nodes.partition_point(|n| n < place);
-                    eigen.U()[(node, j)] * scale
-                })
-                .collect()
-        })
-        .collect()
 }

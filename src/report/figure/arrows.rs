@@ -14,11 +14,11 @@ const PANEL: i32 = 500;
 const FOOT: i32 = 70;
 const SIZE: (u32, u32) = (2 * PANEL as u32, (PANEL + FOOT) as u32);
 /// From the middle of a panel to the farthest place, and the longest arrow that is not flagged.
-const HALF: f64 = 160.0;
-const LONGEST: f64 = 56.0;
+const HALF: f64 = 140.0;
+const LONGEST: f64 = 80.0;
 /// Flagged ones may be longer than the rest by orders: they are cut here.
-const CUT: f64 = 84.0;
-const HEAD: f64 = 14.0;
+const CUT: f64 = 100.0;
+const HEAD: f64 = 18.0;
 
 /// What all groups of a figure share.
 pub(in crate::report) struct Common {

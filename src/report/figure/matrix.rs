@@ -12,7 +12,7 @@ use crate::report::number;
 const DRAWN: std::ops::RangeInclusive<usize> = 3..=60;
 const SIDE: i32 = 1500;
 /// A name takes so much of its own font size for each letter.
-const LETTER: f64 = 0.62;
+const LETTER: f64 = 0.56;
 /// Cells paler than this are left out.
 const PALE: f64 = 0.02;
 const KEY: i32 = 110;
@@ -52,7 +52,7 @@ impl Layout {
         let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(1).min(24);
         let count = names.len() as f64;
         // Cell and font depend on each other: font = 0.8·cell, begin = letters·font.
-        let letters = LETTER * longest as f64 + 1.0;
+        let letters = LETTER * longest as f64 + 0.7;
         let cell = (f64::from(SIDE - KEY) / (count + 0.8 * letters)).min(70.0);
         let font = (0.8 * cell).min(34.0);
         Self { begin: (letters * font) as i32, cell, font }

@@ -1,6 +1,6 @@
 use super::scale::bounds;
 use super::*;
-use crate::record::estimate::{CircleFigure, Unit};
+use crate::record::estimate::{Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit};
 
 fn wave(figure: FigureKind, count: u32) -> Function {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
@@ -123,4 +123,104 @@ fn strange_numbers_never_reach_the_picture() {
     assert!(inside(&circle(&holes).unwrap()));
     assert!(inside(&circle(&ring(0.0)).unwrap()));
     assert_eq!(circle(&ring(f64::NAN)), None);
+}
+
+fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
+    Covariance {
+        symbols: (0..count).map(|n| format!("ball_{n}_x")).collect(),
+        rows: (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect(),
+    }
+}
+
+/// Variances 4 and 9, covariance −3: correlation −0.5. The rest by their signs and depths.
+#[test]
+fn a_matrix_is_coloured_by_sign_and_strength() {
+    let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.4], [0.0, 2.4, 1.0]];
+    let three = covariance(3, |i, j| known[i][j]);
+    assert_eq!(correlation(&three, 0, 1), Some(-0.5));
+    assert!((correlation(&three, 2, 1).unwrap() - 0.8).abs() < 1e-15);
+    let svg = matrix(&three).unwrap();
+    let tiles = |opacity: &str, fill: &str| {
+        let tile = |line: &&str| line.contains(opacity) && line.contains(fill);
+        svg.lines().filter(tile).count()
+    };
+    // Two cells each, and one tile of the key for 0.8 (its steps are 0.2).
+    assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.8\"", "#C2571A")), (2, 3));
+    assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.8\"", "#1F6FB2")), (0, 1));
+    // A name at its row and one above its column.
+    assert_eq!(svg.matches("ball_2,x").count(), 2);
+    assert!(inside(&svg));
+}
+
+#[test]
+fn a_matrix_is_drawn_from_three_names_to_sixty() {
+    let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.9 };
+    for (count, drawn) in [(0, false), (2, false), (3, true), (60, true), (61, false)] {
+        assert_eq!(matrix(&covariance(count, unit)).is_some(), drawn, "{count}");
+    }
+    let mut holes = covariance(4, |i, j| if i == j { 0.0 } else { f64::NAN });
+    holes.rows.truncate(3);
+    assert_eq!(correlation(&holes, 0, 0), None);
+    assert!(inside(&matrix(&holes).unwrap()));
+}
+
+fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
+    let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| Arrow {
+        label: format!("ball {n}"),
+        at_mm: *at_mm,
+        vector: *vector,
+        flagged: *flagged,
+    };
+    let arrows = all.iter().enumerate().map(arrow).collect();
+    let groups = vec![Arrows { name: "B 0°".to_owned(), arrows }];
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
+}
+
+/// Where each head begins and ends: the first corner is its tip.
+fn tips(svg: &str) -> Vec<(f64, f64)> {
+    let corner = |points: &str| {
+        let (x, y) = points.split_whitespace().next().unwrap().split_once(',').unwrap();
+        (x.parse().unwrap(), y.parse().unwrap())
+    };
+    let heads = svg.split("<polygon").skip(1).map(|head| attributes(head, "points")[0]);
+    heads.map(corner).collect()
+}
+
+/// Two places 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 long.
+#[test]
+fn arrows_point_where_the_vectors_do() {
+    let figure = arrows(&[
+        ([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false),
+        ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false),
+    ]);
+    let common = Common::of(&figure).unwrap();
+    let svg = common.draw(&figure.groups[0]).unwrap();
+    let expected = [
+        (250.0 - 140.0 + 80.0, 250.0),
+        (250.0 + 140.0, 250.0 - 20.0),
+        (750.0 - 140.0 + 80.0, 250.0),
+        (750.0 + 140.0, 250.0 - 60.0),
+        // The scale: 2 µm.
+        (24.0 + 40.0, 535.0),
+    ];
+    assert_eq!(tips(&svg), expected);
+    assert!(svg.contains("2 µm") && svg.contains("XY") && svg.contains("XZ"));
+    assert!(inside(&svg) && !common.cuts(&figure));
+}
+
+#[test]
+fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
+    let quiet = ([0.0; 3], [0.0, 2.0, 0.0], false);
+    let loud = ([50.0, 0.0, 0.0], [0.0, 900.0, 0.0], true);
+    let figure = arrows(&[loud, quiet]);
+    let common = Common::of(&figure).unwrap();
+    assert!(common.cuts(&figure));
+    let svg = common.draw(&figure.groups[0]).unwrap();
+    assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
+    assert_eq!(svg.matches("r=\"13\"").count(), 2);
+    assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
+    // Nothing to draw, and strange numbers.
+    assert!(Common::of(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
+    let still = arrows(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
+    assert!(inside(&Common::of(&still).unwrap().draw(&still.groups[0]).unwrap()));
 }

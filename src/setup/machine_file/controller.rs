@@ -32,6 +32,16 @@ pub enum Control {
     },
 }
 
+impl Control {
+    /// The language that it is spoken to; the simulated control orients its spindle.
+    pub fn dialect(&self) -> &str {
+        match self {
+            Self::Simulated { .. } => "grbl-m19",
+            Self::Grbl { dialect, .. } | Self::LinuxCnc { dialect, .. } => dialect,
+        }
+    }
+}
+
 /// What stands between the daemon and the simulated firmware.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -82,7 +82,12 @@ impl<'a> Bench<'a> {
     }
 
     /// One measurement of a ball.
-    pub fn task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: Approach) -> BallTask<'t> {
+    pub fn task<'t>(
+        &self,
+        ball: &'t Ball,
+        rotary: &'t Position,
+        approach: Approach,
+    ) -> BallTask<'t> {
         BallTask { ball, rotary, approach, touches: self.settings.touches }
     }
 

@@ -23,6 +23,7 @@ use self::information::Sight;
 use super::settings::Design as Kind;
 use crate::base::Position;
 use crate::methods::Refused;
+use crate::planning::Access;
 
 /// One indexation and the balls measured there, as indices into the artefact's.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,11 +49,12 @@ pub fn design(
     bench: &Bench<'_>,
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
-    let candidates = Candidates::new(bench)?;
+    let access = bench.access(&bench.plan.artefact)?;
+    let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
-        Kind::Paper => paper::visits(bench, &candidates)?,
-        Kind::Optimal => optimal(bench, &candidates, time_s)?,
+        Kind::Paper => order::balls_in_order(bench, &access, paper::visits(bench, &candidates)?)?,
+        Kind::Optimal => optimal(bench, (&candidates, &access), time_s)?,
     };
     survey::check(bench, &visits)?;
     Ok(visits)
@@ -61,7 +63,7 @@ pub fn design(
 /// The greedy choice, as much of it as the minutes allow.
 fn optimal(
     bench: &Bench<'_>,
-    candidates: &Candidates,
+    (candidates, access): (&Candidates, &Access),
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
     let (balls, settings) = (bench.balls.balls.len(), bench.settings);
@@ -70,13 +72,14 @@ fn optimal(
     let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
     let first = |count: usize| {
         let some = chosen.sights.get(..count).unwrap_or_default();
-        order::in_order(&bench.plan.machine, candidates.visits(some))
+        let visits = order::in_order(&bench.plan.machine, candidates.visits(some));
+        order::balls_in_order(bench, access, visits)
     };
     if settings.minutes == 0.0 {
-        return Ok(first(chosen.sights.len()));
+        return first(chosen.sights.len());
     }
     let limit_s = settings.minutes * 60.0;
-    let least_s = time_s(&first(chosen.least))?;
+    let least_s = time_s(&first(chosen.least)?)?;
     if least_s > limit_s {
         return Err(Refused {
             why: format!(
@@ -85,31 +88,35 @@ fn optimal(
                 settings.minutes,
                 least_s / 60.0
             ),
-            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]".to_owned(),
+            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]"
+                .to_owned(),
         });
     }
     // Halving: `fits` is known to fit.
     let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
     while beyond - fits > 1 {
         let middle = (fits + beyond) / 2;
-        if time_s(&first(middle))? <= limit_s { fits = middle } else { beyond = middle }
+        if time_s(&first(middle)?)? <= limit_s { fits = middle } else { beyond = middle }
     }
-    Ok(first(fits))
+    first(fits)
 }
 
 impl Candidates {
     /// # Errors
     /// An indexation outside the limits; a ball that fewer than three indexations show.
-    pub fn new(bench: &Bench<'_>) -> Result<Self, Refused> {
+    pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
         let at = bench.candidates()?;
-        let access = bench.access(&bench.plan.artefact)?;
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
             let (first, mut why_not) = (sights.len(), BTreeMap::<String, &Position>::new());
             for (indexation, at) in at.iter().enumerate() {
                 // As it is searched for, where it is stated and grown by how far it may be from
                 // there: then it can be measured wherever it is found.
-                match access.accessible(&bench.task(of, at, bench.search(bench.balls.uncertainty_mm))) {
+                match access.accessible(&bench.task(
+                    of,
+                    at,
+                    bench.search(bench.balls.uncertainty_mm),
+                )) {
                     Ok(_) => sights.push(bench.sight((indexation, at), (ball, of))?),
                     Err(why) => drop(why_not.entry(why.to_string()).or_insert(at)),
                 }

@@ -4,7 +4,8 @@
 //! The paper does not list its triples. This is one assignment with exactly its counts: the tilts in
 //! ascending order; at 0° all four quarters of C forward and again in reverse, at each other tilt three
 //! quarters, forward and reverse by turns, the quarter left out going round; S on by a quarter from
-//! triple to triple, the tilts a quarter apart, so that each C meets each S. Of the balls that are
+//! triple to triple, the tilts a quarter apart, and opposite on the way back at 0°, so that no triple
+//! stands twice. Of the balls that are
 //! accessible there 109 are kept: again and again, of the triple with the most balls, the ball that is
 //! measured most often is left out.
 
@@ -32,7 +33,9 @@ fn triples() -> Vec<[usize; 3]> {
             even if even.is_multiple_of(2) => forward,
             _ => reverse.copied().collect(),
         };
-        let triple = |(k, c): (usize, usize)| [tilt, c, (k + k / 4 + tilt) % 4];
+        // On the way back at 0° the spindle stands opposite to the way there.
+        let spindle = |k: usize, c: usize| if k < 4 { k } else { c + 2 };
+        let triple = |(k, c): (usize, usize)| [tilt, c, (spindle(k, c) + tilt) % 4];
         triples.extend(turns.into_iter().enumerate().map(triple));
     }
     triples

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
+use crate::base::Position;
 use crate::methods::samba::design::Bench;
-use crate::estimation::sphere::fit_sphere;
 use crate::methods::samba::label::{Label, Pass};
+use crate::planning::{BallDoubt, MeasuredBall, measured_ball};
 use crate::record::plan::{REPEAT_AFTER_STOP, Step};
 use crate::record::reading::Reading;
 
@@ -14,16 +15,6 @@ use crate::record::reading::Reading;
 #[derive(Debug, Default)]
 pub struct Known {
     found: Vec<Vec<(usize, DVec3)>>,
-}
-
-/// What a measurement says, by the nominal machine.
-#[derive(Debug, Clone, Copy)]
-pub struct Measured {
-    /// Table frame, mm.
-    pub centre: DVec3,
-    pub diameter_mm: f64,
-    /// Largest residual of a touch, mm.
-    pub form_mm: f64,
 }
 
 /// One measurement of a ball: its steps and the newest readings of them.
@@ -48,12 +39,13 @@ impl Known {
         let mut found = vec![Vec::new(); bench.balls.balls.len()];
         for taken in all {
             // References repeat a visit; what was found at it stands already.
-            if let (Some(centres), Some(measured)) =
+            if taken.label.pass == Pass::Reference {
+                continue;
+            }
+            if let (Some(centres), Some(Ok(measured))) =
                 (found.get_mut(taken.ball), taken.measured(bench))
             {
-                if taken.label.pass != Pass::Reference {
-                    centres.push((taken.label.indexation as usize, measured.centre));
-                }
+                centres.push((taken.label.indexation as usize, measured.centre_mm));
             }
         }
         Self { found }
@@ -100,17 +92,12 @@ impl Known {
 }
 
 impl Taken<'_> {
-    /// `None`: touches are missing, or lie on no sphere.
-    pub fn measured(&self, bench: &Bench<'_>) -> Option<Measured> {
-        let complete = self.steps.len() == self.readings.len();
-        let tip = |reading: &&Reading| {
-            bench.model.chain().tip_in_table(&reading.position, bench.tip, &[]).mm.to_array()
-        };
-        let points: Vec<[f64; 3]> = self.readings.iter().map(tip).collect();
-        let found = fit_sphere(&points).ok().filter(|_| complete)?;
-        let form_mm = found.residuals.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
-        let (centre, diameter_mm) = (DVec3::from_array(found.centre), 2.0 * found.radius);
-        Some(Measured { centre, diameter_mm, form_mm })
+    /// By the nominal machine. `None`: touches are missing.
+    pub fn measured(&self, bench: &Bench<'_>) -> Option<Result<MeasuredBall, BallDoubt>> {
+        let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
+        let complete = self.steps.len() == touches.len();
+        let (machine, probe) = (&bench.plan.machine, &bench.plan.probe);
+        complete.then(|| measured_ball(&self.label.ball, &touches, machine, probe))
     }
 }
 

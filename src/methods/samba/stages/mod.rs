@@ -13,8 +13,8 @@ use super::design::{Bench, Visit, in_words};
 use super::label::{Label, Pass};
 use super::settings::{Find, Settings};
 use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::planning::{Approach, Clearance, PlanningError, Unreachable, blocks};
+use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::record::plan::{Plan, Stage, Step, StepKind};
 
 /// One stage: a pass over balls at one indexation.
@@ -98,7 +98,8 @@ pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refuse
         plan.steps.extend(steps);
     }
     let planned = Clearance::above(&plan).and_then(|clearance| blocks(&plan, &clearance));
-    let refused = |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
+    let refused =
+        |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
     Ok(planned.map_err(refused)?.1)
 }
 
@@ -162,8 +163,7 @@ fn new_steps(
             Pass::Find => bench.search(known.uncertainty_mm(bench, *index)),
             Pass::Slow | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
         };
-        let kind =
-            if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
+        let kind = if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
             let (pass, indexation, touch) = (task.pass, task.number as u32, touch.to_owned());
             Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
@@ -182,7 +182,8 @@ fn refused(bench: &Bench<'_>, visit: &Visit, ball: &Ball, why: &Unreachable) -> 
              says, or take its place from a first probing by hand",
             bench.balls.uncertainty_mm
         ),
-        _ => "take the position out of tilt_deg and turn_deg, or set the ball up elsewhere".to_owned(),
+        _ => "take the position out of tilt_deg and turn_deg, or set the ball up elsewhere"
+            .to_owned(),
     };
     Refused { why: format!("ball {} at {}: {why}", ball.id, in_words(&visit.at)), instead }
 }

@@ -2,11 +2,12 @@
 
 use glam::DVec3;
 
-use super::known::{Known, Measured, Taken, taken};
+use super::known::{Known, Taken, taken};
 use crate::base::Axis;
 use crate::methods::Refused;
 use crate::methods::samba::design::{Bench, in_words};
 use crate::methods::samba::label::Pass;
+use crate::planning::{BallDoubt, BallLimits};
 use crate::record::plan::Stage;
 use crate::record::reading::Reading;
 
@@ -33,38 +34,32 @@ pub fn review(
         let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
         let looked_after = bench.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
         if last.repeat > 0 && !looked_after {
-            return Err(outside(bench, taken, &fault));
+            return Err(outside(&fault));
         }
         again.extend(taken.steps.iter().map(|step| step.id));
     }
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
 }
 
-/// Why a measurement does not count.
-fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<String> {
-    let Some(Measured { diameter_mm, form_mm, .. }) = taken.measured(bench) else {
-        return Some("its touches lie on no sphere".to_owned());
+/// Why a measurement does not count. Fast touches come late, and the first do not come along the
+/// normals: of them it is enough that they lie on a sphere.
+fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
+    let measured = match taken.measured(bench)? {
+        Ok(measured) => measured,
+        Err(doubt) => return Some(doubt),
     };
-    // Fast touches come late, and the first do not come along the normals.
-    if taken.label.pass == Pass::Find {
-        return None;
-    }
-    let (form_um, limit_um) = (form_mm * 1e3, bench.settings.form_limit_um);
-    if form_um > limit_um {
-        return Some(format!(
-            "its touches stray by {form_um:.1} um from a sphere (limit {limit_um})"
-        ));
-    }
-    let stated = bench.balls.balls.get(taken.ball)?.radius_mm + bench.plan.probe.ball_radius_mm;
-    let (larger_um, limit_um) =
-        ((diameter_mm - 2.0 * stated) * 1e3, bench.settings.diameter_limit_um);
-    (larger_um.abs() > limit_um)
-        .then(|| format!("its diameter is off by {larger_um:.1} um (limit {limit_um})"))
+    let stated_mm = 2.0 * bench.balls.balls.get(taken.ball)?.radius_mm;
+    let limits = BallLimits {
+        form_mm: bench.settings.form_limit_um * 1e-3,
+        diameter_mm: bench.settings.diameter_limit_um * 1e-3,
+    };
+    let slow = taken.label.pass != Pass::Find;
+    slow.then(|| measured.check(&taken.label.ball, stated_mm, &limits).err()).flatten()
 }
 
-fn outside(bench: &Bench<'_>, taken: &Taken<'_>, fault: &str) -> Refused {
+fn outside(fault: &BallDoubt) -> Refused {
     Refused {
-        why: format!("{}: {fault}, twice: dirt, loose ball or wrong stylus?", name(bench, taken)),
+        why: format!("twice the same: {fault}"),
         instead: "clean and tighten the ball and the stylus and compare both radii with the machine \
                   file; `trued resume` measures the ball again. form_limit_um and diameter_limit_um \
                   stand in [method.samba]"
@@ -80,7 +75,8 @@ fn name(bench: &Bench<'_>, taken: &Taken<'_>) -> String {
 
 /// A ball may be no further from where it was expected than was granted.
 fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Result<(), Refused> {
-    let (Some(measured), Some(ball)) = (taken.measured(bench), bench.balls.balls.get(taken.ball))
+    let (Some(Ok(measured)), Some(ball)) =
+        (taken.measured(bench), bench.balls.balls.get(taken.ball))
     else {
         return Ok(());
     };
@@ -92,7 +88,7 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     let stated = DVec3::from_array(ball.centre_mm);
     let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
     let (away, limit) =
-        (measured.centre.distance(expected), known.uncertainty_mm(bench, taken.ball));
+        (measured.centre_mm.distance(expected), known.uncertainty_mm(bench, taken.ball));
     if away <= limit {
         return Ok(());
     }

@@ -1,3 +1,10 @@
+mod g4;
+mod htm;
+mod other_machines;
+mod whole;
+
+use glam::DVec3;
+
 use crate::kinematics::Topology;
 use crate::record::machine::{AxisSpec, Machine};
 
@@ -9,7 +16,49 @@ pub fn machine(topology: &str) -> Machine {
         name: "test".into(),
         topology: topology.into(),
         axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
-        tool_mm: [0.0, 0.0, -326.717],
+        tool_mm: TOOL.to_array(),
         drift_um_per_h: 0.0,
     }
+}
+
+/// Paper 4, table 4, item S3.
+const TOOL: DVec3 = DVec3::new(-0.012, -0.012, -326.746);
+/// Its table 1, less than half a millimetre beside: nobody calibrated the balls.
+const BAR_MM: f64 = 304.8;
+
+/// Paper 4, table 1.
+fn paper_balls() -> Vec<DVec3> {
+    table(include_str!("../../../../tests/data/paper4-table1.csv"))
+        .map(|fields| {
+            let number = |k: usize| fields[k].parse::<f64>().unwrap();
+            DVec3::new(number(1), number(2), number(3))
+        })
+        .collect()
+}
+
+/// Where the balls really stand.
+fn true_balls() -> Vec<DVec3> {
+    let beside = |i: usize, k: f64| 0.4 * (i as f64 * 2.1 + k).sin();
+    let mut balls = paper_balls();
+    for (i, ball) in balls.iter_mut().enumerate() {
+        *ball += DVec3::new(beside(i, 0.0), beside(i, 1.0), beside(i, 2.0));
+    }
+    let along = (balls[1] - balls[0]).normalize();
+    balls[1] = balls[0] + along * BAR_MM;
+    balls
+}
+
+/// Paper 4, table 2, in mm, rad, mm/mm.
+fn paper_errors() -> Vec<(String, f64)> {
+    table(include_str!("../../../../tests/data/paper4-table2.csv"))
+        .map(|fields| {
+            let scale = if fields[2] == "mm" { 1.0 } else { 1e-6 };
+            (fields[0].to_owned(), fields[1].parse::<f64>().unwrap() * scale)
+        })
+        .collect()
+}
+
+fn table(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
+    let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
+    lines.map(|line| line.split(',').collect())
 }

@@ -1,0 +1,240 @@
+//! One solve of 613 ball measurements (32 balls of the dome, 24 indexations, thirteen machine errors,
+//! the stylus) against `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian,
+//! vectorised, on the same data in one run; and 10 000 re-solves for Monte Carlo.
+//!
+//! `cargo bench --bench samba`. scipy comes into a venv of its own in the target folder.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use glam::{DMat3, DVec3};
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use trued::base::{Axis, Point, Position, random};
+use trued::kinematics::{Chain, ErrorTerm};
+use trued::methods::samba::{Bar, Measured, Model, Problem, Seen};
+use trued::record::machine::Machine;
+
+const TILTS_DEG: [f64; 6] = [0.0, 30.0, -30.0, 60.0, -60.0, 85.0];
+const NOISE_MM: f64 = 1e-3;
+const U_BAR_MM: f64 = 1e-4;
+const MEASUREMENTS: usize = 613;
+const TRIALS: usize = 10_000;
+const TOOL: DVec3 = DVec3::new(-0.012, -0.012, -326.746);
+const NOMINAL_TOOL: DVec3 = DVec3::new(0.0, 0.0, -326.717);
+const SCRIPT: &str = include_str!("samba_scipy.py");
+
+/// Paper 4, table 2.
+const ERRORS: [(&str, f64); 13] = [
+    ("EA0B", -11e-6),
+    ("EC0B", -8e-6),
+    ("EX0C", -0.105),
+    ("EA0C", -11e-6),
+    ("EB0C", -8e-6),
+    ("EB0Z", -13e-6),
+    ("EA0Y", -18e-6),
+    ("EC0Y", 21e-6),
+    ("EY0S", 0.020),
+    ("EX0S", -0.106),
+    ("EXX1", -16e-6),
+    ("EYY1", 11e-6),
+    ("EZZ1", 21e-6),
+];
+
+struct Data {
+    problem: Problem,
+    measured: Measured,
+    /// Per measurement: B, C, S (rad), X, Y, Z (mm), ball.
+    table: Vec<([f64; 6], usize)>,
+    balls: usize,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let data = data()?;
+    let (ours_s, ours) = ours(&data)?;
+    println!("trued: {:.3} ms for one solve of {} unknowns", ours_s * 1e3, ours.len());
+    let trials_s = trials(&data)?;
+    println!(
+        "trued: {trials_s:.2} s for {TRIALS} re-solves on {} threads",
+        rayon::current_num_threads()
+    );
+    let scipy = scipy_python().and_then(|python| scipy(&python, &data));
+    let (scipy_s, theirs) = match scipy {
+        Ok(found) => found,
+        Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
+            println!("scipy: skipped, {why}");
+            return Ok(());
+        }
+        Err(why) => return Err(why),
+    };
+    for (j, (found, theirs)) in ours.iter().zip(&theirs).enumerate() {
+        // A nanometre, a nanoradian: a thousandth of the noise.
+        if (found - theirs).abs() > 1e-6 {
+            return Err(format!("unknown {j}: {found} against {theirs} of scipy").into());
+        }
+    }
+    println!("scipy: {:.1} ms", scipy_s * 1e3);
+    println!("ratio: {:.1}", scipy_s / ours_s);
+    Ok(())
+}
+
+/// Best of twenty: seconds, and the unknowns.
+fn ours(data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
+    let (mut best, mut x) = (f64::INFINITY, Vec::new());
+    for _ in 0..20 {
+        let start = Instant::now();
+        let found = data.problem.solve(&data.measured, data.problem.start(&data.measured))?;
+        best = best.min(start.elapsed().as_secs_f64());
+        x = found.x;
+    }
+    Ok((best, x))
+}
+
+/// Seconds for the re-solves; that their scatter is the covariance is checked on the way.
+fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
+    let Data { problem, measured, .. } = data;
+    let minimum = problem.solve(measured, problem.start(measured))?;
+    let start = Instant::now();
+    let squares: f64 = (0..TRIALS)
+        .into_par_iter()
+        .map(|trial| {
+            let mut normal = StandardNormal.sample_iter(random::stream(trial as u64, &[2]));
+            let mut drawn = measured.clone();
+            for xyz in &mut drawn.xyz {
+                let mut next = || -> f64 { normal.next().unwrap_or_default() };
+                *xyz += DVec3::new(next(), next(), next()) * NOISE_MM;
+            }
+            for length in &mut drawn.lengths {
+                *length += normal.next().unwrap_or_default() * U_BAR_MM;
+            }
+            (problem.solve_near(&minimum, &drawn)[0] - minimum.x[0]).powi(2)
+        })
+        .sum();
+    let seconds = start.elapsed().as_secs_f64();
+    let ratio = (squares / TRIALS as f64 / minimum.factored.covariance()[(0, 0)]).sqrt();
+    if (ratio - 1.0).abs() > 0.03 {
+        return Err(format!("the trials scatter {ratio} times what the covariance says").into());
+    }
+    Ok(seconds)
+}
+
+/// The dome measured at 24 indexations on the machine of paper 4; the balls that stand highest.
+fn data() -> Result<Data, Box<dyn Error>> {
+    let machine: Machine = serde_json::from_str(
+        r#"{"name":"paper 4","topology":"w-C-B-X-F-Z-Y-S-t","axes":{
+            "X":{"min":-900,"max":900},"Y":{"min":-900,"max":900},"Z":{"min":-900,"max":900},
+            "B":{"min":-120,"max":120},"C":{"min":-360,"max":360},"S":{"min":-360,"max":360}}}"#,
+    )?;
+    let terms: Vec<ErrorTerm> = ERRORS
+        .iter()
+        .map(|(name, value)| Ok(ErrorTerm { parameter: name.parse()?, value: *value }))
+        .collect::<Result<_, Box<dyn Error>>>()?;
+    let (chain, balls) = (Chain::new(&machine)?, balls()?);
+    let mut normal = StandardNormal.sample_iter(random::stream(1, &[1]));
+    let mut next = || -> f64 { normal.next().unwrap_or_default() };
+    let (mut places, mut seen, mut table) = (Vec::new(), Vec::new(), Vec::new());
+    for k in 0..24_usize {
+        let angles = [TILTS_DEG[k / 4], (k % 4) as f64 * 90.0, ((k + k / 4) % 4) as f64 * 90.0]
+            .map(f64::to_radians);
+        let place: Position = [Axis::B, Axis::C, Axis::S].into_iter().zip(angles).collect();
+        let mut stands = Vec::new();
+        for (ball, centre) in balls.iter().enumerate() {
+            let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
+            let linear = chain.linear_axes_for(target, tip, &place, &terms)?;
+            stands.push((ball, Axis::LINEAR.map(|axis| linear.at(axis))));
+        }
+        stands.sort_by(|a, b| b.1[2].total_cmp(&a.1[2]));
+        stands.truncate(MEASUREMENTS / 24 + usize::from(k < MEASUREMENTS % 24));
+        for (ball, xyz) in stands {
+            let xyz = xyz.map(|value| value + next() * NOISE_MM);
+            seen.push(Seen { place: k, ball, whitening: DMat3::IDENTITY / NOISE_MM });
+            table.push(([angles[0], angles[1], angles[2], xyz[0], xyz[1], xyz[2]], ball));
+        }
+        places.push(place);
+    }
+    let parameters: Vec<_> = terms.iter().map(|term| term.parameter).collect();
+    let model = Model::new(&machine, &parameters)?;
+    let bars = vec![Bar { from: 0, to: 7, u_mm: U_BAR_MM }];
+    let measured = Measured {
+        xyz: table.iter().map(|(row, _)| DVec3::new(row[3], row[4], row[5])).collect(),
+        lengths: vec![balls[0].distance(balls[7])],
+    };
+    let problem = Problem::new(model, places, seen, bars, balls.len(), NOMINAL_TOOL);
+    Ok(Data { problem, measured, table, balls: balls.len() })
+}
+
+/// Paper 4, table 3.
+fn balls() -> Result<Vec<DVec3>, Box<dyn Error>> {
+    let text = include_str!("../tests/data/paper4-table3.csv");
+    let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
+    lines
+        .map(|line| {
+            let numbers: Vec<f64> = line.split(',').map(str::parse).collect::<Result<_, _>>()?;
+            Ok(DVec3::from_slice(&numbers[1..4]))
+        })
+        .collect()
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench-scipy")
+}
+
+/// The python of a venv with scipy, made if it is not there.
+fn scipy_python() -> Result<PathBuf, Box<dyn Error>> {
+    if let Some(python) = std::env::var_os("TRUED_BENCH_PYTHON") {
+        std::fs::create_dir_all(folder())?;
+        return Ok(python.into());
+    }
+    let python = folder().join("bin/python");
+    if !python.exists() {
+        run(Command::new("python3").args(["-m", "venv"]).arg(folder()))?;
+    }
+    if run(Command::new(&python).args(["-c", "import scipy"])).is_err() {
+        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "numpy", "scipy"]))?;
+    }
+    Ok(python)
+}
+
+/// Seconds of scipy, and its unknowns in our order.
+fn scipy(python: &Path, data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
+    let mut text = String::new();
+    writeln!(text, "{:?} {U_BAR_MM:e} {NOISE_MM:e} {}", data.measured.lengths[0], data.balls)?;
+    for (row, ball) in &data.table {
+        for value in row {
+            write!(text, "{value:?} ")?;
+        }
+        writeln!(text, "{ball}")?;
+    }
+    let (script, input) = (folder().join("bench.py"), folder().join("data.txt"));
+    std::fs::write(&script, SCRIPT)?;
+    std::fs::write(&input, text)?;
+    let output = run(Command::new(python).arg(script).arg(input))?;
+    let mut numbers = Vec::new();
+    for line in output.lines() {
+        match line.strip_prefix('#') {
+            Some(comment) => println!("scipy:{comment}"),
+            None => numbers.push(line.trim().parse::<f64>()?),
+        }
+    }
+    let (seconds, theirs) = numbers.split_first().ok_or("the script printed nothing")?;
+    let mut x = vec![0.0; theirs.len()];
+    let common = x.len() - 3 * data.balls;
+    x[..common].copy_from_slice(&theirs[..common]);
+    for ball in 0..data.balls {
+        let at = data.problem.ball_at(ball);
+        x[at..at + 3].copy_from_slice(&theirs[common + 3 * ball..][..3]);
+    }
+    Ok((*seconds, x))
+}
+
+fn run(command: &mut Command) -> Result<String, Box<dyn Error>> {
+    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
+    if output.status.success() {
+        Ok(String::from_utf8(output.stdout)?)
+    } else {
+        Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr)).into())
+    }
+}

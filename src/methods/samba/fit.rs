@@ -1,0 +1,319 @@
+//! All measurements as one least-squares problem: machine and stylus are common to all rows, the balls
+//! are its blocks. Balls with a certified length between them share a block.
+
+use glam::{DMat3, DVec3};
+
+use super::model::{Affine, Indexed, Model};
+use crate::base::Position;
+use crate::estimation::nonlinear::NonlinearError;
+use crate::estimation::schur::{Minimum, Rows, minimise};
+
+/// Steps to a solution nearby: the second is of second order already.
+const NEAR_STEPS: usize = 2;
+
+/// Where and how well a ball was measured.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Index of the rotary position.
+    pub place: usize,
+    pub ball: usize,
+    /// W with W·Σ·Wᵀ = I, Σ the covariance of the measured centre, machine frame, mm².
+    pub whitening: DMat3,
+}
+
+/// A certified length between two balls.
+#[derive(Debug, Clone, Copy)]
+pub struct Bar {
+    pub from: usize,
+    pub to: usize,
+    pub u_mm: f64,
+}
+
+/// What was measured, mm: the balls' centres as axis positions, and what the certificates say.
+#[derive(Debug, Clone)]
+pub struct Measured {
+    pub xyz: Vec<DVec3>,
+    pub lengths: Vec<f64>,
+}
+
+#[derive(Debug, Clone)]
+pub struct Problem {
+    model: Model,
+    stylus: DVec3,
+    places: Vec<Position>,
+    seen: Vec<Seen>,
+    bars: Vec<Bar>,
+    groups: Vec<Group>,
+    /// Of each ball: where it stands among the unknowns.
+    ball_at: Vec<usize>,
+    /// Of each measurement: from the table frame to weighted residuals.
+    weights: Vec<DMat3>,
+    /// Of each measurement, then of each length: its first row.
+    row_at: Vec<usize>,
+}
+
+/// Balls that share a block, with what was measured of them.
+#[derive(Debug, Clone, Default)]
+struct Group {
+    balls: Vec<usize>,
+    seen: Vec<usize>,
+    bars: Vec<usize>,
+}
+
+impl Problem {
+    /// Every one of the `balls` must be seen. `stylus` is as stated: where it is not free it stays.
+    pub fn new(
+        model: Model,
+        places: Vec<Position>,
+        seen: Vec<Seen>,
+        bars: Vec<Bar>,
+        balls: usize,
+        stylus: DVec3,
+    ) -> Self {
+        let groups = groups(&seen, &bars, balls);
+        let common = model.parameters().len() + model.stylus().len();
+        let (mut ball_at, mut next) = (vec![0; balls], common);
+        for ball in groups.iter().flat_map(|group| &group.balls) {
+            ball_at[*ball] = next;
+            next += 3;
+        }
+        let (mut row_at, mut row) = (vec![0; seen.len() + bars.len()], 0);
+        for group in &groups {
+            for sight in &group.seen {
+                row_at[*sight] = row;
+                row += 3;
+            }
+            for bar in &group.bars {
+                row_at[seen.len() + bar] = row;
+                row += 1;
+            }
+        }
+        let zero = vec![0.0; model.parameters().len()];
+        let into_machine: Vec<DMat3> = places
+            .iter()
+            .map(|place| model.tips(place, &zero, DVec3::ZERO).linear().inverse())
+            .collect();
+        let weights = seen.iter().map(|s| s.whitening * into_machine[s.place]).collect();
+        Self { model, stylus, places, seen, bars, groups, ball_at, weights, row_at }
+    }
+
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The same measurements with other unknown errors.
+    #[cfg(test)]
+    pub fn with_model(self, model: Model) -> Self {
+        Self::new(model, self.places, self.seen, self.bars, self.ball_at.len(), self.stylus)
+    }
+
+    pub fn unknowns(&self) -> usize {
+        self.common() + 3 * self.ball_at.len()
+    }
+
+    pub fn rows_count(&self) -> usize {
+        3 * self.seen.len() + self.bars.len()
+    }
+
+    /// Where the ball's coordinates begin among the unknowns: machine, tool, balls.
+    pub fn ball_at(&self, ball: usize) -> usize {
+        self.ball_at[ball]
+    }
+
+    /// The first of the three rows of a measurement.
+    pub fn row_of(&self, seen: usize) -> usize {
+        self.row_at[seen]
+    }
+
+    pub fn row_of_bar(&self, bar: usize) -> usize {
+        self.row_at[self.seen.len() + bar]
+    }
+
+    /// From the table frame to the weighted residuals of a measurement.
+    pub fn weight(&self, seen: usize) -> DMat3 {
+        self.weights[seen]
+    }
+
+    fn common(&self) -> usize {
+        self.model.parameters().len() + self.model.stylus().len()
+    }
+
+    /// Errors and stylus of the unknowns `x`.
+    fn machine<'x>(&self, x: &'x [f64]) -> (&'x [f64], DVec3) {
+        let (errors, rest) = x.split_at(self.model.parameters().len());
+        let mut stylus = self.stylus;
+        for (k, value) in self.model.stylus().iter().zip(rest) {
+            stylus[*k] = *value;
+        }
+        (errors, stylus)
+    }
+
+    /// Errors zero, the stylus as stated, the balls where the nominal machine sees them on average.
+    pub fn start(&self, measured: &Measured) -> Vec<f64> {
+        let mut x = vec![0.0; self.unknowns()];
+        let first = self.model.parameters().len();
+        for (i, k) in self.model.stylus().iter().enumerate() {
+            x[first + i] = self.stylus[*k];
+        }
+        let mut counts = vec![0.0; self.ball_at.len()];
+        for (seen, tip) in self.seen.iter().zip(self.tips(&x, measured)) {
+            counts[seen.ball] += 1.0;
+            let at = self.ball_at[seen.ball];
+            let mean = vector(&x, at) + (tip - vector(&x, at)) / counts[seen.ball];
+            put(&mut x, at, mean);
+        }
+        x
+    }
+
+    /// The unknowns at which the weighted squares are least.
+    ///
+    /// # Errors
+    /// Measurements that do not separate the unknowns; no convergence.
+    pub fn solve(&self, measured: &Measured, start: Vec<f64>) -> Result<Minimum, NonlinearError> {
+        minimise(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
+    }
+
+    /// Of each measurement: where the machine with these errors sees the ball, table frame.
+    pub fn tips(&self, x: &[f64], measured: &Measured) -> Vec<DVec3> {
+        let (errors, tool) = self.machine(x);
+        let at: Vec<_> =
+            self.places.iter().map(|place| self.model.tips(place, errors, tool)).collect();
+        self.seen.iter().zip(&measured.xyz).map(|(seen, xyz)| at[seen.place].at(*xyz)).collect()
+    }
+
+    /// Weighted, measured less model, in the order of the rows.
+    pub fn residuals(&self, x: &[f64], measured: &Measured) -> Vec<f64> {
+        let mut residuals = vec![0.0; self.rows_count()];
+        for (i, tip) in self.tips(x, measured).into_iter().enumerate() {
+            let ball = vector(x, self.ball_at[self.seen[i].ball]);
+            put(&mut residuals, self.row_at[i], self.weights[i] * (ball - tip));
+        }
+        for (i, bar) in self.bars.iter().enumerate() {
+            let apart = self.apart(x, bar).length();
+            residuals[self.row_of_bar(i)] = (measured.lengths[i] - apart) / bar.u_mm;
+        }
+        residuals
+    }
+
+    fn apart(&self, x: &[f64], bar: &Bar) -> DVec3 {
+        vector(x, self.ball_at[bar.to]) - vector(x, self.ball_at[bar.from])
+    }
+
+    /// The model linearised at `x`, group by group.
+    pub fn rows(&self, x: &[f64], measured: &Measured) -> Vec<Rows> {
+        let (errors, tool) = self.machine(x);
+        let at: Vec<Indexed> =
+            self.places.iter().map(|place| self.model.indexed(place, errors, tool)).collect();
+        let group_rows = |group: &Group| {
+            let count = 3 * group.seen.len() + group.bars.len();
+            let mut rows = Rows::zeros(count, 3 * group.balls.len(), self.common());
+            let first = self.ball_at[group.balls[0]];
+            for (n, i) in group.seen.iter().enumerate() {
+                let indexed = &at[self.seen[*i].place];
+                self.ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.xyz[*i]);
+            }
+            for (n, i) in group.bars.iter().enumerate() {
+                let row = 3 * group.seen.len() + n;
+                self.bar_row(&mut rows, row, first, &self.bars[*i], x, measured.lengths[*i]);
+            }
+            rows
+        };
+        self.groups.iter().map(group_rows).collect()
+    }
+
+    /// The three rows of the measurement `i`, from `row` on; the block's unknowns begin at `first`.
+    #[allow(clippy::too_many_arguments)]
+    fn ball_rows(
+        &self,
+        rows: &mut Rows,
+        row: usize,
+        first: usize,
+        i: usize,
+        indexed: &Indexed,
+        x: &[f64],
+        xyz: DVec3,
+    ) {
+        let (weight, ball_at) = (self.weights[i], self.ball_at[self.seen[i].ball]);
+        let value = weight * (vector(x, ball_at) - indexed.tip(xyz));
+        (0..3).for_each(|k| rows.set_value(row + k, value[k]));
+        let mut set = |j: usize, column: DVec3| {
+            let weighted = weight * column;
+            (0..3).for_each(|k| rows.set_common(row + k, j, weighted[k]));
+        };
+        let errors = self.model.parameters().len();
+        (0..errors).for_each(|j| set(j, indexed.machine(j, xyz)));
+        for (j, coordinate) in self.model.stylus().iter().enumerate() {
+            set(errors + j, indexed.tool.col(*coordinate));
+        }
+        for j in 0..3 {
+            let column = -weight.col(j);
+            (0..3).for_each(|k| rows.set_own(row + k, ball_at - first + j, column[k]));
+        }
+    }
+
+    fn bar_row(
+        &self,
+        rows: &mut Rows,
+        row: usize,
+        first: usize,
+        bar: &Bar,
+        x: &[f64],
+        length: f64,
+    ) {
+        let apart = self.apart(x, bar);
+        let along = apart.normalize_or_zero() / bar.u_mm;
+        rows.set_value(row, (length - apart.length()) / bar.u_mm);
+        for j in 0..3 {
+            rows.set_own(row, self.ball_at[bar.to] - first + j, along[j]);
+            rows.set_own(row, self.ball_at[bar.from] - first + j, -along[j]);
+        }
+    }
+
+    /// The solution for measurements that differ little from those of `minimum`: its Jacobian serves.
+    pub fn solve_near(&self, minimum: &Minimum, measured: &Measured) -> Vec<f64> {
+        let mut x = minimum.x.clone();
+        for _ in 0..NEAR_STEPS {
+            let step = minimum.factored.solve(&self.residuals(&x, measured));
+            x.iter_mut().zip(&step).for_each(|(x, step)| *x += step);
+        }
+        x
+    }
+
+    /// What an exact machine of these unknowns would measure. Only there do the rows show what cannot
+    /// be told apart: where something is left over, shrinking everything would lessen it.
+    pub fn ideal(&self, x: &[f64]) -> Measured {
+        let (errors, tool) = self.machine(x);
+        let at: Vec<Affine> =
+            self.places.iter().map(|place| self.model.tips(place, errors, tool)).collect();
+        let xyz = self.seen.iter().map(|seen| {
+            let tip = &at[seen.place];
+            let ball = vector(x, self.ball_at[seen.ball]);
+            tip.linear().inverse() * (ball - tip.at(DVec3::ZERO))
+        });
+        let lengths = self.bars.iter().map(|bar| self.apart(x, bar).length());
+        Measured { xyz: xyz.collect(), lengths: lengths.collect() }
+    }
+}
+
+/// Balls joined by lengths, each set in the order of its first ball.
+fn groups(seen: &[Seen], bars: &[Bar], balls: usize) -> Vec<Group> {
+    let mut of: Vec<usize> = (0..balls).collect();
+    for bar in bars {
+        let (kept, joined) = (of[bar.from].min(of[bar.to]), of[bar.from].max(of[bar.to]));
+        of.iter_mut().filter(|group| **group == joined).for_each(|group| *group = kept);
+    }
+    let mut groups = vec![Group::default(); balls];
+    (0..balls).for_each(|ball| groups[of[ball]].balls.push(ball));
+    seen.iter().enumerate().for_each(|(i, seen)| groups[of[seen.ball]].seen.push(i));
+    bars.iter().enumerate().for_each(|(i, bar)| groups[of[bar.from]].bars.push(i));
+    groups.retain(|group| !group.balls.is_empty());
+    groups
+}
+
+pub fn vector(x: &[f64], at: usize) -> DVec3 {
+    DVec3::new(x[at], x[at + 1], x[at + 2])
+}
+
+fn put(x: &mut [f64], at: usize, value: DVec3) {
+    x[at..at + 3].copy_from_slice(&value.to_array());
+}

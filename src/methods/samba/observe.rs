@@ -1,0 +1,201 @@
+//! Readings → measurements of balls: the axis positions at which the stylus-ball centre coincides with
+//! the centre of the ball.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::DVec3;
+
+use super::label::{Label, Pass};
+use crate::base::{Axis, Position};
+use crate::estimation::sphere::fit_sphere;
+use crate::methods::{IdentifyError, Refused};
+use crate::record::artefact::{Artefact, Balls};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
+use crate::record::reading::{Flag, Reading};
+
+/// Touches that give centre and radius.
+const LEAST_TOUCHES: usize = 4;
+
+/// One measurement of one ball.
+#[derive(Debug, Clone)]
+pub struct Sight {
+    /// Of one of its touches.
+    pub label: Label,
+    /// Index of the ball in the artefact.
+    pub ball: usize,
+    /// Index of the rotary position in [`Observed::places`].
+    pub place: usize,
+    /// Centre, as axis positions, mm.
+    pub xyz: DVec3,
+    /// Ball and stylus ball together, less pre-travel, mm.
+    pub radius: f64,
+    /// Largest deviation of a touch from the sphere, mm.
+    pub form: f64,
+    pub touches: Vec<Touch>,
+    /// Mean of its touches.
+    pub t_s: f64,
+}
+
+/// How one touch acts on its measurement.
+#[derive(Debug, Clone, Copy)]
+pub struct Touch {
+    /// Outward at the ball, machine frame.
+    pub normal: DVec3,
+    /// Shift of the centre by a deviation of the touch along the normal.
+    pub gain: DVec3,
+}
+
+#[derive(Debug, Clone, Default)]
+pub struct Observed {
+    /// Rotary axes and spindle.
+    pub places: Vec<Position>,
+    pub sights: Vec<Sight>,
+    /// Measurements that could not be used, in words.
+    pub left_out: Vec<String>,
+}
+
+/// Which touches are one measurement; the order is that of the visits.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Visit {
+    repeat: u32,
+    indexation: u32,
+    pass: Pass,
+    ball: String,
+}
+
+/// Slow and reference touches by measurement, spheres fitted. Flagged touches are left out.
+///
+/// # Errors
+/// Readings that do not belong to the plan, an artefact without balls, labels that are none.
+pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+    let balls = balls(plan)?;
+    let steps: BTreeMap<u32, &Step> = plan.steps.iter().map(|step| (step.id, step)).collect();
+    let mut seen = BTreeSet::new();
+    let mut visits: BTreeMap<Visit, Vec<(&Step, &Reading, Label)>> = BTreeMap::new();
+    for reading in readings {
+        let step =
+            *steps.get(&reading.step).ok_or(IdentifyError::UnknownStep { step: reading.step })?;
+        if !seen.insert((reading.step, reading.repeat)) {
+            let Reading { step, repeat, .. } = *reading;
+            return Err(IdentifyError::Duplicate { step, repeat });
+        }
+        let label: Label = step.label.parse().map_err(|why| refused(format!("{why}")))?;
+        if label.pass == Pass::Find {
+            continue;
+        }
+        let visit = Visit {
+            repeat: reading.repeat,
+            indexation: label.indexation,
+            pass: label.pass,
+            ball: label.ball.clone(),
+        };
+        let touches = visits.entry(visit).or_default();
+        if reading.flag == Flag::None {
+            touches.push((step, reading, label));
+        }
+    }
+    let mut observed = Observed { left_out: superseded(&mut visits), ..Observed::default() };
+    for (visit, touches) in visits {
+        let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
+        let ball =
+            ball.ok_or_else(|| refused(format!("the artefact has no ball {}", visit.ball)))?;
+        match sight(&touches, ball, &mut observed.places) {
+            Ok(sight) => observed.sights.push(sight),
+            Err(why) => observed.left_out.push(format!(
+                "ball {} at indexation {} is left out: {why}",
+                visit.ball, visit.indexation
+            )),
+        }
+    }
+    observed.sights.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    Ok(observed)
+}
+
+/// Takes out what was measured once more (dirt, a loose ball): the newest counts. What was measured
+/// again after a stop shows whether the machine stands as it stood, and supersedes nothing.
+fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
+    let ordinary = |visit: &&Visit| visit.repeat < REPEAT_AFTER_STOP;
+    let key = |visit: &Visit| (visit.pass, visit.indexation, visit.ball.clone());
+    // In the order of repeats: the last one stays.
+    let newest: BTreeMap<_, u32> =
+        visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
+    let mut left_out = Vec::new();
+    visits.retain(|visit, _| {
+        let stays =
+            !ordinary(&visit) || newest.get(&key(visit)).is_none_or(|last| *last == visit.repeat);
+        if !stays {
+            left_out.push(format!(
+                "ball {} at indexation {} was measured once more: only the last measurement counts",
+                visit.ball, visit.indexation
+            ));
+        }
+        stays
+    });
+    left_out
+}
+
+pub fn balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
+    match &plan.artefact {
+        Artefact::Balls(balls) => Ok(balls),
+        Artefact::Cylinder(_) => Err(refused("samba measures balls, the artefact has none".into())),
+    }
+}
+
+fn refused(why: String) -> IdentifyError {
+    let instead = "give the plan of the run that these readings come from".to_owned();
+    Refused { why, instead }.into()
+}
+
+fn sight(
+    touches: &[(&Step, &Reading, Label)],
+    ball: usize,
+    places: &mut Vec<Position>,
+) -> Result<Sight, String> {
+    let [(step, reading, label), ..] = touches else {
+        return Err("all its touches are excluded".to_owned());
+    };
+    if touches.len() < LEAST_TOUCHES {
+        return Err(format!("{} touches, {LEAST_TOUCHES} are needed", touches.len()));
+    }
+    let rotary = |step: &Step, reading: &Reading| {
+        step.from.updated_by(&reading.position).only(|axis| !axis.is_linear())
+    };
+    let place = rotary(step, reading);
+    if touches.iter().any(|(step, reading, _)| rotary(step, reading) != place) {
+        return Err("its touches were not made at one rotary position".to_owned());
+    }
+    let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
+    let points: Option<Vec<[f64; 3]>> = touches
+        .iter()
+        .map(|(_, reading, _)| match xyz(reading) {
+            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            _ => None,
+        })
+        .collect();
+    let points = points.ok_or("a reading lacks X, Y or Z")?;
+    let sphere = fit_sphere(&points).map_err(|why| why.to_string())?;
+    let centre = DVec3::from_array(sphere.centre);
+    let touch = |point: &[f64; 3]| {
+        let normal = (DVec3::from_array(*point) - centre).normalize_or_zero();
+        let row = [normal.x, normal.y, normal.z, 1.0];
+        let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
+        Touch { normal, gain: DVec3::new(gain(0), gain(1), gain(2)) }
+    };
+    Ok(Sight {
+        label: label.clone(),
+        ball,
+        place: index_of(place, places),
+        xyz: centre,
+        radius: sphere.radius,
+        form: sphere.residuals.iter().fold(0.0, |most, residual| most.max(residual.abs())),
+        touches: points.iter().map(touch).collect(),
+        t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
+    })
+}
+
+fn index_of(place: Position, places: &mut Vec<Position>) -> usize {
+    places.iter().position(|known| *known == place).unwrap_or_else(|| {
+        places.push(place);
+        places.len() - 1
+    })
+}

@@ -1,0 +1,226 @@
+//! The estimate in the words and units of the contract.
+
+use std::collections::BTreeSet;
+
+use faer::{Mat, Side};
+use glam::DVec3;
+
+use super::fit::{Measured, Problem, vector};
+use super::settings::Settings;
+use super::suspects::{Outlier, Solved};
+use super::uncertainty::{Misfit, Propagated};
+use super::warnings;
+use crate::base::{Axis, Position};
+use crate::estimation::coverage;
+use crate::estimation::linear::Survey;
+use crate::estimation::monte_carlo::Summary;
+use crate::kinematics::{ErrorParameter, Shape};
+use crate::record::artefact::{Balls, Length};
+use crate::record::estimate::{
+    Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Parameter,
+    Unit, Verdict,
+};
+use crate::record::plan::Plan;
+
+/// Members of the least certain direction that are named, and how small a part still counts.
+const NAMED: usize = 4;
+const COUNTS: f64 = 0.3;
+
+/// Everything that the estimate is written from.
+pub struct Parts<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub solved: Solved<'a>,
+    pub measured: &'a Measured,
+    pub names: Vec<String>,
+    pub survey: Survey,
+    pub misfit: Misfit,
+    pub propagated: Propagated,
+    pub monte_carlo: Summary,
+    pub lengths: &'a [&'a Length],
+    pub u_bars: &'a [f64],
+}
+
+pub fn estimate(parts: &Parts<'_>) -> Estimate {
+    let Solved { problem, minimum, .. } = parts.solved;
+    let outliers = parts.solved.outliers();
+    let misses = misses(parts);
+    let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
+    let dof = minimum.residuals.len().saturating_sub(problem.unknowns());
+    Estimate {
+        trued_estimate: ESTIMATE_VERSION,
+        method: super::NAME.to_owned(),
+        parameters: (0..problem.unknowns()).map(|i| parameter(parts, i)).collect(),
+        functions: Vec::new(),
+        circles: Vec::new(),
+        arrows: vec![arrows(parts, &misses, &outliers)],
+        covariance: covariance(parts),
+        rank: parts.survey.rank,
+        unknowns: problem.unknowns(),
+        condition: parts.survey.condition,
+        weakest: weakest(parts),
+        gauge: gauge(parts),
+        not_identifiable: warnings::not_identifiable(parts),
+        residual_rms_um: (square / (3 * misses.len()).max(1) as f64).sqrt() * 1e3,
+        degrees_of_freedom: dof,
+        chi2_per_dof: if dof > 0 { parts.misfit.chi2 / parts.misfit.expected } else { 0.0 },
+        verdict: Verdict::None,
+        warnings: warnings::warnings(parts, &outliers),
+        priors: Vec::new(),
+    }
+}
+
+/// Of all unknowns in their order: machine errors by their ISO names, stylus, balls.
+pub fn names(problem: &Problem, balls: &Balls) -> Vec<String> {
+    let mut names: Vec<String> =
+        problem.model().parameters().iter().map(ToString::to_string).collect();
+    let stylus = problem.model().stylus().iter();
+    names.extend(stylus.map(|k| format!("tool_{}", ["x", "y", "z"][*k])));
+    names.resize(problem.unknowns(), String::new());
+    for (ball, named) in balls.balls.iter().enumerate() {
+        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            names[problem.ball_at(ball) + k] = format!("ball_{}_{axis}", named.id);
+        }
+    }
+    names
+}
+
+/// Lost directions, the one of the uniform scale by its own name.
+pub fn lost_in_words(lines: Vec<String>) -> Vec<String> {
+    let lines = lines.into_iter().map(|line| {
+        let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
+        if gains > 1 {
+            format!("the uniform scale, which a certified length would give: {line}")
+        } else {
+            line
+        }
+    });
+    lines.collect()
+}
+
+fn unit(parts: &Parts<'_>, unknown: usize) -> Unit {
+    let of_machine = |p: &ErrorParameter| match (p.shape(), p.component().is_linear()) {
+        (Shape::Gain, _) => Unit::UmPerM,
+        (_, true) => Unit::Um,
+        (_, false) => Unit::Urad,
+    };
+    parts.solved.problem.model().parameters().get(unknown).map_or(Unit::Mm, of_machine)
+}
+
+fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
+    let unit = unit(parts, i);
+    let dof = parts.propagated.dof(i, &parts.misfit);
+    let (k, u) = (coverage::coverage_factor(dof.unwrap_or(f64::INFINITY)), parts.propagated.u(i));
+    let budget = parts.propagated.budget.iter().map(|(source, u)| BudgetLine {
+        source: (*source).to_owned(),
+        u: unit.from_internal(u[i]),
+    });
+    Parameter {
+        symbol: parts.names[i].clone(),
+        value: unit.from_internal(parts.solved.minimum.x[i]),
+        unit,
+        u: unit.from_internal(u),
+        expanded: unit.from_internal(k * u),
+        k,
+        dof,
+        identifiable: true,
+        u_monte_carlo: Some(unit.from_internal(parts.monte_carlo.standard_deviation[i])),
+        budget: budget.collect(),
+    }
+}
+
+fn covariance(parts: &Parts<'_>) -> Covariance {
+    let count = parts.names.len();
+    let factor: Vec<f64> = (0..count).map(|i| unit(parts, i).from_internal(1.0)).collect();
+    let full = &parts.propagated.covariance;
+    let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
+    Covariance { symbols: parts.names.clone(), rows: (0..count).map(row).collect() }
+}
+
+/// Where the machine as found sees each ball, less where it is; table frame, mm.
+fn misses(parts: &Parts<'_>) -> Vec<DVec3> {
+    let Solved { problem, minimum, observed, .. } = parts.solved;
+    let tips = problem.tips(&minimum.x, parts.measured);
+    let ball = |ball| vector(&minimum.x, problem.ball_at(ball));
+    observed.sights.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
+}
+
+fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFigure {
+    let Solved { problem, minimum, observed, balls } = parts.solved;
+    let flagged: BTreeSet<usize> = outliers.iter().map(|outlier| outlier.sight).collect();
+    let arrow = |i: usize| {
+        let ball = observed.sights[i].ball;
+        Arrow {
+            label: balls.balls[ball].id.clone(),
+            at_mm: vector(&minimum.x, problem.ball_at(ball)).to_array(),
+            vector: (misses[i] * 1e3).to_array(),
+            flagged: flagged.contains(&i),
+        }
+    };
+    let group = |(place, position): (usize, &Position)| {
+        let here = (0..misses.len()).filter(|i| observed.sights[*i].place == place);
+        Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
+    };
+    let groups = observed.places.iter().enumerate().map(group).collect();
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
+}
+
+/// e.g. `B -30°, C 90°`.
+pub fn place_name(position: &Position) -> String {
+    let axes = position.iter().filter(|(axis, _)| !axis.is_linear());
+    let named: Vec<String> =
+        axes.map(|(axis, value)| format!("{axis} {:.0}°", axis.to_edge(value))).collect();
+    named.join(", ")
+}
+
+/// The direction in the scaled unknowns that the measurements see least.
+fn weakest(parts: &Parts<'_>) -> Option<String> {
+    let factored = &parts.solved.minimum.factored;
+    let (covariance, norms) = (factored.covariance(), factored.column_norms());
+    let count = norms.len();
+    let scaled = Mat::from_fn(count, count, |i, j| covariance[(i, j)] * norms[i] * norms[j]);
+    let eigen = scaled.self_adjoint_eigen(Side::Lower).ok()?;
+    let direction = eigen.U().col(count.checked_sub(1)?);
+    let mut members: Vec<usize> = (0..count).collect();
+    members.sort_by(|a, b| direction[*b].abs().total_cmp(&direction[*a].abs()));
+    let largest = direction[*members.first()?].abs();
+    members.retain(|i| direction[*i].abs() > COUNTS * largest);
+    members.truncate(NAMED);
+    let names: Vec<&str> = members.iter().map(|i| parts.names[*i].as_str()).collect();
+    Some(match names.as_slice() {
+        [only] => format!("{only} alone"),
+        [first, others @ ..] => format!("{first} together with {}", others.join(", ")),
+        [] => return None,
+    })
+}
+
+fn gauge(parts: &Parts<'_>) -> Vec<String> {
+    let model = parts.solved.problem.model();
+    let taken: BTreeSet<String> = model.parameters().iter().map(ToString::to_string).collect();
+    let axes = model.chain().topology().axes();
+    let held: Vec<String> = axes
+        .flat_map(|axis| {
+            let components = Axis::ALL.into_iter().filter(|component| *component != Axis::S);
+            components.map(move |component| format!("E{component}0{axis}"))
+        })
+        .filter(|name| !taken.contains(name))
+        .collect();
+    let mut lines = vec![
+        format!(
+            "held at zero, being other names for what is given, or not asked for: {}",
+            held.join(", ")
+        ),
+        "ball coordinates: the table frame of the machine as found, all rotary axes at zero"
+            .to_owned(),
+    ];
+    for k in (0..3).filter(|k| !model.stylus().contains(k)) {
+        lines.push(format!(
+            "tool_{} is held as stated: it only shifts all balls alike",
+            ["x", "y", "z"][k]
+        ));
+    }
+    if parts.lengths.iter().any(|length| length.temperature_c.is_some()) {
+        lines.push("gains: against the certified length at its stated temperature".to_owned());
+    }
+    lines
+}

@@ -1,0 +1,174 @@
+//! Sources of uncertainty as they act on what is measured: X, Y, Z of each measurement (machine frame,
+//! mm), then each certified length (mm). The magnitudes are those that the plan declares (METHODS
+//! section 6).
+
+use glam::{DMat3, DVec3};
+
+use super::observe::{Observed, Sight};
+use crate::base::Axis;
+use crate::estimation::smooth::smooth_function;
+use crate::record::artefact::Length;
+use crate::record::machine::AxisSpec;
+use crate::record::plan::Plan;
+
+/// Distribution of one independent draw of unit variance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    Normal,
+    Rectangular,
+}
+
+/// What one independent draw moves: neighbouring entries from `first` on.
+#[derive(Debug, Clone)]
+pub struct Draw {
+    pub first: usize,
+    pub values: Vec<f64>,
+}
+
+#[derive(Debug, Clone)]
+pub struct UncertaintySource {
+    pub name: &'static str,
+    pub shape: Shape,
+    pub draws: Vec<Draw>,
+    /// Whether the residuals show it, so that they may correct its size. A certificate's error
+    /// moves everything together.
+    pub shown: bool,
+}
+
+/// Contact-direction harmonics of lobing; each takes an equal share of the declared variance. Lower
+/// ones are radius and stylus offset.
+const LOBES: std::ops::RangeInclusive<usize> = 2..=6;
+
+/// Assumed standard uncertainty of one touch where none is declared, mm; the residuals rescale it.
+const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
+
+/// No measurement weighs more than one of this standard uncertainty, mm.
+const LEAST_MM: f64 = 1e-6;
+
+pub fn sources(plan: &Plan, observed: &Observed, lengths: &[&Length]) -> Vec<UncertaintySource> {
+    let sights = &observed.sights;
+    let mut list = vec![
+        of_touches("repeatability of a touch", Shape::Normal, sights, |_| repeatability(plan)),
+        of_touches("resolution", Shape::Rectangular, sights, |normal| resolution(plan, normal)),
+        lobing(plan, observed),
+        linear_axes(plan, sights),
+        drift(plan, sights),
+    ];
+    list.extend(certificates(sights.len(), lengths));
+    for source in &mut list {
+        source.draws.retain(|draw| draw.values.iter().any(|value| *value != 0.0));
+    }
+    list.retain(|source| !source.draws.is_empty());
+    list
+}
+
+/// What each source alone makes of the covariance of each measurement, summed: the weights, mm². A
+/// source that moves many measurements together weighs as if it did not.
+pub fn weighting(sources: &[UncertaintySource], sights: usize) -> Vec<DMat3> {
+    let mut covariances = vec![DMat3::from_diagonal(DVec3::splat(LEAST_MM.powi(2))); sights];
+    let weighed = sources.iter().filter(|source| source.shown && source.name != LOBING);
+    for draw in weighed.flat_map(|source| &source.draws) {
+        for (i, moved) in draw.values.chunks_exact(3).enumerate() {
+            let moved = DVec3::from_slice(moved);
+            covariances[draw.first / 3 + i] +=
+                DMat3::from_cols(moved * moved.x, moved * moved.y, moved * moved.z);
+        }
+    }
+    covariances
+}
+
+fn repeatability(plan: &Plan) -> f64 {
+    plan.probe.repeatability_um.map_or(UNDECLARED_REPEATABILITY_MM, |um| um * 1e-3)
+}
+
+/// Width one step of each displayed axis, projected on the normal.
+fn resolution(plan: &Plan, normal: DVec3) -> f64 {
+    let width =
+        |axis| plan.machine.axes.get(&axis).map_or(0.0, |a: &AxisSpec| a.resolution_um * 1e-3);
+    (DVec3::from_array(Axis::LINEAR.map(width)) * normal).length() / 12f64.sqrt()
+}
+
+/// One draw a touch, `u` along its normal.
+fn of_touches(
+    name: &'static str,
+    shape: Shape,
+    sights: &[Sight],
+    u: impl Fn(DVec3) -> f64,
+) -> UncertaintySource {
+    let draws = sights.iter().enumerate().flat_map(|(i, sight)| {
+        let u = &u;
+        sight.touches.iter().map(move |touch| Draw {
+            first: 3 * i,
+            values: (touch.gain * u(touch.normal)).to_array().to_vec(),
+        })
+    });
+    UncertaintySource { name, shape, draws: draws.collect(), shown: true }
+}
+
+const LOBING: &str = "probe lobing";
+
+/// Direction-dependent pre-travel of the probe: harmonics of the azimuth in the frame of the spindle,
+/// fading towards its pole. It turns with the spindle.
+fn lobing(plan: &Plan, observed: &Observed) -> UncertaintySource {
+    let share = plan.probe.lobing_um * 1e-3 / (LOBES.count() as f64).sqrt();
+    let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.sign());
+    let draws = LOBES.flat_map(|lobes| [0.0, 0.25].map(|part| (lobes as f64, part))).map(|which| {
+        let (lobes, quarter) = which;
+        let shift = |sight: &Sight| {
+            let turned = sense * observed.places[sight.place].at(Axis::S);
+            let of_touch = |touch: &super::observe::Touch| {
+                let level = touch.normal.x.hypot(touch.normal.y);
+                let azimuth = touch.normal.y.atan2(touch.normal.x) - turned;
+                let phase = lobes * azimuth - quarter * std::f64::consts::TAU;
+                touch.gain * (share * level * phase.cos())
+            };
+            sight.touches.iter().map(of_touch).sum::<DVec3>()
+        };
+        spread(&observed.sights, shift)
+    });
+    UncertaintySource { name: LOBING, shape: Shape::Normal, draws: draws.collect(), shown: true }
+}
+
+/// Positioning and straightness of X, Y and Z, each a smooth random function of its axis.
+fn linear_axes(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
+    let mut draws = Vec::new();
+    for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
+        if spec.error_motion_um == 0.0 {
+            continue;
+        }
+        let places: Vec<f64> = sights.iter().map(|sight| sight.xyz[k].round()).collect();
+        let sigma = spec.error_motion_um * 1e-3;
+        for column in smooth_function(&places, sigma, spec.error_wavelength_mm) {
+            draws.extend(DVec3::AXES.map(|along| Draw {
+                first: 0,
+                values: column.iter().flat_map(|value| (along * *value).to_array()).collect(),
+            }));
+        }
+    }
+    let name = "error motions of X, Y and Z";
+    UncertaintySource { name, shape: Shape::Normal, draws, shown: true }
+}
+
+/// The table against the spindle in X and in Y, at the declared rate, from the middle of the run.
+fn drift(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
+    let rate_mm_per_s = plan.machine.drift_um_per_h * 1e-3 / 3600.0;
+    let mean = sights.iter().map(|sight| sight.t_s).sum::<f64>() / sights.len().max(1) as f64;
+    let along = |axis: DVec3| spread(sights, |sight| axis * rate_mm_per_s * (sight.t_s - mean));
+    let draws = vec![along(DVec3::X), along(DVec3::Y)];
+    UncertaintySource { name: "thermal drift", shape: Shape::Normal, draws, shown: true }
+}
+
+fn spread(sights: &[Sight], shift: impl Fn(&Sight) -> DVec3) -> Draw {
+    Draw { first: 0, values: sights.iter().flat_map(|sight| shift(sight).to_array()).collect() }
+}
+
+fn certificates(sights: usize, lengths: &[&Length]) -> [UncertaintySource; 2] {
+    [("certified length", 0), ("temperature of the certified length", 1)].map(|(name, part)| {
+        let draws = lengths.iter().enumerate().map(|(i, length)| Draw {
+            first: 3 * sights + i,
+            values: vec![super::model::length_u_mm(length)[part]],
+        });
+        UncertaintySource { name, shape: Shape::Normal, draws: draws.collect(), shown: false }
+    })
+}

@@ -1,0 +1,189 @@
+//! What does not fit the rest: single measurements, balls that moved between two visits, lengths. It is
+//! flagged and named; nothing is taken out.
+
+use glam::DVec3;
+
+use super::fit::Problem;
+use super::observe::Observed;
+use crate::estimation::coverage;
+use crate::estimation::schur::Minimum;
+use crate::kinematics::Shape;
+use crate::record::artefact::{Balls, Length};
+
+/// Probability of a false alarm over all measurements.
+const FALSE_ALARM: f64 = 1e-3;
+/// A step of a ball must explain this part of all misfit to be named.
+const TELLING: f64 = 0.3;
+/// Measurements on either side of a step: a single one is an outlier.
+const VISITS: usize = 2;
+/// A row that is explained by itself to this degree is checked by no other.
+const ALONE: f64 = 1.0 - 1e-4;
+/// Disagreement of a certified length with its balls that no machine has, mm/mm.
+const DISAGREES: f64 = 1e-4;
+
+/// The least-squares problem at its solution.
+#[derive(Clone, Copy)]
+pub struct Solved<'a> {
+    pub problem: &'a Problem,
+    pub minimum: &'a Minimum,
+    pub observed: &'a Observed,
+    pub balls: &'a Balls,
+}
+
+/// A measurement that is far from the rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Outlier {
+    pub sight: usize,
+    /// Largest externally studentised residual of its three rows.
+    pub t: f64,
+}
+
+impl Solved<'_> {
+    fn id(&self, ball: usize) -> &str {
+        self.balls.balls.get(ball).map_or("", |ball| ball.id.as_str())
+    }
+
+    fn chi2(&self) -> f64 {
+        self.minimum.residuals.iter().map(|r| r * r).sum()
+    }
+
+    fn dof(&self) -> usize {
+        self.minimum.residuals.len().saturating_sub(self.problem.unknowns())
+    }
+
+    /// Measurements whose externally studentised residuals are beyond the limit of Student's t for so
+    /// many of them (Bonferroni).
+    pub fn outliers(&self) -> Vec<Outlier> {
+        let (chi2, dof) = (self.chi2(), self.dof());
+        if dof < 2 {
+            return Vec::new();
+        }
+        let leverage = self.minimum.factored.leverage();
+        let count = self.observed.sights.len();
+        let probability = 1.0 - FALSE_ALARM / (3 * count) as f64;
+        let limit = coverage::two_sided(probability, (dof - 1) as f64);
+        let studentised = |row: usize| {
+            let own = self.minimum.residuals[row].powi(2) / (1.0 - leverage[row]).max(1e-9);
+            let others = ((chi2 - own) / (dof - 1) as f64).max(f64::MIN_POSITIVE);
+            if leverage[row] > ALONE { 0.0 } else { (own / others).sqrt() }
+        };
+        (0..count)
+            .map(|sight| {
+                let rows = self.problem.row_of(sight)..;
+                let t = rows.take(3).map(studentised).fold(0.0, f64::max);
+                Outlier { sight, t }
+            })
+            .filter(|outlier| outlier.t > limit)
+            .collect()
+    }
+
+    /// The ball, if any, of which a step on the table between two visits explains what the model does
+    /// not: the step that takes most away from χ².
+    pub fn moved(&self) -> Option<String> {
+        let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
+            .flat_map(|ball| {
+                let sights = &self.observed.sights;
+                let visits: Vec<usize> =
+                    (0..sights.len()).filter(|i| sights[*i].ball == ball).collect();
+                let splits = VISITS..(visits.len() + 1).saturating_sub(VISITS);
+                splits.map(move |split| (visits.clone(), split))
+            })
+            .collect();
+        let tried = candidates.iter().map(|(visits, split)| self.step(visits, *split));
+        let (best, (gone, step)) =
+            tried.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
+        let (visits, split) = &candidates[best];
+        let left = (self.chi2() - gone) / self.dof().checked_sub(3)?.max(1) as f64;
+        let probability = 1.0 - 2.0 * FALSE_ALARM / candidates.len() as f64;
+        let (_, limit) = coverage::chi_square_bounds(3.0, probability)?;
+        if gone <= limit * left || gone <= TELLING * self.chi2() {
+            return None;
+        }
+        let sight = |visit: usize| &self.observed.sights[visits[visit]];
+        Some(format!(
+            "ball {} seems to have moved by {:.1} µm between its measurements at indexations {} and {}: \
+             tighten it and measure again",
+            self.id(sight(*split).ball),
+            step.length() * 1e3,
+            sight(split - 1).label.indexation,
+            sight(*split).label.indexation,
+        ))
+    }
+
+    /// What a step of the ball before its visit `split` takes away from χ², and the step (table
+    /// frame, mm): three unknowns more, with all others free to follow.
+    fn step(&self, visits: &[usize], split: usize) -> (f64, DVec3) {
+        let column = |axis: DVec3| {
+            let mut column = vec![0.0; self.minimum.residuals.len()];
+            for sight in visits.iter().skip(split) {
+                let effect = -(self.problem.weight(*sight) * axis);
+                column[self.problem.row_of(*sight)..][..3].copy_from_slice(&effect.to_array());
+            }
+            self.minimum.factored.remainder(&column)
+        };
+        let free = DVec3::AXES.map(column);
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let normal = glam::DMat3::from_cols_array_2d(
+            &free.each_ref().map(|a| free.each_ref().map(|b| product(a, b))),
+        );
+        let right = DVec3::from_array(free.each_ref().map(|a| product(a, &self.minimum.residuals)));
+        if normal.determinant().abs() < 1e-9 * normal.col(0).length().powi(3) {
+            return (0.0, DVec3::ZERO);
+        }
+        // The column is the derivative of the model with respect to the ball: minus the weight.
+        let step = normal.inverse() * right;
+        (step.dot(right), step)
+    }
+
+    /// Lengths that disagree with their balls by more than 100 µm/m: with the balls as the machine sees
+    /// them without this length; or, where nothing else gives the scale, with the machine's own scales.
+    pub fn lengths(&self, lengths: &[&Length], u_bars: &[f64]) -> Vec<String> {
+        let leverage = self.minimum.factored.leverage();
+        let told = lengths.iter().enumerate().filter_map(|(i, length)| {
+            let row = self.problem.row_of_bar(i);
+            let (off, against) = if leverage[row] > ALONE {
+                (self.scale(), "the machine's own scales")
+            } else {
+                let alone = self.minimum.residuals[row] / (1.0 - leverage[row]);
+                (alone * u_bars[i] / length.mm, "its balls as all else sees them")
+            };
+            (off.abs() > DISAGREES).then(|| {
+                format!(
+                    "the certified length {}–{} disagrees with {against} by {:.0} µm/m: compare the \
+                     certificate, its temperature and the balls' numbers",
+                    length.from,
+                    length.to,
+                    off * 1e6
+                )
+            })
+        });
+        told.collect()
+    }
+
+    /// The mean gain of the linear axes: what the only length says of the machine's scales.
+    fn scale(&self) -> f64 {
+        let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
+        let gains: Vec<f64> = named
+            .filter(|(p, _)| p.shape() == Shape::Gain && p.component() == p.axis())
+            .map(|(_, value)| *value)
+            .collect();
+        gains.iter().sum::<f64>() / gains.len().max(1) as f64
+    }
+
+    /// Balls that too few indexations see: what they say goes into their own coordinates.
+    pub fn thin(&self) -> Vec<String> {
+        let told = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
+            let sights = self.observed.sights.iter().filter(|sight| sight.ball == ball);
+            let places: std::collections::BTreeSet<usize> = sights.map(|s| s.place).collect();
+            (places.len() < 3).then(|| {
+                format!(
+                    "ball {} was measured at {} indexations: with fewer than three its place is all it \
+                     tells, and it does not check itself",
+                    named.id,
+                    places.len()
+                )
+            })
+        });
+        told.collect()
+    }
+}

@@ -1,0 +1,230 @@
+//! Gate G4 of METHODS section 4, on the paper's counts.
+
+use faer::Mat;
+use glam::{DMat3, DVec3};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::htm::{Triple, Truth, design};
+use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
+use crate::base::random::stream;
+use crate::base::{Axis, Position};
+use crate::estimation::linear::Survey;
+use crate::estimation::null_names::name_null_space;
+use crate::estimation::schur::factor;
+use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
+use crate::methods::samba::model::Model;
+use crate::methods::samba::outputs;
+use crate::record::artefact::{Ball, Balls};
+
+/// Of each coordinate of a measurement, and of the bar, mm.
+const NOISE_MM: f64 = 1e-3;
+const U_BAR_MM: f64 = 1e-4;
+
+fn truth() -> Truth {
+    Truth { errors: paper_errors().into_iter().collect(), tool: TOOL }
+}
+
+fn model() -> Model {
+    let parameters: Vec<_> = paper_errors().iter().map(|(name, _)| name.parse().unwrap()).collect();
+    Model::new(&machine("wCBXFZYSt"), &parameters).unwrap()
+}
+
+fn position([b, c, s]: Triple) -> Position {
+    Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s)
+}
+
+/// The paper's design measured on the machine of its table 2; with and without bar and spindle.
+fn measured(bar: bool, spindle: bool) -> (Problem, Measured) {
+    let balls = true_balls();
+    let visits: Vec<(Triple, usize)> = design(&balls)
+        .into_iter()
+        .map(|([b, c, s], ball)| ([b, c, if spindle { s } else { 0.0 }], ball))
+        .collect();
+    let mut places: Vec<Position> = Vec::new();
+    let mut seen = Vec::new();
+    for (triple, ball) in &visits {
+        let here = position(*triple);
+        let known = places.iter().position(|place| *place == here);
+        let place = known.unwrap_or_else(|| {
+            places.push(here);
+            places.len() - 1
+        });
+        seen.push(Seen { place, ball: *ball, whitening: DMat3::IDENTITY / NOISE_MM });
+    }
+    assert_eq!(visits.len(), 109);
+    let bars = if bar { vec![Bar { from: 0, to: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
+    let truth = truth();
+    let measured = Measured {
+        xyz: visits.iter().map(|(triple, ball)| truth.axes_at(balls[*ball], *triple)).collect(),
+        lengths: vec![BAR_MM; bars.len()],
+    };
+    (Problem::new(model(), places, seen, bars, balls.len(), nominal_tool()), measured)
+}
+
+fn nominal_tool() -> DVec3 {
+    DVec3::new(0.0, 0.0, -326.717)
+}
+
+fn survey(bar: bool, spindle: bool) -> (Survey, Vec<String>) {
+    let (problem, measured) = measured(bar, spindle);
+    let start = problem.start(&measured);
+    let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
+    let named = |(i, centre): (usize, DVec3)| Ball {
+        id: (i + 1).to_string(),
+        centre_mm: centre.to_array(),
+        radius_mm: 10.0,
+        stem: [0.0, 0.0, -1.0],
+        stem_radius_mm: 0.0,
+        stem_length_mm: 0.0,
+    };
+    let balls = Balls {
+        balls: paper_balls().into_iter().enumerate().map(named).collect(),
+        ..Balls::default()
+    };
+    let names = outputs::names(&problem, &balls);
+    let lost = outputs::lost_in_words(name_null_space(survey.null_space.as_ref(), &names));
+    (survey, lost)
+}
+
+#[test]
+fn paper_ranks_and_what_is_lost_in_words() {
+    let spindle = ["EX0S + tool_x (inseparable)", "EY0S + tool_y (inseparable)"];
+    let (full, lost) = survey(true, true);
+    println!("scaled condition {:.1}", full.condition);
+    assert_eq!((full.rank, lost.len()), (34, 0));
+    assert!(full.condition < 40.0, "{}", full.condition);
+    let (no_bar, lost) = survey(false, true);
+    println!("{lost:?}");
+    assert_eq!((no_bar.rank, lost.len()), (33, 1));
+    assert!(lost[0].starts_with("the uniform scale") && lost[0].contains("EXX1"), "{lost:?}");
+    let (no_spindle, mut lost) = survey(true, false);
+    lost.sort();
+    assert_eq!(no_spindle.rank, 32);
+    assert_eq!(lost, spindle);
+    let (neither, lost) = survey(false, false);
+    println!("{lost:?}");
+    assert_eq!((neither.rank, lost.len()), (31, 3));
+    assert!(lost.iter().any(|line| line.starts_with("the uniform scale")), "{lost:?}");
+}
+
+/// METHODS section 4: additions that nothing can separate, each named.
+#[test]
+fn regress_inseparable_additions_are_named() {
+    for (addition, partner) in [
+        ("EX0B", "EX0S"),
+        ("EB0B", "EB0C"),
+        ("EZ0B", "tool_z"),
+        ("EY0B", "EY0S"),
+        ("EY0C", "EY0S"),
+        ("EC0C", "ball"),
+        ("EB0S", "EX0S"),
+        ("EA0S", "EY0S"),
+    ] {
+        let (problem, measured) = measured(true, true);
+        let mut parameters = problem.model().parameters().to_vec();
+        parameters.push(addition.parse().unwrap());
+        let model = Model::new(&machine("wCBXFZYSt"), &parameters).unwrap();
+        let problem = problem.with_model(model);
+        let start = problem.start(&measured);
+        let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
+        let mut names: Vec<String> = parameters.iter().map(ToString::to_string).collect();
+        names.extend(["tool_x", "tool_y", "tool_z"].map(str::to_owned));
+        names.extend((0..18).map(|i| format!("ball_{}", i / 3 + 1)));
+        let lost = name_null_space(survey.null_space.as_ref(), &names);
+        println!("{addition}: {lost:?}");
+        assert_eq!(survey.nullity, 1, "{addition}");
+        assert!(lost[0].contains(addition) && lost[0].contains(partner), "{lost:?}");
+    }
+}
+
+#[test]
+fn paper_noise_free_recovery_in_three_steps() {
+    let (problem, measured) = measured(true, true);
+    let found = problem.solve(&measured, problem.start(&measured)).unwrap();
+    assert!(found.factors <= 3, "{}", found.factors);
+    for ((name, expected), x) in paper_errors().iter().zip(&found.x) {
+        let micro = (x - expected).abs() * if expected.abs() > 1e-3 { 1e3 } else { 1e6 };
+        assert!(micro <= 1e-6, "{name}: {micro:e}");
+    }
+    for k in 0..3 {
+        assert!((found.x[13 + k] - TOOL[k]).abs() <= 1e-9, "tool {:?}", &found.x[13..16]);
+    }
+    for (ball, centre) in true_balls().into_iter().enumerate() {
+        let at = problem.ball_at(ball);
+        let off = DVec3::from_slice(&found.x[at..at + 3]).distance(centre);
+        assert!(off <= 1e-9, "ball {ball}: {off:e}");
+    }
+}
+
+/// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; and 200 seeds scatter as predicted.
+#[test]
+fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
+    let (problem, exact) = measured(true, true);
+    let start = problem.start(&exact);
+    let at_truth = problem.solve(&exact, start).unwrap();
+    let covariance = at_truth.factored.covariance();
+    for (i, (name, _)) in paper_errors().iter().enumerate() {
+        let sd = covariance[(i, i)].sqrt();
+        let (micro, limit) = match (name.as_bytes()[1], name.ends_with('1')) {
+            (_, true) => (sd * 1e6, 2.5),
+            (b'X' | b'Y' | b'Z', _) => (sd * 1e3, 0.8),
+            _ => (sd * 1e6, 2.0),
+        };
+        println!("{name}: {micro:.2}");
+        assert!(micro <= limit, "{name}: {micro}");
+    }
+    const SEEDS: usize = 200;
+    let mut squares = vec![0.0; problem.unknowns()];
+    let mut chi2 = 0.0;
+    for seed in 0..SEEDS {
+        let mut normal = StandardNormal.sample_iter(stream(seed as u64, &[4]));
+        let mut next = || -> f64 { normal.next().unwrap() };
+        let mut noisy = exact.clone();
+        for xyz in &mut noisy.xyz {
+            *xyz += DVec3::new(next(), next(), next()) * NOISE_MM;
+        }
+        noisy.lengths[0] += next() * U_BAR_MM;
+        let start = problem.start(&noisy);
+        let found = problem.solve(&noisy, start).unwrap();
+        chi2 += found.residuals.iter().map(|r| r * r).sum::<f64>();
+        for (sum, (x, expected)) in squares.iter_mut().zip(found.x.iter().zip(&at_truth.x)) {
+            *sum += (x - expected).powi(2);
+        }
+    }
+    for (i, sum) in squares.iter().enumerate() {
+        let ratio = (sum / SEEDS as f64 / covariance[(i, i)]).sqrt();
+        assert!((0.85..=1.15).contains(&ratio), "unknown {i}: {ratio}");
+    }
+    // 200 sums of 3·109 + 1 − 34 squares: within four standard deviations of their mean.
+    let dof = (SEEDS * (3 * 109 + 1 - 34)) as f64;
+    assert!((chi2 / dof - 1.0).abs() < 4.0 * (2.0 / dof).sqrt(), "{}", chi2 / dof);
+}
+
+/// The blocks against all rows in one dense matrix, derivatives by differences of the residuals.
+#[test]
+fn regress_rows_as_differences_of_the_residuals() {
+    let (problem, measured) = measured(true, true);
+    let x = problem.solve(&measured, problem.start(&measured)).unwrap().x;
+    let (factored, _) = factor(problem.rows(&x, &measured));
+    let mut jacobian = Mat::zeros(problem.rows_count(), x.len());
+    for j in 0..x.len() {
+        let h = if j < 13 && x[j].abs() < 1e-3 { 1e-5 } else { 1e-2 };
+        let at = |step: f64| {
+            let mut moved = x.clone();
+            moved[j] += step;
+            problem.residuals(&moved, &measured)
+        };
+        for (i, (up, down)) in at(h).into_iter().zip(at(-h)).enumerate() {
+            jacobian[(i, j)] = (down - up) / (2.0 * h);
+        }
+    }
+    let normal = jacobian.transpose() * &jacobian;
+    let product = &normal * factored.covariance();
+    for i in 0..x.len() {
+        for j in 0..x.len() {
+            let scale = (normal[(i, i)] / normal[(j, j)]).sqrt();
+            let expected = f64::from(u8::from(i == j));
+            assert!((product[(i, j)] / scale - expected).abs() < 1e-5, "{i} {j}");
+        }
+    }
+}

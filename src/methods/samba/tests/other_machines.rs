@@ -1,0 +1,77 @@
+//! The implied set on other machines: complete, without redundancy, and found again.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DVec3};
+
+use super::machine;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::{Chain, ErrorTerm, Shape};
+use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
+use crate::methods::samba::model::Model;
+use crate::methods::samba::parameters::implied;
+
+const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
+
+#[track_caller]
+fn check(topology: &str, unknowns: usize) {
+    let machine = machine(topology);
+    let chain = Chain::new(&machine).unwrap();
+    let set = implied(&chain, chain.topology().contains(Axis::S));
+    let value = |i: usize, angular: bool, gain: bool| {
+        let scale = if angular || gain { 2e-5 } else { 0.05 };
+        scale * (1.0 + i as f64 * 1.3).sin()
+    };
+    let terms: Vec<ErrorTerm> = set
+        .iter()
+        .enumerate()
+        .map(|(i, parameter)| {
+            let (angular, gain) =
+                (!parameter.component().is_linear(), parameter.shape() == Shape::Gain);
+            ErrorTerm { parameter: *parameter, value: value(i, angular, gain) }
+        })
+        .collect();
+    let balls: Vec<DVec3> = (0..5)
+        .map(|i| f64::from(i) * 1.3)
+        .map(|a| DVec3::new(150.0 * a.cos(), 140.0 * a.sin(), 60.0 + 25.0 * a))
+        .collect();
+    let rotary: Vec<Axis> = chain.topology().axes().filter(|a| !a.is_linear()).collect();
+    let (mut places, mut seen, mut xyz) = (Vec::new(), Vec::new(), Vec::new());
+    for pose in 0..24_u32 {
+        let angle = |n: usize| (f64::from(pose) * [0.37, 0.59, 0.83][n]).fract() * TAU;
+        let place: Position =
+            rotary.iter().enumerate().map(|(n, axis)| (*axis, angle(n))).collect();
+        for ball in 0..balls.len() {
+            let (target, tip) = (Point::from_vec(balls[ball]), Point::from_vec(TOOL));
+            let linear = chain.linear_axes_for(target, tip, &place, &terms).unwrap();
+            xyz.push(DVec3::from_array(Axis::LINEAR.map(|axis| linear.at(axis))));
+            let whitening = DMat3::IDENTITY / 1e-3;
+            seen.push(Seen { place: places.len(), ball, whitening });
+        }
+        places.push(place);
+    }
+    let model = Model::new(&machine, &set).unwrap();
+    let bar = Bar { from: 0, to: 2, u_mm: 1e-4 };
+    let measured = Measured { xyz, lengths: vec![balls[0].distance(balls[2])] };
+    let tool = DVec3::new(0.0, 0.0, TOOL.z);
+    let problem = Problem::new(model, places, seen, vec![bar], balls.len(), tool);
+    assert_eq!(problem.unknowns(), unknowns, "{topology}");
+    let found = problem.solve(&measured, problem.start(&measured)).unwrap();
+    let survey = found.factored.survey().unwrap();
+    println!("{topology}: rank {}, condition {:.1}", survey.rank, survey.condition);
+    assert_eq!((survey.rank, survey.nullity), (unknowns, 0));
+    for (term, x) in terms.iter().zip(&found.x) {
+        assert!((x - term.value).abs() < 1e-9, "{topology}, {}: {x}", term.parameter);
+    }
+}
+
+#[test]
+fn regress_implied_errors_are_found_again() {
+    check("wCBXFZYSt", 13 + 3 + 15);
+    check("wCAYFXZt", 11 + 3 + 15);
+    check("wAFXYZBt", 11 + 3 + 15);
+    check("V[w-C-B-b-Y-X-Z-(C)-t]", 13 + 3 + 15);
+    // Nothing turns across the stylus: its length only shifts all balls, and is held as stated.
+    check("wCFXYZt", 7 + 2 + 15);
+    check("wCFXYZSt", 9 + 2 + 15);
+}

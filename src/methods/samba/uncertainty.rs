@@ -1,0 +1,188 @@
+//! Propagation of the sources through the identification: by covariance and by Monte Carlo (JCGM 100
+//! and JCGM 101), and whether the residuals agree with what is declared.
+
+use std::convert::Infallible;
+
+use faer::Mat;
+use glam::DVec3;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::fit::{Measured, Problem};
+use super::sources::{Draw, Shape, UncertaintySource};
+use crate::estimation::coverage;
+use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
+use crate::estimation::schur::{Factored, Minimum};
+
+/// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
+const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
+/// Probability that χ² stays within its bounds where all is as declared.
+const CREDIBLE: f64 = 0.998;
+
+/// First-order propagation.
+pub struct Propagated {
+    /// Unknowns × unknowns, mm, rad, mm/mm.
+    pub covariance: Mat<f64>,
+    /// Per source: standard uncertainty of each unknown.
+    pub budget: Vec<(&'static str, Vec<f64>)>,
+    /// Per unknown: variance from the sources whose size the residuals judge.
+    shown: Vec<f64>,
+}
+
+/// The residuals against what is declared.
+#[derive(Debug, Clone, Copy)]
+pub struct Misfit {
+    /// Weighted sum of squares.
+    pub chi2: f64,
+    /// What it is on average where all is as declared: the degrees of freedom, less where sources
+    /// that move many measurements together are declared.
+    pub expected: f64,
+    /// Effective degrees of freedom of χ².
+    pub dof: f64,
+    /// Factor on the standard uncertainties of the sources that the residuals show.
+    pub factor: f64,
+    /// Beyond its bounds: above, below.
+    pub above: bool,
+    pub below: bool,
+}
+
+impl Misfit {
+    /// χ² of the residuals against its distribution under `sources`: that of a sum of squares with
+    /// the mean and the variance that they make (Satterthwaite). Declared sizes stand unless the
+    /// residuals contradict them; without a declaration the residuals judge.
+    pub fn judge(
+        problem: &Problem,
+        minimum: &Minimum,
+        sources: &[UncertaintySource],
+        whitening: &[glam::DMat3],
+        u_bars: &[f64],
+        declared: bool,
+    ) -> Self {
+        let columns: Vec<Vec<f64>> = sources
+            .iter()
+            .flat_map(|source| &source.draws)
+            .map(|draw| minimum.factored.remainder(&weighted(problem, draw, whitening, u_bars)))
+            .collect();
+        let rows = problem.rows_count();
+        let left = Mat::from_fn(rows, columns.len(), |i, j| columns[j][i]);
+        let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
+        let joint =
+            if rows < columns.len() { &left * left.transpose() } else { left.transpose() * &left };
+        let dof = expected * expected / joint.squared_norm_l2();
+        let chi2: f64 = minimum.residuals.iter().map(|r| r * r).sum();
+        let bounds = coverage::chi_square_bounds(dof, CREDIBLE);
+        let ratio = chi2 / expected;
+        let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
+        let above = declared && beyond(&|(_, upper)| ratio * dof > upper);
+        let below = declared && beyond(&|(lower, _)| ratio * dof < lower);
+        let judged = above || (!declared && bounds.is_some());
+        let factor = if judged { ratio.sqrt() } else { 1.0 };
+        Self { chi2, expected, dof, factor, above, below }
+    }
+
+    /// Of a variance of which `share` was judged by the residuals (Welch–Satterthwaite, JCGM 100
+    /// G.4); `None`: infinitely many.
+    fn effective_dof(&self, share: f64) -> Option<f64> {
+        (self.factor != 1.0 && share > 0.0).then(|| self.dof / (share * share))
+    }
+}
+
+impl Propagated {
+    pub fn new(
+        problem: &Problem,
+        factored: &Factored,
+        sources: &[UncertaintySource],
+        whitening: &[glam::DMat3],
+        u_bars: &[f64],
+        misfit: &Misfit,
+    ) -> Self {
+        let unknowns = problem.unknowns();
+        let mut covariance = Mat::zeros(unknowns, unknowns);
+        let mut shown = vec![0.0; unknowns];
+        let mut budget = Vec::new();
+        for source in sources {
+            let factor = if source.shown { misfit.factor } else { 1.0 };
+            let effects: Vec<Vec<f64>> = source
+                .draws
+                .iter()
+                .map(|draw| factored.solve(&weighted(problem, draw, whitening, u_bars)))
+                .collect();
+            let effect = Mat::from_fn(unknowns, effects.len(), |i, j| factor * effects[j][i]);
+            let share = &effect * effect.transpose();
+            let variance: Vec<f64> = (0..unknowns).map(|i| share[(i, i)]).collect();
+            if source.shown {
+                shown.iter_mut().zip(&variance).for_each(|(sum, v)| *sum += v);
+            }
+            budget.push((source.name, variance.into_iter().map(f64::sqrt).collect()));
+            covariance += share;
+        }
+        Self { covariance, budget, shown }
+    }
+
+    pub fn u(&self, unknown: usize) -> f64 {
+        self.covariance[(unknown, unknown)].max(0.0).sqrt()
+    }
+
+    /// Effective degrees of freedom; `None`: infinitely many.
+    pub fn dof(&self, unknown: usize, misfit: &Misfit) -> Option<f64> {
+        misfit.effective_dof(self.shown[unknown] / self.covariance[(unknown, unknown)])
+    }
+}
+
+/// A draw as it stands in the weighted rows. Its sign has no meaning.
+fn weighted(problem: &Problem, draw: &Draw, whitening: &[glam::DMat3], u_bars: &[f64]) -> Vec<f64> {
+    let mut rows = vec![0.0; problem.rows_count()];
+    let sights = whitening.len();
+    if draw.first >= 3 * sights {
+        let bar = draw.first - 3 * sights;
+        rows[problem.row_of_bar(bar)] = draw.values[0] / u_bars[bar];
+        return rows;
+    }
+    for (i, moved) in draw.values.chunks_exact(3).enumerate() {
+        let sight = draw.first / 3 + i;
+        let moved = whitening[sight] * DVec3::from_slice(moved);
+        rows[problem.row_of(sight)..][..3].copy_from_slice(&moved.to_array());
+    }
+    rows
+}
+
+/// Monte Carlo through the whole identification: every measured position and length is drawn anew and
+/// the curved model is solved again. All unknowns.
+///
+/// # Errors
+/// Fewer than two trials.
+pub fn by_trials(
+    problem: &Problem,
+    minimum: &Minimum,
+    measured: &Measured,
+    sources: &[UncertaintySource],
+    factor: f64,
+    trials: Trials,
+) -> Result<Summary, MonteCarloError<Infallible>> {
+    propagate(trials, MONTE_CARLO_SEED, problem.unknowns(), |rng, out| {
+        let mut drawn = measured.clone();
+        for source in sources {
+            let scale = if source.shown { factor } else { 1.0 };
+            for draw in &source.draws {
+                let unit: f64 = match source.shape {
+                    Shape::Normal => StandardNormal.sample(rng),
+                    Shape::Rectangular => (rng.random::<f64>() - 0.5) * 12f64.sqrt(),
+                };
+                disturb(&mut drawn, draw, scale * unit);
+            }
+        }
+        out.copy_from_slice(&problem.solve_near(minimum, &drawn));
+        Ok(())
+    })
+}
+
+fn disturb(measured: &mut Measured, draw: &Draw, by: f64) {
+    let sights = measured.xyz.len();
+    if draw.first >= 3 * sights {
+        measured.lengths[draw.first - 3 * sights] += by * draw.values[0];
+        return;
+    }
+    for (xyz, moved) in measured.xyz[draw.first / 3..].iter_mut().zip(draw.values.chunks_exact(3)) {
+        *xyz += by * DVec3::from_slice(moved);
+    }
+}

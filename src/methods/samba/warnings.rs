@@ -1,0 +1,125 @@
+//! What a reader of the estimate must know beside its numbers.
+
+use super::outputs::{Parts, place_name};
+use super::suspects::Outlier;
+use crate::base::Axis;
+use crate::estimation::monte_carlo::numerical_tolerance;
+
+pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = Vec::new();
+    let places = &parts.solved.observed.places;
+    let first = places.first().map_or(0.0, |place| place.at(Axis::S));
+    if places.iter().all(|place| place.at(Axis::S) == first) {
+        lines.push(
+            "EX0S and EY0S: inseparable from tool_x and tool_y, the spindle was not turned"
+                .to_owned(),
+        );
+    }
+    lines.extend(parts.solved.thin());
+    lines
+}
+
+pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
+    let mut lines = parts.solved.observed.left_out.clone();
+    lines.extend(misfit(parts));
+    lines.extend(parts.solved.moved());
+    lines.extend(outliers.iter().map(|outlier| far_off(parts, outlier)));
+    lines.extend(parts.solved.lengths(parts.lengths, parts.u_bars));
+    lines.extend(unsound_balls(parts));
+    lines.extend(cold(parts));
+    lines.extend(disagreement(parts));
+    lines
+}
+
+fn misfit(parts: &Parts<'_>) -> Option<String> {
+    let misfit = &parts.misfit;
+    if misfit.above {
+        return Some(format!(
+            "the model does not explain the measurements: they scatter {:.1} times more than declared \
+             (χ² {:.0} where {:.0} is expected); look for error motions, sag, drift or a loose ball. The \
+             uncertainties are enlarged by that factor",
+            misfit.factor, misfit.chi2, misfit.expected
+        ));
+    }
+    misfit.below.then(|| {
+        format!(
+            "the measurements scatter less than declared (χ² {:.0} where {:.0} is expected): \
+             repeatability_um or error_motion_um may be stated too large, and the uncertainties with it",
+            misfit.chi2, misfit.expected
+        )
+    })
+}
+
+fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
+    let observed = parts.solved.observed;
+    let sight = &observed.sights[outlier.sight];
+    format!(
+        "ball {} at indexation {} ({}) is {:.1} standard deviations off the rest: dirt, loose ball or \
+         wrong stylus? It is kept; flag its readings `excluded` to leave it out",
+        sight.label.ball,
+        sight.label.indexation,
+        place_name(&observed.places[sight.place]),
+        outlier.t
+    )
+}
+
+/// Spheres that are none, and diameters that differ: from the stated ones, less what all have in
+/// common, which is pre-travel.
+fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
+    let sights = &parts.solved.observed.sights;
+    let stylus = parts.plan.probe.ball_radius_mm;
+    let radius = |ball: usize| parts.solved.balls.balls[ball].radius_mm + stylus;
+    let short: Vec<f64> = sights.iter().map(|sight| sight.radius - radius(sight.ball)).collect();
+    let mut sorted = short.clone();
+    sorted.sort_by(f64::total_cmp);
+    let common = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let mut lines = Vec::new();
+    for (sight, short) in sights.iter().zip(&short) {
+        let (form_um, off_um) = (sight.form * 1e3, 2e3 * (short - common));
+        let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
+        if form_um > parts.settings.form_limit_um {
+            lines.push(format!(
+                "{whose}: its touches lie {form_um:.1} µm off a sphere: dirt, loose ball or wrong stylus?"
+            ));
+        }
+        if off_um.abs() > parts.settings.diameter_limit_um {
+            lines.push(format!(
+                "{whose}: its diameter differs by {off_um:+.1} µm from the others: dirt, loose ball or \
+                 wrong stylus?"
+            ));
+        }
+    }
+    lines
+}
+
+fn cold(parts: &Parts<'_>) -> Vec<String> {
+    let unknown = parts
+        .lengths
+        .iter()
+        .filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());
+    let told = unknown.map(|length| {
+        format!(
+            "the temperature of the certified length {}–{} is not stated: 20 °C is assumed, and each \
+             kelvin makes {:.1} µm/m of all gains",
+            length.from, length.to, length.expansion_um_per_m_k
+        )
+    });
+    told.collect()
+}
+
+/// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical
+/// tolerance of a u stated with two digits, and by more than the trials' own scatter.
+fn disagreement(parts: &Parts<'_>) -> Vec<String> {
+    let scatter = 4.0 / (2.0 * parts.monte_carlo.trials as f64).sqrt();
+    let far = parts.names.iter().enumerate().filter(|(i, _)| {
+        let (first_order, trials) =
+            (parts.propagated.u(*i), parts.monte_carlo.standard_deviation[*i]);
+        let off = (first_order - trials).abs();
+        off > numerical_tolerance(first_order, 2) && off > scatter * first_order
+    });
+    let names: Vec<&str> = far.map(|(_, name)| name.as_str()).collect();
+    if names.is_empty() {
+        return Vec::new();
+    }
+    vec![format!("u by covariance and by Monte Carlo disagree: {}", names.join(", "))]
+}

@@ -1,0 +1,122 @@
+//! What the touches of one ball say: where its centre is, how large and how round it seems.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DVec3};
+
+use crate::base::{Axis, Point, Position};
+use crate::estimation::sphere::{Sphere, SphereError, fit_sphere};
+use crate::kinematics::{Chain, KinematicsError};
+use crate::record::machine::{Machine, Probe};
+
+/// One ball at one rotary position, measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredBall {
+    /// X, Y, Z with the centre of the stylus ball in the ball's centre, and the rotary axes.
+    pub position: Position,
+    /// Its centre in the table frame of the nominal machine, mm.
+    pub centre_mm: DVec3,
+    /// Of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: times u².
+    pub cofactor: DMat3,
+    /// Of the ball alone: the stylus ball, as stated, is taken off. Pre-travel makes it smaller.
+    pub diameter_mm: f64,
+    /// Largest less smallest residual of the fitted sphere, mm.
+    pub form_mm: f64,
+}
+
+/// What a measurement may show and still be believed, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallLimits {
+    pub form_mm: f64,
+    /// Either way from the stated diameter.
+    pub diameter_mm: f64,
+}
+
+/// Touches that are no ball's, and what to look for.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BallDoubt {
+    #[error(
+        "ball {ball} at {at}: form {form:.3} mm, more than {limit:.3} mm: dirt, loose ball or wrong stylus?"
+    )]
+    Form { ball: String, at: String, form: f64, limit: f64 },
+    #[error(
+        "ball {ball} at {at}: diameter {diameter:.3} mm, not {stated:.3} mm within {limit:.3} mm: dirt, loose ball or wrong stylus?"
+    )]
+    Diameter { ball: String, at: String, diameter: f64, stated: f64, limit: f64 },
+    #[error("ball {ball} at {at}: {source}")]
+    Fit { ball: String, at: String, source: SphereError },
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+}
+
+/// The least-squares sphere through touches at one rotary position: axis positions at the triggers,
+/// the rotary axes alike. `ball`: its number, for words.
+///
+/// # Errors
+/// Fewer than four touches, touches in a plane; a machine without kinematics.
+pub fn measured_ball(
+    ball: &str,
+    touches: &[Position],
+    machine: &Machine,
+    probe: &Probe,
+) -> Result<MeasuredBall, BallDoubt> {
+    let chain = Chain::new(machine)?;
+    let tip = Point::from_vec(DVec3::from_array(machine.tool_mm));
+    let at_table = |position: &Position| chain.tip_in_table(position, tip, &[]).mm;
+    let points: Vec<[f64; 3]> = touches.iter().map(|at| at_table(at).to_array()).collect();
+    let first = touches.first().cloned().unwrap_or_default();
+    let rotary = first.only(|axis| !axis.is_linear());
+    let fitted: Sphere = fit_sphere(&points).map_err(|source| {
+        let (ball, at) = (ball.to_owned(), in_words(&rotary));
+        BallDoubt::Fit { ball, at, source }
+    })?;
+    let centre = DVec3::from_array(fitted.centre);
+    let xyz = chain.linear_axes_for(Point::from_vec(centre), tip, &rotary, &[])?;
+    // p_w is affine in X, Y, Z: differences over one millimetre are its derivatives.
+    let origin = at_table(&rotary);
+    let column = |axis: Axis| at_table(&rotary.clone().with(axis, 1.0)) - origin;
+    let [x, y, z] = Axis::LINEAR.map(column);
+    let table_from_axes = DMat3::from_cols(x, y, z).inverse();
+    let of_table = DMat3::from_cols_array_2d(&fitted.centre_covariance(1.0));
+    let range =
+        |pick: fn(f64, f64) -> f64, from: f64| fitted.residuals.iter().copied().fold(from, pick);
+    Ok(MeasuredBall {
+        position: rotary.updated_by(&xyz),
+        centre_mm: centre,
+        cofactor: table_from_axes * of_table * table_from_axes.transpose(),
+        diameter_mm: 2.0 * (fitted.radius - probe.ball_radius_mm),
+        form_mm: range(f64::max, f64::NEG_INFINITY) - range(f64::min, f64::INFINITY),
+    })
+}
+
+impl MeasuredBall {
+    /// Is it round, and as large as stated? `stated_mm`: the diameter to expect, pre-travel taken off.
+    ///
+    /// # Errors
+    /// Which limit it breaks.
+    pub fn check(&self, ball: &str, stated_mm: f64, limits: &BallLimits) -> Result<(), BallDoubt> {
+        let (form, limit) = (self.form_mm, limits.form_mm);
+        let said = || (ball.to_owned(), in_words(&self.position));
+        if form.is_nan() || form > limit {
+            let (ball, at) = said();
+            return Err(BallDoubt::Form { ball, at, form, limit });
+        }
+        let (diameter, stated, limit) = (self.diameter_mm, stated_mm, limits.diameter_mm);
+        if (diameter - stated).abs() <= limit {
+            return Ok(());
+        }
+        let (ball, at) = said();
+        Err(BallDoubt::Diameter { ball, at, diameter, stated, limit })
+    }
+}
+
+/// `B −30°, C 90°`
+fn in_words(position: &Position) -> String {
+    let rotary: BTreeMap<Axis, f64> =
+        position.iter().filter(|(axis, _)| !axis.is_linear()).collect();
+    let word = |(axis, value): (&Axis, &f64)| {
+        let degrees = format!("{axis} {}°", axis.to_edge(*value));
+        degrees.replace('-', "−")
+    };
+    rotary.iter().map(word).collect::<Vec<_>>().join(", ")
+}

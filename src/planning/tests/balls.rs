@@ -1,0 +1,305 @@
+//! Balls: which touches are free, where they go, what they say, and in which order.
+
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::at;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::Chain;
+use crate::planning::*;
+use crate::record::artefact::{Artefact, Ball};
+use crate::record::plan::{Plan, Step, StepKind};
+
+const SLOW: Approach = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+
+fn ball(id: &str, centre: [f64; 3], stem: [f64; 3]) -> Value {
+    json!({"id": id, "centre_mm": centre, "radius_mm": 10.0, "stem": stem,
+        "stem_radius_mm": 3.0, "stem_length_mm": 60.0})
+}
+
+/// Stylus 150 mm long, 1.5 mm thick, with a ball of 3 mm; then a probe of 20 mm radius.
+fn plan(topology: &str, balls: &[Value]) -> Plan {
+    let linear = json!({"min": -300.0, "max": 300.0, "rapid_per_min": 6000.0});
+    let height = json!({"min": -100.0, "max": 500.0, "rapid_per_min": 6000.0});
+    let rotary = json!({"min": -360.0, "max": 360.0, "rapid_per_min": 3600.0});
+    let mut axes = json!({"X": linear, "Y": linear, "Z": height});
+    for axis in ["A", "B", "C", "S"].into_iter().filter(|axis| topology.contains(axis)) {
+        axes[axis] = rotary.clone();
+    }
+    serde_json::from_value(json!({
+        "trued_plan": 1, "method": "test", "settings": {},
+        "machine": {"name": "test", "topology": topology, "tool_mm": [1.0, -2.0, -220.0], "axes": axes},
+        "probe": {"ball_radius_mm": 3.0, "stem_radius_mm": 1.5, "stem_length_mm": 150.0,
+            "body_radius_mm": 20.0, "body_length_mm": 70.0},
+        "artefact": {"kind": "balls", "balls": balls, "uncertainty_mm": 0.5},
+    }))
+    .unwrap()
+}
+
+const TABLE: &str = "w-C-B-X-F-Z-Y-S-t";
+
+fn degrees(axes: &[(Axis, f64)]) -> Position {
+    axes.iter().map(|(axis, degrees)| (*axis, axis.from_edge(*degrees))).collect()
+}
+
+fn indexed(b: f64, c: f64) -> Position {
+    degrees(&[(Axis::B, b), (Axis::C, c), (Axis::S, 90.0)])
+}
+
+fn first(plan: &Plan) -> Ball {
+    match &plan.artefact {
+        Artefact::Balls(balls) => balls.balls[0].clone(),
+        Artefact::Cylinder(_) => unreachable!(),
+    }
+}
+
+fn touches(plan: &Plan, rotary: &Position, count: usize) -> Result<Vec<Contact>, Unreachable> {
+    let access = Access::new(plan, &plan.artefact).unwrap();
+    let task = BallTask { ball: &first(plan), rotary, approach: SLOW, touches: count };
+    access.accessible(&task)
+}
+
+fn steps(plan: &Plan, rotary: &Position, approach: Approach) -> Result<Vec<Step>, Unreachable> {
+    let access = Access::new(plan, &plan.artefact).unwrap();
+    let task = BallTask { ball: &first(plan), rotary, approach, touches: 5 };
+    access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
+}
+
+/// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole.
+#[test]
+fn paper_five_touches_round_the_ball_and_at_its_pole() {
+    let plan = plan(TABLE, &[ball("1", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
+    for (b, c) in [(0.0, 0.0), (30.0, 90.0), (-60.0, 270.0)] {
+        let rotary = indexed(b, c);
+        let steps = steps(&plan, &rotary, SLOW).unwrap();
+        let names: Vec<&str> = steps.iter().map(|step| step.label.as_str()).collect();
+        assert_eq!(names, ["slow/+45", "slow/-135", "slow/-45", "slow/+135", "slow/pole"]);
+        assert_eq!(steps.iter().map(|step| step.id).collect::<Vec<_>>(), [7, 8, 9, 10, 11]);
+        let h = 0.5_f64.sqrt();
+        let meant = [[h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [-h, h, 0.0], [0.0, 0.0, 1.0]];
+        // Where the stylus ball stands, by the chain: 13 mm and 0.5 or −1 mm from the centre.
+        let chain = Chain::new(&plan.machine).unwrap();
+        let tip = Point::new(1.0, -2.0, -220.0);
+        for (step, normal) in steps.iter().zip(meant) {
+            assert!((DVec3::from_array(step.normal) - DVec3::from_array(normal)).length() < 1e-12);
+            for (place, far) in [(&step.from, 13.5), (&step.to, 12.0)] {
+                let off = chain.tip_in_table(place, tip, &[]).mm - DVec3::new(80.0, -50.0, 90.0);
+                let table = chain.machine_from_table(place, &[]).matrix3;
+                let off = table * off - DVec3::from_array(normal) * far;
+                assert!(off.length() < 1e-6, "{}: {off}", step.label);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
+    let centre = [0.0, 0.0, 100.0];
+    let with_stem = |stem: [f64; 3]| plan(TABLE, &[ball("1", centre, stem)]);
+    // Level, and below the stylus at +45°: that touch alone goes elsewhere.
+    let found = touches(&with_stem([1.0, 1.0, 0.0]), &indexed(0.0, 0.0), 5).unwrap();
+    let h = 0.5_f64.sqrt();
+    for (contact, normal) in
+        found.iter().zip([[h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [-h, h, 0.0]])
+    {
+        let moved = (contact.normal - DVec3::from_array(normal)).length() > 1e-9;
+        assert_eq!(moved, contact.name == "+45", "{contact:?}");
+    }
+    assert_eq!(found.len(), 5);
+    // Above the ball: nobody gets at the pole.
+    let above = touches(&with_stem([0.0, 0.0, 1.0]), &indexed(0.0, 0.0), 5).unwrap_err();
+    let (touch, obstacle) = ("pole".to_owned(), "stem of ball 1".to_owned());
+    assert_eq!(above, Unreachable::InTheWay { touch, tool: "stylus ball".to_owned(), obstacle });
+    // The same stem, turned below the ball.
+    assert_eq!(touches(&with_stem([0.0, 0.0, 1.0]), &indexed(180.0, 0.0), 5).unwrap().len(), 5);
+}
+
+#[test]
+fn another_ball_below_the_probe_or_above_the_ball_is_in_the_way() {
+    let down = [0.0, 0.0, -1.0];
+    let pair = |x: f64, z: f64| {
+        plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], down), ball("2", [x, 0.0, z], down)])
+    };
+    let refused = |plan: &Plan, b: f64| touches(plan, &indexed(b, 0.0), 5).unwrap_err().to_string();
+    // The probe's body begins 150 mm above the stylus ball and is 20 mm wide.
+    assert!(touches(&pair(30.0, 180.0), &indexed(0.0, 0.0), 5).is_ok());
+    let body = refused(&pair(30.0, 210.0), 0.0);
+    assert!(body.contains("probe body") && body.contains("ball 2"), "{body}");
+    assert!(touches(&pair(60.0, 210.0), &indexed(0.0, 0.0), 5).is_ok());
+    // Tilted by 90° either the one or the other stands above the ball.
+    let above = [-90.0, 90.0].map(|b| touches(&pair(60.0, 50.0), &indexed(b, 0.0), 5).is_err());
+    assert!(above[0] != above[1], "{above:?}");
+}
+
+#[test]
+fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
+    let stem = [0.0, 0.0, -1.0];
+    let far = plan(TABLE, &[ball("1", [295.0, 0.0, 50.0], stem)]);
+    let error = touches(&far, &indexed(0.0, 0.0), 5).unwrap_err();
+    assert!(matches!(error, Unreachable::TooFew { free: 3, .. }), "{error}");
+    let low = plan(TABLE, &[ball("1", [0.0, 0.0, -335.0], stem)]);
+    let error = touches(&low, &indexed(0.0, 0.0), 5).unwrap_err();
+    assert!(matches!(error, Unreachable::OutOfTravel { axis: Axis::Z, .. }), "{error}");
+    let near = plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], stem)]);
+    let error = touches(&near, &indexed(400.0, 0.0), 5).unwrap_err();
+    assert!(matches!(error, Unreachable::OutOfTravel { axis: Axis::B, .. }), "{error}");
+    let error = touches(&near, &degrees(&[(Axis::B, 0.0)]), 5).unwrap_err();
+    assert_eq!(error, Unreachable::Incomplete { axis: Axis::C });
+    let wide = Approach::Find { uncertainty_mm: 2.0, standoff_mm: 0.5 };
+    let error = steps(&near, &indexed(0.0, 0.0), wide).unwrap_err();
+    assert!(matches!(error, Unreachable::TooLong { overtravel: 4.0, .. }), "{error}");
+}
+
+/// B in the head: balls are touched where the spindle stands upright, and nowhere else.
+#[test]
+fn a_tilted_spindle_is_refused() {
+    let head = plan("w-A-F-X-Y-Z-B-t", &[ball("1", [0.0, 0.0, 50.0], [0.0, 0.0, -1.0])]);
+    let indexed = |a, b| degrees(&[(Axis::A, a), (Axis::B, b)]);
+    assert_eq!(touches(&head, &indexed(30.0, 0.0), 5).unwrap().len(), 5);
+    assert_eq!(touches(&head, &indexed(0.0, 30.0), 5).unwrap_err(), Unreachable::Tilted);
+    let mut tilted = steps(&head, &indexed(0.0, 0.0), SLOW).unwrap().remove(0);
+    for place in [&mut tilted.from, &mut tilted.to] {
+        place.set(Axis::B, 0.5);
+    }
+    let clearance = Clearance::above(&head).unwrap();
+    let refused = touch_block(&head, &tilted, 0, Start::default(), &clearance).unwrap_err();
+    assert_eq!(refused, PlanningError::Tilted { step: 7 });
+}
+
+#[test]
+fn fifteen_touches_are_spread_over_what_is_free() {
+    let plan = plan(TABLE, &[ball("1", [0.0, 0.0, 100.0], [1.0, 1.0, 0.0])]);
+    let found = touches(&plan, &indexed(0.0, 0.0), 15).unwrap();
+    assert_eq!(found.len(), 15);
+    let stem = DVec3::new(0.5_f64.sqrt(), 0.5_f64.sqrt(), 0.0);
+    for (i, one) in found.iter().enumerate() {
+        assert!(one.normal.angle_between(stem) > 0.4, "{one:?} in the stem");
+        for other in &found[..i] {
+            let apart = one.normal.angle_between(other.normal).to_degrees();
+            assert!(apart > 20.0 && one.name != other.name, "{one:?} {other:?}");
+        }
+    }
+}
+
+/// Axis positions with the stylus ball on the ball, by the nominal machine; one is off.
+fn readings(plan: &Plan, rotary: &Position, off: f64) -> Vec<Position> {
+    let chain = Chain::new(&plan.machine).unwrap();
+    let found = touches(plan, rotary, 5).unwrap();
+    let centre = DVec3::from_array(first(plan).centre_mm);
+    let place = |(i, contact): (usize, &Contact)| {
+        let far = 13.0 + if i == 0 { off } else { 0.0 };
+        let table = chain.machine_from_table(rotary, &[]).matrix3.transpose();
+        let target = Point::from_vec(centre + table * contact.normal * far);
+        let tip = Point::new(1.0, -2.0, -220.0);
+        rotary.updated_by(&chain.linear_axes_for(target, tip, rotary, &[]).unwrap())
+    };
+    found.iter().enumerate().map(place).collect()
+}
+
+#[test]
+fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
+    let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
+    let rotary = indexed(-30.0, 90.0);
+    let measured =
+        measured_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
+    let access = Access::new(&plan, &plan.artefact).unwrap();
+    let centre = access.centre(&first(&plan), &rotary).unwrap();
+    for axis in Axis::LINEAR {
+        assert!((measured.position.at(axis) - centre.at(axis)).abs() < 1e-9);
+    }
+    assert!((measured.diameter_mm - 20.0).abs() < 1e-9 && measured.form_mm < 1e-9);
+    // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and the radius 1/4; the pole
+    // adds 1.
+    let meant = DVec3::new(0.5, 0.5, 1.25);
+    for (i, column) in measured.cofactor.to_cols_array_2d().iter().enumerate() {
+        for (j, value) in column.iter().enumerate() {
+            let meant = if i == j { meant[i] } else { 0.0 };
+            assert!((value - meant).abs() < 1e-6, "{i} {j}: {value}");
+        }
+    }
+    measured.check("3", 20.0, &BallLimits { form_mm: 1e-6, diameter_mm: 1e-6 }).unwrap();
+}
+
+#[test]
+fn dirt_and_a_wrong_ball_are_said_in_words() {
+    let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
+    let rotary = indexed(-30.0, 90.0);
+    let dirty =
+        measured_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
+    let limits = BallLimits { form_mm: 0.015, diameter_mm: 0.2 };
+    let words = dirty.check("3", 20.0, &limits).unwrap_err().to_string();
+    assert!(words.starts_with("ball 3 at B −30°, C 90°, S 90°: form 0.0"), "{words}");
+    assert!(words.ends_with("dirt, loose ball or wrong stylus?"), "{words}");
+    let limits = BallLimits { form_mm: 0.2, diameter_mm: 0.01 };
+    let words = dirty.check("3", 20.5, &limits).unwrap_err().to_string();
+    assert!(words.contains("not 20.500 mm within 0.010 mm"), "{words}");
+    let few = readings(&plan, &rotary, 0.0)[..3].to_vec();
+    let refused = measured_ball("3", &few, &plan.machine, &plan.probe).unwrap_err().to_string();
+    assert!(refused.contains("ball 3 at B −30°") && refused.contains("four points"), "{refused}");
+}
+
+/// All orders of seven places, tried one by one.
+#[test]
+fn the_order_of_seven_balls_is_the_best_of_all_5040() {
+    let machine = plan(TABLE, &[]).machine;
+    let xy = [
+        [0.0, 0.0],
+        [90.0, 10.0],
+        [20.0, 80.0],
+        [-70.0, 40.0],
+        [60.0, -90.0],
+        [-40.0, -60.0],
+        [5.0, 55.0],
+    ];
+    let places: Vec<Position> =
+        xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
+    let visit = Visit { rotary: indexed(0.0, 0.0), places: places.clone(), follows: false };
+    let turns = order(&[visit], &machine);
+    let seconds = |order: &[usize]| -> f64 {
+        let pairs = order.windows(2);
+        pairs.map(|pair| time::motion_s(&places[pair[0]], &places[pair[1]], None, &machine)).sum()
+    };
+    let mut best = f64::INFINITY;
+    permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(seconds(order)));
+    assert!((seconds(&turns[0].places) - best).abs() < 1e-9, "{turns:?}");
+}
+
+fn permute(order: &mut Vec<usize>, from: usize, see: &mut impl FnMut(&[usize])) {
+    if from == order.len() {
+        return see(order);
+    }
+    for k in from..order.len() {
+        order.swap(from, k);
+        permute(order, from + 1, see);
+        order.swap(from, k);
+    }
+}
+
+#[test]
+fn what_must_follow_stays_behind_and_the_rest_goes_by_the_nearest_tilt() {
+    let machine = plan(TABLE, &[]).machine;
+    let place = vec![at(&[(Axis::X, 0.0), (Axis::Y, 0.0)])];
+    let visit =
+        |b: f64, c: f64, follows| Visit { rotary: indexed(b, c), places: place.clone(), follows };
+    let scattered = [0.0, 60.0, -30.0, 30.0, -60.0].map(|b| visit(b, 0.0, false));
+    let order_of = |visits: &[Visit]| -> Vec<usize> {
+        order(visits, &machine).iter().map(|turn| turn.visit).collect()
+    };
+    let mut tilts: Vec<f64> =
+        order_of(&scattered).iter().map(|i| scattered[*i].rotary.at(Axis::B)).collect();
+    if tilts[0] > tilts[4] {
+        tilts.reverse();
+    }
+    assert!(tilts.windows(2).all(|pair| pair[0] < pair[1]), "{tilts:?}");
+    // Forward and back again with C, as the list says, though turning back at once would be shorter.
+    let chained = [
+        visit(0.0, 0.0, false),
+        visit(60.0, 180.0, false),
+        visit(60.0, 0.0, true),
+        visit(60.0, 90.0, true),
+        visit(0.0, 90.0, false),
+    ];
+    let found = order_of(&chained);
+    let begin = found.iter().position(|i| *i == 1).unwrap();
+    assert_eq!(found.get(begin..begin + 3), Some(&[1, 2, 3][..]), "{found:?}");
+}
