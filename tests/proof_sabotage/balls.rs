@@ -9,7 +9,7 @@ use trued::setup::{MachineFile, header};
 use super::program::{Place, Rendered};
 use super::sabotage::{Act, Lines, Window, changed};
 
-const SAMBA: &str = include_str!("../../config/samba.toml");
+pub const SAMBA: &str = include_str!("../../config/samba.toml");
 /// B, C, S in degrees.
 const INDEXATIONS: [[f64; 3]; 6] = [
     [0.0, 0.0, 0.0],
@@ -87,15 +87,20 @@ pub const BALLS: [(&str, Act); 6] = [
         same.then(|| after_back(p, l, id, &[inside]))
     }),
     ("S a quarter on", |p, l, id| {
-        let Place { orient, touch, .. } = p.place(id);
+        let Place { orient, touch, .. } = oriented(p, id)?;
         changed(l, orient?, &['R'], |r| (r + 90.0) % 360.0).then_some((orient?, touch))
     }),
     ("S left out", |p, l, id| {
-        let Place { orient, touch, .. } = p.place(id);
+        let Place { orient, touch, .. } = oriented(p, id)?;
         l.remove(orient?);
         Some((orient? - 1, touch - 1))
     }),
 ];
+
+/// The first step of the indexation of this one: there the spindle turns.
+fn oriented(p: &Rendered, id: u32) -> Option<Place> {
+    (0..=id).rev().map(|id| p.place(id)).find(|place| place.orient.is_some())
+}
 
 fn step(p: &Rendered, id: u32) -> Option<&Step> {
     p.plan.steps.iter().find(|step| step.id == id)

@@ -58,9 +58,9 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
 
 /// Those, and two that measure balls.
 fn rendered() -> Vec<(String, Rendered)> {
-    let round = programs()
-        .into_iter()
-        .map(|(name, file, dialect)| (name.to_owned(), Rendered::new(&file, dialect)));
+    let round = programs().into_iter().map(|(name, file, dialect)| {
+        (name.to_owned(), Rendered::new(&file, "self-calibration", dialect))
+    });
     let balls = ["linuxcnc", "grbl-m19"]
         .map(|dialect| (format!("balls, {dialect}"), balls::rendered(dialect)));
     round.chain(balls).collect()
@@ -74,7 +74,8 @@ fn parked(rendered: &Rendered) -> Position {
 
 #[test]
 fn no_program_as_rendered_is_refused() {
-    for (name, rendered) in rendered() {
+    let samba = Rendered::new(balls::SAMBA, "samba", "grbl-m19");
+    for (name, rendered) in rendered().into_iter().chain([("samba".to_owned(), samba)]) {
         for stands in [None, Some(parked(&rendered))] {
             let proof = rendered
                 .prove(&rendered.lines, stands.as_ref())

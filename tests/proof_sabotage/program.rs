@@ -22,9 +22,9 @@ pub struct Rendered {
 
 impl Rendered {
     /// The plan of `file` from nominal positions, in `dialect`.
-    pub fn new(file: &str, dialect: &str) -> Self {
+    pub fn new(file: &str, method: &str, dialect: &str) -> Self {
         let file = MachineFile::parse("shop.toml", file.to_owned()).unwrap();
-        let (method, mut plan) = header(&file, "self-calibration", None).unwrap();
+        let (method, mut plan) = header(&file, method, None).unwrap();
         let mut stages = Vec::new();
         while let Next::Stage { stage, new_steps } =
             method.next(&plan, &stages, Source::Nominal).unwrap()

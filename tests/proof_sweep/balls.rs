@@ -91,12 +91,11 @@ impl Bench {
             Body::Rod(Solid { from, to, radius }) => (radius.unwrap(), length(minus(*to, *from))),
             Body::Ball(_, radius) => (*radius, 0.0),
         };
-        let balls: Vec<_> =
-            self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
-                let ((centre, radius), (stem, long)) = (ball[0].bound(), rod(&ball[1]));
-                json!({"id": k.to_string(), "centre_mm": centre, "radius_mm": radius, "stem": way,
+        let balls = self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
+            let ((centre, radius), (stem, long)) = (ball[0].bound(), rod(&ball[1]));
+            json!({"id": k.to_string(), "centre_mm": centre, "radius_mm": radius, "stem": way,
                 "stem_radius_mm": stem, "stem_length_mm": long})
-            });
+        });
         let balls: Vec<_> = balls.collect();
         let ([ball, stem, body], at) = (
             self.stylus.each_ref().map(rod),
@@ -326,7 +325,7 @@ impl Touch {
             bench.apart(&at, [&bench.stylus[tool], work], shift, by)
         };
         let shares = (0..=STEPS).map(|k| k as f64 / STEPS as f64);
-        let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 0.0) else {
+        let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 3e-3) else {
             return false;
         };
         let stop = contact + PRE_TRAVEL / length_mm - 1.0 / STEPS as f64;
