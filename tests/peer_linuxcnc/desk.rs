@@ -45,10 +45,15 @@ impl Desk {
         Self::with(rig, &short)
     }
 
-    /// With balls in the place of the cylinder.
+    /// With balls in the place of the cylinder, and touches at twice the feed: a servo period is
+    /// 1 µm then.
     pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
-        Self::of(rig, &format!("{head}{BALLS}"), &[])
+        let faster = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+        ];
+        Self::of(rig, &format!("{head}{BALLS}"), &faster)
     }
 
     /// The file with some of its text replaced.

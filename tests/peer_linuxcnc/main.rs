@@ -88,8 +88,7 @@ fn main() {
         machine("linuxcnc_resume_after_a_stop", resume::after_an_emergency_stop),
         machine("linuxcnc_resume_refused", resume::not_when_the_part_has_moved),
         machine("linuxcnc_ball", samba::a_ball_is_where_the_axes_carry_it),
-        // Until the method stands.
-        long("linuxcnc_samba", samba::finds_the_true_axes),
+        machine("linuxcnc_samba", samba::finds_the_true_axes),
         machine("linuxcnc_halt_is_fast", halt::it_is_on_the_wire_at_once),
         long("linuxcnc_stop", cycle::a_stop_holds_and_keeps_what_was_read),
         long("linuxcnc_run_machine_off", faults::machine_off),
