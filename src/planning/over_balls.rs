@@ -40,7 +40,7 @@ pub(super) fn approach(
     let high = way.z_above(&step.from, MARGIN);
     let known = |axis: Axis| axis == Axis::S || path.stands.get(axis).is_some();
     if !step.from.iter().all(|(axis, _)| known(axis)) || !clearance.about.upright(&path.stands) {
-        way.from_nowhere(path, high);
+        way.begin_anywhere(path, high);
     } else if way.turns(path) {
         way.turning(path, high)?;
     } else {
@@ -69,7 +69,7 @@ impl Way<'_> {
         rotary.any(|(axis, value)| !path.stands_at(axis, value))
     }
 
-    fn from_nowhere(&self, path: &mut Path, high: f64) {
+    fn begin_anywhere(&self, path: &mut Path, high: f64) {
         path.rapid(&height(self.clearance.top_z));
         path.rapid(&self.from.only(|axis| !axis.is_linear() && axis != Axis::S));
         path.orient(self.from.get(Axis::S));

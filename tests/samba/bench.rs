@@ -142,14 +142,27 @@ impl Bench {
     }
 }
 
-/// As a run measures, over the same wire, without its proof and its journal.
-pub fn measure(seed: u64, world: &World) -> Result<Measured, Failed> {
-    let file = world.file(seed);
-    let (method, header) =
-        setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let (plan, readings) = runtime.block_on(touch_all(&file, method.as_ref(), header))?;
-    Measured::of(world, method.as_ref(), plan, readings)
+/// One method for many worlds that differ in their truth only: its design is made once.
+pub struct Series {
+    world: World,
+    method: Box<dyn Method>,
+    header: Plan,
+}
+
+impl Series {
+    pub fn of(world: World) -> Self {
+        let (method, header) = setup::header(&world.file(0), "samba", None).unwrap();
+        Self { world, method, header }
+    }
+
+    /// As a run measures, over the same wire, without its proof and its journal.
+    pub fn measure(&self, seed: u64) -> Result<Measured, Failed> {
+        let file = self.world.file(seed);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let touched = touch_all(&file, self.method.as_ref(), self.header.clone());
+        let (plan, readings) = runtime.block_on(touched)?;
+        Measured::of(&self.world, self.method.as_ref(), plan, readings)
+    }
 }
 
 async fn touch_all(

@@ -3,7 +3,7 @@
 
 mod bench;
 
-use bench::{Bench, Failed, Measured, World};
+use bench::{Bench, Failed, Measured, Series, World};
 
 const SYMBOLS: [(&str, &str); 13] = [
     ("EA0B", "EA0B_urad"),
@@ -38,10 +38,10 @@ fn chi2(measured: &Measured) -> f64 {
 }
 
 /// Mean of χ²/13 over the seeds.
-fn mean_chi2(seeds: std::ops::Range<u64>, world: &World) -> f64 {
+fn mean_chi2(seeds: std::ops::Range<u64>, series: &Series) -> f64 {
     let count = (seeds.end - seeds.start) as f64;
     let each = in_parallel(seeds, |seed| {
-        let measured = bench::measure(seed, world);
+        let measured = series.measure(seed);
         chi2(&measured.unwrap_or_else(|Failed(why)| panic!("seed {seed}: {why}"))) / 13.0
     });
     each.iter().sum::<f64>() / count
@@ -71,11 +71,12 @@ fn the_built_in_machine_is_measured_as_it_is() {
 }
 
 /// The budget of the small design: what 200 machines can be measured with in a test.
-fn small(world: World) -> World {
-    world
+fn small(world: World) -> Series {
+    let world = world
         .with("method.samba.balls", 40)
         .with("method.samba.find", "once")
-        .with("method.samba.references", false)
+        .with("method.samba.references", false);
+    Series::of(world)
 }
 
 #[test]
@@ -90,7 +91,7 @@ fn u_is_true_in_worlds_inside_the_model() {
 /// What the thirteen parameters do not hold, one at a time, strong enough to matter.
 #[test]
 fn what_the_model_does_not_hold_is_flagged() {
-    let inside = || small(World::inside_the_model());
+    let inside = World::inside_the_model;
     let motion = "symbol = 'EXC'\nharmonic = 2\ncos_um = 5.0";
     let sag = "axis = 'B'\nlaw = 'one-minus-cos'\num = [0.0, 0.0, -10.0]";
     let worlds = [
@@ -100,8 +101,9 @@ fn what_the_model_does_not_hold_is_flagged() {
         ("drift", inside().with("machine.drift_um_per_h", 40.0)),
     ];
     for (name, world) in worlds {
+        let series = small(world);
         let flagged = in_parallel(0..10, |seed| {
-            let Ok(measured) = bench::measure(seed, &world) else { return true };
+            let Ok(measured) = series.measure(seed) else { return true };
             let warnings = &measured.estimate.warnings;
             println!("{name} {seed}: χ²/dof {:.2}", measured.estimate.chi2_per_dof);
             warnings.iter().any(|warning| warning.contains("does not explain"))

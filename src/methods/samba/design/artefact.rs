@@ -120,7 +120,8 @@ fn check_lengths(set: &Balls) -> Result<(), Refused> {
         };
         let stated = DVec3::from_array(from.centre_mm).distance(DVec3::from_array(to.centre_mm));
         let slack = LENGTH_SLACK_MM + 2.0 * set.uncertainty_mm;
-        if from.id == to.id || !((stated - length.mm).abs() <= slack) {
+        let agrees = (stated - length.mm).abs() <= slack;
+        if from.id == to.id || !agrees {
             return refuse(
                 format!(
                     "the length {} to {} is {} mm, but the stated centres are {stated:.3} mm apart",

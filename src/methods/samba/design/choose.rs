@@ -86,7 +86,7 @@ impl Choice<'_> {
         let best = candidates.into_iter().rev().max_by_key(|at| count(*at));
         let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
         let there = |(_, sight): &(usize, &Sight)| {
-            sight.indexation == best && (new(&sight) || self.taken.is_empty())
+            sight.indexation == best && (new(sight) || self.taken.is_empty())
         };
         let found: Vec<usize> =
             self.sights.iter().enumerate().filter(there).map(|(index, _)| index).collect();

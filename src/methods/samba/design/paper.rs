@@ -24,12 +24,12 @@ const BALLS: usize = 109;
 /// Indices into [`TILTS_DEG`], and into [`QUARTERS_DEG`] for C and S, in measuring order.
 fn triples() -> Vec<[usize; 3]> {
     let mut triples = Vec::new();
-    for tilt in 0..TILTS_DEG.len() {
-        let forward = (0..4_usize).filter(|c| TILTS_DEG[tilt] == 0.0 || *c != tilt % 4);
+    for (tilt, tilt_deg) in TILTS_DEG.into_iter().enumerate() {
+        let forward = (0..4_usize).filter(|c| tilt_deg == 0.0 || *c != tilt % 4);
         let forward: Vec<usize> = forward.collect();
         let reverse = forward.iter().rev();
         let turns: Vec<usize> = match tilt {
-            _ if TILTS_DEG[tilt] == 0.0 => forward.iter().chain(reverse).copied().collect(),
+            _ if tilt_deg == 0.0 => forward.iter().chain(reverse).copied().collect(),
             even if even.is_multiple_of(2) => forward,
             _ => reverse.copied().collect(),
         };

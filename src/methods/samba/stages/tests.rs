@@ -12,13 +12,15 @@ use crate::record::artefact::Artefact;
 use crate::record::plan::{Plan, Stage, Step, StepKind};
 use crate::record::reading::Reading;
 
+type Dirt = Box<dyn Fn(&Label, u32) -> f64>;
+
 /// A machine with errors and balls that stand beside their stated places.
 struct Shop {
     chain: Chain,
     errors: Vec<ErrorTerm>,
     shift: DVec3,
     /// Added to the contact of one touch, mm: dirt.
-    dirt: Box<dyn Fn(&Label, u32) -> f64>,
+    dirt: Dirt,
 }
 
 impl Shop {
