@@ -10,7 +10,7 @@ use parry3d_f64::shape::SupportMap;
 
 use super::PlanningError;
 use super::hull::{Body, Upright, apart_by};
-use crate::artefact::{self, Shape};
+use crate::artefact;
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Carried, Chain, Side};
 use crate::record::artefact::Artefact;
