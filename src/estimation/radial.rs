@@ -31,6 +31,9 @@ const MAX_STEPS: usize = 1000;
 /// In standard uncertainties that a radial deviation of one radius would cause: what the rounding of
 /// the distances can cause.
 const TOLERANCE: f64 = 4e-15;
+/// Where the deviations are as large as the radius, steps become small slowly, or circle in their own
+/// rounding: after [`MAX_STEPS`] this is near enough.
+const SETTLED: f64 = 1e-9;
 
 /// Fits centre and radius, or the centre alone where the `radius` is known: algebraic start (Kåsa
 /// 1976), then Gauss–Newton, each step halved until the deviations shrink.
@@ -63,10 +66,10 @@ fn converge<const D: usize>(
     start: About<D>,
 ) -> Result<(About<D>, LinearSolution), RadialError> {
     let mut at = start;
-    for _ in 0..MAX_STEPS {
+    for count in 0..=MAX_STEPS {
         let step = at.step().ok_or(RadialError::NotConverged)?;
         let size = in_uncertainties(&step) / at.radius;
-        if size <= TOLERANCE {
+        if size <= TOLERANCE || (count == MAX_STEPS && size <= SETTLED) {
             return Ok((at.moved(points, &step.x, 1.0), step));
         }
         let mut part = 1.0;

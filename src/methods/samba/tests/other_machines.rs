@@ -41,8 +41,8 @@ fn check(topology: &str, unknowns: usize) {
         let angle = |n: usize| (f64::from(pose) * [0.37, 0.59, 0.83][n]).fract() * TAU;
         let place: Position =
             rotary.iter().enumerate().map(|(n, axis)| (*axis, angle(n))).collect();
-        for ball in 0..balls.len() {
-            let (target, tip) = (Point::from_vec(balls[ball]), Point::from_vec(TOOL));
+        for (ball, centre) in balls.iter().enumerate() {
+            let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
             let linear = chain.linear_axes_for(target, tip, &place, &terms).unwrap();
             xyz.push(DVec3::from_array(Axis::LINEAR.map(|axis| linear.at(axis))));
             let whitening = DMat3::IDENTITY / 1e-3;
