@@ -33,7 +33,7 @@ pub fn print_estimate(estimate: &Estimate) {
         );
     }
     say!(
-        "residuals {:.2} µm rms, {} degrees of freedom, χ²/dof {:.2}; rank {} of {}, condition {:.1}",
+        "residuals {:.2} µm rms, {} degrees of freedom, χ² {:.2} of what is expected; rank {} of {}, condition {:.1}",
         estimate.residual_rms_um,
         estimate.degrees_of_freedom,
         estimate.chi2_per_dof,

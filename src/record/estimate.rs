@@ -174,6 +174,8 @@ pub struct Estimate {
     pub not_identifiable: Vec<String>,
     pub residual_rms_um: f64,
     pub degrees_of_freedom: usize,
+    /// χ² over its expectation where all is as declared: the degrees of freedom, but where sources that
+    /// move many readings together are declared.
     pub chi2_per_dof: f64,
     pub verdict: Verdict,
     pub warnings: Vec<String>,

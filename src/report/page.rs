@@ -177,7 +177,7 @@ fn quality(estimate: &Estimate) -> Rows {
         ("What limits it", estimate.weakest.clone().unwrap_or_default()),
         ("Residuals (rms)", format!("{} µm", number::fixed(estimate.residual_rms_um, 3))),
         ("Degrees of freedom", estimate.degrees_of_freedom.to_string()),
-        ("χ² per degree of freedom", number::fixed(estimate.chi2_per_dof, 2)),
+        ("χ² over what is expected", number::fixed(estimate.chi2_per_dof, 2)),
     ];
     rows.retain(|(_, text)| !text.is_empty());
     rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()

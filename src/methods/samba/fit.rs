@@ -181,6 +181,18 @@ impl Problem {
         self.seen.iter().zip(&measured.xyz).map(|(seen, xyz)| at[seen.place].at(*xyz)).collect()
     }
 
+    /// Of each rotary position: the way of the stylus against the part that a way of X, Y, Z makes with
+    /// these errors, in the directions of the nominal axes.
+    pub fn ways(&self, x: &[f64]) -> Vec<DMat3> {
+        let (errors, tool) = self.machine(x);
+        let zero = vec![0.0; errors.len()];
+        let ways = self.places.iter().map(|place| {
+            let nominal = self.model.tips(place, &zero, tool).linear();
+            nominal.inverse() * self.model.tips(place, errors, tool).linear()
+        });
+        ways.collect()
+    }
+
     /// Weighted, measured less model, in the order of the rows.
     pub fn residuals(&self, x: &[f64], measured: &Measured) -> Vec<f64> {
         let mut residuals = vec![0.0; self.rows_count()];

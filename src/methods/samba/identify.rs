@@ -44,9 +44,14 @@ pub fn identify(
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
     let problem = problem(stylus, model, &observed, &balls, &whitening)?;
-    let measured = measured(&observed, &lengths);
     let names = outputs::names(&problem, &balls);
-    let (survey, minimum) = solve(&problem, &measured).map_err(|why| failed(why, &names))?;
+    let (survey, start) =
+        start(&problem, &measured(&observed, &lengths)).map_err(|why| failed(why, &names))?;
+    // The spheres of a nominal machine, then those of the machine as found.
+    let ways = problem.ways(&start.x);
+    observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    let measured = measured(&observed, &lengths);
+    let minimum = problem.solve(&measured, start.x).map_err(|why| failed(why, &names))?;
     let u_bars: Vec<f64> = lengths.iter().map(|length| u_bar(length)).collect();
     let declared = plan.probe.repeatability_um.is_some();
     let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
@@ -79,8 +84,8 @@ fn measured(observed: &Observed, lengths: &[&Length]) -> Measured {
     }
 }
 
-/// What the measurements can tell, asked before they are believed, and the solution.
-fn solve(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), NonlinearError> {
+/// What the measurements can tell, asked before they are believed, and a first solution.
+fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), NonlinearError> {
     let start = problem.start(measured);
     let (ideal, _) = factor(problem.rows(&start, &problem.ideal(&start)));
     let survey = ideal.survey()?;

@@ -3,11 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::label::{Label, Pass};
 use crate::base::{Axis, Position};
-use crate::estimation::sphere::fit_sphere;
+use crate::estimation::sphere::{SphereError, fit_sphere};
 use crate::methods::{IdentifyError, Refused};
 use crate::record::artefact::{Artefact, Balls};
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
@@ -37,8 +37,10 @@ pub struct Sight {
 }
 
 /// How one touch acts on its measurement.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Touch {
+    /// Axis positions, mm.
+    pub point: DVec3,
     /// Outward at the ball, machine frame.
     pub normal: DVec3,
     /// Shift of the centre by a deviation of the touch along the normal.
@@ -165,32 +167,60 @@ fn sight(
         return Err("its touches were not made at one rotary position".to_owned());
     }
     let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
-    let points: Option<Vec<[f64; 3]>> = touches
+    let points: Option<Vec<Touch>> = touches
         .iter()
         .map(|(_, reading, _)| match xyz(reading) {
-            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            [Some(x), Some(y), Some(z)] => {
+                Some(Touch { point: DVec3::new(x, y, z), ..Touch::default() })
+            }
             _ => None,
         })
         .collect();
-    let points = points.ok_or("a reading lacks X, Y or Z")?;
-    let sphere = fit_sphere(&points).map_err(|why| why.to_string())?;
-    let centre = DVec3::from_array(sphere.centre);
-    let touch = |point: &[f64; 3]| {
-        let normal = (DVec3::from_array(*point) - centre).normalize_or_zero();
-        let row = [normal.x, normal.y, normal.z, 1.0];
-        let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
-        Touch { normal, gain: DVec3::new(gain(0), gain(1), gain(2)) }
-    };
-    Ok(Sight {
+    let mut sight = Sight {
         label: label.clone(),
         ball,
-        place: index_of(place, places),
-        xyz: centre,
-        radius: sphere.radius,
-        form: sphere.residuals.iter().fold(0.0, |most, residual| most.max(residual.abs())),
-        touches: points.iter().map(touch).collect(),
+        place: 0,
+        xyz: DVec3::ZERO,
+        radius: 0.0,
+        form: 0.0,
+        touches: points.ok_or("a reading lacks X, Y or Z")?,
         t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
-    })
+    };
+    sight.fit(DMat3::IDENTITY).map_err(|why| why.to_string())?;
+    sight.place = index_of(place, places);
+    Ok(sight)
+}
+
+impl Observed {
+    /// Fits the spheres on a machine whose linear axes are known: of each rotary position, the way of
+    /// the stylus that a way of the axes makes.
+    ///
+    /// # Errors
+    /// Ways that make no sphere of the touches.
+    pub fn fit_again(&mut self, ways: &[DMat3]) -> Result<(), SphereError> {
+        self.sights.iter_mut().try_for_each(|sight| sight.fit(ways[sight.place]))
+    }
+}
+
+impl Sight {
+    /// Gains and squareness make an ellipsoid of the ball in axis positions, and its pole has no
+    /// opposite that would balance it: the sphere is fitted where it is one.
+    fn fit(&mut self, way: DMat3) -> Result<(), SphereError> {
+        let points: Vec<[f64; 3]> =
+            self.touches.iter().map(|touch| (way * touch.point).to_array()).collect();
+        let sphere = fit_sphere(&points)?;
+        let (centre, back) = (DVec3::from_array(sphere.centre), way.inverse());
+        for (touch, point) in self.touches.iter_mut().zip(points) {
+            touch.normal = (DVec3::from_array(point) - centre).normalize_or_zero();
+            let row = [touch.normal.x, touch.normal.y, touch.normal.z, 1.0];
+            let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
+            touch.gain = back * DVec3::new(gain(0), gain(1), gain(2));
+        }
+        self.xyz = back * centre;
+        self.radius = sphere.radius;
+        self.form = sphere.residuals.iter().fold(0.0, |most, residual| most.max(residual.abs()));
+        Ok(())
+    }
 }
 
 fn index_of(place: Position, places: &mut Vec<Position>) -> usize {

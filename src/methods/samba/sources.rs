@@ -137,17 +137,27 @@ fn linear_axes(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
         if spec.error_motion_um == 0.0 {
             continue;
         }
-        let places: Vec<f64> = sights.iter().map(|sight| sight.xyz[k].round()).collect();
+        // At its touches, not at its centre: the slope of a motion changes the sphere.
+        let touches = sights.iter().flat_map(|sight| &sight.touches);
+        let places: Vec<f64> = touches.map(|touch| touch.point[k].round()).collect();
         let sigma = spec.error_motion_um * 1e-3;
         for column in smooth_function(&places, sigma, spec.error_wavelength_mm) {
-            draws.extend(DVec3::AXES.map(|along| Draw {
-                first: 0,
-                values: column.iter().flat_map(|value| (along * *value).to_array()).collect(),
-            }));
+            draws.extend(DVec3::AXES.map(|along| touched(sights, &column, along)));
         }
     }
     let name = "error motions of X, Y and Z";
     UncertaintySource { name, shape: Shape::Normal, draws, shown: true }
+}
+
+/// Touches that deviate by `by`, one entry a touch, along an axis.
+fn touched(sights: &[Sight], by: &[f64], along: DVec3) -> Draw {
+    let mut by = by.iter();
+    let shift = |sight: &Sight| -> DVec3 {
+        let touches = sight.touches.iter().zip(by.by_ref());
+        touches.map(|(touch, by)| touch.gain * (touch.normal.dot(along) * by)).sum()
+    };
+    let values = sights.iter().map(shift).flat_map(|shift| shift.to_array()).collect();
+    Draw { first: 0, values }
 }
 
 /// The table against the spindle in X and in Y, at the declared rate, from the middle of the run.

@@ -28,6 +28,7 @@ pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     lines.extend(unsound_balls(parts));
     lines.extend(cold(parts));
     lines.extend(disagreement(parts));
+    lines.extend(unstable(parts));
     lines
 }
 
@@ -36,18 +37,34 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
     if misfit.above {
         return Some(format!(
             "the model does not explain the measurements: they scatter {:.1} times more than declared \
-             (χ² {:.0} where {:.0} is expected); look for error motions, sag, drift or a loose ball. The \
+             ({}); look for error motions, sag, drift or a loose ball. The \
              uncertainties are enlarged by that factor",
-            misfit.factor, misfit.chi2, misfit.expected
+            misfit.factor,
+            against_expectation(parts)
         ));
     }
     misfit.below.then(|| {
         format!(
-            "the measurements scatter less than declared (χ² {:.0} where {:.0} is expected): \
+            "the measurements scatter less than declared ({}): \
              repeatability_um or error_motion_um may be stated too large, and the uncertainties with it",
-            misfit.chi2, misfit.expected
+            against_expectation(parts)
         )
     })
+}
+
+/// χ² and what it is on average where all is as declared.
+fn against_expectation(parts: &Parts<'_>) -> String {
+    let (chi2, expected) = (parts.misfit.chi2, parts.misfit.expected);
+    let solved = &parts.solved;
+    let dof = solved.minimum.residuals.len().saturating_sub(solved.problem.unknowns());
+    let mut told = format!("χ² {chi2:.0} where {expected:.0} is expected");
+    if (expected - dof as f64).abs() >= 0.5 {
+        told += &format!(
+            ", not the {dof} degrees of freedom: what is declared to move many measurements together \
+             leaves other residuals than what moves each alone"
+        );
+    }
+    told
 }
 
 fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
@@ -105,6 +122,18 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
         )
     });
     told.collect()
+}
+
+/// JCGM 101, 7.9: the trials were as many as may be, and not enough for their stopping rule.
+fn unstable(parts: &Parts<'_>) -> Option<String> {
+    let told = || {
+        format!(
+            "after {} trials u by Monte Carlo is not yet stable in its second digit (JCGM 101, 7.9); u and \
+             U are those by covariance. Ask for more by monte_carlo_trials",
+            parts.monte_carlo.trials
+        )
+    };
+    (!parts.monte_carlo.stable).then(told)
 }
 
 /// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical

@@ -120,8 +120,7 @@ impl<'a> Bench<'a> {
             .iter()
             .zip(self.units())
             .map(|(column, unit)| *column * unit / self.u_mm());
-        let tool = [rows.tool.x_axis, rows.tool.y_axis, rows.tool.z_axis];
-        let tool = tool.into_iter().map(|column| column * OFFSET / self.u_mm());
+        let tool = self.model.stylus().iter().map(|k| rows.tool.col(*k) * OFFSET / self.u_mm());
         Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })
     }
 
@@ -130,7 +129,12 @@ impl<'a> Bench<'a> {
         let machine = self.model.parameters().len();
         let bars: Vec<Bar> = self.balls.lengths.iter().filter_map(|l| self.bar(l)).collect();
         let unit = OFFSET / self.u_mm();
-        Information::new(machine, machine + 3, self.balls.balls.len(), &bars, unit)
+        Information::new(machine, self.shared(), self.balls.balls.len(), &bars, unit)
+    }
+
+    /// How many unknowns all measurements share: machine errors and stylus.
+    pub fn shared(&self) -> usize {
+        self.model.parameters().len() + self.model.stylus().len()
     }
 
     /// Which balls a length joins, and its direction.

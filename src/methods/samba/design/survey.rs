@@ -15,7 +15,7 @@ const WORST_CONDITION: f64 = 1e4;
 /// All rows of the design, weighted, on machine errors, tool and balls; and the names of these.
 pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<String>), Refused> {
     let parameters = bench.model.parameters();
-    let shared = parameters.len() + 3;
+    let shared = bench.shared();
     let balls = &bench.balls.balls;
     let unknowns = shared + 3 * balls.len();
     let zero = vec![0.0; parameters.len()];
@@ -26,9 +26,10 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
             let centre = DVec3::from_array(ball.centre_mm);
             let seen =
                 bench.model.rows(&bench.on_ball(&visit.at, ball)?, &zero, bench.tip.mm, centre);
-            let tool = [seen.tool.x_axis, seen.tool.y_axis, seen.tool.z_axis];
+            let tool = bench.model.stylus().iter().map(|k| seen.tool.col(*k));
+            let common: Vec<DVec3> = seen.machine.iter().copied().chain(tool).collect();
             for axis in 0..3 {
-                let known = seen.machine.iter().chain(&tool).map(|column| column[axis]);
+                let known = common.iter().map(|column| column[axis]);
                 let mut row: Vec<f64> = known.map(|entry| entry / bench.u_mm()).collect();
                 row.resize(unknowns, 0.0);
                 let own = row.get_mut(shared + 3 * index + axis);
@@ -49,7 +50,7 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
     }
     let of_balls =
         balls.iter().flat_map(|ball| ["x", "y", "z"].map(|c| format!("{c}_{}", ball.id)));
-    let tool = ["t_x", "t_y", "t_z"].map(str::to_owned);
+    let tool = bench.model.stylus().iter().map(|k| ["t_x", "t_y", "t_z"][*k].to_owned());
     let names = parameters.iter().map(ToString::to_string).chain(tool).chain(of_balls).collect();
     Ok((Mat::from_fn(rows.len(), unknowns, |i, j| rows[i][j]), names))
 }
@@ -66,8 +67,7 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     let expected = usize::from(bench.balls.lengths.is_empty() && scales(bench));
     if found.nullity > expected {
         // Where the machine is not known the balls are not either: that need not be said.
-        let shared = bench.model.parameters().len() + 3;
-        let of_machine = found.null_space.get(..shared, ..);
+        let of_machine = found.null_space.get(..bench.shared(), ..);
         return Err(Refused {
             why: format!(
                 "this design sees {} of {} unknowns; it cannot tell {}",

@@ -151,3 +151,19 @@ fn a_choice_by_chance_tells_less() {
         assert!(chosen < by_chance, "{chosen} against {by_chance}");
     }
 }
+
+/// Where the table only turns, the stylus's length shifts all balls alike: it is held, no unknown.
+#[test]
+fn a_machine_of_four_axes_has_a_design() {
+    for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {
+        let settings = Settings::default();
+        let plan = Plan { machine: machine(topology), ..plan(&settings) };
+        let bench = Bench::new(&plan, &settings).unwrap();
+        let visits = design(&bench, |_| Ok(0.0)).unwrap();
+        let found = survey::check(&bench, &visits).unwrap();
+        println!("{topology}: {} indexations, condition {:.1}", visits.len(), found.condition);
+        assert_eq!((found.rank, found.nullity), (unknowns, 0), "{topology}");
+        let (_, names) = survey::matrix(&bench, &visits).unwrap();
+        assert!(names.iter().any(|name| name == "t_x") && !names.iter().any(|name| name == "t_z"));
+    }
+}
