@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::failure::Failure;
-use crate::record::estimate::{Estimate, Verdict};
+use crate::record::estimate::{Estimate, Unit, Verdict};
 use crate::record::event::Event;
 use crate::record::proof::Proof;
 use crate::report::page;
@@ -20,8 +20,10 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
 pub fn print_estimate(estimate: &Estimate) {
     say!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit", "parameter", "value", "u", "U", "k");
     for p in &estimate.parameters {
+        // All to a nanometre, or so.
+        let digits = if p.unit == Unit::Mm { 5 } else { 3 };
         say!(
-            "{:<12} {:>12.3} {:>9.3} {:>9.3} {:>6.2}  {}",
+            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}",
             p.symbol,
             p.value,
             p.u,
@@ -40,7 +42,7 @@ pub fn print_estimate(estimate: &Estimate) {
         estimate.condition
     );
     if let Some(weakest) = &estimate.weakest {
-        tell!("least certain: {weakest}");
+        say!("least certain: {weakest}");
     }
     for line in &estimate.gauge {
         say!("convention: {line}");

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Shop, estimate, machine, said, tells};
+use super::bench::Bench;
+use super::{Shop, estimate, machine, said, tells, with_control};
 
 #[test]
 fn regress_exported_readings_identify_to_the_stored_bytes() {
@@ -51,7 +52,11 @@ fn regress_two_heights_find_the_tilts_of_the_axis() {
 
 #[test]
 fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
-    let shop = Shop::new(&(machine() + "spindle = \"follow\"\n"));
+    let follows = machine() + "spindle = \"follow\"\n";
+    let bench = Bench::start(&follows);
+    // A plain grbl has no word that orients the spindle.
+    let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
+    let shop = Shop::new(&with_control(&follows, &control));
     let refused = shop.run();
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
     tells(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);

@@ -1,6 +1,8 @@
 //! Ways to spoil a program. Each changes a copy of the lines at a step and says between which lines
 //! (indices into the spoiled lines, both included) the damage must be named.
 
+use trued::record::artefact::Artefact;
+
 use super::program::{Place, Rendered};
 
 pub type Lines = Vec<String>;
@@ -224,7 +226,11 @@ pub const MORE: [(&str, Act); 7] = [
         Some((up, next))
     }),
     ("a decimal comma", |p, l, id| on(l, p.place(id).touch, ".", ",")),
-    ("the way up through the part", |p, l, id| on(l, p.place(id).up, " Z", " X0 Y0 Z")),
+    ("the way up through the part", |p, l, id| {
+        // Between balls there is room.
+        let round = matches!(p.plan.artefact, Artefact::Cylinder(_));
+        round.then(|| on(l, p.place(id).up, " Z", " X0 Y0 Z")).flatten()
+    }),
     ("an endless number", |p, l, id| {
         on(l, p.place(id).up, " Z", &format!(" Z{}", "9".repeat(400)))
     }),
