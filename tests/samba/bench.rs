@@ -155,6 +155,12 @@ impl Series {
         Self { world, method, header }
     }
 
+    /// The plan knows nothing of the world's drift: what is declared is inside the model.
+    pub fn without_declared_drift(mut self) -> Self {
+        self.header.machine.drift_um_per_h = 0.0;
+        self
+    }
+
     /// As a run measures, over the same wire, without its proof and its journal.
     pub fn measure(&self, seed: u64) -> Result<Measured, Failed> {
         let file = self.world.file(seed);

@@ -101,7 +101,7 @@ fn what_the_model_does_not_hold_is_flagged() {
         ("drift", inside().with("machine.drift_um_per_h", 40.0)),
     ];
     for (name, world) in worlds {
-        let series = small(world);
+        let series = small(world).without_declared_drift();
         let flagged = in_parallel(0..10, |seed| {
             let Ok(measured) = series.measure(seed) else { return true };
             let warnings = &measured.estimate.warnings;

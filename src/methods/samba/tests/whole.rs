@@ -278,6 +278,28 @@ fn regress_a_ball_that_moved_is_named() {
     assert!(!says(&SOUND.identify().unwrap(), &["moved"]));
 }
 
+/// Where motions are declared χ² is expected to be other than the degrees of freedom: the warning tells
+/// both, and the estimate's figure is the ratio that it tells. Trials that the cap stopped say so.
+#[test]
+fn regress_the_figures_of_a_misfit_agree() {
+    let shift =
+        |ball, visit, _| if ball == 3 && visit > 50 { DVec3::X * 0.02 } else { DVec3::ZERO };
+    let slipped = World { motion_um: 1.5, shift, ..SOUND };
+    let estimate = slipped.identify_with(0).unwrap();
+    println!("{:#?}", estimate.warnings);
+    let told = estimate.warnings.iter().find(|line| line.contains("does not explain")).unwrap();
+    let number = |after: &str| -> f64 {
+        let (_, rest) = told.split_once(after).unwrap();
+        rest.split(' ').next().unwrap().parse().unwrap()
+    };
+    let (chi2, expected) = (number("(χ² "), number("where "));
+    assert_eq!((number("not the "), estimate.degrees_of_freedom), (294.0, 294));
+    assert!(expected < 280.0);
+    assert!((chi2 / expected / estimate.chi2_per_dof - 1.0).abs() < 0.01, "{told}");
+    assert!(says(&estimate, &["is not yet stable", "monte_carlo_trials"]));
+    assert!(!says(&slipped.identify().unwrap(), &["stable"]));
+}
+
 /// Dirt under one measurement is flagged, kept, and named; the others are not.
 #[test]
 fn regress_a_dirty_measurement_is_flagged_and_kept() {
