@@ -59,12 +59,16 @@ impl<'a> References<'a> {
     pub fn stage(&self, stages: &[Stage]) -> Stage {
         let stops = stages.iter().filter(|stage| stage.repeat >= REPEAT_AFTER_STOP).count();
         let last = stages.last();
+        let touches =
+            |stage: &&Stage| self.places.iter().any(|place| stage.steps.contains(&place.step.id));
+        // They were planned for what was found there, not for what a later stage searches.
+        let theirs = stages.iter().rev().find(touches);
         Stage {
             id: last.map_or(0, |stage| stage.id),
             name: "references after a stop".to_owned(),
             repeat: REPEAT_AFTER_STOP + stops as u32,
             steps: self.places.iter().map(|place| place.step.id).collect(),
-            found: last.and_then(|stage| stage.found.clone()),
+            found: theirs.or(last).and_then(|stage| stage.found.clone()),
         }
     }
 

@@ -212,6 +212,7 @@ fn gauge(parts: &Parts<'_>) -> Vec<String> {
         ),
         "ball coordinates: the table frame of the machine as found, all rotary axes at zero"
             .to_owned(),
+        "the machine as it stood in the middle of the measurement".to_owned(),
     ];
     for k in (0..3).filter(|k| !model.stylus().contains(k)) {
         lines.push(format!(

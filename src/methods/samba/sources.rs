@@ -160,12 +160,13 @@ fn touched(sights: &[Sight], by: &[f64], along: DVec3) -> Draw {
     Draw { first: 0, values }
 }
 
-/// The table against the spindle in X and in Y, at the declared rate, from the middle of the run.
+/// The table against the spindle in X, Y and Z, at the declared rate, from the middle of the run: that
+/// is what the estimate speaks of.
 fn drift(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
     let rate_mm_per_s = plan.machine.drift_um_per_h * 1e-3 / 3600.0;
     let mean = sights.iter().map(|sight| sight.t_s).sum::<f64>() / sights.len().max(1) as f64;
     let along = |axis: DVec3| spread(sights, |sight| axis * rate_mm_per_s * (sight.t_s - mean));
-    let draws = vec![along(DVec3::X), along(DVec3::Y)];
+    let draws = vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)];
     UncertaintySource { name: "thermal drift", shape: Shape::Normal, draws, shown: true }
 }
 

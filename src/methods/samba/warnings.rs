@@ -38,7 +38,7 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
         return Some(format!(
             "the model does not explain the measurements: they scatter {:.1} times more than declared \
              ({}); look for error motions, sag, drift or a loose ball. The \
-             uncertainties are enlarged by that factor",
+             uncertainties are enlarged by that factor, which need not cover what the model does not hold",
             misfit.factor,
             against_expectation(parts)
         ));

@@ -86,9 +86,13 @@ fn a_spindle_that_is_not_oriented() {
 }
 
 #[test]
-fn without_a_bar_the_gains_are_relative_and_the_run_goes_on() {
+fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let no_bar = with_balls(|set| set.lengths.clear());
-    let answer = Samba::new(Settings::default()).next(&no_bar, &[], Source::Measured(&[]));
+    refused(&no_bar, Settings::default(), &["EXX1", "EYY1", "EZZ1"]);
+    let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
+    let parameters = names.split(' ').map(str::to_owned).collect();
+    let relative = Settings { parameters, ..Settings::default() };
+    let answer = Samba::new(relative).next(&no_bar, &[], Source::Measured(&[]));
     assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
 }
 

@@ -56,16 +56,14 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
 }
 
 /// # Errors
-/// A design that leaves something open beyond the uniform scale, which nothing but a certified length
-/// could tell.
+/// A design that leaves something open: what it is, in words.
 pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     let (matrix, names) = matrix(bench, visits)?;
     let found = survey(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| Refused {
         why: format!("the design cannot be judged: {error}"),
         instead: "correct [machine], [axes] and [artefact]".to_owned(),
     })?;
-    let expected = usize::from(bench.balls.lengths.is_empty() && scales(bench));
-    if found.nullity > expected {
+    if found.nullity > 0 {
         // Where the machine is not known the balls are not either: that need not be said.
         let of_machine = found.null_space.get(..bench.shared(), ..);
         return Err(Refused {
@@ -91,10 +89,4 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
         });
     }
     Ok(found)
-}
-
-/// Whether all three gains are asked for: then the scale of everything is open without a length.
-fn scales(bench: &Bench<'_>) -> bool {
-    let gain = |name: &str| bench.model.parameters().iter().any(|p| p.to_string() == name);
-    ["EXX1", "EYY1", "EZZ1"].into_iter().all(gain)
 }
