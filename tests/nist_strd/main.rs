@@ -6,7 +6,9 @@
 //! What this is not: a certificate. NIST certifies the values, not programs that meet them; and 27
 //! small problems with dense Jacobians say nothing about the model, the rank decisions or the
 //! uncertainties of any machine. It shows that `estimation::nonlinear` finds a minimum, from starts
-//! near and far, to the digits that double precision leaves.
+//! near and far, to the digits that double precision leaves. SAMBA does not go through it: its own
+//! Gauss–Newton with blocks eliminated (`estimation::schur`) is held against dense solves and, in
+//! `benches/samba.rs`, against scipy.
 
 mod file;
 mod models;

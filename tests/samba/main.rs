@@ -1,5 +1,6 @@
-//! SAMBA end to end: the built-in machine of paper 4, its simulated control over the grbl wire, the
-//! real run with proof and journal. The world is exact and knows nothing of the estimator.
+//! SAMBA end to end: the built-in machine of paper 4, its simulated control over the grbl wire. One
+//! machine goes through the real run with proof and journal; the many seeds, of a smaller design, go
+//! over the same wire without them. The world is exact and knows nothing of the estimator.
 
 mod bench;
 
