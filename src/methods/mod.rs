@@ -75,8 +75,17 @@ pub trait Method: Send + Sync {
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
 
-    /// Whether this method can take these estimates as known; asked before anything moves.
-    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused>;
+    /// Whether this method can take these estimates as known; asked before anything moves. Most take
+    /// none.
+    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
+        match priors.first() {
+            None => Ok(()),
+            Some(prior) => Err(Refused {
+                why: format!("this method takes no prior (given: an estimate of {})", prior.method),
+                instead: "leave out --with".to_owned(),
+            }),
+        }
+    }
 
     /// Plan + readings + priors → estimate. A pure function: same input, same output.
     fn identify(

@@ -52,7 +52,7 @@ pub fn identify(
     observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
     let measured = measured(&observed, &lengths);
     let minimum = problem.solve(&measured, start.x).map_err(|why| failed(why, &names))?;
-    let u_bars: Vec<f64> = lengths.iter().map(|length| u_bar(length)).collect();
+    let u_bars: Vec<f64> = lengths.iter().map(|length| length_u_mm(length)).collect();
     let declared = plan.probe.repeatability_um.is_some();
     let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
     let misfit = Misfit::judge(&weights, &minimum, &sources, declared);
@@ -133,7 +133,7 @@ fn problem(
 ) -> Result<Problem, IdentifyError> {
     let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {
-        Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: u_bar(length) })
+        Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: length_u_mm(length) })
     });
     let sights = observed.sights.iter().zip(whitening);
     let seen: Vec<Seen> =
@@ -145,12 +145,6 @@ fn problem(
     }
     let (places, count) = (observed.places.clone(), balls.balls.len());
     Ok(Problem::new(model, places, seen, bars.collect(), count, stylus))
-}
-
-/// Standard uncertainty of a length, no smaller than a nanometre: it is a weight.
-fn u_bar(length: &Length) -> f64 {
-    let [certificate, temperature] = length_u_mm(length);
-    certificate.hypot(temperature).max(1e-6)
 }
 
 /// W = L⁻¹ with Σ = L·Lᵀ.

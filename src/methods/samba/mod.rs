@@ -96,16 +96,6 @@ impl Method for Samba {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
-        match priors.first() {
-            None => Ok(()),
-            Some(prior) => Err(Refused {
-                why: format!("samba takes no prior yet (given: {})", prior.method),
-                instead: "leave out --with".to_owned(),
-            }),
-        }
-    }
-
     fn identify(
         &self,
         plan: &Plan,

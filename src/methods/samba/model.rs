@@ -178,7 +178,13 @@ pub fn length_mm(length: &Length) -> f64 {
     length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * above)
 }
 
-/// Its standard uncertainty from the certificate and from the temperature, mm.
-pub fn length_u_mm(length: &Length) -> [f64; 2] {
+/// Its standard uncertainty, mm; never so small that its row outweighs all others' rounding.
+pub fn length_u_mm(length: &Length) -> f64 {
+    let [certificate, temperature] = length_u_parts_mm(length);
+    certificate.hypot(temperature).max(1e-6)
+}
+
+/// The same from the certificate and from the temperature, mm.
+pub fn length_u_parts_mm(length: &Length) -> [f64; 2] {
     [length.u_mm, (length.mm * length.expansion_um_per_m_k * 1e-6 * length.u_temperature_k).abs()]
 }

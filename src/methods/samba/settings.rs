@@ -78,7 +78,7 @@ pub struct Settings {
     pub search_mm: f64,
     /// Residual of a single ball's fit beyond which the run holds.
     pub form_limit_um: f64,
-    /// Difference from the stated diameter, less the known pre-travel, beyond which the run holds.
+    /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
     pub diameter_limit_um: f64,
     /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
     pub monte_carlo_trials: usize,

@@ -178,7 +178,7 @@ fn certificates(sights: usize, lengths: &[&Length]) -> [UncertaintySource; 2] {
     [("certified length", 0), ("temperature of the certified length", 1)].map(|(name, part)| {
         let draws = lengths.iter().enumerate().map(|(i, length)| Draw {
             first: 3 * sights + i,
-            values: vec![super::model::length_u_mm(length)[part]],
+            values: vec![super::model::length_u_parts_mm(length)[part]],
         });
         UncertaintySource { name, shape: Shape::Normal, draws: draws.collect(), shown: false }
     })

@@ -117,16 +117,6 @@ impl Method for SelfCalibration {
         self.cycle(plan, &planner, part)
     }
 
-    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
-        match priors.first() {
-            None => Ok(()),
-            Some(prior) => Err(Refused {
-                why: format!("self-calibration takes no prior yet (given: {})", prior.method),
-                instead: "leave out --with".to_owned(),
-            }),
-        }
-    }
-
     fn identify(
         &self,
         plan: &Plan,

@@ -148,7 +148,7 @@ impl<'a> Bench<'a> {
 
     fn bar(&self, length: &Length) -> Option<Bar> {
         let (balls, direction) = self.ends(length)?;
-        Some(Bar { balls, direction, weight: OFFSET / length_u(length) })
+        Some(Bar { balls, direction, weight: OFFSET / length_u_mm(length) })
     }
 
     /// Standard uncertainty of a coordinate of a ball's centre, mm.
@@ -164,12 +164,6 @@ impl<'a> Bench<'a> {
             _ => ANGLE,
         })
     }
-}
-
-/// Standard uncertainty of a length, mm: at least a nanometre, so that an exact one has a weight.
-pub fn length_u(length: &Length) -> f64 {
-    let [certificate, temperature] = length_u_mm(length);
-    certificate.hypot(temperature).max(1e-6)
 }
 
 /// Without a turning spindle its place cannot be told from that of the stylus on it.

@@ -4,10 +4,11 @@ use faer::Mat;
 use glam::DVec3;
 
 use super::Visit;
-use super::bench::{Bench, length_u};
+use super::bench::Bench;
 use crate::estimation::linear::{RANK_THRESHOLD, Survey, survey};
 use crate::estimation::null_names::name_null_space;
 use crate::methods::Refused;
+use crate::methods::samba::model::length_u_mm;
 
 /// Scaled condition beyond which an error of the design is more likely than a machine that needs it.
 const WORST_CONDITION: f64 = 1e4;
@@ -44,7 +45,7 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
         for (end, sign) in ends.into_iter().zip([-1.0, 1.0]) {
             let own = row.iter_mut().skip(shared + 3 * end);
             let parts = direction.to_array();
-            own.zip(parts).for_each(|(entry, part)| *entry = sign * part / length_u(length));
+            own.zip(parts).for_each(|(entry, part)| *entry = sign * part / length_u_mm(length));
         }
         rows.push(row);
     }
