@@ -66,8 +66,9 @@ pub struct AxisSpec {
     /// Width of one step of the displayed position, um (linear axes).
     #[serde(default)]
     pub resolution_um: f64,
-    /// Declared error motions of a linear axis (positioning and straightness in the plane):
-    /// standard deviation of the deviation anywhere on the axis, um.
+    /// Declared error motions: standard deviation of the deviation along each of X, Y and Z, um. Of a
+    /// linear axis positioning and straightness, anywhere on it; of a rotary axis (ISO 230-7) at any
+    /// angle, less its mean and what turns with it once a turn.
     #[serde(default)]
     pub error_motion_um: f64,
     /// Distance over which error motions of a linear axis change, mm.

@@ -40,7 +40,7 @@ pub fn identify(
     let stylus = DVec3::from_array(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
     let model = model(&plan.machine, settings)?;
-    let sources = sources(plan, &observed, &lengths);
+    let sources = sources(plan, model.chain(), &observed, &lengths);
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
     let problem = problem(stylus, model, &observed, &balls, &whitening)?;
