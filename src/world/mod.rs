@@ -9,6 +9,7 @@ mod balls;
 mod drawn;
 mod error;
 mod flank;
+pub mod interpreter;
 mod path;
 mod ramp;
 mod sag;
