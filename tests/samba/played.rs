@@ -25,11 +25,10 @@ pub struct Played {
 
 impl Played {
     pub fn of(world: bench::World) -> Self {
-        // The carrier stands where the plan has it, to what is drawn for each ball.
+        // The balls stand where the plan has them, to what a touch without a search still finds.
         let world = world
             .with("simulated.centre_offset_mm", vec![0.0, 0.0])
-            .with("method.samba.standoff_mm", 1.0)
-            .with("method.samba.search_mm", 2.0)
+            .with("simulated.ball_offset_mm", 0.05)
             .with("method.samba.monte_carlo_trials", 100);
         let (method, mut plan) = setup::header(&world.file(0), "samba", None).unwrap();
         let mut done = Vec::new();
