@@ -38,8 +38,8 @@ pub struct Machine {
     /// Stylus-ball centre from the spindle datum.
     #[serde(default)]
     pub tool_mm: [f64; 3],
-    /// Declared thermal drift of the table against the spindle (standard deviation of its rate in
-    /// each of X and Y, and of the artefact's radius).
+    /// Declared thermal drift of the table against the spindle: standard deviation of its rate in each
+    /// of X, Y and Z, and of a round part's radius.
     #[serde(default)]
     pub drift_um_per_h: f64,
 }

@@ -108,6 +108,10 @@ fn each_budget_line_is_the_scatter_of_its_source_alone() {
     const SEEDS: u64 = 60;
     let all = small_budget(World::as_built_in()).with("simulated.ball_form_um", 0.0);
     let usual = Played::of(all.clone()).measure(0..1).remove(0);
+    for line in &usual.parameter("EX0C").budget {
+        let listed = SOURCES.iter().any(|(name, _)| *name == line.source);
+        assert!(listed, "{} is not looked at", line.source);
+    }
     for (name, _) in SOURCES {
         let alone = SOURCES.iter().fold(all.clone(), |w, (other, set)| set(w, *other == name));
         let worlds = Played::of(alone).measure(0..SEEDS);
@@ -125,6 +129,7 @@ fn each_budget_line_is_the_scatter_of_its_source_alone() {
             let square = |m: &Measured| (deviations(m)[k].1 / line(m, symbol)).powi(2);
             let mean = worlds.iter().map(square).sum::<f64>() / SEEDS as f64;
             println!("{name}: {symbol} seen {:.3} of its line", mean.sqrt());
+            assert!((0.7..=1.3).contains(&mean.sqrt()), "{name}, {symbol}: {}", mean.sqrt());
             (sum, count) = (sum + mean, count + 1.0);
         }
         let ratio = f64::sqrt(sum / count);
