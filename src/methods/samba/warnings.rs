@@ -96,7 +96,7 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
         let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
         if form_um > parts.settings.form_limit_um {
             lines.push(format!(
-                "{whose}: its touches lie {form_um:.1} µm off a sphere: dirt, loose ball or wrong stylus?"
+                "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"
             ));
         }
         if off_um.abs() > parts.settings.diameter_limit_um {
