@@ -128,7 +128,7 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
 fn unstable(parts: &Parts<'_>) -> Option<String> {
     let told = || {
         format!(
-            "after {} trials u by Monte Carlo is not yet stable in its second digit (JCGM 101, 7.9); u and \
+            "after {} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
              U are those by covariance. Ask for more by monte_carlo_trials",
             parts.monte_carlo.trials
         )

@@ -1,6 +1,7 @@
 mod g4;
 mod htm;
 mod other_machines;
+mod touches;
 mod whole;
 
 use glam::DVec3;
