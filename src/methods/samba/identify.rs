@@ -5,13 +5,14 @@ use glam::{DMat3, DVec3};
 use super::fit::{Bar, Measured, Problem, Seen};
 use super::model::{Model, length_mm, length_u_mm};
 use super::observe::{Observed, balls, observe};
-use super::outputs::{self, Parts};
+use super::outputs;
 use super::parameters;
-use super::settings::{Settings, Spindle};
+use super::parts::Parts;
+use super::separable::Way;
+use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
 use super::uncertainty::{Misfit, Propagated, Weights, by_trials};
-use crate::base::Axis;
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::monte_carlo::Trials;
 use crate::estimation::nonlinear::NonlinearError;
@@ -21,7 +22,6 @@ use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
 use crate::record::artefact::{Balls, Length};
 use crate::record::estimate::Estimate;
-use crate::record::machine::Machine;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
@@ -92,7 +92,7 @@ pub fn found(
     let balls = seen_balls(stated, &mut observed);
     let stylus = DVec3::from_array(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
-    let model = model(&plan.machine, settings)?;
+    let model = model(plan, settings)?;
     let sources = sources(plan, model.chain(), &observed, &lengths);
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
@@ -127,13 +127,13 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
 }
 
 /// The machine with the errors that are asked for.
-pub fn model(machine: &Machine, settings: &Settings) -> Result<Model, IdentifyError> {
+fn model(plan: &Plan, settings: &Settings) -> Result<Model, IdentifyError> {
     let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
-    let chain = Chain::new(machine).map_err(|why| refused(why.to_string()))?;
-    let declared = machine.axes.contains_key(&Axis::S);
-    let turns = declared && settings.spindle != Spindle::Fixed;
-    let parameters = parameters::chosen(&settings.parameters, &chain, turns)?;
-    Ok(Model::of(chain, parameters))
+    let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
+    let stands = parameters::standing(plan, settings, &chain);
+    let way = Way { chain: &chain, stands: &stands };
+    let parameters = parameters::chosen(&settings.parameters, way)?;
+    Ok(Model::of(chain, parameters, stands))
 }
 
 /// The artefact without the balls that were not measured, and their lengths; said in `left_out`.

@@ -33,7 +33,7 @@ fn of_axis(plan: &Plan, chain: &Chain, observed: &Observed, axis: Axis, share: f
         motions.filter_map(Result::ok).filter(|motion| chain.check(*motion).is_ok()).collect();
     let (count, zero) = (motions.len(), vec![0.0; motions.len()]);
     let (model, stylus) =
-        (Model::bare(chain.clone(), motions), DVec3::from_array(plan.machine.tool_mm));
+        (Model::of(chain.clone(), motions, Vec::new()), DVec3::from_array(plan.machine.tool_mm));
     // Of each rotary position: from the table frame to axis positions, and the derivatives.
     let places: Vec<(DMat3, Indexed)> = observed
         .places

@@ -1,3 +1,4 @@
+pub mod built_in;
 mod g4;
 mod htm;
 mod other_machines;

@@ -5,7 +5,8 @@ use faer::linalg::solvers::Solve;
 use glam::DVec3;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::htm::{Triple, Truth, design};
+use super::built_in::{OPTIMAL, measurements};
+use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
 use crate::base::random::stream;
 use crate::base::{Axis, Position};
@@ -51,7 +52,7 @@ impl World {
         let mut normal = StandardNormal.sample_iter(stream(self.seed, &[]));
         let motions = Motions::draw(self.seed, self.motion_um * 1e-3);
         let (mut steps, mut readings) = (Vec::new(), Vec::new());
-        for (visit, (triple, ball)) in design(&balls).into_iter().enumerate() {
+        for (visit, (triple, ball)) in measurements(OPTIMAL).into_iter().enumerate() {
             let place = |xyz: DVec3| {
                 let axes = Axis::LINEAR.into_iter().zip(xyz.to_array());
                 let rotary = [Axis::B, Axis::C, Axis::S].into_iter().zip(triple);
