@@ -11,9 +11,9 @@ use parry3d_f64::shape::SupportMap;
 use super::PlanningError;
 use super::access::CLEAR;
 use super::hull::{Body, Upright, apart_by};
-use crate::artefact::{self, Shape};
+use crate::artefact;
 use crate::base::{Axis, Point, Position, Spindle};
-use crate::kinematics::{Carried, Chain, KinematicsError, Side};
+use crate::kinematics::{Carried, Chain, Side};
 use crate::record::artefact::Artefact;
 use crate::record::machine::{Carrier, Solid};
 use crate::record::plan::Plan;
@@ -35,24 +35,12 @@ struct Element {
 }
 
 #[derive(Debug, Clone)]
-struct Obstacle {
-    name: String,
-    carried: Carried,
-    body: Body,
-    of_artefact: bool,
-    /// It may stand off its place by this.
-    loose: f64,
-}
-
-/// A ball of the artefact.
-#[derive(Debug, Clone)]
-pub(super) struct OneBall {
+pub(super) struct Obstacle {
     pub name: String,
-    /// Table frame, mm.
-    centre: DVec3,
-    /// Of the stylus ball's centre from its own where the two touch, mm.
-    pub reach: f64,
-    /// It may stand off its place by this, mm.
+    carried: Carried,
+    pub body: Body,
+    pub of_artefact: bool,
+    /// It may stand off its place by this.
     pub loose: f64,
 }
 
@@ -62,8 +50,8 @@ pub(super) struct Surroundings {
     pub chain: Chain,
     pub tip: Point<Spindle>,
     tool: Vec<Element>,
-    obstacles: Vec<Obstacle>,
-    ball_radius: f64,
+    pub obstacles: Vec<Obstacle>,
+    pub ball_radius: f64,
     /// The artefact may stand off its place by this, mm.
     pub loose: f64,
     /// Z ends here.
@@ -160,45 +148,6 @@ impl Surroundings {
             let near = parts.find(|part| !part.is_clear(way, &body, margin));
             near.map(|part| Near { tool: part.name.clone(), obstacle: obstacle.name.clone() })
         })
-    }
-
-    /// The ball that the stylus ball stands nearest to.
-    pub fn ball_at(&self, at: &Position) -> Option<OneBall> {
-        let ball = |obstacle: &Obstacle| match obstacle.body {
-            Body::Round(Shape::Ball { centre, radius }) if obstacle.of_artefact => Some(OneBall {
-                name: obstacle.name.clone(),
-                centre,
-                reach: radius + self.ball_radius,
-                loose: obstacle.loose,
-            }),
-            _ => None,
-        };
-        let gap = |ball: &OneBall| self.off(ball, at).length() - ball.reach;
-        let balls = self.obstacles.iter().filter_map(ball);
-        balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
-    }
-
-    /// The stylus ball's centre as seen from that of a ball, machine directions.
-    pub fn off(&self, ball: &OneBall, at: &Position) -> DVec3 {
-        let table = self.chain.machine_from_table(at, &[]).matrix3;
-        table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
-    }
-
-    /// The place that holds the stylus ball so far off a ball, the rotary axes as in `rotary`.
-    ///
-    /// # Errors
-    /// A machine whose linear axes do not span space.
-    pub fn beside(
-        &self,
-        ball: &OneBall,
-        rotary: &Position,
-        off: DVec3,
-    ) -> Result<Position, KinematicsError> {
-        let rotary = rotary.only(|axis| !axis.is_linear());
-        let table = self.chain.machine_from_table(&rotary, &[]).matrix3;
-        let target = Point::from_vec(ball.centre + table.transpose() * off);
-        let linear = self.chain.linear_axes_for(target, self.tip, &rotary, &[])?;
-        Ok(rotary.updated_by(&linear))
     }
 
     /// How far two places are apart seen along the spindle, the rotary axes as in `to`, mm.
