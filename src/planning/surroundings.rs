@@ -9,10 +9,11 @@ use glam::{DVec2, DVec3};
 use parry3d_f64::shape::SupportMap;
 
 use super::PlanningError;
+use super::access::CLEAR;
 use super::hull::{Body, Upright, apart_by};
-use crate::artefact;
+use crate::artefact::{self, Shape};
 use crate::base::{Axis, Point, Position, Spindle};
-use crate::kinematics::{Carried, Chain, Side};
+use crate::kinematics::{Carried, Chain, KinematicsError, Side};
 use crate::record::artefact::Artefact;
 use crate::record::machine::{Carrier, Solid};
 use crate::record::plan::Plan;
@@ -26,6 +27,8 @@ const FOUND_WITHIN: f64 = 0.1;
 #[derive(Debug, Clone)]
 struct Element {
     name: String,
+    /// Ball and stem of the stylus, which the probe feels.
+    felt: bool,
     radius: f64,
     /// Of the lower end, from the centre of the stylus ball.
     bottom: f64,
@@ -41,6 +44,18 @@ struct Obstacle {
     loose: f64,
 }
 
+/// A ball of the artefact.
+#[derive(Debug, Clone)]
+pub(super) struct OneBall {
+    pub name: String,
+    /// Table frame, mm.
+    centre: DVec3,
+    /// Of the stylus ball's centre from its own where the two touch, mm.
+    pub reach: f64,
+    /// It may stand off its place by this, mm.
+    pub loose: f64,
+}
+
 /// All of them, with the machine.
 #[derive(Debug, Clone)]
 pub(super) struct Surroundings {
@@ -49,6 +64,8 @@ pub(super) struct Surroundings {
     tool: Vec<Element>,
     obstacles: Vec<Obstacle>,
     ball_radius: f64,
+    /// The artefact may stand off its place by this, mm.
+    pub loose: f64,
     /// Z ends here.
     pub max_z: f64,
 }
@@ -85,7 +102,7 @@ impl Surroundings {
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
-        Ok(Self { chain, tip, tool, obstacles, ball_radius, max_z })
+        Ok(Self { chain, tip, tool, obstacles, ball_radius, loose, max_z })
     }
 
     /// Centre of the stylus ball in the machine frame.
@@ -140,10 +157,73 @@ impl Surroundings {
             // What is loose moves with the ball that stops the touch.
             let margin = if own { 0.0 } else { margin + obstacle.loose };
             let mut parts = self.tool.iter().skip(usize::from(own));
-            let near = parts.find(|part| {
-                part.might_meet(&way, &body, margin) && !apart_by(&part.on(way, 0.0), &body, margin)
-            });
+            let near = parts.find(|part| !part.is_clear(way, &body, margin));
             near.map(|part| Near { tool: part.name.clone(), obstacle: obstacle.name.clone() })
+        })
+    }
+
+    /// The ball that the stylus ball stands nearest to.
+    pub fn ball_at(&self, at: &Position) -> Option<OneBall> {
+        let ball = |obstacle: &Obstacle| match obstacle.body {
+            Body::Round(Shape::Ball { centre, radius }) if obstacle.of_artefact => Some(OneBall {
+                name: obstacle.name.clone(),
+                centre,
+                reach: radius + self.ball_radius,
+                loose: obstacle.loose,
+            }),
+            _ => None,
+        };
+        let gap = |ball: &OneBall| self.off(ball, at).length() - ball.reach;
+        let balls = self.obstacles.iter().filter_map(ball);
+        balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
+    }
+
+    /// The stylus ball's centre as seen from that of a ball, machine directions.
+    pub fn off(&self, ball: &OneBall, at: &Position) -> DVec3 {
+        let table = self.chain.machine_from_table(at, &[]).matrix3;
+        table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
+    }
+
+    /// The place that holds the stylus ball so far off a ball, the rotary axes as in `rotary`.
+    ///
+    /// # Errors
+    /// A machine whose linear axes do not span space.
+    pub fn beside(
+        &self,
+        ball: &OneBall,
+        rotary: &Position,
+        off: DVec3,
+    ) -> Result<Position, KinematicsError> {
+        let rotary = rotary.only(|axis| !axis.is_linear());
+        let table = self.chain.machine_from_table(&rotary, &[]).matrix3;
+        let target = Point::from_vec(ball.centre + table.transpose() * off);
+        let linear = self.chain.linear_axes_for(target, self.tip, &rotary, &[])?;
+        Ok(rotary.updated_by(&linear))
+    }
+
+    /// How far two places are apart seen along the spindle, the rotary axes as in `to`, mm.
+    pub fn apart_from_above(&self, from: &Position, to: &Position) -> f64 {
+        let level = from.updated_by(&to.only(|axis| !axis.is_linear()));
+        let [from, to] = [&level, to].map(|at| self.chain.tip_in_table(at, self.tip, &[]).mm);
+        let table = self.chain.machine_from_table(&level, &[]).matrix3;
+        (table * (to - from)).truncate().length()
+    }
+
+    /// Is the tool `margin` clear of everything?
+    pub fn is_clear(&self, at: &Position, margin: f64) -> bool {
+        self.near(at, at, margin, "").is_none()
+    }
+
+    /// Is the straight way in X, Y, Z between two places with the same rotary axes free for a guarded
+    /// move? The ball of that name is not looked at against ball and stem of the stylus: the way was
+    /// laid about it.
+    pub fn passes(&self, from: &Position, to: &Position, round: &str) -> bool {
+        self.obstacles.iter().all(|obstacle| {
+            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
+            let (body, margin) = (obstacle.seen(to), CLEAR + obstacle.loose);
+            let own = obstacle.name == round;
+            let mut parts = self.tool.iter().filter(|part| !(own && part.felt));
+            parts.all(|part| part.is_clear(way, &body, margin))
         })
     }
 
@@ -187,13 +267,16 @@ fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
 /// for the proof.
 fn tool(plan: &Plan) -> Vec<Element> {
     let probe = &plan.probe;
-    let element = |name: &str, radius, bottom| Element { name: name.to_owned(), radius, bottom };
-    let mut tool = vec![element("stylus ball", probe.ball_radius_mm, -probe.ball_radius_mm)];
+    let part = |name: &str, felt, radius, bottom| {
+        let name = name.to_owned();
+        Element { name, felt, radius, bottom }
+    };
+    let mut tool = vec![part("stylus ball", true, probe.ball_radius_mm, -probe.ball_radius_mm)];
     if probe.stem_radius_mm > 0.0 {
-        tool.push(element("stylus stem", probe.stem_radius_mm, 0.0));
+        tool.push(part("stylus stem", true, probe.stem_radius_mm, 0.0));
     }
     if probe.body_radius_mm > 0.0 {
-        tool.push(element("probe body", probe.body_radius_mm, probe.stem_length_mm));
+        tool.push(part("probe body", false, probe.body_radius_mm, probe.stem_length_mm));
     }
     let tip = DVec3::from_array(plan.machine.tool_mm);
     let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
@@ -204,7 +287,7 @@ fn tool(plan: &Plan) -> Vec<Element> {
         let aside = |p: &DVec3| p.truncate().length() + tip.truncate().length();
         let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
         let bottom = body.local_support_point(DVec3::NEG_Z).z - tip.z;
-        tool.push(element(&solid.name, wide, bottom));
+        tool.push(part(&solid.name, false, wide, bottom));
     }
     tool
 }
@@ -226,6 +309,10 @@ impl Element {
     fn might_meet(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> bool {
         let lowest = way[0].z.min(way[1].z) + self.bottom;
         lowest < body.top() + margin && beside(way, body) < self.radius + margin
+    }
+
+    fn is_clear(&self, way: [DVec3; 2], body: &Body, margin: f64) -> bool {
+        !self.might_meet(&way, body, margin) || apart_by(&self.on(way, 0.0), body, margin)
     }
 
     /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.

@@ -3,6 +3,8 @@
 //! over the same wire without them. The world is exact and knows nothing of the estimator.
 
 mod bench;
+mod cover;
+mod played;
 
 use bench::{Bench, Failed, Measured, Series, World};
 
@@ -81,11 +83,11 @@ fn the_built_in_machine_is_measured_as_it_is() {
 
 /// The budget of the small design: what 200 machines can be measured with in a test.
 fn small(world: World) -> Series {
-    let world = world
-        .with("method.samba.balls", 40)
-        .with("method.samba.find", "once")
-        .with("method.samba.references", false);
-    Series::of(world)
+    Series::of(small_budget(world).with("method.samba.find", "once"))
+}
+
+fn small_budget(world: World) -> World {
+    world.with("method.samba.balls", 40).with("method.samba.references", false)
 }
 
 #[test]

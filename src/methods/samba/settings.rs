@@ -77,7 +77,8 @@ pub struct Settings {
     /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Residual of a single ball's fit beyond which the run holds.
+    /// Form of one measurement of a ball (largest less smallest residual of its sphere) beyond which the
+    /// run holds.
     pub form_limit_um: f64,
     /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
     pub diameter_limit_um: f64,

@@ -81,7 +81,7 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
         let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
         if form_um > parts.settings.form_limit_um {
             lines.push(format!(
-                "{whose}: its touches lie {form_um:.1} µm off a sphere: dirt, loose ball or wrong stylus?"
+                "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"
             ));
         }
         if off_um.abs() > parts.settings.diameter_limit_um {
@@ -113,7 +113,7 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
 fn unstable(parts: &Parts<'_>) -> Option<String> {
     let told = || {
         format!(
-            "after {} trials u by Monte Carlo is not yet stable in its second digit (JCGM 101, 7.9); u and \
+            "after {} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
              U are those by covariance. Ask for more by monte_carlo_trials",
             parts.monte_carlo.trials
         )
