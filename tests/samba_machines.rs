@@ -185,5 +185,35 @@ fn regress_four_axes() {
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EZZ1_um_per_m", 21.0)]].concat();
     let four = Other { topology: "w-C-F-X-Y-Z-t", turning: &[("C", 360.0)], errors: &errors };
-    left_out(&four.check(&expected), &[("EZZ1", "the places of the balls")]);
+    left_out(&four.check(&expected), &[("EZZ1", "inseparable from the places of the balls")]);
+}
+
+/// Without an axis S two offsets of the spindle stand in those of the stylus, and that is said.
+#[test]
+fn regress_a_spindle_that_is_not_oriented() {
+    let errors = [
+        ("EA0B_urad", -11.0),
+        ("EC0B_urad", -8.0),
+        ("EX0C_um", -105.0),
+        ("EA0C_urad", -11.0),
+        ("EB0C_urad", -8.0),
+        ("EB0Z_urad", -13.0),
+        ("EA0Y_urad", -18.0),
+        ("EC0Y_urad", 21.0),
+        ("EXX1_um_per_m", -16.0),
+        ("EYY1_um_per_m", 11.0),
+        ("EZZ1_um_per_m", 21.0),
+    ];
+    let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
+    let errors = [&errors[..], &[("EX0S_um", -106.0), ("EY0S_um", 20.0)]].concat();
+    let turning = &[("B", 110.0), ("C", 360.0)];
+    let still = Other { topology: "w-C-B-X-F-Z-Y-S-t", turning, errors: &errors };
+    let estimate = still.check(&expected);
+    left_out(
+        &estimate,
+        &[
+            ("EX0S", "the spindle was not turned), so tool_x is given as tool_x + EX0S"),
+            ("EY0S", "so tool_y is given as tool_y + EY0S"),
+        ],
+    );
 }

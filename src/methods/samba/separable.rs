@@ -26,7 +26,7 @@ const TOOL: DVec3 = DVec3::new(0.0, 0.0, -150.0);
 /// A column that keeps less than this part of its length beside the others is one of their sums.
 const INDEPENDENT: f64 = 1e-6;
 /// A member of a sum that is named makes up this part of it, mm over mm.
-const COUNTS: f64 = 1e-3;
+const COUNTS: f64 = 1e-2;
 /// A share that stands this near to one is one; the rest is the slant of a bar.
 const WHOLE: f64 = 0.05;
 

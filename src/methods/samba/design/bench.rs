@@ -3,16 +3,16 @@
 
 use glam::DVec3;
 
-use super::indexation::{candidates, in_words, oriented};
+use super::artefact;
+use super::indexation::{in_words, oriented};
 use super::information::{Bar, Information, Sight};
-use super::{artefact, paper};
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Chain, ErrorParameter, Shape};
 use crate::methods::Refused;
 use crate::methods::samba::model::{Model, length_u_mm};
 use crate::methods::samba::parameters::{self, tilts_spindle};
 use crate::methods::samba::separable::Way;
-use crate::methods::samba::settings::{Design, Settings};
+use crate::methods::samba::settings::Settings;
 use crate::planning::{Access, Approach, BallTask};
 use crate::record::artefact::{Artefact, Ball, Balls, Length};
 use crate::record::plan::Plan;
@@ -62,15 +62,6 @@ impl<'a> Bench<'a> {
     {
         let Self { settings, balls, model, tip, oriented, .. } = self;
         Bench { plan, settings, balls, model: model.clone(), tip: *tip, oriented: *oriented }
-    }
-
-    /// All indexations that the settings name and the machine reaches.
-    pub fn candidates(&self) -> Result<Vec<Position>, Refused> {
-        let machine = &self.plan.machine;
-        match self.settings.design {
-            Design::Optimal => candidates(machine, self.settings, self.model.way()),
-            Design::Paper => paper::candidates(machine, self.settings, self.model.way()),
-        }
     }
 
     /// What is free beside the artefact, as it is thought to stand.
