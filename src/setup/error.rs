@@ -13,6 +13,8 @@ pub enum SetupError {
     MachineFile(#[from] MachineFileError),
     #[error("there is no method `{name}`; there are {}", methods::NAMES.join(", "))]
     NoSuchMethod { name: String },
+    #[error("`{name}` measures no cycle that could be repeated")]
+    NoRepeats { name: String },
     #[error("settings of the method: {why}")]
     Settings { why: String },
     #[error(transparent)]
@@ -41,6 +43,9 @@ impl SetupError {
                 Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned())
             }
             Self::Dialect(error) => Some(error.remedy().to_owned()),
+            Self::NoRepeats { name } => Some(format!(
+                "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"
+            )),
             Self::ProgramFolder { .. } => Some(
                 "give this user the right to write there, or change [controller] program_dir"
                     .to_owned(),
