@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::fit::Problem;
 use super::observe::Observed;
 use crate::estimation::coverage;
-use crate::estimation::schur::Minimum;
+use crate::estimation::nonlinear::Minimum;
 use crate::kinematics::Shape;
 use crate::record::artefact::{Balls, Length};
 

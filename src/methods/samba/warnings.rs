@@ -2,7 +2,6 @@
 
 use super::parts::{Parts, place_name};
 use super::suspects::Outlier;
-use crate::estimation::monte_carlo::numerical_tolerance;
 
 pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     let mut lines = parts.solved.observed.left_out.clone();
@@ -121,16 +120,10 @@ fn unstable(parts: &Parts<'_>) -> Option<String> {
     (!parts.monte_carlo.stable).then(told)
 }
 
-/// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical
-/// tolerance of a u stated with two digits, and by more than the trials' own scatter.
+/// Where covariance and Monte Carlo differ.
 fn disagreement(parts: &Parts<'_>) -> Vec<String> {
-    let scatter = 4.0 / (2.0 * parts.monte_carlo.trials as f64).sqrt();
-    let far = parts.names.iter().enumerate().filter(|(i, _)| {
-        let (first_order, trials) =
-            (parts.propagated.u(*i), parts.monte_carlo.standard_deviation[*i]);
-        let off = (first_order - trials).abs();
-        off > numerical_tolerance(first_order, 2) && off > scatter * first_order
-    });
+    let far = parts.names.iter().enumerate();
+    let far = far.filter(|(i, _)| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
     let names: Vec<&str> = far.map(|(_, name)| name.as_str()).collect();
     if names.is_empty() {
         return Vec::new();
