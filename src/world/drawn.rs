@@ -231,9 +231,12 @@ impl LinearErrors {
 #[derive(Debug, Clone)]
 pub(super) struct RotaryErrors {
     axis: Axis,
-    /// As what displaces the axis, with (harmonic, cosine, sine), mm.
-    motions: Vec<(ErrorParameter, Vec<(f64, f64, f64)>)>,
+    /// As what displaces the axis, with its terms.
+    motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
 }
+
+/// Number, cosine and sine, mm.
+type Harmonic = (f64, f64, f64);
 
 impl RotaryErrors {
     /// Each direction of standard deviation `sigma_mm` at every angle.
