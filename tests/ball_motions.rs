@@ -230,7 +230,7 @@ fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naiv
     list.sort_by_key(|(step, _)| place(step));
     assert_eq!(list.len(), 2 * 5 * 109);
     let naive_s = naive_s(&plan, list);
-    assert!(share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.5);
+    assert!(share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.45);
 }
 
 /// What the design calls accessible is proven, stage by stage, as a run proves it before it moves.
@@ -271,8 +271,8 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
     );
 }
 
-/// A slower touch (30 mm/min), a lower Z and other balls. Slow touches alone are held by what no order
-/// changes: of 39.3 minutes of the naive order 15.0 are touching.
+/// A slower touch (30 mm/min), a lower Z and other balls. Slow touches alone just hold it: of 39.3 minutes
+/// of the naive order 15.0 are touching, which no order changes.
 #[test]
 fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
     let mut plan = rumba();
@@ -284,16 +284,14 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
     let [searched, known] =
         [&plan.artefact, &found].map(|artefact| Clearance::over(&plan, artefact).unwrap());
     let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
-    for (name, passes, most) in
-        [("find and slow", &[SEARCH, SLOW][..], 0.6), ("slow", &[SLOW], 0.7)]
-    {
+    for (name, passes) in [("find and slow", &[SEARCH, SLOW][..]), ("slow", &[SLOW])] {
         let list = steps(&plan, &access, &visits, passes);
         let naive_s = naive_s(&plan, list.iter().map(|step| (step, about(step))));
         plan.steps = steps(&plan, &access, &ordered, passes);
         let with = plan.steps.iter().map(|step| (step, about(step)));
         let (blocks, seconds) = run(&plan, with, &mut None);
         say_where_the_time_goes(&plan, &blocks);
-        assert!(share(name, list.len(), seconds, naive_s) <= most);
+        assert!(share(name, list.len(), seconds, naive_s) <= 0.6);
     }
 }
 
