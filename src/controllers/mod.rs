@@ -3,13 +3,19 @@
 //!
 //! Stop = hold and stay. Nothing here is an emergency stop.
 
+use std::fmt;
 use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 use tokio::sync::{mpsc, oneshot};
 
 use crate::base::Position;
+use crate::gcode::Dialect;
+use crate::record::machine::Machine;
 use crate::record::motion::{Block, Outcome};
 
 mod error;
@@ -17,6 +23,38 @@ pub mod grbl;
 pub mod linuxcnc;
 
 pub use error::ControllerError;
+
+/// A control as `[controller]` names it. What stands in that table is its room's own matter.
+pub trait Named: fmt::Debug + Send + Sync {
+    /// The language it is spoken to, a folder of `gcode-templates/`.
+    fn dialect(&self) -> &str;
+    /// Open its links and start its task. Nothing is commanded yet. Call inside a tokio runtime.
+    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a>;
+}
+
+pub type Opening<'a> =
+    Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
+
+/// The kinds of all controls.
+pub const KINDS: [&str; 2] = [grbl::KIND, linuxcnc::KIND];
+
+/// The control of `kind` with the keys of its table. The list: a new control is one line here.
+///
+/// # Errors
+/// An unknown kind, and whatever its table refuses (unknown keys, wrong types).
+pub fn configure<'de, D: Deserializer<'de>>(
+    kind: &str,
+    keys: D,
+) -> Result<Arc<dyn Named>, D::Error> {
+    match kind {
+        grbl::KIND => Ok(Arc::new(grbl::Config::deserialize(keys)?)),
+        linuxcnc::KIND => Ok(Arc::new(linuxcnc::Config::deserialize(keys)?)),
+        unknown => Err(D::Error::custom(format!(
+            "there is no control `{unknown}`; there are {}",
+            KINDS.join(", ")
+        ))),
+    }
+}
 
 /// What a control says of itself once it is ready to move.
 #[derive(Debug, Clone, PartialEq)]

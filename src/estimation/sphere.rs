@@ -50,6 +50,15 @@ impl Sphere {
     }
 }
 
+impl Sphere {
+    /// Largest less smallest residual, unit of the points.
+    pub fn form(&self) -> f64 {
+        let of =
+            |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);
+        of(f64::max, f64::NEG_INFINITY) - of(f64::min, f64::INFINITY)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

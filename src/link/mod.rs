@@ -8,12 +8,14 @@ pub mod faults;
 #[cfg(test)]
 mod fuzz;
 mod lines;
+mod named;
 mod stream;
 #[cfg(test)]
 mod tests;
 
 pub use address::{Address, BY_ID, Pty, by_id, open, pty};
 pub use lines::Received;
+pub use named::{HostPort, Named};
 pub use stream::{Link, Urgent};
 
 /// What can go wrong on a link.

@@ -1,20 +1,19 @@
 //! Opens what the machine file names and puts it together. One simulated world is shared by
 //! everything that is simulated.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::task::JoinHandle;
 
-use super::machine_file::{Control, Link as LinkConfig, MachineFile, Wire};
+use super::machine_file::{Control, MachineFile, Wire};
 use super::{Pace, SetupError};
 use crate::base::Clock;
 use crate::base::clock::HostClock;
 use crate::controllers::Controller;
 use crate::controllers::grbl::Grbl;
 use crate::controllers::grbl::firmware::{Firmware, Options};
-use crate::controllers::linuxcnc::{LinuxCnc, Settings as LinuxCncSettings};
 use crate::gcode::Dialect;
 use crate::link::faults::{BadWire, Planned};
 use crate::link::{self, Address, Link};
@@ -84,14 +83,10 @@ pub async fn devices(
                 ..grbl(file, link, file.controller.control.dialect())?
             })
         }
-        Control::Grbl { link, dialect } => grbl(file, link::open(&address(link)?).await?, dialect),
-        Control::LinuxCnc { tcp, program_dir, dialect } => {
-            let axes = file.machine.axes.keys().copied().collect();
-            let directory = program_dir.clone();
-            let settings = LinuxCncSettings { address: tcp_address(tcp)?, directory, axes };
-            let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
-            let (driver, halt) = LinuxCnc::open(settings, dialect.clone()).await?;
-            Ok(Devices::new(Controller::spawn(driver, halt), dialect))
+        Control::Real(control) => {
+            let dialect = Dialect::named(control.dialect())?.with(&file.machine, &file.probe)?;
+            let controller = control.open(&file.machine, dialect.clone()).await?;
+            Ok(Devices::new(controller, dialect))
         }
     }
 }
@@ -156,22 +151,4 @@ fn grbl(file: &MachineFile, link: Link, dialect: &str) -> Result<Devices, SetupE
     let dialect = Dialect::named(dialect)?.with(&file.machine, &file.probe)?;
     let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
     Ok(Devices::new(Controller::spawn(driver, halt), dialect))
-}
-
-fn address(link: &LinkConfig) -> Result<Address, SetupError> {
-    let serial =
-        |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
-    Ok(match link {
-        LinkConfig::Serial { path, baud } => serial(path, *baud),
-        LinkConfig::SerialId { id, baud } => {
-            serial(&link::by_id(Path::new(link::BY_ID), id)?, *baud)
-        }
-        LinkConfig::Tcp(tcp) => tcp_address(tcp)?,
-    })
-}
-
-fn tcp_address(tcp: &str) -> Result<Address, SetupError> {
-    let wrong = || SetupError::Address { tcp: tcp.to_owned() };
-    let (host, port) = tcp.rsplit_once(':').ok_or_else(wrong)?;
-    Ok(Address::Tcp { host: host.to_owned(), port: port.parse().map_err(|_| wrong())? })
 }

@@ -27,10 +27,6 @@ pub enum SetupError {
     Controller(#[from] ControllerError),
     #[error("the simulated machine: {0}")]
     World(#[from] WorldError),
-    #[error("`{tcp}` is no host:port")]
-    Address { tcp: String },
-    #[error("{folder}: {source}")]
-    ProgramFolder { folder: String, source: std::io::Error },
 }
 
 impl SetupError {
@@ -39,17 +35,10 @@ impl SetupError {
         match self {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
-            Self::Address { .. } => {
-                Some("write tcp = \"192.0.2.1:5007\" in [controller]".to_owned())
-            }
             Self::Dialect(error) => Some(error.remedy().to_owned()),
             Self::NoRepeats { name } => Some(format!(
                 "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"
             )),
-            Self::ProgramFolder { .. } => Some(
-                "give this user the right to write there, or change [controller] program_dir"
-                    .to_owned(),
-            ),
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }
             | Self::Settings { .. }

@@ -10,9 +10,9 @@ pub use devices::{Devices, Past, Simulator, bad_simulator, devices, simulator, w
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 
-pub use crate::controllers::grbl::firmware::Pace;
 use crate::methods::{self, Method};
 use crate::record::plan::{PLAN_VERSION, Plan};
+pub use crate::world::interpreter::Pace;
 
 /// The machine file at `path`; without one, the embedded simulated machine that suits the method.
 pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {

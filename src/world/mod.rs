@@ -9,6 +9,7 @@ mod balls;
 mod drawn;
 mod error;
 mod flank;
+pub mod interpreter;
 mod path;
 mod ramp;
 mod sag;
@@ -190,6 +191,16 @@ impl World {
     /// does not carry the artefact.
     pub fn true_axis_mm(&self, axis: Axis, height_mm: f64, t_s: f64) -> [f64; 2] {
         self.scene.axis_position(axis, height_mm, t_s)
+    }
+
+    /// For tests alone: how far the table has crept by `t_s`, machine frame, mm.
+    pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
+        self.scene.drift_at(t_s).to_array()
+    }
+
+    /// For tests alone: the stylus-ball centre from the spindle datum, mm.
+    pub fn true_stylus_mm(&self) -> [f64; 3] {
+        self.scene.stylus().to_array()
     }
 
     fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {

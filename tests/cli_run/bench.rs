@@ -9,7 +9,8 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::controllers::grbl::firmware::{Firmware, Options};
+use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 
 pub struct Bench {

@@ -8,7 +8,8 @@ use std::thread::JoinHandle;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
-use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::controllers::grbl::firmware::{Firmware, Options};
+use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 use trued::world::World;
 

@@ -3,9 +3,9 @@
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStderr, Command, Stdio};
 
-use trued::controllers::grbl::firmware::Pace;
 use trued::gcode::Dialect;
 use trued::setup::MachineFile;
+use trued::setup::Pace;
 
 use super::firmware::Control;
 use super::{Shop, changed, machine, said, with_control};

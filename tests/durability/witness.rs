@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use trued::controllers::grbl::firmware::{Firmware, Options, Pace};
+use trued::controllers::grbl::firmware::{Firmware, Options};
+use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 
 /// The built-in machine behind `address`, with few Monte Carlo trials.

@@ -6,13 +6,14 @@ use std::time::Duration;
 use rand::RngExt;
 use trued::base::random::stream;
 use trued::controllers::Controller;
-use trued::controllers::grbl::firmware::{Fault, FaultKind, Firmware, Options, Pace};
+use trued::controllers::grbl::firmware::{Fault, FaultKind, Firmware, Options};
 use trued::controllers::grbl::{Grbl, Patience};
 use trued::gcode::Dialect;
 use trued::link::Link;
 use trued::link::faults::{BadWire, Planned};
 use trued::record::event::Event;
 use trued::run::{Run, RunError};
+use trued::setup::Pace;
 use trued::setup::{self, Devices, MachineFile};
 use trued::store::{Journal, NewRun, StoredRun};
 

@@ -9,6 +9,7 @@
 //! an altered motion line is noticed *after* its motion. Use a wire that checks what it carries.
 
 mod check;
+mod config;
 mod driver;
 mod fault;
 pub mod firmware;
@@ -24,5 +25,8 @@ mod tests;
 mod touch;
 mod wire;
 
+pub use config::Config;
 pub use driver::Grbl;
 pub use wire::Patience;
+
+pub const KIND: &str = "grbl";

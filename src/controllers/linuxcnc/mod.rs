@@ -24,6 +24,7 @@
 //!   has (descent, touch, back-off). It is a part of one touch, which guards itself; nothing follows it.
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
+mod config;
 mod driver;
 mod fault;
 mod files;
@@ -35,4 +36,7 @@ mod rsh;
 mod state;
 mod watch;
 
+pub use config::Config;
 pub use driver::{LinuxCnc, Settings};
+
+pub const KIND: &str = "linuxcnc";

@@ -1,22 +1,7 @@
 //! What a reader of the estimate must know beside its numbers.
 
-use super::outputs::{Parts, place_name};
+use super::parts::{Parts, place_name};
 use super::suspects::Outlier;
-use crate::base::Axis;
-
-pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
-    let mut lines = Vec::new();
-    let places = &parts.solved.observed.places;
-    let first = places.first().map_or(0.0, |place| place.at(Axis::S));
-    if places.iter().all(|place| place.at(Axis::S) == first) {
-        lines.push(
-            "EX0S and EY0S: inseparable from tool_x and tool_y, the spindle was not turned"
-                .to_owned(),
-        );
-    }
-    lines.extend(parts.solved.thin());
-    lines
-}
 
 pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     let mut lines = parts.solved.observed.left_out.clone();
@@ -95,7 +80,7 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
         let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
         if form_um > parts.settings.form_limit_um {
             lines.push(format!(
-                "{whose}: its touches lie {form_um:.1} µm off a sphere: dirt, loose ball or wrong stylus?"
+                "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"
             ));
         }
         if off_um.abs() > parts.settings.diameter_limit_um {
@@ -127,7 +112,7 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
 fn unstable(parts: &Parts<'_>) -> Option<String> {
     let told = || {
         format!(
-            "after {} trials u by Monte Carlo is not yet stable in its second digit (JCGM 101, 7.9); u and \
+            "after {} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
              U are those by covariance. Ask for more by monte_carlo_trials",
             parts.monte_carlo.trials
         )

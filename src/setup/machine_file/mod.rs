@@ -32,7 +32,7 @@ mod tolerance;
 mod value;
 
 use artefact::Beside;
-pub use controller::{Control, ControllerConfig, Link, Wire};
+pub use controller::{Control, ControllerConfig, Wire};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};

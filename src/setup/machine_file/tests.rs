@@ -47,7 +47,7 @@ fn the_embedded_machine_reads_as_written() {
     assert_eq!(file.probe.repeatability_um, Some(0.5));
     let Artefact::Cylinder(Cylinder { radius_mm, .. }) = file.artefact else { panic!() };
     assert_eq!(radius_mm, 45.0);
-    assert_eq!(file.controller.control, Control::Simulated { wire: Wire::Memory });
+    assert!(matches!(file.controller.control, Control::Simulated { wire: Wire::Memory }));
     assert_eq!(file.text(), EMBEDDED);
     assert!(file.tolerance.is_empty(), "the first command must end with code 0");
 }
@@ -170,8 +170,9 @@ fn links_are_checked() {
         MachineFile::parse("shop.toml", text)
     };
     let sound = strip("kind = \"grbl\"\ntcp = \"10.0.0.7:23\"").unwrap().controller.control;
-    let link = Link::Tcp("10.0.0.7:23".to_owned());
-    assert_eq!(sound, Control::Grbl { link, dialect: "grbl".to_owned() });
+    assert_eq!(sound.dialect(), "grbl");
+    let said = format!("{sound:?}");
+    assert!(said.contains("10.0.0.7") && said.contains("port: 23"), "{said}");
 
     let error = |result: Result<MachineFile, MachineFileError>| result.unwrap_err().to_string();
     assert!(error(strip("kind = \"grbl\"")).contains("needs exactly one link"));

@@ -4,8 +4,8 @@ use std::sync::PoisonError;
 
 use serde::Deserialize;
 
-use super::job::Sham;
 use super::{Firmware, HARD_LIMIT, Lock, SOFT_LIMIT};
+use crate::world::interpreter::Sham;
 
 const E_STOP: u8 = 10;
 const UNKNOWN_ALARM: u8 = 3;

@@ -6,15 +6,12 @@
 
 mod fault;
 mod job;
-mod modal;
-mod parse;
 mod say;
 mod serve;
-mod sort;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -22,13 +19,12 @@ use tokio::time::Instant;
 
 use fault::Answer;
 pub use fault::{Fault, FaultKind};
-use job::{Active, Job, Last, Sham};
-use modal::{Act, Modal};
-use parse::Code;
+use job::Last;
 
-use crate::base::{Axis, Position};
+use crate::base::Position;
 use crate::record::machine::Machine;
 use crate::world::World;
+use crate::world::interpreter::{Act, Active, Code, Interpreter, Job, Pace, Sham, is_blank};
 
 /// Blocks that the planner holds.
 const PLANNER: usize = 100;
@@ -43,22 +39,11 @@ const NO_CONTACT: u8 = 5;
 const HARD_LIMIT: u8 = 1;
 const LOCKED: Code = 9;
 
-/// How simulated time passes for whoever waits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
-    /// Moves are done at once.
-    Fast,
-    /// Moves take as long as they would.
-    Real,
-}
-
 /// How this control is built.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Axis words, in the order of reports.
-    pub axes: Vec<Axis>,
-    /// Soft limits, internal units.
-    pub limits: BTreeMap<Axis, (f64, f64)>,
+    /// Its axes and their travel.
+    pub reader: Interpreter,
     pub pace: Pace,
     /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
     pub native: bool,
@@ -70,12 +55,8 @@ pub struct Options {
 impl Options {
     /// The control of `machine`: native level, stamps on.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        let turning = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
-        let limits: BTreeMap<Axis, (f64, f64)> = turning
-            .map(|(axis, spec)| (*axis, (axis.from_edge(spec.min), axis.from_edge(spec.max))))
-            .collect();
-        let axes = limits.keys().copied().collect();
-        Self { axes, limits, pace, native: true, stamps: true, faults: Vec::new() }
+        let reader = Interpreter::of(machine);
+        Self { reader, pace, native: true, stamps: true, faults: Vec::new() }
     }
 }
 
@@ -93,7 +74,6 @@ enum Lock {
 pub struct Firmware {
     options: Options,
     world: Arc<Mutex<World>>,
-    modal: Modal,
     /// Where the machine will stand when all that is queued is done.
     planned: Position,
     rx: VecDeque<u8>,
@@ -127,7 +107,6 @@ impl Firmware {
         let mut firmware = Self {
             options,
             world,
-            modal: Modal::default(),
             planned: Position::new(),
             rx: VecDeque::new(),
             out: Vec::new(),
@@ -224,7 +203,7 @@ impl Firmware {
         if let Some(command) = line.strip_prefix('$') {
             return self.dollar(command);
         }
-        if parse::is_blank(line) {
+        if is_blank(line) {
             if line.is_empty() {
                 self.latched = None;
             }
@@ -248,33 +227,17 @@ impl Firmware {
         if self.alarm.is_some() {
             return Err(LOCKED);
         }
-        let words = parse::words(line)?;
-        let act = self.modal.block(&words, &self.planned, &self.options.axes)?;
-        let job = match act {
+        let job = match self.options.reader.line(line, &self.planned)? {
             Act::Nothing => return Ok(false),
-            Act::Travel { to, feed_mm_min } => Job::Travel { to, feed_mm_min },
-            Act::Probe { to, feed_mm_min, strict, n } => Job::Probe { to, feed_mm_min, strict, n },
-            Act::Orient { s } => Job::Orient { s },
-            Act::Dwell { seconds } => Job::Dwell { seconds },
+            Act::OutOfTravel => return Ok(self.soft_limit()),
+            Act::Do(job) => job,
         };
-        if job.target().is_some_and(|to| !self.within_limits(to)) {
-            return Ok(self.soft_limit());
-        }
         let waits = job.is_waited_for();
         if let Some(to) = job.target() {
             self.planned = self.planned.updated_by(to);
         }
         self.queue.push_back(job);
         Ok(waits)
-    }
-
-    fn within_limits(&self, to: &Position) -> bool {
-        // A hair of rounding in the text is no breach.
-        let within = |(axis, value): (Axis, f64)| {
-            let limits = self.options.limits.get(&axis);
-            limits.is_none_or(|(min, max)| (min - 1e-6..=max + 1e-6).contains(&value))
-        };
-        to.iter().all(within)
     }
 
     /// Idle: an alarm, and the line is answered. Moving: silence until a reset.

@@ -1,9 +1,9 @@
 //! What the simulated control says: its reports, answers and `$` commands.
 
 use super::fault::Answer;
-use super::parse::Code;
 use super::{FaultKind, Firmware, Lock, PLANNER, RX_BUFFER};
 use crate::base::Position;
+use crate::world::interpreter::Code;
 
 const BUILD: &str = "1.1f.20260817";
 
@@ -42,7 +42,7 @@ impl Firmware {
 
     /// Axis values as reports print them: mm and degrees, three decimals.
     pub(super) fn list(&self, position: &Position) -> String {
-        let values = self.options.axes.iter().map(|axis| {
+        let values = self.options.reader.axes().iter().map(|axis| {
             let text = format!("{:.3}", axis.to_edge(position.at(*axis)));
             if text == "-0.000" { "0.000".to_owned() } else { text }
         });
@@ -91,7 +91,7 @@ impl Firmware {
     pub(super) fn dollar(&mut self, command: &str) {
         match command.to_ascii_uppercase().as_str() {
             "I" => self.say_build(),
-            "G" => self.say(&format!("[{}]", self.modal.report())),
+            "G" => self.say(&format!("[{}]", self.options.reader.modes())),
             "#" => self.say_offsets(),
             "10" => self.say("$10=511"),
             "H" | "X" if self.alarm == Some(Lock::Reset) => return self.say_error(79),
@@ -110,7 +110,7 @@ impl Firmware {
     }
 
     fn say_build(&mut self) {
-        let letters: String = self.options.axes.iter().map(|axis| axis.letter()).collect();
+        let letters: String = self.options.reader.axes().iter().map(|axis| axis.letter()).collect();
         let count = letters.len();
         self.say(&format!("[VER:{BUILD}:]"));
         self.say(&format!("[OPT:VNML+,{PLANNER},{RX_BUFFER},{count},0]"));
@@ -118,7 +118,7 @@ impl Firmware {
     }
 
     fn say_offsets(&mut self) {
-        for (name, offset) in self.modal.offsets() {
+        for (name, offset) in self.options.reader.offsets() {
             self.say(&format!("[{name}:{}]", self.list(&offset)));
         }
         self.say("[TLO:0.000,0.000,0.000]");

@@ -8,13 +8,14 @@ use std::time::Duration;
 
 use bench::{IDLE, odd, peer};
 
-use super::firmware::{Firmware, Options, Pace};
+use super::firmware::{Firmware, Options};
 use super::{Grbl, Patience, testing};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt};
 use crate::gcode::Dialect;
 use crate::link::{Address, Link, open, pty};
 use crate::record::motion::{Block, Motion, Outcome};
+use crate::world::interpreter::Pace;
 
 fn grbl(link: Link) -> (Grbl, Halt) {
     let (driver, halt) = Grbl::new(link, &testing::machine(), Dialect::named("grbl").unwrap());

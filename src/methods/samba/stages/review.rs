@@ -97,12 +97,13 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     if taken.label.pass != Pass::Find {
         return Ok(());
     }
-    let before = all.iter().take_while(|other| other.label != taken.label);
+    // What its own stage found was not known when it was planned.
+    let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
+    let before = all.iter().take_while(|other| stage(other) != stage(taken));
     let known = Known::of_taken(bench, before);
     let stated = DVec3::from_array(ball.centre_mm);
     let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
-    let (away, limit) =
-        (measured.centre_mm.distance(expected), known.uncertainty_mm(bench, taken.ball));
+    let (away, limit) = (measured.centre_mm.distance(expected), known.uncertainty_mm(bench));
     if away <= limit {
         return Ok(());
     }

@@ -1,7 +1,7 @@
 //! The words of one line, sorted by what they are for.
 
 use super::modal::{Modal, Motion};
-use super::parse::{Code, Word};
+use super::words::{Code, Word};
 use crate::base::Axis;
 
 /// G codes that act once.

@@ -2,7 +2,7 @@
 //! those of Grbl (grblHAL `errors.h`).
 
 /// Grbl's error number.
-pub(super) type Code = u8;
+pub type Code = u8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Word {
@@ -46,6 +46,6 @@ fn bare(line: &str) -> String {
 }
 
 /// Whether the line holds nothing to execute.
-pub(super) fn is_blank(line: &str) -> bool {
+pub fn is_blank(line: &str) -> bool {
     matches!(bare(line).as_str(), "" | "%")
 }

@@ -2,35 +2,12 @@
 
 use crate::base::{Axis, Position};
 
-use super::parse::{Code, Word};
+use super::job::Job;
 use super::sort::{Line, Once};
+use super::words::{Code, Word};
 
 const MM_PER_INCH: f64 = 25.4;
 const SLOTS: usize = 6;
-
-/// What a line asks for. Positions are machine coordinates of the axes that the line names.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Act {
-    Nothing,
-    /// `feed_mm_min` is `None` for G0.
-    Travel {
-        to: Position,
-        feed_mm_min: Option<f64>,
-    },
-    /// `strict`: a miss is an alarm (G38.2).
-    Probe {
-        to: Position,
-        feed_mm_min: f64,
-        strict: bool,
-        n: u32,
-    },
-    Orient {
-        s: f64,
-    },
-    Dwell {
-        seconds: f64,
-    },
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Motion {
@@ -102,7 +79,7 @@ impl Modal {
         words: &[Word],
         here: &Position,
         axes: &[Axis],
-    ) -> Result<Act, Code> {
+    ) -> Result<Option<Job>, Code> {
         let mut next = self.clone();
         let mut line = Line::default();
         for word in words {
@@ -116,7 +93,7 @@ impl Modal {
         Ok(act)
     }
 
-    fn act(&mut self, line: &mut Line, here: &Position) -> Result<Act, Code> {
+    fn act(&mut self, line: &mut Line, here: &Position) -> Result<Option<Job>, Code> {
         let n = line.value('N').unwrap_or(0.0) as u32;
         if let Some(feed) = line.feed {
             self.feed_mm_min = Some(if self.inches { feed * MM_PER_INCH } else { feed });
@@ -131,9 +108,9 @@ impl Modal {
         match line.once {
             Some(Once::Dwell) => {
                 let seconds = line.value('P').ok_or(28)?;
-                return Ok(Act::Dwell { seconds });
+                return Ok(Some(Job::Dwell { seconds }));
             }
-            Some(Once::SetOffset) => return self.set_offset(line, here).map(|()| Act::Nothing),
+            Some(Once::SetOffset) => return self.set_offset(line, here).map(|()| None),
             Some(Once::Shift) => {
                 if line.axes.is_empty() {
                     return Err(26);
@@ -142,38 +119,40 @@ impl Modal {
                     let slot = self.offsets[self.slot].at(*axis);
                     self.shift.set(*axis, here.at(*axis) - slot - self.length(*axis, *value));
                 }
-                return Ok(Act::Nothing);
+                return Ok(None);
             }
             Some(Once::ShiftOff) => self.shift = Position::new(),
             Some(Once::MachineCoordinates) | None => {}
         }
         if line.output {
             line.value('P').ok_or(28)?;
-            return Ok(Act::Nothing);
+            return Ok(None);
         }
         if line.orient {
             let degrees = line.value('R').ok_or(28)?;
-            return Ok(Act::Orient { s: Axis::S.from_edge(degrees) });
+            return Ok(Some(Job::Orient { s: Axis::S.from_edge(degrees) }));
         }
         self.motion_act(line, here, n)
     }
 
-    fn motion_act(&self, line: &Line, here: &Position, n: u32) -> Result<Act, Code> {
+    fn motion_act(&self, line: &Line, here: &Position, n: u32) -> Result<Option<Job>, Code> {
         let machine = line.once == Some(Once::MachineCoordinates);
         if machine && !matches!(self.motion, Motion::Rapid | Motion::Feed) {
             return Err(30);
         }
         if line.axes.is_empty() {
             let probing = matches!(line.motion, Some(Motion::Probe { .. }));
-            return if probing { Err(26) } else { Ok(Act::Nothing) };
+            return if probing { Err(26) } else { Ok(None) };
         }
         let to = self.target(line, here, machine);
         match self.motion {
             Motion::Off => Err(31),
-            Motion::Rapid => Ok(Act::Travel { to, feed_mm_min: None }),
-            Motion::Feed => Ok(Act::Travel { to, feed_mm_min: Some(self.feed()?) }),
+            Motion::Rapid => Ok(Some(Job::Travel { to, feed_mm_min: None })),
+            Motion::Feed => Ok(Some(Job::Travel { to, feed_mm_min: Some(self.feed()?) })),
             Motion::Probe { .. } if here.updated_by(&to) == *here => Err(33),
-            Motion::Probe { strict } => Ok(Act::Probe { to, feed_mm_min: self.feed()?, strict, n }),
+            Motion::Probe { strict } => {
+                Ok(Some(Job::Probe { to, feed_mm_min: self.feed()?, strict, n }))
+            }
         }
     }
 

@@ -1,0 +1,48 @@
+//! `[controller]` of kind `linuxcnc`.
+
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+use super::{LinuxCnc, Settings};
+use crate::controllers::{Controller, Named, Opening};
+use crate::gcode::Dialect;
+use crate::link::HostPort;
+use crate::record::machine::Machine;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Of linuxcncrsh.
+    #[serde(default = "usual_address")]
+    tcp: HostPort,
+    /// Where programs and their result logs are put; the control must see the same folder.
+    program_dir: PathBuf,
+    #[serde(default = "dialect")]
+    dialect: String,
+}
+
+/// Port 5007 is linuxcncrsh's own default.
+fn usual_address() -> HostPort {
+    HostPort::local(5007)
+}
+
+fn dialect() -> String {
+    "linuxcnc".to_owned()
+}
+
+impl Named for Config {
+    fn dialect(&self) -> &str {
+        &self.dialect
+    }
+
+    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+        Box::pin(async move {
+            let axes = machine.axes.keys().copied().collect();
+            let directory = self.program_dir.clone();
+            let settings = Settings { address: (&self.tcp).into(), directory, axes };
+            let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
+            Ok(Controller::spawn(driver, halt))
+        })
+    }
+}

@@ -1,0 +1,95 @@
+//! How a person names a link: `serial`, `serial_id` or `tcp`.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::{Address, BY_ID, LinkError, by_id};
+
+/// A name or an address, a colon and a port; whether somebody listens there shows on opening.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct HostPort {
+    host: String,
+    port: u16,
+}
+
+impl HostPort {
+    /// A port of this computer.
+    pub fn local(port: u16) -> Self {
+        Self { host: "127.0.0.1".to_owned(), port }
+    }
+}
+
+impl TryFrom<String> for HostPort {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let split = text.rsplit_once(':').filter(|(host, _)| !host.is_empty());
+        let port = split.and_then(|(host, port)| Some((host, port.parse().ok()?)));
+        match port {
+            Some((host, port)) if port > 0 => Ok(Self { host: host.to_owned(), port }),
+            _ => Err(format!("is `{text}`; write `host:port`, e.g. `127.0.0.1:5007`")),
+        }
+    }
+}
+
+impl From<&HostPort> for Address {
+    fn from(HostPort { host, port }: &HostPort) -> Self {
+        Address::Tcp { host: host.clone(), port: *port }
+    }
+}
+
+/// A link by the one name that it was given.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Named {
+    Serial {
+        path: PathBuf,
+        baud: u32,
+    },
+    /// A port by its name below [`BY_ID`], or a part of that name.
+    SerialId {
+        id: String,
+        baud: u32,
+    },
+    Tcp(HostPort),
+}
+
+impl Named {
+    /// From the keys of a table; a serial port without `baud` gets `usual`.
+    ///
+    /// # Errors
+    /// None or several of the three; a baud rate beside `tcp`. In words.
+    pub fn of(
+        keys: (Option<PathBuf>, Option<String>, Option<HostPort>),
+        baud: Option<u32>,
+        usual: u32,
+    ) -> Result<Self, String> {
+        let rate = baud.unwrap_or(usual);
+        match keys {
+            (Some(path), None, None) => Ok(Self::Serial { path, baud: rate }),
+            (None, Some(id), None) => Ok(Self::SerialId { id, baud: rate }),
+            (None, None, Some(_)) if baud.is_some() => {
+                Err("`baud` belongs to `serial`; a TCP link has no baud rate: remove it".to_owned())
+            }
+            (None, None, Some(tcp)) => Ok(Self::Tcp(tcp)),
+            _ => Err("needs exactly one link: `serial = \"/dev/...\"`, `serial_id = \"usb-...\"` \
+                      or `tcp = \"host:port\"`"
+                .to_owned()),
+        }
+    }
+
+    /// Where it leads at this moment.
+    ///
+    /// # Errors
+    /// No one port of that name.
+    pub fn address(&self) -> Result<Address, LinkError> {
+        let serial =
+            |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
+        Ok(match self {
+            Self::Serial { path, baud } => serial(path, *baud),
+            Self::SerialId { id, baud } => serial(&by_id(Path::new(BY_ID), id)?, *baud),
+            Self::Tcp(tcp) => tcp.into(),
+        })
+    }
+}
