@@ -140,7 +140,7 @@ fn run_wave<E: std::error::Error + Send>(
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.
-fn numerical_tolerance(u: f64, digits: u32) -> f64 {
+pub fn numerical_tolerance(u: f64, digits: u32) -> f64 {
     if u > 0.0 && u.is_finite() {
         0.5 * 10_f64.powi(u.log10().floor() as i32 + 1 - digits as i32)
     } else {
