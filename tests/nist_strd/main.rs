@@ -1,9 +1,8 @@
 //! NIST's 27 nonlinear regression problems, each from both of its starting points: ours against
 //! certified values. Each is solved twice, by the same function and with the same limits as SAMBA: with
 //! all unknowns in one dense block, and with the first of them eliminated as a ball's are.
-//! `cargo test --test nist_strd -- --nocapture` prints the table: at least eight digits of parameters
-//! and, but for `ROUNDED_AWAY`, of standard deviations. Seven are asked for, for the mathematical
-//! functions differ a little by platform.
+//! `cargo test --test nist_strd -- --nocapture` prints the table: at least seven digits of parameters
+//! and, but for `ROUNDED_AWAY`, of standard deviations.
 //!
 //! What this is not: a certificate. NIST certifies the values, not programs that meet them; and 27
 //! small problems say nothing about the model or the uncertainties of any machine. It shows that
