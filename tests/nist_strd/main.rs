@@ -49,7 +49,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         }
         vec![rows]
     };
-    let found = minimise(turned(&dataset.starts[start], own), &rows, residuals)
+    let found = minimise(turned(&dataset.starts[start], own), rows, residuals)
         .map_err(|error| error.to_string())?;
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.y.len() - unknowns) as f64).sqrt();
