@@ -56,15 +56,19 @@ fn alone(at: &At, ball: &Ball) -> Checked {
     at.that(id.chars().all(plain), "id", || {
         format!("is `{id}`; it must be one word without `/` or `,`")
     })?;
+    let places = ball.centre_mm.iter().all(|place| place.is_finite());
+    at.that(places, "centre_mm", || "must be three finite numbers".to_owned())?;
     let above = |value: &f64| format!("is {value}; it must be greater than 0");
-    at.that(*radius_mm > 0.0, "radius_mm", || above(radius_mm))?;
+    let sound = *radius_mm > 0.0 && radius_mm.is_finite();
+    at.that(sound, "radius_mm", || above(radius_mm))?;
     let negative = |value: &f64| format!("is {value}; it must not be negative");
     at.that(*stem_radius_mm >= 0.0, "stem_radius_mm", || negative(stem_radius_mm))?;
     at.that(*stem_length_mm >= 0.0, "stem_length_mm", || negative(stem_length_mm))?;
     at.that(stem_radius_mm < radius_mm, "stem_radius_mm", || {
         format!("is {stem_radius_mm}; the stem must be thinner than its ball (radius {radius_mm})")
     })?;
-    at.that(*stem != [0.0; 3], "stem", || {
+    let direction = DVec3::from_array(*stem).try_normalize();
+    at.that(direction.is_some(), "stem", || {
         "must have a direction, from the ball to the stem's foot: [0, 0, -1]".to_owned()
     })?;
     at.that(*stem_length_mm == 0.0 || stem_length_mm > radius_mm, "stem_length_mm", || {

@@ -127,6 +127,9 @@ pub struct IdentifyArgs {
 
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
+    /// Whose embedded machine is served, where there is no machine file.
+    #[arg(default_value = "self-calibration")]
+    pub method: String,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Put a bad wire in between: it delays, drops, doubles, flips, splits, stalls and cuts, as the

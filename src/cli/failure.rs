@@ -88,10 +88,17 @@ impl Failure {
         Self { what: error.to_string(), remedy: Some(format!("{stands}{}", error.remedy())), exit }
     }
 
-    /// Of a run in the journal: with the way on, where there is one.
-    pub fn of_stored(mut self, run: RunId) -> Self {
+    /// Of a run in the journal: with the way on, where there is one. `can_resume`: its references were
+    /// measured.
+    pub fn of_stored(mut self, run: RunId, can_resume: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
-            remedy.push_str(&format!("; `trued resume {run}` goes on from here"));
+            remedy.push_str(&match can_resume {
+                true => format!("; `trued resume {run}` goes on from here"),
+                false => format!(
+                    "; run {run} cannot be resumed, for its references were not yet measured: start a \
+                     new one"
+                ),
+            });
         }
         self
     }

@@ -81,10 +81,11 @@ pub struct Measured {
 
 impl Measured {
     pub fn of(run: Run<'_>, ended: Result<(), RunError>) -> Result<Self, Failure> {
+        let can_resume = run.can_resume();
         let Run { id, plan, readings, moved, resumed, .. } = run;
         match ended {
             Ok(()) => Ok(Self { plan, readings }),
-            Err(error) => Err(Failure::of_run(&error, moved, resumed).of_stored(id)),
+            Err(error) => Err(Failure::of_run(&error, moved, resumed).of_stored(id, can_resume)),
         }
     }
 }

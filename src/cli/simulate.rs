@@ -5,12 +5,12 @@ use std::time::Duration;
 use super::Exit;
 use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
+use crate::base::Axis;
 use crate::link::faults::{BadWire, Planned};
-use crate::methods;
 use crate::setup::{self, Pace};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref(), methods::NAMES[0])?;
+    let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let pace = match args.speed {
         Speed::Real => Pace::Real,
         Speed::Fast => Pace::Fast,
@@ -25,10 +25,12 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
             Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?,
         };
         say!("{}", simulator.path.display());
+        let orients = machine.machine.axes.contains_key(&Axis::S);
         tell!(
             "a simulated grblHAL machine speaks there; in a machine file:\n  [controller]\n  kind = \
-             \"grbl\"\n  serial = \"{}\"\nCtrl-C ends it",
-            simulator.path.display()
+             \"grbl\"\n  serial = \"{}\"{}\nCtrl-C ends it",
+            simulator.path.display(),
+            if orients { "\n  dialect = \"grbl-m19\"" } else { "" }
         );
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);

@@ -27,7 +27,7 @@ pub enum CircleError {
 /// # Errors
 /// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
-    let Radial { centre, radius, .. } = radial::fit(points, None).map_err(|error| match error {
+    let Radial { centre, radius, .. } = radial::fit(points).map_err(|error| match error {
         RadialError::TooFew(count) => CircleError::TooFew(count),
         RadialError::Flat => CircleError::Collinear,
         RadialError::NotFinite => CircleError::NotFinite,

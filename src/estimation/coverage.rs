@@ -26,10 +26,10 @@ pub fn two_sided(probability: f64, dof: f64) -> f64 {
 }
 
 /// Effective degrees of freedom of u² = Σu_i² (GUM equation G.2b, Welch–Satterthwaite) for
-/// `(u_i, dof_i)`. Components known exactly have `f64::INFINITY`.
+/// `(u_i², dof_i)`. Components known exactly have `f64::INFINITY`.
 pub fn effective_dof(components: &[(f64, f64)]) -> f64 {
-    let combined: f64 = components.iter().map(|(u, _)| u * u).sum();
-    let spread: f64 = components.iter().map(|(u, dof)| u.powi(4) / dof).sum();
+    let combined: f64 = components.iter().map(|(variance, _)| variance).sum();
+    let spread: f64 = components.iter().map(|(variance, dof)| variance * variance / dof).sum();
     if spread > 0.0 { combined * combined / spread } else { f64::INFINITY }
 }
 
@@ -70,7 +70,8 @@ mod tests {
     /// GUM example H.1.6: components in nm and their degrees of freedom give 16.
     #[test]
     fn paper_gum_example_h1() {
-        let components = [(25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0)];
+        let components = [(25.0_f64, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0)];
+        let components = components.map(|(u, dof)| (u * u, dof));
         assert!((effective_dof(&components) - 16.7).abs() < 0.3, "{}", effective_dof(&components));
         assert_eq!(effective_dof(&[(1.0, f64::INFINITY)]), f64::INFINITY);
         assert!((effective_dof(&[(3.0, 5.0)]) - 5.0).abs() < 1e-12);

@@ -41,6 +41,15 @@ impl Columns {
         &mut self.values[column * self.rows..][..self.rows]
     }
 
+    /// Zeros below.
+    pub fn add_rows(&mut self, more: usize) {
+        let mut larger = Self::zeros(self.rows + more, self.count);
+        for j in 0..self.count {
+            larger.column_mut(j)[..self.rows].copy_from_slice(self.column(j));
+        }
+        *self = larger;
+    }
+
     pub fn truncate(&mut self, count: usize) {
         self.values.truncate(count * self.rows);
         self.count = count;
@@ -142,8 +151,4 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[inline(always)]
 fn subtract(y: &mut [f64], column: &[f64], share: f64) {
     y.iter_mut().zip(column).for_each(|(y, value)| *y -= share * value);
-}
-
-pub(super) fn norm(values: &[f64]) -> f64 {
-    values.iter().map(|value| value * value).sum::<f64>().sqrt()
 }

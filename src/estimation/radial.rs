@@ -11,8 +11,7 @@ pub(super) struct Radial<const D: usize> {
     pub radius: f64,
     /// Distance from the centre less radius, one per point.
     pub residuals: Vec<f64>,
-    /// Of centre and, where it was sought, radius; for a standard uncertainty of 1 of each radial
-    /// deviation.
+    /// Of centre and radius, for a standard uncertainty of 1 of each radial deviation.
     pub covariance: Mat<f64>,
 }
 
@@ -35,16 +34,13 @@ const TOLERANCE: f64 = 4e-15;
 /// rounding: after [`MAX_STEPS`] this is near enough.
 const SETTLED: f64 = 1e-9;
 
-/// Fits centre and radius, or the centre alone where the `radius` is known: algebraic start (Kåsa
-/// 1976), then Gauss–Newton, each step halved until the deviations shrink.
-pub(super) fn fit<const D: usize>(
-    points: &[[f64; D]],
-    radius: Option<f64>,
-) -> Result<Radial<D>, RadialError> {
+/// Fits centre and radius: algebraic start (Kåsa 1976), then Gauss–Newton, each step halved until the
+/// deviations shrink.
+pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
     if points.len() <= D {
         return Err(RadialError::TooFew(points.len()));
     }
-    if points.iter().flatten().chain(&radius).any(|number| !number.is_finite()) {
+    if points.iter().flatten().any(|number| !number.is_finite()) {
         return Err(RadialError::NotFinite);
     }
     // Near points differ by a number without rounding, wherever they stand.
@@ -52,7 +48,7 @@ pub(super) fn fit<const D: usize>(
     let local: Vec<[f64; D]> =
         points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
     let centre = algebraic_centre(&local)?;
-    let (at, step) = converge(&local, About::new(&local, centre, radius))?;
+    let (at, step) = converge(&local, About::new(&local, centre))?;
     Ok(Radial {
         centre: std::array::from_fn(|k| origin[k] + at.centre[k]),
         radius: at.radius,
@@ -120,26 +116,23 @@ fn least_squares(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
 struct About<const D: usize> {
     centre: [f64; D],
     radius: f64,
-    known_radius: Option<f64>,
     directions: Vec<[f64; D]>,
     residuals: Vec<f64>,
 }
 
 impl<const D: usize> About<D> {
-    /// The radius that is best there, where it is not known: the mean distance.
-    fn new(points: &[[f64; D]], centre: [f64; D], known_radius: Option<f64>) -> Self {
+    /// The radius that is best there is the mean distance.
+    fn new(points: &[[f64; D]], centre: [f64; D]) -> Self {
         let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar(p, &centre)).collect();
         let distances = polar.iter().map(|(_, distance)| distance);
-        let radius =
-            known_radius.unwrap_or_else(|| distances.clone().sum::<f64>() / points.len() as f64);
+        let radius = distances.clone().sum::<f64>() / points.len() as f64;
         let residuals = distances.map(|distance| distance - radius).collect();
         let directions = polar.iter().map(|(direction, _)| *direction).collect();
-        Self { centre, radius, known_radius, directions, residuals }
+        Self { centre, radius, directions, residuals }
     }
 
     fn step(&self) -> Option<LinearSolution> {
-        let unknowns = if self.known_radius.is_some() { D } else { D + 1 };
-        let a = Mat::from_fn(self.directions.len(), unknowns, |i, k| {
+        let a = Mat::from_fn(self.directions.len(), D + 1, |i, k| {
             self.directions[i].get(k).copied().unwrap_or(1.0)
         });
         least_squares(&a, &self.residuals)
@@ -147,7 +140,7 @@ impl<const D: usize> About<D> {
 
     fn moved(&self, points: &[[f64; D]], step: &[f64], part: f64) -> Self {
         let centre = std::array::from_fn(|k| self.centre[k] + part * step[k]);
-        Self::new(points, centre, self.known_radius)
+        Self::new(points, centre)
     }
 
     fn norm(&self) -> f64 {

@@ -6,22 +6,12 @@
 //! solution as good as with Householder's reflections (Björck, BIT 7, 1967, 1–21).
 //!
 //! Unknowns stand in one vector: the common ones, then block after block. Rows stand block after block.
+//! A dense problem is one block without unknowns of its own.
 
 use faer::Mat;
 
-use super::gram_schmidt::{Columns, norm};
+use super::gram_schmidt::Columns;
 use super::linear::{LinearError, RANK_THRESHOLD, Survey, survey};
-use super::nonlinear::NonlinearError;
-
-/// Steps with a new Jacobian at most.
-const MOST_FACTORS: usize = 20;
-/// Steps with the same Jacobian at most.
-const MOST_CHORDS: usize = 8;
-/// Done when no unknown would move by more than this part of its standard uncertainty.
-const TOLERANCE: f64 = 1e-7;
-/// A Jacobian is that of the solution when the unknowns have moved by less since, in standard
-/// uncertainties.
-const NEAR: f64 = 0.1;
 
 /// The rows of one block, each divided by its standard uncertainty.
 #[derive(Debug, Clone)]
@@ -48,6 +38,24 @@ impl Rows {
     pub fn set_value(&mut self, row: usize, value: f64) {
         self.columns.set(row, self.columns.count() - 1, value);
     }
+}
+
+/// The rows with one more for each unknown, weight·unknown = 0, which hold it back (Levenberg 1944):
+/// those of a block's own unknowns stand below its rows, those of the common ones at the end.
+pub(super) fn held(mut blocks: Vec<Rows>, weights: &[f64]) -> Vec<Rows> {
+    let common = weights.len() - blocks.iter().map(|rows| rows.own).sum::<usize>();
+    let (of_common, mut weights) = weights.split_at(common);
+    for rows in &mut blocks {
+        let (mine, after) = weights.split_at(rows.own);
+        let first = rows.columns.rows();
+        rows.columns.add_rows(rows.own);
+        mine.iter().enumerate().for_each(|(j, weight)| rows.set_own(first + j, j, *weight));
+        weights = after;
+    }
+    let mut last = Rows::zeros(common, 0, common);
+    of_common.iter().enumerate().for_each(|(j, weight)| last.set_common(j, j, *weight));
+    blocks.push(last);
+    blocks
 }
 
 /// A = Q·R in pieces: what all answers about the rows come from.
@@ -113,6 +121,20 @@ impl Factored {
         self.unknowns_at(&self.coordinates(&mut y.to_vec()))
     }
 
+    /// The same for rows that are [`held`]; `y` are the values without the rows that hold.
+    pub(super) fn solve_held(&self, y: &[f64]) -> Vec<f64> {
+        let (mut extended, mut rest) = (Vec::new(), y);
+        for block in &self.blocks {
+            let more = block.orthonormal.count();
+            let (mine, after) = rest.split_at(rest.len().min(block.orthonormal.rows() - more));
+            extended.extend_from_slice(mine);
+            extended.resize(extended.len() + more, 0.0);
+            rest = after;
+        }
+        extended.resize(self.common.rows(), 0.0);
+        self.solve(&extended)
+    }
+
     /// What the unknowns cannot explain of `y`: (I − H)·y.
     pub fn remainder(&self, y: &[f64]) -> Vec<f64> {
         let mut rest = y.to_vec();
@@ -121,7 +143,7 @@ impl Factored {
     }
 
     /// Qᵀ·y; `y` becomes what is left of it.
-    fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
+    pub(super) fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
         let mut own = Vec::with_capacity(self.unknowns());
         let mut rest = &mut *y;
         for block in &self.blocks {
@@ -135,7 +157,7 @@ impl Factored {
     }
 
     /// R⁻¹·coordinates.
-    fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
+    pub(super) fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
         let (common, mut own) = coordinates.split_at(self.common.count());
         let mut x = back_substituted(&self.triangle, common.to_vec());
         let count = x.len();
@@ -202,79 +224,18 @@ impl Factored {
         leverage
     }
 
-    fn checked(self) -> Result<Self, LinearError> {
+    /// # Errors
+    /// Rows that do not separate the unknowns.
+    pub(super) fn checked(self) -> Result<Self, LinearError> {
         if self.deficient {
-            let found = self.survey()?;
-            return Err(LinearError::RankDeficient(Box::new(found)));
+            return Err(LinearError::RankDeficient(Box::new(self.survey()?)));
         }
         Ok(self)
     }
-}
 
-/// A nonlinear problem at its solution.
-#[derive(Debug, Clone)]
-pub struct Minimum {
-    pub x: Vec<f64>,
-    /// Of the model linearised there.
-    pub factored: Factored,
-    /// Weighted: measured less model.
-    pub residuals: Vec<f64>,
-    /// How often a Jacobian was needed.
-    pub factors: usize,
-}
-
-/// Gauss–Newton from `start`. `rows` gives residuals and derivatives (of the model) at a point,
-/// `residuals` the residuals alone. A Jacobian serves for several steps: once it was taken near the
-/// solution, further steps move the answer by rounding only.
-///
-/// # Errors
-/// Rows that do not separate the unknowns; no convergence.
-pub fn minimise(
-    start: Vec<f64>,
-    rows: impl Fn(&[f64]) -> Vec<Rows>,
-    residuals: impl Fn(&[f64]) -> Vec<f64>,
-) -> Result<Minimum, NonlinearError> {
-    let mut x = start;
-    let mut last = f64::INFINITY;
-    for factors in 1..=MOST_FACTORS {
-        let (factored, coordinates) = factor(rows(&x));
-        let factored = factored.checked()?;
-        let moved = norm(&coordinates);
-        add(&mut x, &factored.unknowns_at(&coordinates));
-        let (left, way) = chords(&factored, &mut x, moved, &residuals);
-        last = left;
-        if left <= TOLERANCE && way <= NEAR {
-            let residuals = residuals(&x);
-            return Ok(Minimum { x, factored, residuals, factors });
-        }
+    pub(super) fn is_sound(&self) -> bool {
+        !self.deficient
     }
-    Err(NonlinearError::NotConverged { evaluations: MOST_FACTORS, step: last })
-}
-
-/// Steps with the same Jacobian as long as each is far smaller than the one before. Returns the last
-/// step and the whole way since the Jacobian, `moved` included, in standard uncertainties.
-fn chords(
-    factored: &Factored,
-    x: &mut [f64],
-    moved: f64,
-    residuals: &impl Fn(&[f64]) -> Vec<f64>,
-) -> (f64, f64) {
-    let (mut way, mut last) = (moved, moved);
-    for _ in 0..MOST_CHORDS {
-        // Written so that a NaN ends it.
-        if !(last > TOLERANCE && way <= NEAR) {
-            break;
-        }
-        let coordinates = factored.coordinates(&mut residuals(x));
-        last = norm(&coordinates);
-        way += last;
-        add(x, &factored.unknowns_at(&coordinates));
-    }
-    (last, way)
-}
-
-fn add(x: &mut [f64], step: &[f64]) {
-    x.iter_mut().zip(step).for_each(|(x, step)| *x += step);
 }
 
 /// Solves R·x = z in place of z; a lost unknown stays where it is.

@@ -3,17 +3,16 @@
 
 use super::radial::{self, Radial, RadialError};
 
-/// Least-squares sphere, in the unit of its points. `UNKNOWNS` is 4 (centre and radius) or 3
-/// (centre alone).
+/// Least-squares sphere, in the unit of its points.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sphere<const UNKNOWNS: usize = 4> {
+pub struct Sphere {
     pub centre: [f64; 3],
     pub radius: f64,
     /// Distance from the centre less radius, one per point: positive outside.
     pub residuals: Vec<f64>,
     /// Of x, y, z and radius per unit variance of a radial reading: the readings' directions
     /// alone make it. Times u² it is the covariance at standard uncertainty u.
-    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+    pub covariance: [[f64; 4]; 4],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -33,24 +32,8 @@ pub enum SphereError {
 /// # Errors
 /// Fewer points, points in one plane, or points that resemble no sphere.
 pub fn fit_sphere(points: &[[f64; 3]]) -> Result<Sphere, SphereError> {
-    fit(points, None)
-}
-
-/// Fits the centre alone; the `radius` is known (of the ball and the stylus ball together).
-///
-/// # Errors
-/// As [`fit_sphere`]: also here points in one plane are refused, for two spheres pass through
-/// them, one on each side.
-pub fn fit_sphere_of_radius(points: &[[f64; 3]], radius: f64) -> Result<Sphere<3>, SphereError> {
-    fit(points, Some(radius))
-}
-
-fn fit<const UNKNOWNS: usize>(
-    points: &[[f64; 3]],
-    radius: Option<f64>,
-) -> Result<Sphere<UNKNOWNS>, SphereError> {
     let Radial { centre, radius, residuals, covariance } =
-        radial::fit(points, radius).map_err(|error| match error {
+        radial::fit(points).map_err(|error| match error {
             RadialError::TooFew(count) => SphereError::TooFew(count),
             RadialError::Flat => SphereError::Coplanar,
             RadialError::NotFinite => SphereError::NotFinite,
@@ -60,10 +43,19 @@ fn fit<const UNKNOWNS: usize>(
     Ok(Sphere { centre, radius, residuals, covariance })
 }
 
-impl<const UNKNOWNS: usize> Sphere<UNKNOWNS> {
+impl Sphere {
     /// Covariance of the centre when each radial reading has the standard uncertainty `u`.
     pub fn centre_covariance(&self, u: f64) -> [[f64; 3]; 3] {
         std::array::from_fn(|i| std::array::from_fn(|j| u * u * self.covariance[i][j]))
+    }
+}
+
+impl Sphere {
+    /// Largest less smallest residual, unit of the points.
+    pub fn form(&self) -> f64 {
+        let of =
+            |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);
+        of(f64::max, f64::NEG_INFINITY) - of(f64::min, f64::INFINITY)
     }
 }
 
@@ -91,13 +83,11 @@ mod tests {
         ] {
             let points = five_touches(centre, radius, elevation);
             let free = fit_sphere(&points).unwrap();
-            let known = fit_sphere_of_radius(&points, radius).unwrap();
             let distance = |found: [f64; 3]| {
                 (0..3).map(|k| (found[k] - centre[k]).powi(2)).sum::<f64>().sqrt()
             };
             let rounding = 4e-16 * (radius + centre[0].abs());
             assert!(distance(free.centre) < 20.0 * rounding, "{}", distance(free.centre));
-            assert!(distance(known.centre) < 20.0 * rounding, "{}", distance(known.centre));
             assert!((free.radius - radius).abs() < 20.0 * rounding);
         }
     }
@@ -117,9 +107,9 @@ mod tests {
         for (found, expected) in free.covariance.iter().flatten().zip(expected.iter().flatten()) {
             assert!((found - expected).abs() < 1e-12, "{:?}", free.covariance);
         }
-        let known = fit_sphere_of_radius(&points, 12.5).unwrap().centre_covariance(0.002);
-        for (i, expected) in [2e-6, 2e-6, 4e-6].into_iter().enumerate() {
-            assert!((known[i][i] - expected).abs() < 1e-15);
+        let centre = free.centre_covariance(0.002);
+        for (i, expected) in [2e-6, 2e-6, 5e-6].into_iter().enumerate() {
+            assert!((centre[i][i] - expected).abs() < 1e-15);
         }
     }
 
@@ -128,8 +118,7 @@ mod tests {
         let points = five_touches([5.0, 6.0, 7.0], 10.0, 0.3);
         assert_eq!(fit_sphere(&points[..3]), Err(SphereError::TooFew(3)));
         assert_eq!(fit_sphere(&points[..4]), Err(SphereError::Coplanar));
-        assert_eq!(fit_sphere_of_radius(&points[..4], 10.0), Err(SphereError::Coplanar));
         assert_eq!(fit_sphere(&[[1.0, 2.0, 3.0]; 5]), Err(SphereError::Coplanar));
-        assert_eq!(fit_sphere_of_radius(&points, f64::NAN), Err(SphereError::NotFinite));
+        assert_eq!(fit_sphere(&[[f64::NAN; 3]; 5]), Err(SphereError::NotFinite));
     }
 }

@@ -1,7 +1,7 @@
 //! Which touches of a ball are free at a rotary position. Simple bounds on the safe side; the proof
 //! has the last word.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat4, DVec3, DVec4};
 
@@ -14,7 +14,7 @@ use crate::record::machine::{Carrier, Machine};
 use crate::record::plan::Plan;
 
 /// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
-const CLEAR: f64 = 0.6;
+pub(super) const CLEAR: f64 = 0.6;
 /// The four touches round the ball and where they may move to instead: by how much in azimuth, and how
 /// far up, degrees. On the equator the centre is found best: the nearest way out comes first.
 const INSTEAD: [(f64, f64); 12] = [
@@ -50,6 +50,13 @@ pub struct Contact {
     pub normal: DVec3,
 }
 
+impl Contact {
+    /// Round the ball, from X towards Y; the pole behind all others.
+    fn place(&self) -> f64 {
+        if self.name == POLE { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
+    }
+}
+
 /// Why a ball cannot be measured at a rotary position. `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unreachable {
@@ -69,6 +76,11 @@ pub enum Unreachable {
         "{free} touches are free, too few or too near to each other; the first that is not: {why}"
     )]
     TooFew { free: usize, why: Box<Unreachable> },
+    #[error(
+        "a touch goes {beyond} mm beyond the contact expected, and the ball may stand {loose} mm off its \
+         place: it could miss it"
+    )]
+    TooShort { beyond: f64, loose: f64 },
     #[error("the search would be {length:.3} mm long, more than the overtravel of {overtravel} mm")]
     TooLong { length: f64, overtravel: f64 },
 }
@@ -77,6 +89,8 @@ pub enum Unreachable {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stand {
     pub out: f64,
+    /// How far beyond the contact expected it goes.
+    pub beyond: f64,
     /// How far the ball may stand off its place, mm.
     pub loose: f64,
 }
@@ -114,6 +128,11 @@ impl Access {
         touches: usize,
     ) -> Result<Vec<Contact>, Unreachable> {
         self.check_rotary(rotary)?;
+        // The proof's own rule: a touch reaches so deep that it meets the ball wherever it stands.
+        let (beyond, loose) = (stand.beyond, self.about.loose);
+        if beyond < loose {
+            return Err(Unreachable::TooShort { beyond, loose });
+        }
         let spindle = self.spindle(rotary)?;
         let normal =
             |azimuth: f64, elevation: f64| spindle.transform_vector3(on_sphere(azimuth, elevation));
@@ -142,6 +161,8 @@ impl Access {
             Vec::new()
         };
         extend(&mut contacts, more, touches);
+        // Neighbours follow one another, the pole comes last.
+        contacts.sort_by(|one, other| one.place().total_cmp(&other.place()));
         Ok(contacts)
     }
 

@@ -48,7 +48,8 @@ impl Approach {
             Self::Find { uncertainty_mm, .. } => uncertainty_mm,
             Self::Slow { search_mm, .. } => search_mm,
         };
-        Stand { out: self.ends().0, loose }
+        let (out, beyond) = self.ends();
+        Stand { out, beyond, loose }
     }
 
     fn feed_mm_min(self, probe: &Probe) -> f64 {

@@ -1,11 +1,24 @@
 //! First check of travel: every position named in a block lies within the limits of its axis.
 
 use super::{PlanningError, target};
-use crate::record::machine::Machine;
+use crate::base::Position;
+use crate::record::machine::{AxisSpec, Machine};
 use crate::record::motion::Block;
 
 /// Rounding of a limit in degrees must not refuse a move to that very limit.
 const SLACK: f64 = 1e-9;
+
+/// Whether the machine has all axes of a position and reaches it.
+pub(super) fn within(position: &Position, machine: &Machine) -> bool {
+    position.iter().all(|(axis, value)| {
+        let spec = machine.axes.get(&axis);
+        spec.is_some_and(|spec| inside(axis.to_edge(value), spec))
+    })
+}
+
+fn inside(value: f64, spec: &AxisSpec) -> bool {
+    (spec.min - SLACK..=spec.max + SLACK).contains(&value)
+}
 
 /// # Errors
 /// An axis that the machine lacks; a position outside its limits or not finite.
@@ -14,9 +27,9 @@ pub(super) fn check(block: &Block, machine: &Machine) -> Result<(), PlanningErro
     for to in block.motions.iter().filter_map(target) {
         for (axis, value) in to.iter() {
             let spec = machine.axes.get(&axis).ok_or(PlanningError::NoAxis { step, axis })?;
-            let (min, max) = (spec.min, spec.max);
             let value = axis.to_edge(value);
-            if !(min - SLACK..=max + SLACK).contains(&value) {
+            if !inside(value, spec) {
+                let (min, max) = (spec.min, spec.max);
                 return Err(PlanningError::OutOfTravel { step, axis, value, min, max });
             }
         }

@@ -78,14 +78,12 @@ pub fn measured_ball(
     let [x, y, z] = Axis::LINEAR.map(column);
     let table_from_axes = DMat3::from_cols(x, y, z).inverse();
     let of_table = DMat3::from_cols_array_2d(&fitted.centre_covariance(1.0));
-    let range =
-        |pick: fn(f64, f64) -> f64, from: f64| fitted.residuals.iter().copied().fold(from, pick);
     Ok(MeasuredBall {
         position: rotary.updated_by(&xyz),
         centre_mm: centre,
         cofactor: table_from_axes * of_table * table_from_axes.transpose(),
         diameter_mm: 2.0 * (fitted.radius - probe.ball_radius_mm),
-        form_mm: range(f64::max, f64::NEG_INFINITY) - range(f64::min, f64::INFINITY),
+        form_mm: fitted.form(),
     })
 }
 

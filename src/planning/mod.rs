@@ -11,6 +11,7 @@ mod limits;
 mod measured;
 mod order;
 mod over_balls;
+mod round;
 mod surroundings;
 mod time;
 mod touch;
@@ -20,7 +21,7 @@ pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
 pub use error::PlanningError;
 pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
-pub use order::{Turn, Visit, order};
+pub use order::tour;
 pub use time::machine_time_s;
 pub use touch::{Start, touch_block};
 

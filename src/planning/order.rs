@@ -1,95 +1,16 @@
-//! In which order: indexations, and balls within them, for a short machine time.
+//! In which order the balls of one indexation, for a short machine time.
 //!
-//! A tour that begins at the first visit's place in the list or anywhere, and does not return. Nearest
-//! neighbour, then 2-opt and Or-opt as long as they help. Visits that must follow one another (an axis
-//! that comes to each of its positions from the same side) travel as one chain that is never turned
-//! round. Everything is decided by comparison in a fixed order: the same input gives the same order.
+//! A tour that begins where the machine stands or anywhere, and does not return. Nearest neighbour, then
+//! 2-opt and Or-opt as long as they help. Everything is decided by comparison in a fixed order: the
+//! same input gives the same order.
 
 use super::time::motion_s;
 use crate::base::{Axis, Position};
 use crate::record::machine::Machine;
 
-/// One indexation: what is measured there stands at these X, Y, Z.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Visit {
-    /// Rotary axes, and S if it is oriented.
-    pub rotary: Position,
-    /// Axis positions of the ball centres ([`super::Access::centre`]), at least one.
-    pub places: Vec<Position>,
-    /// It comes directly behind the visit before it in the list.
-    pub follows: bool,
-}
-
-/// An indexation's turn: its number in the list, and the numbers of its places in their order.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Turn {
-    pub visit: usize,
-    pub places: Vec<usize>,
-}
-
-/// The order of `visits`, from wherever is best.
-pub fn order(visits: &[Visit], machine: &Machine) -> Vec<Turn> {
-    let chains = chains(visits);
-    let middles: Vec<Position> = visits.iter().map(middle).collect();
-    let between: Vec<Vec<f64>> = chains
-        .iter()
-        .map(|one| {
-            let to = |other: &Vec<usize>| match (one.last(), other.first()) {
-                (Some(&end), Some(&begin)) => turn_s(&middles, visits, (end, begin), machine),
-                _ => 0.0,
-            };
-            chains.iter().map(to).collect()
-        })
-        .collect();
-    let tour = shortest(&between);
-    let in_order = tour.iter().filter_map(|chain| chains.get(*chain)).flatten();
-    let mut stands: Option<Position> = None;
-    let mut turns = Vec::new();
-    for &visit in in_order {
-        let Some(here) = visits.get(visit) else { continue };
-        let places = through(&here.places, stands.as_ref(), machine);
-        stands = places.last().and_then(|last| here.places.get(*last)).cloned().or(stands);
-        turns.push(Turn { visit, places });
-    }
-    turns
-}
-
-/// Visits that follow one another, numbers in the list.
-fn chains(visits: &[Visit]) -> Vec<Vec<usize>> {
-    let mut chains: Vec<Vec<usize>> = Vec::new();
-    for (number, visit) in visits.iter().enumerate() {
-        match chains.last_mut().filter(|_| visit.follows) {
-            Some(chain) => chain.push(number),
-            None => chains.push(vec![number]),
-        }
-    }
-    chains
-}
-
-fn middle(visit: &Visit) -> Position {
-    let share = 1.0 / visit.places.len().max(1) as f64;
-    let mean = |axis: Axis| visit.places.iter().map(|place| place.at(axis)).sum::<f64>() * share;
-    [Axis::X, Axis::Y].into_iter().map(|axis| (axis, mean(axis))).collect()
-}
-
-/// From one visit to the other: rotary axes, X and Y together, then the spindle.
-fn turn_s(
-    middles: &[Position],
-    visits: &[Visit],
-    (from, to): (usize, usize),
-    machine: &Machine,
-) -> f64 {
-    let at = |number: usize| {
-        let rotary = visits.get(number).map(|visit| visit.rotary.clone()).unwrap_or_default();
-        middles.get(number).map_or(rotary.clone(), |middle| rotary.updated_by(middle))
-    };
-    let (from, to) = (at(from), at(to));
-    let part = |keep: fn(Axis) -> bool| motion_s(&from, &to.only(keep), None, machine);
-    part(|axis| axis != Axis::S) + part(|axis| axis == Axis::S)
-}
-
-/// The places of one visit, from where the machine stands.
-fn through(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Vec<usize> {
+/// Numbers of the `places` in the order in which to go through them: axis positions, X and Y count.
+/// `stands`: where the machine comes from; `None`: begin wherever is best.
+pub fn tour(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Vec<usize> {
     let way = |from: &Position, to: &Position| {
         let over = |axis| matches!(axis, Axis::X | Axis::Y);
         motion_s(from, &to.only(over), None, machine)

@@ -1,34 +1,36 @@
 //! The way to the next touch of a ball, no higher than it must be.
 //!
-//! - From touch to touch of one ball: guarded, just above whatever is near.
+//! - From touch to touch of one ball: guarded, round it ([`super::round`]), or if something is in the
+//!   way just above whatever is near.
 //! - To another ball at the same rotary position: fast, 10 mm above whatever is on the way.
 //! - To another rotary position: fast, 10 mm above whatever turns below on *this* way.
 //! - From where nobody knows: over the upper end of Z, one thing after the other.
 
-use glam::DVec2;
-
 use super::clearance::MARGIN;
 use super::touch::{Path, height};
-use super::{Clearance, PlanningError};
+use super::{Clearance, PlanningError, round};
 use crate::base::{Axis, Position};
-use crate::record::plan::Step;
+use crate::record::machine::Machine;
+use crate::record::plan::{Plan, Step};
 
 /// Free distance that guarded moves over a ball keep, and that a block ends with, mm. More than what
 /// the proof asks of rapids, so that the next block may set out fast.
-const LIFT: f64 = 3.0;
+pub(super) const LIFT: f64 = 3.0;
 /// Rounding of a position, mm.
 const SLACK: f64 = 1e-6;
 /// Two touches whose starts are no further apart, seen from above, are of one ball or as good, mm.
 const ONE_BALL: f64 = 60.0;
 
-/// Over the start of the touch, a guarded move down from it. Returns Z to end at.
+/// To the start of the touch, or over it. Returns where to end: aside, or else over it.
 pub(super) fn approach(
     path: &mut Path,
-    step: &Step,
+    (plan, step): (&Plan, &Step),
     first: bool,
     clearance: &Clearance,
-) -> Result<f64, PlanningError> {
+) -> Result<Position, PlanningError> {
+    let machine = &plan.machine;
     let way = Way {
+        machine,
         from: &step.from,
         lowest: step.from.at(Axis::Z).max(step.to.at(Axis::Z)),
         clearance,
@@ -46,10 +48,12 @@ pub(super) fn approach(
     } else {
         way.straight(path, high);
     }
-    Ok(way.z_above(&step.from, LIFT))
+    let aside = round::aside(&clearance.about, machine, &step.from);
+    Ok(aside.unwrap_or_else(|| height(way.z_above(&step.from, LIFT))))
 }
 
 struct Way<'a> {
+    machine: &'a Machine,
     /// Where the touch begins.
     from: &'a Position,
     /// Z is never planned lower than the touch itself.
@@ -90,13 +94,19 @@ impl Way<'_> {
 
     /// The rotary axes stand as they should.
     fn straight(&self, path: &mut Path, high: f64) {
-        let plan_view = |at: &Position| self.clearance.about.tip_at(at).truncate();
-        let apart: DVec2 = plan_view(self.from) - plan_view(&path.stands);
+        let apart = self.clearance.about.apart_from_above(&path.stands, self.from);
         let between = |margin| {
             let z = self.clearance.about.z_between(&path.stands, self.from, margin);
             z.max(self.lowest)
         };
-        if apart.length() <= ONE_BALL {
+        let round = || round::round(&self.clearance.about, self.machine, &path.stands, self.from);
+        if let Some(places) = (!self.first).then(round).flatten() {
+            for place in places {
+                path.guarded(&place);
+            }
+            return;
+        }
+        if apart <= ONE_BALL {
             let needed = between(LIFT);
             if path.stands.at(Axis::Z) < needed - SLACK {
                 path.guarded(&height(needed));

@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use parry3d_f64::shape::SupportMap;
 
 use super::PlanningError;
+use super::access::CLEAR;
 use super::hull::{Body, Upright, apart_by};
 use crate::artefact;
 use crate::base::{Axis, Point, Position, Spindle};
@@ -26,19 +27,21 @@ const FOUND_WITHIN: f64 = 0.1;
 #[derive(Debug, Clone)]
 struct Element {
     name: String,
+    /// Ball and stem of the stylus, which the probe feels.
+    felt: bool,
     radius: f64,
     /// Of the lower end, from the centre of the stylus ball.
     bottom: f64,
 }
 
 #[derive(Debug, Clone)]
-struct Obstacle {
-    name: String,
+pub(super) struct Obstacle {
+    pub name: String,
     carried: Carried,
-    body: Body,
-    of_artefact: bool,
+    pub body: Body,
+    pub of_artefact: bool,
     /// It may stand off its place by this.
-    loose: f64,
+    pub loose: f64,
 }
 
 /// All of them, with the machine.
@@ -47,8 +50,10 @@ pub(super) struct Surroundings {
     pub chain: Chain,
     pub tip: Point<Spindle>,
     tool: Vec<Element>,
-    obstacles: Vec<Obstacle>,
-    ball_radius: f64,
+    pub obstacles: Vec<Obstacle>,
+    pub ball_radius: f64,
+    /// The artefact may stand off its place by this, mm.
+    pub loose: f64,
     /// Z ends here.
     pub max_z: f64,
 }
@@ -85,7 +90,7 @@ impl Surroundings {
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
-        Ok(Self { chain, tip, tool, obstacles, ball_radius, max_z })
+        Ok(Self { chain, tip, tool, obstacles, ball_radius, loose, max_z })
     }
 
     /// Centre of the stylus ball in the machine frame.
@@ -140,10 +145,34 @@ impl Surroundings {
             // What is loose moves with the ball that stops the touch.
             let margin = if own { 0.0 } else { margin + obstacle.loose };
             let mut parts = self.tool.iter().skip(usize::from(own));
-            let near = parts.find(|part| {
-                part.might_meet(&way, &body, margin) && !apart_by(&part.on(way, 0.0), &body, margin)
-            });
+            let near = parts.find(|part| !part.is_clear(way, &body, margin));
             near.map(|part| Near { tool: part.name.clone(), obstacle: obstacle.name.clone() })
+        })
+    }
+
+    /// How far two places are apart seen along the spindle, the rotary axes as in `to`, mm.
+    pub fn apart_from_above(&self, from: &Position, to: &Position) -> f64 {
+        let level = from.updated_by(&to.only(|axis| !axis.is_linear()));
+        let [from, to] = [&level, to].map(|at| self.chain.tip_in_table(at, self.tip, &[]).mm);
+        let table = self.chain.machine_from_table(&level, &[]).matrix3;
+        (table * (to - from)).truncate().length()
+    }
+
+    /// Is the tool `margin` clear of everything?
+    pub fn is_clear(&self, at: &Position, margin: f64) -> bool {
+        self.near(at, at, margin, "").is_none()
+    }
+
+    /// Is the straight way in X, Y, Z between two places with the same rotary axes free for a guarded
+    /// move? The ball of that name is not looked at against ball and stem of the stylus: the way was
+    /// laid about it.
+    pub fn passes(&self, from: &Position, to: &Position, round: &str) -> bool {
+        self.obstacles.iter().all(|obstacle| {
+            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
+            let (body, margin) = (obstacle.seen(to), CLEAR + obstacle.loose);
+            let own = obstacle.name == round;
+            let mut parts = self.tool.iter().filter(|part| !(own && part.felt));
+            parts.all(|part| part.is_clear(way, &body, margin))
         })
     }
 
@@ -187,13 +216,16 @@ fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
 /// for the proof.
 fn tool(plan: &Plan) -> Vec<Element> {
     let probe = &plan.probe;
-    let element = |name: &str, radius, bottom| Element { name: name.to_owned(), radius, bottom };
-    let mut tool = vec![element("stylus ball", probe.ball_radius_mm, -probe.ball_radius_mm)];
+    let part = |name: &str, felt, radius, bottom| {
+        let name = name.to_owned();
+        Element { name, felt, radius, bottom }
+    };
+    let mut tool = vec![part("stylus ball", true, probe.ball_radius_mm, -probe.ball_radius_mm)];
     if probe.stem_radius_mm > 0.0 {
-        tool.push(element("stylus stem", probe.stem_radius_mm, 0.0));
+        tool.push(part("stylus stem", true, probe.stem_radius_mm, 0.0));
     }
     if probe.body_radius_mm > 0.0 {
-        tool.push(element("probe body", probe.body_radius_mm, probe.stem_length_mm));
+        tool.push(part("probe body", false, probe.body_radius_mm, probe.stem_length_mm));
     }
     let tip = DVec3::from_array(plan.machine.tool_mm);
     let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
@@ -204,7 +236,7 @@ fn tool(plan: &Plan) -> Vec<Element> {
         let aside = |p: &DVec3| p.truncate().length() + tip.truncate().length();
         let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
         let bottom = body.local_support_point(DVec3::NEG_Z).z - tip.z;
-        tool.push(element(&solid.name, wide, bottom));
+        tool.push(part(&solid.name, false, wide, bottom));
     }
     tool
 }
@@ -226,6 +258,10 @@ impl Element {
     fn might_meet(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> bool {
         let lowest = way[0].z.min(way[1].z) + self.bottom;
         lowest < body.top() + margin && beside(way, body) < self.radius + margin
+    }
+
+    fn is_clear(&self, way: [DVec3; 2], body: &Body, margin: f64) -> bool {
+        !self.might_meet(&way, body, margin) || apart_by(&self.on(way, 0.0), body, margin)
     }
 
     /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.

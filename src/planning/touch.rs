@@ -22,8 +22,9 @@ pub struct Start<'a> {
 /// `from`, guarded up again. A move to where an axis already stands is left out. Near the artefact
 /// all moves but the back-off are guarded, and the first approach of all is as slow as a search.
 ///
-/// Round parts: over the top between any two touches. Balls: as high as the way wants
-/// ([`super::over_balls`]), and the block ends just above whatever stands near.
+/// Round parts: over the top between any two touches. Balls: round the ball, and otherwise as high as
+/// the way wants ([`super::over_balls`]); the block ends just beside the ball, or above whatever stands
+/// near.
 ///
 /// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
 /// came; so that it is never longer than the probe's overtravel, the touch must not be either.
@@ -44,9 +45,9 @@ pub fn touch_block(
     let (from, to) = (&step.from, &step.to);
     let stands = start.stands.cloned().unwrap_or_default();
     let mut path = Path { stands, motions: Vec::new(), near_feed };
-    let end_z = match clearance.over_all {
+    let end = match clearance.over_all {
         Some(safe_z) => over_the_part(&mut path, step, clearance.top_z, safe_z),
-        None => over_balls::approach(&mut path, step, start.first, clearance)?,
+        None => over_balls::approach(&mut path, (plan, step), start.first, clearance)?,
     };
     path.guarded(&height(from.at(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
@@ -54,15 +55,15 @@ pub fn touch_block(
     }
     path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
     path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
-    path.guarded(&height(end_z));
+    path.guarded(&end);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
     limits::check(&block, &plan.machine)?;
     Ok(block)
 }
 
-/// Over the start of the touch, and the height to end at.
-fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> f64 {
+/// Over the start of the touch. Returns where to end.
+fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> Position {
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
     match path.stands.get(Axis::Z) {
@@ -74,7 +75,7 @@ fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> f64 {
     path.orient(from.get(Axis::S));
     path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     path.rapid(&height(safe_z));
-    safe_z
+    height(safe_z)
 }
 
 pub(super) fn height(z: f64) -> Position {

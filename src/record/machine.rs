@@ -38,8 +38,8 @@ pub struct Machine {
     /// Stylus-ball centre from the spindle datum.
     #[serde(default)]
     pub tool_mm: [f64; 3],
-    /// Declared thermal drift of the table against the spindle (standard deviation of its rate in
-    /// each of X and Y, and of the artefact's radius).
+    /// Declared thermal drift of the table against the spindle: standard deviation of its rate in each
+    /// of X, Y and Z, and of a round part's radius.
     #[serde(default)]
     pub drift_um_per_h: f64,
 }
@@ -66,8 +66,9 @@ pub struct AxisSpec {
     /// Width of one step of the displayed position, um (linear axes).
     #[serde(default)]
     pub resolution_um: f64,
-    /// Declared error motions of a linear axis (positioning and straightness in the plane):
-    /// standard deviation of the deviation anywhere on the axis, um.
+    /// Declared error motions: standard deviation of the deviation along each of X, Y and Z, um. Of a
+    /// linear axis positioning and straightness, anywhere on it; of a rotary axis (ISO 230-7) at any
+    /// angle, less its mean and what turns with it once a turn.
     #[serde(default)]
     pub error_motion_um: f64,
     /// Distance over which error motions of a linear axis change, mm.

@@ -22,6 +22,11 @@ pub struct Interrupted {
 }
 
 impl Run<'_> {
+    /// Whether a person may let it go on after a stop: its references were measured.
+    pub fn can_resume(&self) -> bool {
+        References::of(&self.plan, &self.readings).see_all()
+    }
+
     /// Go on where the run was interrupted; `self.plan` holds the steps so far. The caller has the
     /// acknowledgement of a person in the journal.
     ///
@@ -36,9 +41,10 @@ impl Run<'_> {
     async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
         let Interrupted { stages, readings, elapsed_s } = before;
         self.readings = readings;
-        let comparable = References::of(&self.plan, &self.readings).see_all();
         let last_s = self.readings.last().map(|reading| reading.t_s);
-        let Some(gap_s) = last_s.filter(|_| comparable) else { return Err(RunError::NoReferences) };
+        let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
+            return Err(RunError::NoReferences);
+        };
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Known before the first touch: whatever is read from here on was read after the gap.

@@ -13,6 +13,8 @@ pub enum SetupError {
     MachineFile(#[from] MachineFileError),
     #[error("there is no method `{name}`; there are {}", methods::NAMES.join(", "))]
     NoSuchMethod { name: String },
+    #[error("`{name}` measures no cycle that could be repeated")]
+    NoRepeats { name: String },
     #[error("settings of the method: {why}")]
     Settings { why: String },
     #[error(transparent)]
@@ -34,6 +36,9 @@ impl SetupError {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
             Self::Dialect(error) => Some(error.remedy().to_owned()),
+            Self::NoRepeats { name } => Some(format!(
+                "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"
+            )),
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }
             | Self::Settings { .. }

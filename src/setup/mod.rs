@@ -16,6 +16,7 @@ pub use crate::world::interpreter::Pace;
 
 /// The machine file at `path`; without one, the embedded simulated machine that suits the method.
 pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
+    check_name(method)?;
     let file = match path {
         Some(path) => MachineFile::read(path)?,
         None => MachineFile::embedded_for(method)?,
@@ -31,13 +32,12 @@ pub fn header(
     name: &str,
     repeat: Option<u32>,
 ) -> Result<(Box<dyn Method>, Plan), SetupError> {
-    if !methods::NAMES.contains(&name) {
-        return Err(SetupError::NoSuchMethod { name: name.to_owned() });
-    }
+    check_name(name)?;
     let mut method = file.method(name, |settings| methods::configure(name, settings))?;
     if let Some(repeat) = repeat {
         let mut settings = method.settings();
-        settings["repeats"] = repeat.into();
+        let repeats = settings.get_mut("repeats");
+        *repeats.ok_or(SetupError::NoRepeats { name: name.to_owned() })? = repeat.into();
         method = methods::configure(name, settings)
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
@@ -54,4 +54,11 @@ pub fn header(
         steps: Vec::new(),
     };
     Ok((method, plan))
+}
+
+fn check_name(method: &str) -> Result<(), SetupError> {
+    if methods::NAMES.contains(&method) {
+        return Ok(());
+    }
+    Err(SetupError::NoSuchMethod { name: method.to_owned() })
 }

@@ -50,7 +50,12 @@ impl Balls {
     /// deepest counts.
     pub fn nearest(&self, point: DVec3, t_s: f64) -> Nearest {
         let far = Nearest { distance: f64::INFINITY, normal: DVec3::Z };
-        self.balls.iter().fold(far, |best, ball| ball.nearer(point - ball.shift(t_s), best))
+        let place = |ball: &Ball| point - ball.shift(t_s);
+        let at_least = |ball: &Ball| ball.at_least(place(ball));
+        // The one that seems nearest first: of most others no oval need be looked at then.
+        let first = self.balls.iter().min_by(|a, b| at_least(a).total_cmp(&at_least(b)));
+        let best = first.map_or(far, |ball| ball.nearer(place(ball), far));
+        self.balls.iter().fold(best, |best, ball| ball.nearer(place(ball), best))
     }
 
     #[cfg(test)]
@@ -93,11 +98,20 @@ impl Ball {
         self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
+    /// No point of the ball is nearer than this.
+    fn at_least(&self, point: DVec3) -> f64 {
+        let form: f64 = self.form.to_cols_array().into_iter().map(f64::abs).sum();
+        (point - self.centre).length() - self.radius - 2.0 * form
+    }
+
     /// The nearer one of `best` and this ball with its stem.
     fn nearer(&self, point: DVec3, best: Nearest) -> Nearest {
         let from_centre = point - self.centre;
-        let ball = self.nearest(from_centre);
-        let mut best = if ball.distance < best.distance { ball } else { best };
+        let mut best = best;
+        if self.at_least(point) < best.distance {
+            let ball = self.nearest(from_centre);
+            best = if ball.distance < best.distance { ball } else { best };
+        }
         if let Some(stem) = &self.stem {
             let nearest = stem.nearest(from_centre);
             if nearest.distance < best.distance {

@@ -7,7 +7,8 @@ use glam::{DMat3, DVec3};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::truth::FormHarmonic;
-use crate::base::random;
+use crate::base::{Axis, Position, random};
+use crate::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 
 #[derive(Debug, Clone, Copy)]
 enum Source {
@@ -19,6 +20,7 @@ enum Source {
     Roughness,
     Ball,
     Length,
+    RotaryMotion,
 }
 
 /// Standard normal numbers of one source.
@@ -221,6 +223,46 @@ impl LinearErrors {
             DVec3::from_array(along.each_ref().map(|function| function.at(q)))
         };
         self.motions.iter().zip(command).map(of_axis).sum()
+    }
+}
+
+/// Error motions of a rotary axis along X, Y and Z: harmonics 2 to 5 of its angle. The mean is where the
+/// axis stands, and the first harmonic goes with whatever turns on it.
+#[derive(Debug, Clone)]
+pub(super) struct RotaryErrors {
+    axis: Axis,
+    /// As what displaces the axis, with its terms.
+    motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
+}
+
+/// Number, cosine and sine, mm.
+type Harmonic = (f64, f64, f64);
+
+impl RotaryErrors {
+    /// Each direction of standard deviation `sigma_mm` at every angle.
+    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64) -> Result<Self, ParameterError> {
+        const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
+        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+        let along = |component: Axis| {
+            let draw = |n: u32, part| {
+                let key = [axis as u64, component as u64, u64::from(n), part];
+                each * first_normal(seed, Source::RotaryMotion, &key)
+            };
+            let terms = ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect();
+            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+        };
+        let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
+        Ok(Self { axis, motions: motions? })
+    }
+
+    /// Where the axis stands off with all axes at `position`.
+    pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
+        let angle = position.at(self.axis);
+        self.motions.iter().map(move |(parameter, terms)| {
+            let value =
+                terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
+            ErrorTerm { parameter: *parameter, value }
+        })
     }
 }
 

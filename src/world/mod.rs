@@ -193,6 +193,16 @@ impl World {
         self.scene.axis_position(axis, height_mm, t_s)
     }
 
+    /// For tests alone: how far the table has crept by `t_s`, machine frame, mm.
+    pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
+        self.scene.drift_at(t_s).to_array()
+    }
+
+    /// For tests alone: the stylus-ball centre from the spindle datum, mm.
+    pub fn true_stylus_mm(&self) -> [f64; 3] {
+        self.scene.stylus().to_array()
+    }
+
     fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {
         let t_s = self.t_s + path.ramp().time_s(fraction);
         let contact = Contact { position: self.displayed(&path.command(fraction)), t_s };

@@ -1,10 +1,12 @@
 //! What stands in the room: machine with its errors, probe and artefact, and how far ball and
 //! surface are apart. Exact: the pose with every error, the nearest point of the true surface.
 
+use std::borrow::Cow;
+
 use glam::{DAffine3, DMat2, DVec2, DVec3};
 
 use super::WorldError;
-use super::drawn::{self, Drift, LinearErrors, Lobing};
+use super::drawn::{self, Drift, LinearErrors, Lobing, RotaryErrors};
 use super::sag::Sag;
 use super::surface::Surface;
 use super::truth::Truth;
@@ -18,6 +20,7 @@ pub(super) struct Scene {
     chain: Chain,
     errors: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
+    rotary_errors: Vec<RotaryErrors>,
     drift: Drift,
     /// Stylus-ball centre as stated, and as it is; spindle frame.
     tool: DVec3,
@@ -48,11 +51,17 @@ impl Scene {
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
         let linear_errors =
             LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
+        let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
+        let rotary_errors: Result<_, WorldError> = turning
+            .filter(|(_, spec)| spec.error_motion_um != 0.0)
+            .map(|(axis, spec)| Ok(RotaryErrors::draw(seed, *axis, spec.error_motion_um * 1e-3)?))
+            .collect();
         let tool = DVec3::from_array(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
             linear_errors,
+            rotary_errors: rotary_errors?,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
             tip: tool
@@ -69,6 +78,16 @@ impl Scene {
     /// The machine's axes, the spindle included where it can be oriented.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
         self.chain.topology().axes()
+    }
+
+    /// Displacement of the table, machine frame, mm.
+    pub fn drift_at(&self, t_s: f64) -> DVec3 {
+        self.drift.table(t_s)
+    }
+
+    /// The true stylus-ball centre, spindle frame, mm.
+    pub fn stylus(&self) -> DVec3 {
+        self.tip
     }
 
     /// Distance between ball and surface (negative: pressed in), mm. `axes`: where the axes truly
@@ -94,13 +113,23 @@ impl Scene {
 
     /// Distance and outward normal of the surface, the latter in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
-        let table = self.sag.bend(self.chain.machine_from_table(axes, &self.errors), axes);
-        let spindle = self.chain.machine_from_spindle(axes, &self.errors);
+        let errors = self.errors_at(axes);
+        let table = self.sag.bend(self.chain.machine_from_table(axes, &errors), axes);
+        let spindle = self.chain.machine_from_spindle(axes, &errors);
         let shift = self.linear_errors.at(linear(command)) - self.drift.table(t_s);
         let ball = ball_on_table(&table, &spindle, self.tip, shift);
         let nearest = self.surface.nearest(ball, self.drift.radius(t_s), t_s);
         let normal = spindle.matrix3.transpose() * (table.matrix3 * nearest.normal);
         (nearest.distance - self.ball_radius, normal)
+    }
+
+    /// What is stated, and what rotary axes have of error motions at this place.
+    fn errors_at(&self, axes: &Position) -> Cow<'_, [ErrorTerm]> {
+        if self.rotary_errors.is_empty() {
+            return Cow::Borrowed(&self.errors);
+        }
+        let drawn = self.rotary_errors.iter().flat_map(|errors| errors.at(axes));
+        self.errors.iter().copied().chain(drawn).collect()
     }
 
     /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at

@@ -74,8 +74,9 @@ impl Bench {
     }
 
     /// Until the client has sent them.
-    pub fn wait(&self) {
+    pub fn wait(&self, client: &mut std::process::Child) {
         while !self.session.lock().unwrap().is_short() {
+            assert!(client.try_wait().unwrap().is_none(), "it ended by itself");
             std::thread::sleep(Duration::from_millis(2));
         }
     }

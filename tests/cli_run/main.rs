@@ -12,6 +12,7 @@ mod probe;
 mod proven;
 mod results;
 mod resume;
+mod samba;
 mod stops;
 mod wires;
 

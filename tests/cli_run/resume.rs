@@ -15,31 +15,41 @@ use super::{Shop, changed, estimate, machine, said, tells, with_control};
 const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 
 /// A run on `bench`, stopped when it sends `words` (several in their order, with commas): by a signal, or by `KILL`.
-fn stopped(bench: &Bench, mut command: std::process::Command, words: &str, name: &str) -> Output {
+fn stopped(bench: &Bench, command: std::process::Command, words: &str, name: &str) -> Output {
+    ended(bench, command, words, name).0
+}
+
+/// The same, with all that it has sent.
+pub fn ended(
+    bench: &Bench,
+    mut command: std::process::Command,
+    words: &str,
+    name: &str,
+) -> (Output, String) {
     bench.stop_at(&words.split(", ").collect::<Vec<_>>());
-    let run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    bench.wait();
+    let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    bench.wait(&mut run);
     signal(&run, name);
-    let ended = run.wait_with_output().unwrap();
+    let (ended, heard) = (run.wait_with_output().unwrap(), bench.heard());
     // What was held stays held until a person resets it; a killed run held nothing.
     bench.reset();
-    ended
+    (ended, heard)
 }
 
 fn shop(bench: &Bench) -> Shop {
     Shop::new(&with_control(&machine(), &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address)))
 }
 
-fn resume_command(shop: &Shop) -> std::process::Command {
+pub fn resume_command(shop: &Shop) -> std::process::Command {
     shop.command(&["resume", "1", "--acknowledge", "Ada", "--json"])
 }
 
-fn resume(shop: &Shop) -> Output {
+pub fn resume(shop: &Shop) -> Output {
     resume_command(shop).output().unwrap()
 }
 
 /// Value and U of a parameter.
-fn found(estimate: &Value, symbol: &str) -> (f64, f64) {
+pub fn found(estimate: &Value, symbol: &str) -> (f64, f64) {
     let all = estimate["parameters"].as_array().unwrap();
     let one = all.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
     (one["value"].as_f64().unwrap(), one["U"].as_f64().unwrap())
@@ -60,7 +70,7 @@ fn agrees(resumed: &Value) {
 }
 
 /// The steps that were sent to touch something, in order, once each.
-fn touched(heard: &str) -> Vec<u32> {
+pub fn touched(heard: &str) -> Vec<u32> {
     let lines = heard.lines().filter(|line| line.contains("G38.3"));
     let steps = lines.filter_map(|line| line.split_once('N')?.1.split(' ').next()?.parse().ok());
     let mut steps: Vec<u32> = steps.collect();
@@ -152,8 +162,8 @@ fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     bench.stop_at(&["N25 G38.3"]);
-    let run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    bench.wait();
+    let mut run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    bench.wait(&mut run);
     signal(&run, "INT");
     run.wait_with_output().unwrap();
     let refused = resume(&shop);

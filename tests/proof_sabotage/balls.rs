@@ -123,9 +123,9 @@ fn another_ball(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
 }
 
 /// Where two touches begin that face each other across the ball, at one height: this one and the
-/// next.
+/// next but one.
 fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
-    let (one, other) = (step(p, id)?, step(p, id + 1)?);
+    let (one, other) = (step(p, id)?, step(p, id + 2)?);
     let along = (0..3).map(|i| one.normal[i] * other.normal[i]).sum::<f64>();
     let level = one.normal[2].abs() < 1e-9;
     let place = |step: &Step| [Axis::X, Axis::Y, Axis::Z].map(|axis| step.from.at(axis));

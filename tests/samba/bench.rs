@@ -1,5 +1,7 @@
 //! One machine, its control behind a grbl wire, and what is measured with it.
 
+use std::collections::BTreeSet;
+
 use toml::{Table, Value};
 use trued::methods::{Method, Next, Source};
 use trued::planning::{Clearance, Start, end_of, touch_block};
@@ -24,10 +26,9 @@ impl World {
     /// Nothing but what the model and the declared noise of a touch explain.
     pub fn inside_the_model() -> Self {
         let mut world = Self::as_built_in();
-        for axis in ["X", "Y", "Z"] {
+        for axis in ["X", "Y", "Z", "B", "C"] {
             world = world.with(&format!("axes.{axis}.error_motion_um"), 0.0);
         }
-        world.table("simulated").remove("error_motion");
         world
             .with("machine.drift_um_per_h", 0.0)
             .with("probe.lobing_um", 0.0)
@@ -39,6 +40,13 @@ impl World {
     pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
         let (tables, key) = path.rsplit_once('.').unwrap();
         self.table(tables).insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// A key of the scale bar.
+    pub fn with_bar(mut self, key: &str, value: f64) -> Self {
+        let lengths = self.table("artefact")["lengths"].as_array_mut().unwrap();
+        lengths[0].as_table_mut().unwrap().insert(key.to_owned(), value.into());
         self
     }
 
@@ -67,11 +75,14 @@ pub struct Measured {
     pub readings: Vec<Reading>,
     pub estimate: Estimate,
     errors: Table,
+    /// How far the table had crept in the middle of the measurement, mm, and the stylus.
+    crept: [f64; 3],
+    pub stylus_mm: [f64; 3],
 }
 
 impl Measured {
-    fn of(
-        world: &World,
+    pub fn of(
+        file: &MachineFile,
         method: &dyn Method,
         plan: Plan,
         readings: Vec<Reading>,
@@ -79,8 +90,12 @@ impl Measured {
         let estimate = method
             .identify(&plan, &readings, &[])
             .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
-        let errors = world.0["simulated"]["errors"].as_table().unwrap().clone();
-        Ok(Self { plan, readings, estimate, errors })
+        let text: Table = file.text().parse().unwrap();
+        let errors = text["simulated"]["errors"].as_table().unwrap().clone();
+        let world = setup::world(file).unwrap();
+        let crept = world.true_drift_mm(mid_run(&plan, &readings));
+        let stylus_mm = world.true_stylus_mm();
+        Ok(Self { plan, readings, estimate, errors, crept, stylus_mm })
     }
 
     pub fn parameter(&self, symbol: &str) -> &Parameter {
@@ -88,10 +103,33 @@ impl Measured {
         found.unwrap_or_else(|| panic!("no {symbol}"))
     }
 
-    /// Estimate less truth, in the unit of both; `key` as in `[simulated.errors]`.
+    /// Estimate less truth in the middle of the measurement, in the unit of both; `key` as in
+    /// `[simulated.errors]`. That the table crept one way is that the spindle stands off the other.
     pub fn error(&self, symbol: &str, key: &str) -> f64 {
-        self.parameter(symbol).value - self.errors[key].as_float().unwrap()
+        let [x, y, _] = self.crept;
+        let since = match symbol {
+            "EX0S" => -1e3 * x,
+            "EY0S" => -1e3 * y,
+            _ => 0.0,
+        };
+        self.parameter(symbol).value - self.errors[key].as_float().unwrap() - since
     }
+
+    /// The same of the stylus, mm.
+    pub fn stylus_error_mm(&self) -> [f64; 3] {
+        let value = |k: usize| self.parameter(["tool_x", "tool_y", "tool_z"][k]).value;
+        let since = |k: usize| if k == 2 { -self.crept[2] } else { 0.0 };
+        std::array::from_fn(|k| value(k) - self.stylus_mm[k] - since(k))
+    }
+}
+
+/// Mean time of the touches that the estimate is made of.
+fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
+    let fast: BTreeSet<u32> =
+        plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
+    let slow = readings.iter().filter(|reading| !fast.contains(&reading.step));
+    let times: Vec<f64> = slow.map(|reading| reading.t_s).collect();
+    times.iter().sum::<f64>() / times.len() as f64
 }
 
 /// A run that did not come to its end, in words.
@@ -121,7 +159,7 @@ impl Bench {
             setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
-        Measured::of(world, method.as_ref(), plan, readings)
+        Measured::of(&file, method.as_ref(), plan, readings)
     }
 
     async fn run(
@@ -167,7 +205,7 @@ impl Series {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let touched = touch_all(&file, self.method.as_ref(), self.header.clone());
         let (plan, readings) = runtime.block_on(touched)?;
-        Measured::of(&self.world, self.method.as_ref(), plan, readings)
+        Measured::of(&file, self.method.as_ref(), plan, readings)
     }
 }
 

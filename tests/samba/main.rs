@@ -3,6 +3,8 @@
 //! over the same wire without them. The world is exact and knows nothing of the estimator.
 
 mod bench;
+mod cover;
+mod played;
 
 use bench::{Bench, Failed, Measured, Series, World};
 
@@ -66,10 +68,9 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
 
 #[test]
 fn the_built_in_machine_is_measured_as_it_is() {
-    // Without drift: the machine as it stands in mid-run is the one that the file states.
-    let world = World::as_built_in().with("machine.drift_um_per_h", 0.0);
-    let measured = Bench::new().measure(1, &world);
+    let measured = Bench::new().measure(1, &World::as_built_in());
     assert_eq!(measured.readings.len(), measured.plan.steps.len());
+    assert!(measured.estimate.warnings.is_empty(), "{:?}", measured.estimate.warnings);
     for (symbol, key) in SYMBOLS {
         let parameter = measured.parameter(symbol);
         let off = measured.error(symbol, key);
@@ -81,11 +82,11 @@ fn the_built_in_machine_is_measured_as_it_is() {
 
 /// The budget of the small design: what 200 machines can be measured with in a test.
 fn small(world: World) -> Series {
-    let world = world
-        .with("method.samba.balls", 40)
-        .with("method.samba.find", "once")
-        .with("method.samba.references", false);
-    Series::of(world)
+    Series::of(small_budget(world).with("method.samba.find", "once"))
+}
+
+fn small_budget(world: World) -> World {
+    world.with("method.samba.balls", 40).with("method.samba.references", false)
 }
 
 #[test]

@@ -56,6 +56,16 @@ pub enum MonteCarloError<E: std::error::Error> {
     Trial { block: usize, source: E },
 }
 
+impl Summary {
+    /// Whether the trials contradict the standard uncertainty `u` of an output by first-order
+    /// propagation (JCGM 101, 8.1.3): by more than the numerical tolerance of a u stated with two
+    /// digits, and by more than the trials' own scatter.
+    pub fn contradicts(&self, output: usize, u: f64) -> bool {
+        let off = (u - self.standard_deviation[output]).abs();
+        off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trials as f64).sqrt() * u
+    }
+}
+
 /// Runs `trial` again and again; it draws its inputs from the stream it is given and writes its
 /// outputs. For a linear identification [`LinearPropagation`] is far faster.
 ///
@@ -136,19 +146,6 @@ pub fn numerical_tolerance(u: f64, digits: u32) -> f64 {
     } else {
         0.0
     }
-}
-
-/// Whether first-order propagation is validated by Monte Carlo (JCGM 101, 8.1): both ends of
-/// `estimate` ± `expanded` lie within `tolerance` of the `interval`'s.
-pub fn first_order_agrees(
-    estimate: f64,
-    expanded: f64,
-    interval: [f64; 2],
-    tolerance: f64,
-) -> bool {
-    let low = (estimate - expanded - interval[0]).abs();
-    let high = (estimate + expanded - interval[1]).abs();
-    low <= tolerance && high <= tolerance
 }
 
 #[cfg(test)]

@@ -1,14 +1,14 @@
 //! Levenberg–Marquardt: the step is held back where the model does not keep what its tangent
 //! promises.
 
-use faer::Mat;
+use super::super::schur::{Factored, Rows, factor, held};
+use super::{Model, Place, square_sum};
 
-use super::super::linear::{LinearError, LinearProblem, LinearSolution, solve};
-use super::{Linearised, Place, Problem, chi2, moved, product};
-
+/// Where λ begins.
+const FIRST: f64 = 1e-3;
 /// What the scale of an unknown keeps from one place to the next.
 const MEMORY: f64 = 0.7;
-/// Length of the probe for the curvature, against the step (Transtrum and Sethna 2012).
+/// Length of the probes for the curvature, against the step (Transtrum and Sethna 2012).
 const PROBE: f64 = 0.1;
 /// A correction by the curvature may be this large against the step.
 const BENT: f64 = 0.75;
@@ -28,104 +28,75 @@ pub(super) struct Damping {
 }
 
 impl Damping {
-    pub(super) fn new(lambda: f64) -> Self {
-        Self { lambda, growth: 2.0, scale: Vec::new() }
+    pub(super) fn new() -> Self {
+        Self { lambda: FIRST, growth: 2.0, scale: Vec::new() }
     }
 
-    /// The next place with a smaller χ²; `None` where nothing lessens it any more, or after
-    /// `max_evaluations`.
-    pub(super) fn descend<M: FnMut(&[f64]) -> Linearised>(
+    /// The next place with a smaller χ²; `None` where nothing lessens it any more. `tangent` is the
+    /// model linearised at the place.
+    pub(super) fn descend<R: Fn(&[f64]) -> Vec<Rows>, S: Fn(&[f64]) -> Vec<f64>>(
         &mut self,
-        problem: &mut Problem<'_, M>,
+        model: &Model<R, S>,
         at: &Place,
-        max_evaluations: usize,
-    ) -> Result<Option<Place>, LinearError> {
-        self.remember(&at.point.jacobian, problem.sigma);
-        while self.lambda <= LARGEST && problem.evaluations < max_evaluations {
-            let velocity = self.velocity(problem, at)?;
-            let Some(step) = self.bend(problem, at, &velocity) else {
-                self.harden();
-                continue;
-            };
-            let next = problem.place(moved(&at.x, &step));
-            let gain = (at.chi2 - next.chi2) / self.promise(problem, at, &velocity.x);
-            // Written so that a NaN is refused.
-            if gain > KEPT {
-                self.relax(gain);
-                return Ok(Some(next));
+        tangent: &Factored,
+    ) -> Option<Place> {
+        self.remember(&tangent.column_norms());
+        let rows = (model.rows)(&at.x);
+        while self.lambda <= LARGEST {
+            let weights: Vec<f64> = self.scale.iter().map(|s| self.lambda.sqrt() * s).collect();
+            let (held, coordinates) = factor(held(rows.clone(), &weights));
+            let velocity = held.unknowns_at(&coordinates);
+            if let Some(step) = self.bend(model, at, &held, &velocity) {
+                let next = model.moved(at, &step);
+                // By how much χ² would be less if the model were linear.
+                let promise =
+                    square_sum(&coordinates) + self.lambda * self.length(&velocity).powi(2);
+                let gain = (at.chi2 - next.chi2) / promise;
+                // Written so that a NaN is refused.
+                if gain > KEPT {
+                    self.relax(gain);
+                    return Some(next);
+                }
             }
             self.harden();
         }
-        Ok(None)
+        self.lambda = FIRST;
+        None
     }
 
-    fn remember(&mut self, jacobian: &Mat<f64>, sigma: &[f64]) {
-        self.scale.resize(jacobian.ncols(), 0.0);
-        for (j, scale) in self.scale.iter_mut().enumerate() {
-            let squares = sigma.iter().enumerate().map(|(i, s)| (jacobian[(i, j)] / s).powi(2));
-            *scale = squares.sum::<f64>().sqrt().max(MEMORY * *scale);
+    fn remember(&mut self, norms: &[f64]) {
+        self.scale.resize(norms.len(), 0.0);
+        for (scale, norm) in self.scale.iter_mut().zip(norms) {
+            *scale = norm.max(MEMORY * *scale);
             if *scale == 0.0 {
                 *scale = 1.0;
             }
         }
     }
 
-    /// The damped step: rows of √λ·scale stand below, with the value 0.
-    fn velocity<M>(
-        &self,
-        problem: &Problem<'_, M>,
-        at: &Place,
-    ) -> Result<LinearSolution, LinearError> {
-        let Linearised { residuals, jacobian } = &at.point;
-        let (rows, unknowns) = (jacobian.nrows(), jacobian.ncols());
-        let a = Mat::from_fn(rows + unknowns, unknowns, |i, j| match i {
-            i if i < rows => jacobian[(i, j)],
-            i if i - rows == j => self.lambda.sqrt() * self.scale[j],
-            _ => 0.0,
-        });
-        let extended = |values: &[f64], by: f64| -> Vec<f64> {
-            values.iter().copied().chain(std::iter::repeat_n(by, unknowns)).collect()
-        };
-        solve(&LinearProblem {
-            a: a.as_ref(),
-            y: &extended(residuals, 0.0),
-            sigma: &extended(problem.sigma, 1.0),
-            constraints: problem.constraints,
-            rank_threshold: 0.0,
-        })
-    }
-
     /// The step with half its geodesic acceleration (Transtrum and Sethna 2012): the model's second
-    /// derivative along it, from one more evaluation. `None` where the way bends too much.
-    fn bend<M: FnMut(&[f64]) -> Linearised>(
+    /// derivative along it, from two more evaluations. `None` where the way bends too much.
+    fn bend<R, S: Fn(&[f64]) -> Vec<f64>>(
         &self,
-        problem: &mut Problem<'_, M>,
+        model: &Model<R, S>,
         at: &Place,
-        velocity: &LinearSolution,
+        held: &Factored,
+        velocity: &[f64],
     ) -> Option<Vec<f64>> {
-        let part: Vec<f64> = velocity.x.iter().map(|dx| PROBE * dx).collect();
-        let probe = problem.place(moved(&at.x, &part)).point.residuals;
-        let along = product(&at.point.jacobian, &velocity.x);
-        let curvature = (0..probe.len())
-            .map(|i| 2.0 / PROBE * ((at.point.residuals[i] - probe[i]) / PROBE - along[i]));
-        let mut bent = vec![0.0; velocity.x.len()];
-        for (i, second) in curvature.enumerate() {
-            for (j, bent) in bent.iter_mut().enumerate() {
-                *bent -= velocity.gain[(j, i)] * second;
-            }
-        }
-        let length =
-            |v: &[f64]| v.iter().zip(&self.scale).map(|(v, s)| (v * s).powi(2)).sum::<f64>();
-        let mild = 2.0 * length(&bent).sqrt() <= BENT * length(&velocity.x).sqrt();
-        mild.then(|| velocity.x.iter().zip(&bent).map(|(v, a)| v + 0.5 * a).collect())
+        let probe = |by: f64| {
+            let part: Vec<f64> = velocity.iter().map(|v| by * v).collect();
+            model.moved(at, &part).residuals
+        };
+        let sides = probe(PROBE).into_iter().zip(probe(-PROBE)).zip(&at.residuals);
+        let second: Vec<f64> =
+            sides.map(|((ahead, behind), r)| (ahead - 2.0 * r + behind) / PROBE.powi(2)).collect();
+        let bent = held.solve_held(&second);
+        let mild = 2.0 * self.length(&bent) <= BENT * self.length(velocity);
+        mild.then(|| velocity.iter().zip(&bent).map(|(v, a)| v + 0.5 * a).collect())
     }
 
-    /// By how much the damped step would lessen χ² if the model were linear.
-    fn promise<M>(&self, problem: &Problem<'_, M>, at: &Place, step: &[f64]) -> f64 {
-        let along = product(&at.point.jacobian, step);
-        let seen = chi2(&along, problem.sigma);
-        let held: f64 = step.iter().zip(&self.scale).map(|(dx, s)| (dx * s).powi(2)).sum();
-        seen + 2.0 * self.lambda * held
+    fn length(&self, v: &[f64]) -> f64 {
+        v.iter().zip(&self.scale).map(|(v, s)| (v * s).powi(2)).sum::<f64>().sqrt()
     }
 
     fn relax(&mut self, gain: f64) {

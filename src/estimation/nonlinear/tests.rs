@@ -1,7 +1,5 @@
 //! One published problem and the typed failures; all of NIST's stand in tests/nist_strd.
 
-use faer::Mat;
-
 use super::*;
 use crate::estimation::linear::LinearError;
 
@@ -23,50 +21,120 @@ const MISRA1A: [(f64, f64); 14] = [
     (81.78, 760.0),
 ];
 
-fn misra(b: &[f64]) -> Linearised {
-    let model = |x: f64| b[0] * (1.0 - (-b[1] * x).exp());
-    Linearised {
-        residuals: MISRA1A.iter().map(|(y, x)| y - model(*x)).collect(),
-        jacobian: Mat::from_fn(14, 2, |i, j| {
-            let x = MISRA1A[i].1;
-            if j == 0 { 1.0 - (-b[1] * x).exp() } else { b[0] * x * (-b[1] * x).exp() }
-        }),
+fn residuals(b: &[f64]) -> Vec<f64> {
+    MISRA1A.iter().map(|(y, x)| y - b[0] * (1.0 - (-b[1] * x).exp())).collect()
+}
+
+fn misra(b: &[f64]) -> Vec<Rows> {
+    let mut rows = Rows::zeros(14, 0, 2);
+    for (i, (residual, (_, x))) in residuals(b).into_iter().zip(MISRA1A).enumerate() {
+        rows.set_value(i, residual);
+        rows.set_common(i, 0, 1.0 - (-b[1] * x).exp());
+        rows.set_common(i, 1, b[0] * x * (-b[1] * x).exp());
     }
+    vec![rows]
 }
 
 #[test]
 fn paper_nist_misra1a_certified_values() {
-    let settings = Settings { damping: Some(1e-3), ..Settings::default() };
-    let found = minimise(&[500.0, 1e-4], &[1.0; 14], None, &settings, misra).unwrap().at;
+    let found = minimise(vec![500.0, 1e-4], misra, residuals).unwrap();
     assert!((found.x[0] / 2.389_421_291_8e2 - 1.0).abs() < 1e-9, "{:?}", found.x);
     assert!((found.x[1] / 5.501_564_318_1e-4 - 1.0).abs() < 1e-9, "{:?}", found.x);
-    assert!((found.chi2 / 1.245_513_889_4e-1 - 1.0).abs() < 1e-9);
-    let scale = (found.chi2 / found.dof as f64).sqrt();
-    let deviation = [0, 1].map(|j| scale * found.covariance[(j, j)].sqrt());
+    let squares = square_sum(&found.residuals);
+    assert!((squares / 1.245_513_889_4e-1 - 1.0).abs() < 1e-9);
+    let (scale, covariance) = ((squares / 12.0).sqrt(), found.factored.covariance());
+    let deviation = [0, 1].map(|j| scale * covariance[(j, j)].sqrt());
     assert!((deviation[0] / 2.707_007_524_1 - 1.0).abs() < 1e-6, "{deviation:?}");
     assert!((deviation[1] / 7.266_868_806_0e-6 - 1.0).abs() < 1e-6, "{deviation:?}");
-    // From near, pure Gauss–Newton ends at the same place.
-    let near = minimise(&[250.0, 5e-4], &[1.0; 14], None, &Settings::default(), misra).unwrap();
-    assert!((near.at.x[0] / found.x[0] - 1.0).abs() < 1e-9);
 }
 
 #[test]
 fn regress_failures_are_typed() {
-    let few = Settings { max_steps: 2, ..Settings::default() };
-    let stopped = minimise(&[500.0, 1e-4], &[1.0; 14], None, &few, misra);
-    assert!(matches!(stopped, Err(NonlinearError::NotConverged { .. })), "{stopped:?}");
-    // Only the sum of two unknowns is seen: refused without, solved with the gauge.
-    let twice = |x: &[f64]| Linearised {
-        residuals: vec![4.0 - (x[0] + x[1]).powi(2); 2],
-        jacobian: Mat::from_fn(2, 2, |_, _| 2.0 * (x[0] + x[1])),
+    let lost = minimise(vec![f64::NAN, 1e-4], misra, residuals);
+    assert!(matches!(lost, Err(NonlinearError::Linear(LinearError::Malformed(_)))), "{lost:?}");
+    // A derivative of the wrong sign: no step lessens anything.
+    let wrong = |x: &[f64]| {
+        let mut rows = Rows::zeros(1, 0, 1);
+        rows.set_value(0, 1.0 - x[0]);
+        rows.set_common(0, 0, -1.0);
+        vec![rows]
     };
-    for damping in [None, Some(1e-3)] {
-        let settings = Settings { damping, ..Settings::default() };
-        let open = minimise(&[1.5, 0.0], &[1.0; 2], None, &settings, twice);
-        assert!(matches!(open, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))));
-        let gauge = Mat::from_fn(1, 2, |_, j| [1.0, -1.0][j]);
-        let fixed =
-            minimise(&[1.5, 0.0], &[1.0; 2], Some(gauge.as_ref()), &settings, twice).unwrap();
-        assert!((fixed.at.x[0] - 1.75).abs() < 1e-9 && (fixed.at.x[1] - 0.25).abs() < 1e-9);
+    let stuck = minimise(vec![0.0], wrong, |x| vec![1.0 - x[0]]);
+    assert!(matches!(stuck, Err(NonlinearError::NotConverged { .. })), "{stuck:?}");
+    // Only the sum of two unknowns is seen.
+    let seen = |x: &[f64]| vec![4.0 - (x[0] + x[1]).powi(2); 2];
+    let twice = |x: &[f64]| {
+        let mut rows = Rows::zeros(2, 0, 2);
+        for (i, value) in seen(x).into_iter().enumerate() {
+            rows.set_value(i, value);
+            (0..2).for_each(|j| rows.set_common(i, j, 2.0 * (x[0] + x[1])));
+        }
+        vec![rows]
+    };
+    let open = minimise(vec![1.5, 0.0], twice, seen);
+    assert!(matches!(open, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))), "{open:?}");
+}
+
+/// Points on lines through a common origin, at distances of their own: y = o + d_i·t, quadratic.
+#[test]
+fn regress_a_curved_model_is_followed_to_its_minimum() {
+    let truth = [1.5, 0.7, 2.0, -1.0];
+    let model = |x: &[f64], block: usize, t: f64| (x[0] * t).sin() + x[1] * x[2 + block] * t;
+    let times: Vec<f64> = (1..8).map(|i| f64::from(i) * 0.2).collect();
+    let noise = |block: usize, i: usize| 1e-3 * ((block * 7 + i) as f64 * 1.7).sin();
+    // The product needs a second view of x[1]: the last row of each block.
+    let values = |x: &[f64], block: usize| -> Vec<f64> {
+        times.iter().map(|t| model(x, block, *t)).chain([x[1]]).collect()
+    };
+    let residuals = |x: &[f64]| -> Vec<f64> {
+        (0..2)
+            .flat_map(|block| {
+                let pairs = values(&truth, block).into_iter().zip(values(x, block));
+                let rest = pairs.enumerate().map(move |(i, (m, v))| m + noise(block, i) - v);
+                rest.collect::<Vec<_>>()
+            })
+            .collect()
+    };
+    // Once with each block's factor eliminated, once with all unknowns in one dense block.
+    let rows = |x: &[f64], own: usize| {
+        let y = residuals(x);
+        let (blocks, common) = if own == 1 { (2, 2) } else { (1, 4) };
+        let mut blocks = vec![Rows::zeros(16 / blocks, own, common); blocks];
+        for (row, y) in y.iter().enumerate() {
+            let (block, i) = (row / 8, row % 8);
+            let (rows, row) =
+                if own == 1 { (&mut blocks[block], i) } else { (&mut blocks[0], row) };
+            rows.set_value(row, *y);
+            let Some(t) = times.get(i) else {
+                rows.set_common(row, 1, 1.0);
+                continue;
+            };
+            rows.set_common(row, 0, t * (x[0] * t).cos());
+            rows.set_common(row, 1, x[2 + block] * t);
+            match own {
+                1 => rows.set_own(row, 0, x[1] * t),
+                _ => rows.set_common(row, 2 + block, x[1] * t),
+            }
+        }
+        blocks
+    };
+    let [found, dense] =
+        [1, 0].map(|own| minimise(vec![1.3, 0.9, 1.5, -0.5], |x| rows(x, own), residuals).unwrap());
+    let [covariance, of_dense] = [&found, &dense].map(|minimum| minimum.factored.covariance());
+    for j in 0..4 {
+        assert!((found.x[j] / dense.x[j] - 1.0).abs() < 1e-10, "{j}");
+        assert!((covariance[(j, j)] / of_dense[(j, j)] - 1.0).abs() < 1e-10, "{j}");
     }
+    // At the minimum the gradient is zero: no first-order change lowers the sum of squares.
+    let sum = |x: &[f64]| residuals(x).iter().map(|r| r * r).sum::<f64>();
+    for j in 0..4 {
+        let at = |h: f64| {
+            let mut x = found.x.clone();
+            x[j] += h;
+            sum(&x)
+        };
+        assert!((at(1e-4) - at(-1e-4)).abs() < 1e-11, "{j}: {:e}", at(1e-4) - at(-1e-4));
+        assert!(at(1e-4) > sum(&found.x));
+    }
+    assert!((found.x[0] - truth[0]).abs() < 1e-2);
 }

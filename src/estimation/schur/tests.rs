@@ -4,6 +4,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::*;
 use crate::base::random::stream;
 use crate::estimation::linear::{LinearProblem, solve};
+use crate::estimation::nonlinear::{NonlinearError, minimise};
 
 const COMMON: usize = 5;
 /// Own unknowns and rows of the blocks: unequal, one of them tight.
@@ -103,56 +104,4 @@ fn regress_a_lost_direction_is_found_and_refused() {
     );
     let refused = minimise(vec![0.0; 18], build, |_| vec![0.0; 41]);
     assert!(matches!(refused, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))));
-}
-
-/// Points on lines through a common origin, at distances of their own: y = o + d_i·t, quadratic.
-#[test]
-fn regress_a_curved_model_is_followed_to_its_minimum() {
-    let truth = [1.5, 0.7, 2.0, -1.0];
-    let model = |x: &[f64], block: usize, t: f64| (x[0] * t).sin() + x[1] * x[2 + block] * t;
-    let times: Vec<f64> = (1..8).map(|i| f64::from(i) * 0.2).collect();
-    let noise = |block: usize, i: usize| 1e-3 * ((block * 7 + i) as f64 * 1.7).sin();
-    // The product needs a second view of x[1]: the last row of each block.
-    let values = |x: &[f64], block: usize| -> Vec<f64> {
-        times.iter().map(|t| model(x, block, *t)).chain([x[1]]).collect()
-    };
-    let residuals = |x: &[f64]| -> Vec<f64> {
-        (0..2)
-            .flat_map(|block| {
-                let pairs = values(&truth, block).into_iter().zip(values(x, block));
-                let rest = pairs.enumerate().map(move |(i, (m, v))| m + noise(block, i) - v);
-                rest.collect::<Vec<_>>()
-            })
-            .collect()
-    };
-    let rows = |x: &[f64]| {
-        let y = residuals(x);
-        let per_block = y.chunks(8).enumerate().map(|(block, y)| {
-            let mut rows = Rows::zeros(8, 1, 2);
-            for (i, y) in y.iter().enumerate() {
-                rows.set_value(i, *y);
-            }
-            for (i, t) in times.iter().enumerate() {
-                rows.set_common(i, 0, t * (x[0] * t).cos());
-                rows.set_common(i, 1, x[2 + block] * t);
-                rows.set_own(i, 0, x[1] * t);
-            }
-            rows.set_common(7, 1, 1.0);
-            rows
-        });
-        per_block.collect()
-    };
-    let found = minimise(vec![1.3, 0.9, 1.5, -0.5], rows, residuals).unwrap();
-    // At the minimum the gradient is zero: no first-order change lowers the sum of squares.
-    let sum = |x: &[f64]| residuals(x).iter().map(|r| r * r).sum::<f64>();
-    for j in 0..4 {
-        let at = |h: f64| {
-            let mut x = found.x.clone();
-            x[j] += h;
-            sum(&x)
-        };
-        assert!((at(1e-4) - at(-1e-4)).abs() < 1e-11, "{j}: {:e}", at(1e-4) - at(-1e-4));
-        assert!(at(1e-4) > sum(&found.x));
-    }
-    assert!((found.x[0] - truth[0]).abs() < 1e-2);
 }

@@ -5,8 +5,8 @@ use glam::{DMat3, DVec3};
 
 use super::model::{Affine, Indexed, Model};
 use crate::base::Position;
-use crate::estimation::nonlinear::NonlinearError;
-use crate::estimation::schur::{Minimum, Rows, minimise};
+use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use crate::estimation::schur::Rows;
 
 /// Steps to a solution nearby: the second is of second order already.
 const NEAR_STEPS: usize = 2;

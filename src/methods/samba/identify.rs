@@ -5,28 +5,33 @@ use glam::{DMat3, DVec3};
 use super::fit::{Bar, Measured, Problem, Seen};
 use super::model::{Model, length_mm, length_u_mm};
 use super::observe::{Observed, balls, observe};
-use super::outputs::{self, Parts};
+use super::outputs;
 use super::parameters;
-use super::settings::{Settings, Spindle};
+use super::parts::Parts;
+use super::separable::Way;
+use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
 use super::uncertainty::{Misfit, Propagated, Weights, by_trials};
-use crate::base::Axis;
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::monte_carlo::Trials;
-use crate::estimation::nonlinear::NonlinearError;
+use crate::estimation::nonlinear::{Minimum, NonlinearError};
 use crate::estimation::null_names::name_null_space;
-use crate::estimation::schur::{Minimum, factor};
+use crate::estimation::schur::factor;
 use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
 use crate::record::artefact::{Balls, Length};
 use crate::record::estimate::Estimate;
-use crate::record::machine::Machine;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
-/// Operations of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
-const MOST_WORK: usize = 2_000_000_000;
+/// Operations of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds;
+/// but for the trials of the first look at whether it is stable.
+const MOST_WORK: usize = 8_000_000_000;
+const LEAST_TRIALS: usize = 40_000;
+/// Significant digits of u in which the trials shall be stable: JCGM 101, 7.9.2 has one or two. Two of
+/// so many unknowns at once would want about a million trials.
+const STABLE_DIGITS: u32 = 1;
 
 /// The whole identification of one plan's readings.
 pub fn identify(
@@ -34,24 +39,9 @@ pub fn identify(
     settings: &Settings,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
-    let stated = balls(plan)?;
-    let mut observed = observe(plan, readings)?;
-    let balls = seen_balls(stated, &mut observed);
-    let stylus = DVec3::from_array(plan.machine.tool_mm);
+    let Found { observed, balls, problem, sources, whitening, names, survey, measured, minimum } =
+        found(plan, settings, readings)?;
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
-    let model = model(&plan.machine, settings)?;
-    let sources = sources(plan, &observed, &lengths);
-    let whitening: Vec<DMat3> =
-        weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
-    let problem = problem(stylus, model, &observed, &balls, &whitening)?;
-    let names = outputs::names(&problem, &balls);
-    let (survey, start) =
-        start(&problem, &measured(&observed, &lengths)).map_err(|why| failed(why, &names))?;
-    // The spheres of a nominal machine, then those of the machine as found.
-    let ways = problem.ways(&start.x);
-    observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
-    let measured = measured(&observed, &lengths);
-    let minimum = problem.solve(&measured, start.x).map_err(|why| failed(why, &names))?;
     let u_bars: Vec<f64> = lengths.iter().map(|length| length_u_mm(length)).collect();
     let declared = plan.probe.repeatability_um.is_some();
     let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
@@ -77,7 +67,48 @@ pub fn identify(
     }))
 }
 
-fn measured(observed: &Observed, lengths: &[&Length]) -> Measured {
+/// What the measurements say, before anything is said of its uncertainty.
+pub struct Found {
+    pub observed: Observed,
+    balls: Balls,
+    pub problem: Problem,
+    pub sources: Vec<UncertaintySource>,
+    whitening: Vec<DMat3>,
+    names: Vec<String>,
+    survey: Survey,
+    pub measured: Measured,
+    pub minimum: Minimum,
+}
+
+/// # Errors
+/// As [`identify`].
+pub fn found(
+    plan: &Plan,
+    settings: &Settings,
+    readings: &[Reading],
+) -> Result<Found, IdentifyError> {
+    let stated = balls(plan)?;
+    let mut observed = observe(plan, readings)?;
+    let balls = seen_balls(stated, &mut observed);
+    let stylus = DVec3::from_array(plan.machine.tool_mm);
+    let lengths: Vec<&Length> = balls.lengths.iter().collect();
+    let model = model(plan, settings)?;
+    let sources = sources(plan, model.chain(), &observed, &lengths);
+    let whitening: Vec<DMat3> =
+        weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
+    let problem = problem(stylus, model, &observed, &balls, &whitening)?;
+    let names = outputs::names(&problem, &balls);
+    let (survey, start) =
+        start(&problem, &of_centres(&observed, &lengths)).map_err(|why| failed(why, &names))?;
+    // The spheres of a nominal machine, then those of the machine as found.
+    let ways = problem.ways(&start.x);
+    observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    let measured = of_centres(&observed, &lengths);
+    let minimum = problem.solve(&measured, start.x).map_err(|why| failed(why, &names))?;
+    Ok(Found { observed, balls, problem, sources, whitening, names, survey, measured, minimum })
+}
+
+pub fn of_centres(observed: &Observed, lengths: &[&Length]) -> Measured {
     Measured {
         xyz: observed.sights.iter().map(|sight| sight.xyz).collect(),
         lengths: lengths.iter().map(|length| length_mm(length)).collect(),
@@ -96,13 +127,13 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
 }
 
 /// The machine with the errors that are asked for.
-pub fn model(machine: &Machine, settings: &Settings) -> Result<Model, IdentifyError> {
+fn model(plan: &Plan, settings: &Settings) -> Result<Model, IdentifyError> {
     let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
-    let chain = Chain::new(machine).map_err(|why| refused(why.to_string()))?;
-    let declared = machine.axes.contains_key(&Axis::S);
-    let turns = declared && settings.spindle != Spindle::Fixed;
-    let parameters = parameters::chosen(&settings.parameters, &chain, turns)?;
-    Ok(Model::of(chain, parameters))
+    let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
+    let stands = parameters::standing(plan, settings, &chain);
+    let way = Way { chain: &chain, stands: &stands };
+    let parameters = parameters::chosen(&settings.parameters, way)?;
+    Ok(Model::of(chain, parameters, stands))
 }
 
 /// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
@@ -180,7 +211,10 @@ fn trials(settings: &Settings, problem: &Problem, sources: &[UncertaintySource])
     let draws: usize = sources.iter().flat_map(|s| &s.draws).map(|draw| draw.values.len()).sum();
     let work = draws + 100 * problem.rows_count() + 1;
     match settings.monte_carlo_trials {
-        0 => Trials::Adaptive { digits: 2, max: (MOST_WORK / work).clamp(10_000, 200_000) },
+        0 => Trials::Adaptive {
+            digits: STABLE_DIGITS,
+            max: (MOST_WORK / work).clamp(LEAST_TRIALS, 200_000),
+        },
         count => Trials::Fixed(count),
     }
 }

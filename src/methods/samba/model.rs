@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::parameters::free_stylus;
+use super::separable::Way;
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
 use crate::record::artefact::Length;
@@ -19,6 +19,7 @@ const REACH: f64 = 256.0;
 pub struct Model {
     chain: Chain,
     parameters: Vec<ErrorParameter>,
+    stands: Vec<Axis>,
     stylus: Vec<usize>,
 }
 
@@ -40,17 +41,18 @@ impl Model {
     pub fn new(machine: &Machine, parameters: &[ErrorParameter]) -> Result<Self, KinematicsError> {
         let chain = Chain::new(machine)?;
         parameters.iter().try_for_each(|parameter| chain.check(*parameter))?;
-        Ok(Self::of(chain, parameters.to_vec()))
+        Ok(Self::of(chain, parameters.to_vec(), Vec::new()))
     }
 
-    pub(super) fn of(chain: Chain, parameters: Vec<ErrorParameter>) -> Self {
-        let stylus = free_stylus(&chain);
-        Self { chain, parameters, stylus }
+    /// `stands`: turning axes that stay at zero.
+    pub(super) fn of(chain: Chain, parameters: Vec<ErrorParameter>, stands: Vec<Axis>) -> Self {
+        let stylus = Way { chain: &chain, stands: &stands }.free_stylus();
+        Self { chain, parameters, stands, stylus }
     }
 
-    /// For looking at columns: no parameter is unknown yet.
-    pub(super) fn bare(chain: Chain, parameters: Vec<ErrorParameter>) -> Self {
-        Self { chain, parameters, stylus: Vec::new() }
+    /// What may be told apart.
+    pub(super) fn way(&self) -> Way<'_> {
+        Way { chain: &self.chain, stands: &self.stands }
     }
 
     pub fn chain(&self) -> &Chain {

@@ -29,7 +29,7 @@ pub struct Sight {
     pub xyz: DVec3,
     /// Ball and stylus ball together, less pre-travel, mm.
     pub radius: f64,
-    /// Largest deviation of a touch from the sphere, mm.
+    /// Largest less smallest deviation of its touches from the sphere, mm.
     pub form: f64,
     pub touches: Vec<Touch>,
     /// Mean of its touches.
@@ -218,7 +218,7 @@ impl Sight {
         }
         self.xyz = back * centre;
         self.radius = sphere.radius;
-        self.form = sphere.residuals.iter().fold(0.0, |most, residual| most.max(residual.abs()));
+        self.form = sphere.form();
         Ok(())
     }
 }

@@ -5,41 +5,23 @@ use std::collections::BTreeSet;
 use faer::{Mat, Side};
 use glam::DVec3;
 
-use super::fit::{Measured, Problem, vector};
-use super::settings::Settings;
+use super::fit::{Problem, vector};
+use super::left_out::{LeftOut, in_words, left_out};
+use super::parts::{Parts, place_name};
 use super::suspects::{Outlier, Solved};
-use super::uncertainty::{Misfit, Propagated};
 use super::warnings;
 use crate::base::{Axis, Position};
 use crate::estimation::coverage;
-use crate::estimation::linear::Survey;
-use crate::estimation::monte_carlo::Summary;
 use crate::kinematics::{ErrorParameter, Shape};
-use crate::record::artefact::{Balls, Length};
+use crate::record::artefact::Balls;
 use crate::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Parameter,
     Unit, Verdict,
 };
-use crate::record::plan::Plan;
 
 /// Members of the least certain direction that are named, and how small a part still counts.
 const NAMED: usize = 4;
 const COUNTS: f64 = 0.3;
-
-/// Everything that the estimate is written from.
-pub struct Parts<'a> {
-    pub plan: &'a Plan,
-    pub settings: &'a Settings,
-    pub solved: Solved<'a>,
-    pub measured: &'a Measured,
-    pub names: Vec<String>,
-    pub survey: Survey,
-    pub misfit: Misfit,
-    pub propagated: Propagated,
-    pub monte_carlo: Summary,
-    pub lengths: &'a [&'a Length],
-    pub u_bars: &'a [f64],
-}
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let Solved { problem, minimum, .. } = parts.solved;
@@ -47,6 +29,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts);
     let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
     let dof = minimum.residuals.len().saturating_sub(problem.unknowns());
+    let left_out = left_out(problem.model());
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
         method: super::NAME.to_owned(),
@@ -59,8 +42,8 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
         unknowns: problem.unknowns(),
         condition: parts.survey.condition,
         weakest: weakest(parts),
-        gauge: gauge(parts),
-        not_identifiable: warnings::not_identifiable(parts),
+        gauge: gauge(parts, &left_out),
+        not_identifiable: [in_words(&left_out), parts.solved.thin()].concat(),
         residual_rms_um: (square / (3 * misses.len()).max(1) as f64).sqrt() * 1e3,
         degrees_of_freedom: dof,
         chi2_per_dof: if dof > 0 { parts.misfit.chi2 / parts.misfit.expected } else { 0.0 },
@@ -165,14 +148,6 @@ fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFig
     ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
 }
 
-/// e.g. `B -30°, C 90°`.
-pub fn place_name(position: &Position) -> String {
-    let axes = position.iter().filter(|(axis, _)| !axis.is_linear());
-    let named: Vec<String> =
-        axes.map(|(axis, value)| format!("{axis} {:.0}°", axis.to_edge(value))).collect();
-    named.join(", ")
-}
-
 /// The direction in the scaled unknowns that the measurements see least.
 fn weakest(parts: &Parts<'_>) -> Option<String> {
     let factored = &parts.solved.minimum.factored;
@@ -194,31 +169,39 @@ fn weakest(parts: &Parts<'_>) -> Option<String> {
     })
 }
 
-fn gauge(parts: &Parts<'_>) -> Vec<String> {
+fn gauge(parts: &Parts<'_>, left_out: &[LeftOut]) -> Vec<String> {
     let model = parts.solved.problem.model();
-    let taken: BTreeSet<String> = model.parameters().iter().map(ToString::to_string).collect();
-    let axes = model.chain().topology().axes();
-    let held: Vec<String> = axes
-        .flat_map(|axis| {
-            let components = Axis::ALL.into_iter().filter(|component| *component != Axis::S);
-            components.map(move |component| format!("E{component}0{axis}"))
-        })
-        .filter(|name| !taken.contains(name))
+    let told = left_out.iter().map(|left| left.error);
+    let told: Vec<ErrorParameter> = told.chain(model.parameters().iter().copied()).collect();
+    let held: Vec<String> = model
+        .chain()
+        .topology()
+        .axes()
+        .flat_map(|axis| Axis::ALL.map(|component| (component, axis)))
+        .filter_map(|(component, axis)| ErrorParameter::new(component, axis, Shape::Location).ok())
+        .filter(|error| !told.contains(error))
+        .map(|error| error.to_string())
         .collect();
     let mut lines = vec![
-        format!(
-            "held at zero, being other names for what is given, or not asked for: {}",
-            held.join(", ")
-        ),
+        format!("held at zero, being other names for what is given: {}", held.join(", ")),
         "ball coordinates: the table frame of the machine as found, all rotary axes at zero"
             .to_owned(),
         "the machine as it stood in the middle of the measurement".to_owned(),
     ];
+    let asked: Vec<String> = left_out.iter().filter_map(LeftOut::not_asked_for).collect();
+    if !asked.is_empty() {
+        lines.push(format!("held at zero, not asked for: {}", asked.join(", ")));
+    }
     for k in (0..3).filter(|k| !model.stylus().contains(k)) {
         lines.push(format!(
             "tool_{} is held as stated: it only shifts all balls alike",
             ["x", "y", "z"][k]
         ));
+    }
+    if !model.chain().topology().contains(Axis::S) {
+        lines.push(
+            "tool_x and tool_y: an offset of the spindle (EX0S, EY0S) stands in them".to_owned(),
+        );
     }
     if parts.lengths.iter().any(|length| length.temperature_c.is_some()) {
         lines.push("gains: against the certified length at its stated temperature".to_owned());

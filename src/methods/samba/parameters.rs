@@ -1,46 +1,51 @@
 //! Which machine errors are unknown: the set that a topology implies, or the user's names.
 
-use std::f64::consts::TAU;
-
-use glam::DVec3;
-
-use super::model::Model;
-use crate::base::{Axis, Point, Position};
+use super::separable::Way;
+use super::settings::{Settings, Spindle};
+use crate::base::{Axis, Position};
 use crate::kinematics::{Chain, ErrorParameter, Shape};
 use crate::methods::Refused;
+use crate::record::plan::Plan;
 
-/// Poses and places of balls at which the errors are told apart. No symmetry, all around.
-const POSES: usize = 60;
-const BALLS: [[f64; 3]; 5] = [
-    [-152.0, 11.0, 41.0],
-    [149.0, -23.0, 57.0],
-    [160.0, 161.0, 178.0],
-    [-158.0, 137.0, 95.0],
-    [31.0, -166.0, 76.0],
-];
-/// Their roots give angles that repeat in no axis.
-const PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
-/// A stylus on the spindle's axis, mm: only there a tilted spindle is one that stands beside.
-const TOOL: DVec3 = DVec3::new(0.0, 0.0, -150.0);
-/// A column that keeps less than this part of its length beside the others is one of their sums.
-const INDEPENDENT: f64 = 1e-6;
+/// Change of the spindle's direction over one radian that an axis about it does not make.
+const LEANS: f64 = 1e-6;
+
+/// Turning axes that stay at zero whatever the design: the spindle where it is not oriented, and an axis
+/// that tilts the spindle. Balls are touched from above only; a plan of somebody else's that tilts the
+/// spindle all the same is believed.
+pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
+    let (machine, topology) = (&plan.machine, chain.topology());
+    let turned = |axis: Axis| {
+        let mut at = plan.steps.iter().filter_map(|step| step.from.get(axis));
+        let first = at.next();
+        first.is_some_and(|first| at.any(|other| other != first))
+    };
+    let stands = |axis: &Axis| match axis {
+        Axis::S => !machine.axes.contains_key(axis) || settings.spindle == Spindle::Fixed,
+        _ => tilts_spindle(chain, *axis) && !turned(*axis),
+    };
+    topology.axes().filter(|axis| !axis.is_linear()).filter(stands).collect()
+}
+
+/// Whether the spindle leans over as the axis turns: one of the head, and not parallel to the spindle.
+pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
+    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).matrix3.z_axis.z;
+    let turned = Position::new().with(axis, 1.0);
+    !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
+}
 
 /// The user's `names`, or without names what the topology implies.
 ///
 /// # Errors
 /// A name that is none, one of an axis that the machine does not have, one that stands twice.
-pub fn chosen(
-    names: &[String],
-    chain: &Chain,
-    spindle_turns: bool,
-) -> Result<Vec<ErrorParameter>, Refused> {
+pub fn chosen(names: &[String], way: Way<'_>) -> Result<Vec<ErrorParameter>, Refused> {
     if names.is_empty() {
-        return Ok(implied(chain, spindle_turns));
+        return Ok(implied(way));
     }
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {
         let parameter = name.parse().map_err(|why| refused(format!("{why}")))?;
-        chain.check(parameter).map_err(|why| refused(format!("{why}")))?;
+        way.chain.check(parameter).map_err(|why| refused(format!("{why}")))?;
         if parameters.contains(&parameter) {
             return Err(refused(format!("`{name}` stands twice")));
         }
@@ -63,42 +68,20 @@ fn refused(why: String) -> Refused {
 /// and one certified length: what ISO 230-1 and ISO 10791-6 name as location errors of the axes, less what is only
 /// another name for the stylus, the balls or an error already taken.
 ///
-/// Found from the model itself: candidates are taken in the order of preference and kept where their
-/// columns are no sum of those before, on poses all around, without limits. First the spindle, then
+/// Found from the equations themselves: candidates are taken in the order of preference and kept where
+/// their columns are no sum of those before, on poses all around, without limits. First the spindle, then
 /// the rotary axes, then the linear ones, each kind from the end of the chain towards the bed, X last:
 /// so X is the primary axis, squareness belongs to the axis that is carried, and the offset between
 /// two rotary axes to the one nearer to the part. Written from the bed outwards, gains last. For
-/// wCBXFZYSt these are the thirteen of paper 4.
-pub fn implied(chain: &Chain, spindle_turns: bool) -> Vec<ErrorParameter> {
-    let candidates = candidates(chain);
-    let model = Model::bare(chain.clone(), candidates.clone());
-    let columns = columns(&model, spindle_turns);
-    let (known, of_machine) = columns.split_at(columns.len() - candidates.len());
-    let mut basis: Vec<Vec<f64>> = Vec::new();
-    for column in known {
-        joins(&mut basis, column);
-    }
-    let mut kept: Vec<ErrorParameter> = candidates
-        .iter()
-        .zip(of_machine)
-        .filter(|(_, column)| joins(&mut basis, column))
-        .map(|(candidate, _)| *candidate)
-        .collect();
-    let (workpiece, tool) = (chain.topology().workpiece(), chain.topology().tool());
-    let place = |axis| workpiece.iter().chain(tool).position(|a| *a == axis);
+/// wCBXFZYSt these are the thirteen of paper 4. An axis that stands has no errors of its own to show.
+pub fn implied(way: Way<'_>) -> Vec<ErrorParameter> {
+    let topology = way.chain.topology();
+    let mut candidates = candidates(way.chain);
+    candidates.retain(|error| !way.stands.contains(&error.axis()));
+    let mut kept = way.kept(&candidates);
+    let place = |axis| topology.axes().position(|a| a == axis);
     kept.sort_by_key(|p| (p.shape() == Shape::Gain, place(p.axis())));
     kept
-}
-
-/// The coordinates of the stylus that are no mere shift of all balls.
-pub fn free_stylus(chain: &Chain) -> Vec<usize> {
-    let columns = columns(&Model::bare(chain.clone(), Vec::new()), false);
-    let (stylus, balls) = columns.split_at(3);
-    let mut basis = Vec::new();
-    for column in balls {
-        joins(&mut basis, column);
-    }
-    (0..3).filter(|k| joins(&mut basis, &stylus[*k])).collect()
 }
 
 /// In the order of preference.
@@ -121,69 +104,6 @@ fn candidates(chain: &Chain) -> Vec<ErrorParameter> {
         .collect()
 }
 
-/// Columns of the model: stylus, balls, then the model's parameters. The last row is a length between
-/// the first two balls, without which the scale of everything would be open.
-fn columns(model: &Model, spindle_turns: bool) -> Vec<Vec<f64>> {
-    let first = 3 + 3 * BALLS.len();
-    let mut columns = vec![Vec::new(); first + model.parameters().len()];
-    let zero = vec![0.0; model.parameters().len()];
-    for (pose, ball) in (0..POSES).flat_map(|pose| (0..BALLS.len()).map(move |ball| (pose, ball))) {
-        let centre = DVec3::from_array(BALLS[ball]);
-        let Some(position) = pose_at(model.chain(), pose, centre, spindle_turns) else { continue };
-        let rows = model.rows(&position, &zero, TOOL, centre);
-        for axis in 0..3 {
-            for (j, column) in columns.iter_mut().enumerate() {
-                column.push(match j {
-                    j if j < 3 => rows.tool.col(j)[axis],
-                    j if j < first => f64::from(u8::from(j == 3 + 3 * ball + axis)),
-                    j => rows.machine[j - first][axis],
-                });
-            }
-        }
-    }
-    let along = (DVec3::from_array(BALLS[1]) - DVec3::from_array(BALLS[0])).normalize();
-    for (j, column) in columns.iter_mut().enumerate() {
-        column.push(match j {
-            3..6 => -along[j - 3],
-            6..9 => along[j - 6],
-            _ => 0.0,
-        });
-    }
-    columns
-}
-
-fn pose_at(chain: &Chain, pose: usize, ball: DVec3, spindle_turns: bool) -> Option<Position> {
-    let turning = chain.topology().axes().filter(|a| !a.is_linear());
-    let angle = |axis: Axis| (pose as f64 * PRIMES[axis as usize].sqrt()).fract() * TAU;
-    let others: Position = turning
-        .filter(|axis| *axis != Axis::S || spindle_turns)
-        .map(|axis| (axis, angle(axis)))
-        .collect();
-    let (target, tip) = (Point::from_vec(ball), Point::from_vec(TOOL));
-    let linear = chain.linear_axes_for(target, tip, &others, &[]).ok()?;
-    Some(others.updated_by(&linear))
-}
-
-/// Whether `column` is no sum of the orthonormal `basis`, which it then joins (Gram–Schmidt, twice).
-fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64]) -> bool {
-    let length = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let whole = length(column);
-    let mut left = column.to_vec();
-    for _ in 0..2 {
-        for unit in basis.iter() {
-            let share: f64 = unit.iter().zip(&left).map(|(u, l)| u * l).sum();
-            left.iter_mut().zip(unit).for_each(|(l, u)| *l -= share * u);
-        }
-    }
-    let rest = length(&left);
-    let new = rest > INDEPENDENT * whole;
-    if new {
-        left.iter_mut().for_each(|l| *l /= rest);
-        basis.push(left);
-    }
-    new
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tests::machine;
@@ -193,7 +113,7 @@ mod tests {
     fn check(topology: &str, expected: &[&str]) {
         let chain = Chain::new(&machine(topology)).unwrap();
         let mut found: Vec<String> =
-            implied(&chain, true).iter().map(ToString::to_string).collect();
+            implied(Way { chain: &chain, stands: &[] }).iter().map(ToString::to_string).collect();
         let mut expected = expected.to_vec();
         println!("{topology}: {found:?}");
         found.sort();
@@ -232,10 +152,28 @@ mod tests {
         check("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
     }
 
+    /// A head that tilts stands upright: the set is that of the machine without it.
+    #[test]
+    fn regress_a_head_that_stands_has_no_errors_of_its_own() {
+        for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
+            let (with_head, plain) = (machine(topology), machine(without));
+            let (head, plain) = (Chain::new(&with_head).unwrap(), Chain::new(&plain).unwrap());
+            let stands = implied(Way { chain: &head, stands: &[Axis::B] });
+            assert_eq!(stands, implied(Way { chain: &plain, stands: &[] }), "{topology}");
+            assert!(implied(Way { chain: &head, stands: &[] }).len() > stands.len());
+        }
+        let chain = Chain::new(&machine("wFXYZCBSt")).unwrap();
+        let tilts = |axis| tilts_spindle(&chain, axis);
+        assert!(tilts(Axis::B) && !tilts(Axis::C) && !tilts(Axis::S));
+    }
+
     #[test]
     fn a_spindle_that_does_not_turn_has_no_place_of_its_own() {
         let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
-        let names: Vec<String> = implied(&chain, false).iter().map(ToString::to_string).collect();
+        let names: Vec<String> = implied(Way { chain: &chain, stands: &[Axis::S] })
+            .iter()
+            .map(ToString::to_string)
+            .collect();
         assert_eq!(names.len(), 11, "{names:?}");
         assert!(!names.contains(&"EX0S".to_owned()));
     }
@@ -245,7 +183,7 @@ mod tests {
         let chain = Chain::new(&machine("wCFXYZt")).unwrap();
         let ask = |names: &[&str]| {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-            chosen(&names, &chain, false)
+            chosen(&names, Way { chain: &chain, stands: &[Axis::S] })
         };
         assert_eq!(ask(&["EXC_sin2", "EA0C"]).unwrap().len(), 2);
         assert!(ask(&["EX0Q"]).unwrap_err().why.contains("`EX0Q` is no error parameter"));

@@ -51,7 +51,7 @@ pub enum Spindle {
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that
-    /// ISO 10791-6 implies for the topology.
+    /// ISO 10791-6 implies for the topology, less what an upright spindle cannot show.
     pub parameters: Vec<String>,
     pub design: Design,
     pub criterion: Criterion,
@@ -64,7 +64,8 @@ pub struct Settings {
     pub find: Find,
     pub spindle: Spindle,
     /// Candidate positions of rotary axes that tilt the part or the head (A, B), as commanded. The
-    /// defaults are cut to the axes' limits; a position that you name must lie within them.
+    /// defaults are cut to the axes' limits; a position that you name must lie within them. An axis that
+    /// tilts the head stays at 0: balls are touched from above only.
     pub tilt_deg: Vec<f64>,
     /// Candidate positions of a rotary axis parallel to the spindle (C).
     pub turn_deg: Vec<f64>,
@@ -76,7 +77,8 @@ pub struct Settings {
     /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Residual of a single ball's fit beyond which the run holds.
+    /// Form of one measurement of a ball (largest less smallest residual of its sphere) beyond which the
+    /// run holds.
     pub form_limit_um: f64,
     /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
     pub diameter_limit_um: f64,

@@ -2,11 +2,14 @@
 //! mm), then each certified length (mm). The magnitudes are those that the plan declares (METHODS
 //! section 6).
 
+mod rotary;
+
 use glam::{DMat3, DVec3};
 
 use super::observe::{Observed, Sight};
 use crate::base::Axis;
 use crate::estimation::smooth::smooth_function;
+use crate::kinematics::Chain;
 use crate::record::artefact::Length;
 use crate::record::machine::AxisSpec;
 use crate::record::plan::Plan;
@@ -45,13 +48,19 @@ const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 /// No measurement weighs more than one of this standard uncertainty, mm.
 const LEAST_MM: f64 = 1e-6;
 
-pub fn sources(plan: &Plan, observed: &Observed, lengths: &[&Length]) -> Vec<UncertaintySource> {
+pub fn sources(
+    plan: &Plan,
+    chain: &Chain,
+    observed: &Observed,
+    lengths: &[&Length],
+) -> Vec<UncertaintySource> {
     let sights = &observed.sights;
     let mut list = vec![
         of_touches("repeatability of a touch", Shape::Normal, sights, |_| repeatability(plan)),
         of_touches("resolution", Shape::Rectangular, sights, |normal| resolution(plan, normal)),
         lobing(plan, observed),
         linear_axes(plan, sights),
+        rotary::error_motions(plan, chain, observed),
         drift(plan, sights),
     ];
     list.extend(certificates(sights.len(), lengths));

@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::fit::Problem;
 use super::observe::Observed;
 use crate::estimation::coverage;
-use crate::estimation::schur::Minimum;
+use crate::estimation::nonlinear::Minimum;
 use crate::kinematics::Shape;
 use crate::record::artefact::{Balls, Length};
 
@@ -14,8 +14,6 @@ use crate::record::artefact::{Balls, Length};
 const FALSE_ALARM: f64 = 1e-3;
 /// A step of a ball must explain this part of all misfit to be named.
 const TELLING: f64 = 0.3;
-/// Measurements on either side of a step: a single one is an outlier.
-const VISITS: usize = 2;
 /// A row that is explained by itself to this degree is checked by no other.
 const ALONE: f64 = 1.0 - 1e-4;
 /// Disagreement of a certified length with its balls that no machine has, mm/mm.
@@ -85,8 +83,7 @@ impl Solved<'_> {
                 let sights = &self.observed.sights;
                 let visits: Vec<usize> =
                     (0..sights.len()).filter(|i| sights[*i].ball == ball).collect();
-                let splits = VISITS..(visits.len() + 1).saturating_sub(VISITS);
-                splits.map(move |split| (visits.clone(), split))
+                (1..visits.len()).map(move |split| (visits.clone(), split))
             })
             .collect();
         let tried = candidates.iter().map(|(visits, split)| self.step(visits, *split));
@@ -99,15 +96,28 @@ impl Solved<'_> {
         if gone <= limit * left || gone <= TELLING * self.chi2() {
             return None;
         }
+        Some(self.in_words(visits, *split, step.length() * 1e3))
+    }
+
+    /// With two measurements or more on either side nothing but a step looks like one. A single one at
+    /// the end is off whether the ball has moved or something else is wrong with it.
+    fn in_words(&self, visits: &[usize], split: usize, um: f64) -> String {
         let sight = |visit: usize| &self.observed.sights[visits[visit]];
-        Some(format!(
-            "ball {} seems to have moved by {:.1} µm between its measurements at indexations {} and {}: \
-             tighten it and measure again",
-            self.id(sight(*split).ball),
-            step.length() * 1e3,
-            sight(split - 1).label.indexation,
-            sight(*split).label.indexation,
-        ))
+        let (ball, before) = (self.id(sight(split).ball), sight(split - 1).label.indexation);
+        let after = sight(split).label.indexation;
+        let single = match split {
+            1 => format!("its first measurement, at indexation {before}, is off by itself"),
+            last if last + 1 == visits.len() => {
+                format!("its last measurement, at indexation {after}, is off by itself")
+            }
+            _ => String::new(),
+        };
+        let otherwise =
+            if single.is_empty() { single } else { format!(", or {single} (dirt, a loose ball)") };
+        format!(
+            "ball {ball} seems to have moved by {um:.1} µm between its measurements at indexations \
+             {before} and {after}{otherwise}: tighten it and measure again"
+        )
     }
 
     /// What a step of the ball before its visit `split` takes away from χ², and the step (table

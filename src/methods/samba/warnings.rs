@@ -1,23 +1,7 @@
 //! What a reader of the estimate must know beside its numbers.
 
-use super::outputs::{Parts, place_name};
+use super::parts::{Parts, place_name};
 use super::suspects::Outlier;
-use crate::base::Axis;
-use crate::estimation::monte_carlo::numerical_tolerance;
-
-pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
-    let mut lines = Vec::new();
-    let places = &parts.solved.observed.places;
-    let first = places.first().map_or(0.0, |place| place.at(Axis::S));
-    if places.iter().all(|place| place.at(Axis::S) == first) {
-        lines.push(
-            "EX0S and EY0S: inseparable from tool_x and tool_y, the spindle was not turned"
-                .to_owned(),
-        );
-    }
-    lines.extend(parts.solved.thin());
-    lines
-}
 
 pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     let mut lines = parts.solved.observed.left_out.clone();
@@ -96,7 +80,7 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
         let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
         if form_um > parts.settings.form_limit_um {
             lines.push(format!(
-                "{whose}: its touches lie {form_um:.1} µm off a sphere: dirt, loose ball or wrong stylus?"
+                "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"
             ));
         }
         if off_um.abs() > parts.settings.diameter_limit_um {
@@ -128,7 +112,7 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
 fn unstable(parts: &Parts<'_>) -> Option<String> {
     let told = || {
         format!(
-            "after {} trials u by Monte Carlo is not yet stable in its second digit (JCGM 101, 7.9); u and \
+            "after {} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
              U are those by covariance. Ask for more by monte_carlo_trials",
             parts.monte_carlo.trials
         )
@@ -136,16 +120,10 @@ fn unstable(parts: &Parts<'_>) -> Option<String> {
     (!parts.monte_carlo.stable).then(told)
 }
 
-/// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical
-/// tolerance of a u stated with two digits, and by more than the trials' own scatter.
+/// Where covariance and Monte Carlo differ.
 fn disagreement(parts: &Parts<'_>) -> Vec<String> {
-    let scatter = 4.0 / (2.0 * parts.monte_carlo.trials as f64).sqrt();
-    let far = parts.names.iter().enumerate().filter(|(i, _)| {
-        let (first_order, trials) =
-            (parts.propagated.u(*i), parts.monte_carlo.standard_deviation[*i]);
-        let off = (first_order - trials).abs();
-        off > numerical_tolerance(first_order, 2) && off > scatter * first_order
-    });
+    let far = parts.names.iter().enumerate();
+    let far = far.filter(|(i, _)| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
     let names: Vec<&str> = far.map(|(_, name)| name.as_str()).collect();
     if names.is_empty() {
         return Vec::new();

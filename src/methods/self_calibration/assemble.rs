@@ -12,7 +12,7 @@ use super::sense::Sense;
 use super::settings::{Settings, Spindle};
 use super::uncertainty::{Propagated, TouchScale};
 use crate::estimation::coverage;
-use crate::estimation::monte_carlo::{Summary, numerical_tolerance};
+use crate::estimation::monte_carlo::Summary;
 use crate::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
     Verdict,
@@ -291,10 +291,8 @@ fn steps(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-/// JCGM 101, 8.1.3: flagged where covariance and Monte Carlo differ by more than the numerical
-/// tolerance of a u stated with two digits, and by more than the trials' own scatter.
+/// Where covariance and Monte Carlo differ.
 fn disagreement(parts: &Parts<'_>) -> Vec<String> {
-    let scatter = 4.0 / (2.0 * parts.monte_carlo.trials as f64).sqrt();
     parts
         .parameters
         .iter()
@@ -302,8 +300,7 @@ fn disagreement(parts: &Parts<'_>) -> Vec<String> {
         .filter_map(|(i, output)| {
             let (first_order, trials) =
                 (parts.propagated.u(i), parts.monte_carlo.standard_deviation[i]);
-            let off = (first_order - trials).abs();
-            (off > numerical_tolerance(first_order, 2) && off > scatter * first_order).then(|| {
+            parts.monte_carlo.contradicts(i, first_order).then(|| {
                 format!(
                     "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
                     output.symbol,

@@ -74,12 +74,11 @@ impl Propagated {
         self.covariance[(output, output)].max(0.0).sqrt()
     }
 
-    /// Effective degrees of freedom (Welch–Satterthwaite, JCGM 100 G.4); `None`: infinitely many.
+    /// Effective degrees of freedom; `None`: infinitely many.
     pub fn dof(&self, output: usize, scale: TouchScale) -> Option<f64> {
-        let nu = scale.dof?;
-        let total = self.covariance[(output, output)];
-        let touch = self.touch_variance[output];
-        (touch > 0.0).then(|| nu * (total / touch).powi(2))
+        let (all, touch) = (self.covariance[(output, output)], self.touch_variance[output]);
+        let parts = [(touch, scale.dof?), (all - touch, f64::INFINITY)];
+        Some(coverage::effective_dof(&parts)).filter(|dof| dof.is_finite())
     }
 }
 

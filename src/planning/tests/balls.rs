@@ -65,7 +65,7 @@ fn steps(plan: &Plan, rotary: &Position, approach: Approach) -> Result<Vec<Step>
     access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
 }
 
-/// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole.
+/// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole; here from neighbour to neighbour.
 #[test]
 fn paper_five_touches_round_the_ball_and_at_its_pole() {
     let plan = plan(TABLE, &[ball("1", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
@@ -73,10 +73,10 @@ fn paper_five_touches_round_the_ball_and_at_its_pole() {
         let rotary = indexed(b, c);
         let steps = steps(&plan, &rotary, SLOW).unwrap();
         let names: Vec<&str> = steps.iter().map(|step| step.label.as_str()).collect();
-        assert_eq!(names, ["slow/+45", "slow/-135", "slow/-45", "slow/+135", "slow/pole"]);
+        assert_eq!(names, ["slow/+45", "slow/+135", "slow/-135", "slow/-45", "slow/pole"]);
         assert_eq!(steps.iter().map(|step| step.id).collect::<Vec<_>>(), [7, 8, 9, 10, 11]);
         let h = 0.5_f64.sqrt();
-        let meant = [[h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [-h, h, 0.0], [0.0, 0.0, 1.0]];
+        let meant = [[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [0.0, 0.0, 1.0]];
         // Where the stylus ball stands, by the chain: 13 mm and 0.5 or −1 mm from the centre.
         let chain = Chain::new(&plan.machine).unwrap();
         let tip = Point::new(1.0, -2.0, -220.0);
@@ -100,7 +100,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     let found = touches(&with_stem([1.0, 1.0, 0.0]), &indexed(0.0, 0.0), 5).unwrap();
     let h = 0.5_f64.sqrt();
     for (contact, normal) in
-        found.iter().zip([[h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [-h, h, 0.0]])
+        found.iter().zip([[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0]])
     {
         let moved = (contact.normal - DVec3::from_array(normal)).length() > 1e-9;
         assert_eq!(moved, contact.name == "+45", "{contact:?}");
@@ -148,6 +148,10 @@ fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
     let wide = Approach::Find { uncertainty_mm: 2.0, standoff_mm: 0.5 };
     let error = steps(&near, &indexed(0.0, 0.0), wide).unwrap_err();
     assert!(matches!(error, Unreachable::TooLong { overtravel: 4.0, .. }), "{error}");
+    // The artefact may stand 0.5 mm off.
+    let short = Approach::Slow { standoff_mm: 0.5, search_mm: 0.4 };
+    let error = steps(&near, &indexed(0.0, 0.0), short).unwrap_err();
+    assert_eq!(error, Unreachable::TooShort { beyond: 0.4, loose: 0.5 });
 }
 
 /// B in the head: balls are touched where the spindle stands upright, and nowhere else.
@@ -253,15 +257,21 @@ fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     ];
     let places: Vec<Position> =
         xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
-    let visit = Visit { rotary: indexed(0.0, 0.0), places: places.clone(), follows: false };
-    let turns = order(&[visit], &machine);
+    let found = tour(&places, None, &machine);
     let seconds = |order: &[usize]| -> f64 {
         let pairs = order.windows(2);
         pairs.map(|pair| time::motion_s(&places[pair[0]], &places[pair[1]], None, &machine)).sum()
     };
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(seconds(order)));
-    assert!((seconds(&turns[0].places) - best).abs() < 1e-9, "{turns:?}");
+    assert!((seconds(&found) - best).abs() < 1e-9, "{found:?}");
+    // The same from a given place, which is not one of them.
+    let stands = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
+    let found = tour(&places, Some(&stands), &machine);
+    let begin = |order: &[usize]| time::motion_s(&stands, &places[order[0]], None, &machine);
+    let mut best = f64::INFINITY;
+    permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(begin(order) + seconds(order)));
+    assert!((begin(&found) + seconds(&found) - best).abs() < 1e-9, "{found:?}");
 }
 
 fn permute(order: &mut Vec<usize>, from: usize, see: &mut impl FnMut(&[usize])) {
@@ -275,31 +285,58 @@ fn permute(order: &mut Vec<usize>, from: usize, see: &mut impl FnMut(&[usize])) 
     }
 }
 
-#[test]
-fn what_must_follow_stays_behind_and_the_rest_goes_by_the_nearest_tilt() {
-    let machine = plan(TABLE, &[]).machine;
-    let place = vec![at(&[(Axis::X, 0.0), (Axis::Y, 0.0)])];
-    let visit =
-        |b: f64, c: f64, follows| Visit { rotary: indexed(b, c), places: place.clone(), follows };
-    let scattered = [0.0, 60.0, -30.0, 30.0, -60.0].map(|b| visit(b, 0.0, false));
-    let order_of = |visits: &[Visit]| -> Vec<usize> {
-        order(visits, &machine).iter().map(|turn| turn.visit).collect()
-    };
-    let mut tilts: Vec<f64> =
-        order_of(&scattered).iter().map(|i| scattered[*i].rotary.at(Axis::B)).collect();
-    if tilts[0] > tilts[4] {
-        tilts.reverse();
+/// Blocks of the five touches of one ball, one after the other, and where the stylus ball's centre is at
+/// each end of a motion, from the ball's centre in machine directions.
+fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [DVec3; 2])> {
+    let mut plan = plan.clone();
+    if let Artefact::Balls(balls) = &mut plan.artefact {
+        balls.uncertainty_mm = 0.25;
     }
-    assert!(tilts.windows(2).all(|pair| pair[0] < pair[1]), "{tilts:?}");
-    // Forward and back again with C, as the list says, though turning back at once would be shorter.
-    let chained = [
-        visit(0.0, 0.0, false),
-        visit(60.0, 180.0, false),
-        visit(60.0, 0.0, true),
-        visit(60.0, 90.0, true),
-        visit(0.0, 90.0, false),
-    ];
-    let found = order_of(&chained);
-    let begin = found.iter().position(|i| *i == 1).unwrap();
-    assert_eq!(found.get(begin..begin + 3), Some(&[1, 2, 3][..]), "{found:?}");
+    plan.steps = steps(&plan, rotary, SLOW).unwrap();
+    let clearance = Clearance::above(&plan).unwrap();
+    let chain = Chain::new(&plan.machine).unwrap();
+    let centre = DVec3::from_array(first(&plan).centre_mm);
+    let off = |at: &Position| {
+        let tip = chain.tip_in_table(at, Point::new(1.0, -2.0, -220.0), &[]).mm;
+        chain.machine_from_table(at, &[]).matrix3 * (tip - centre)
+    };
+    let (blocks, _) = blocks(&plan, &clearance).unwrap();
+    let mut stands = end_of(&blocks[0], &Position::new());
+    let mut ways = Vec::new();
+    for motion in blocks[1..].iter().flat_map(|block| &block.motions) {
+        let next = stands.updated_by(&target(motion).unwrap());
+        let guarded = matches!(motion, Motion::Guarded { .. });
+        assert!(guarded || matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. }));
+        ways.push((guarded, [off(&stands), off(&next)]));
+        stands = next;
+    }
+    ways
+}
+
+#[test]
+fn from_touch_to_touch_the_way_leads_round_the_ball_and_over_it_where_a_stem_is_in_the_way() {
+    let centre = [80.0, -50.0, 90.0];
+    let free = plan(TABLE, &[ball("1", centre, [0.0, 0.0, -1.0])]);
+    // 13 mm from centre to centre in contact, 0.5 mm standoff; the ball may stand 0.25 mm off.
+    for (b, c) in [(0.0, 0.0), (20.0, 90.0), (-20.0, 180.0)] {
+        let ways = ways(&free, &indexed(b, c));
+        let highest = ways.iter().flat_map(|(_, way)| way).map(|off| off.z).fold(0.0, f64::max);
+        assert!(highest < 13.0 + 0.25 + 3.1, "{highest}");
+        for (_, way) in ways.iter().filter(|(guarded, _)| *guarded) {
+            for k in 0..=100 {
+                let off = way[0].lerp(way[1], f64::from(k) / 100.0);
+                assert!(off.length() > 13.5 - 1e-3, "{off} on {way:?}");
+            }
+        }
+        // Between the four at one height: two legs to each, and one aside.
+        let level = |way: &[DVec3; 2]| way.iter().all(|off| off.z.abs() < 1e-6);
+        let legs = ways.iter().filter(|(guarded, way)| *guarded && level(way)).count();
+        assert_eq!(legs, 3 * 3, "{ways:?}");
+    }
+    // The stem stands between the second touch and the third.
+    let blocked = plan(TABLE, &[ball("1", centre, [-1.0, 0.0, 0.0])]);
+    let over = ways(&blocked, &indexed(0.0, 0.0));
+    let behind = over.iter().filter(|(_, way)| way.iter().all(|off| off.x < -1.0));
+    let highest = behind.map(|(_, way)| way[0].z.max(way[1].z)).fold(0.0, f64::max);
+    assert!(highest > 3.0 + 3.0, "{highest}");
 }

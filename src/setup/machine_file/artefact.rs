@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::balls_csv::{self, column};
+use super::balls_csv::{self, Columns, Common, column};
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Place, Problem};
 use crate::artefact::{self, Entry, Flaw};
@@ -54,24 +54,34 @@ fn fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, 
 }
 
 fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileError> {
-    let mut balls: Balls = fields(document, &["kind", "file"])?;
+    let mut balls: Balls = fields(document, &[&["kind", "file"], &Common::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| {
         let path = ["artefact", key];
         document.error_at(&path, value_problem(&path, why.to_owned()))
     };
-    let file: Option<String> = document.section(&["artefact", "file"], Deserialize::deserialize)?;
+    let file: Option<String> = key(document, "file")?;
     let table = match file {
         Some(_) if !balls.balls.is_empty() => {
             return Err(wrong("file", "stands beside [[artefact.balls]]: keep one of the two"));
         }
-        None => None,
+        None => {
+            let names = document.names(&["artefact"])?;
+            if let Some(common) =
+                Common::KEYS.into_iter().find(|key| names.iter().any(|n| n == key))
+            {
+                let why = "is what balls in a table have in common (file = \"NAME.csv\"): write it in \
+                           each of [[artefact.balls]]";
+                return Err(wrong(common, why));
+            }
+            None
+        }
         Some(name) => {
             let Beside::Folder(folder) = beside else {
                 let why =
                     "names a file, but there is no folder to look in: write [[artefact.balls]]";
                 return Err(wrong("file", why));
             };
-            Some(Table::read(&folder.join(name))?)
+            Some(Table::read(&folder.join(name), &common(document)?)?)
         }
     };
     if let Some(table) = &table {
@@ -89,16 +99,36 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
     Ok(balls)
 }
 
+fn key<T: DeserializeOwned>(
+    document: &Document,
+    name: &str,
+) -> Result<Option<T>, MachineFileError> {
+    document.section(&["artefact", name], T::deserialize)
+}
+
+fn common(document: &Document) -> Result<Common, MachineFileError> {
+    Ok(Common {
+        radius_mm: key(document, "radius_mm")?,
+        stem: key(document, "stem")?,
+        stem_radius_mm: key(document, "stem_radius_mm")?,
+        stem_length_mm: key(document, "stem_length_mm")?,
+    })
+}
+
 struct Table {
     file: String,
+    columns: Columns,
     balls: Vec<balls_csv::Placed>,
 }
 
 impl Table {
-    fn read(path: &Path) -> Result<Self, MachineFileError> {
+    fn read(path: &Path, common: &Common) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         match std::fs::read_to_string(path) {
-            Ok(text) => Ok(Self { balls: balls_csv::read(&file, &text)?, file }),
+            Ok(text) => {
+                let (columns, balls) = balls_csv::read(&file, &text, common)?;
+                Ok(Self { file, columns, balls })
+            }
             Err(source) => Err(MachineFileError::ReadBalls { file, source }),
         }
     }
@@ -108,6 +138,12 @@ impl Table {
 fn placed(document: &Document, table: Option<&Table>, flaw: Flaw) -> MachineFileError {
     let Flaw { of, key, why } = flaw;
     let (name, index) = match (of, table) {
+        // What all balls have in common stands in the machine file.
+        (Entry::Ball(_), Some(table))
+            if Common::KEYS.contains(&key) && !table.columns.hold(key) =>
+        {
+            return document.error_at(&["artefact", key], value_problem(&["artefact", key], why));
+        }
         (Entry::Ball(index), Some(table)) => {
             let line = table.balls.get(index).map(|(_, line)| *line);
             let place = Place { file: table.file.clone(), line };

@@ -1,5 +1,5 @@
 //! Balls as a table of their own beside the machine file: one line a ball, a head of column names, in
-//! any order; `#` begins a comment.
+//! any order; `#` begins a comment. What all balls have in common may stand in `[artefact]` instead.
 
 use super::error::{MachineFileError, Place, Problem};
 use super::hint;
@@ -11,9 +11,26 @@ const STEM: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_l
 /// A ball and the line (from 1) that it stands on.
 pub type Placed = (Ball, usize);
 
+/// What counts where a table has no such column, or a row nothing in it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Common {
+    pub radius_mm: Option<f64>,
+    pub stem: Option<[f64; 3]>,
+    pub stem_radius_mm: Option<f64>,
+    pub stem_length_mm: Option<f64>,
+}
+
+impl Common {
+    pub const KEYS: [&'static str; 4] = ["radius_mm", "stem", "stem_radius_mm", "stem_length_mm"];
+}
+
 /// # Errors
 /// A column that is not known, or lacks; a value that is no finite number; with file and line.
-pub fn read(file: &str, text: &str) -> Result<Vec<Placed>, MachineFileError> {
+pub fn read(
+    file: &str,
+    text: &str,
+    common: &Common,
+) -> Result<(Columns, Vec<Placed>), MachineFileError> {
     let error = |line: usize, problem| {
         let place = Place { file: file.to_owned(), line: Some(line) };
         MachineFileError::Content { place, problem }
@@ -35,17 +52,21 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Placed>, MachineFileError> {
         let line = behind.saturating_sub(1).max(1);
         match more {
             Ok(true) => {}
-            Ok(false) => return Ok(balls),
+            Ok(false) => break,
             Err(broken) => return Err(error(line, Problem::Table(broken.to_string()))),
         }
         match &columns {
-            None => columns = Some(Columns::new(&record).map_err(|problem| error(line, problem))?),
+            None => {
+                let head = Columns::new(&record, common);
+                columns = Some(head.map_err(|problem| error(line, problem))?);
+            }
             Some(columns) => {
-                let ball = columns.ball(&record).map_err(|problem| error(line, problem))?;
+                let ball = columns.ball(&record, common).map_err(|problem| error(line, problem))?;
                 balls.push((ball, line));
             }
         }
     }
+    Ok((columns.unwrap_or_default(), balls))
 }
 
 /// What a key of a ball is called in the table.
@@ -58,21 +79,35 @@ pub fn column(key: &str) -> &str {
     }
 }
 
-struct Columns {
+/// Of a table, by name.
+#[derive(Debug, Clone, Default)]
+pub struct Columns {
     names: Vec<String>,
 }
 
 impl Columns {
-    fn new(head: &csv::StringRecord) -> Result<Self, Problem> {
+    /// Whether a key of a ball stands in the table at all.
+    pub fn hold(&self, key: &str) -> bool {
+        self.names.iter().any(|name| name == column(key))
+    }
+
+    fn new(head: &csv::StringRecord, common: &Common) -> Result<Self, Problem> {
         let names: Vec<&str> = head.iter().collect();
         let known = [NEEDED, STEM].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
             let why = format!("is unknown; {}", hint::for_unknown(name, &known));
             return Err(Problem::Column { column: (*name).to_owned(), why });
         }
-        if let Some(lacking) = NEEDED.iter().find(|name| !names.contains(name)) {
-            let why = "is missing; the first line names the columns".to_owned();
-            return Err(Problem::Column { column: (*lacking).to_owned(), why });
+        let stated = |name: &str| name == "radius_mm" && common.radius_mm.is_some();
+        let lacks = |name: &&&str| !names.contains(name) && !stated(name);
+        if let Some(lacking) = NEEDED.iter().find(lacks) {
+            let why = match *lacking {
+                "radius_mm" => {
+                    "is missing; state radius_mm in [artefact] if all balls have the same"
+                }
+                _ => "is missing; the first line names the columns",
+            };
+            return Err(Problem::Column { column: (*lacking).to_owned(), why: why.to_owned() });
         }
         let twice = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
         if let Some(name) = names.iter().find(twice) {
@@ -82,7 +117,7 @@ impl Columns {
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    fn ball(&self, record: &csv::StringRecord) -> Result<Ball, Problem> {
+    fn ball(&self, record: &csv::StringRecord, common: &Common) -> Result<Ball, Problem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())
@@ -99,14 +134,19 @@ impl Columns {
             }
         };
         let stands = text("stem_x").or(text("stem_y")).or(text("stem_z")).is_some();
-        let stem = |name, down: f64| number(name, Some(if stands { 0.0 } else { down }));
+        let [x, y, z] = if stands { [0.0; 3] } else { common.stem.unwrap_or([0.0, 0.0, -1.0]) };
+        let or_none = |value: Option<f64>| Some(value.unwrap_or(0.0));
         Ok(Ball {
             id: text("ball").unwrap_or_default().to_owned(),
             centre_mm: [number("x_mm", None)?, number("y_mm", None)?, number("z_mm", None)?],
-            radius_mm: number("radius_mm", None)?,
-            stem: [stem("stem_x", 0.0)?, stem("stem_y", 0.0)?, stem("stem_z", -1.0)?],
-            stem_radius_mm: number("stem_radius_mm", Some(0.0))?,
-            stem_length_mm: number("stem_length_mm", Some(0.0))?,
+            radius_mm: number("radius_mm", common.radius_mm)?,
+            stem: [
+                number("stem_x", Some(x))?,
+                number("stem_y", Some(y))?,
+                number("stem_z", Some(z))?,
+            ],
+            stem_radius_mm: number("stem_radius_mm", or_none(common.stem_radius_mm))?,
+            stem_length_mm: number("stem_length_mm", or_none(common.stem_length_mm))?,
         })
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::*;
 use crate::methods::NAMES;
-use crate::record::artefact::Balls;
+use crate::record::artefact::{Ball, Balls};
 
 /// The built-in file with `from` replaced once by `to`, and the line on which the change begins.
 fn edited(from: &str, to: &str) -> (Result<MachineFile, MachineFileError>, usize) {
@@ -150,11 +150,17 @@ fn lengths_that_cannot_be_are_refused_where_they_stand() {
 
 /// The built-in file with its balls in a table beside it, whose text is `table`.
 fn beside(table: &str) -> Result<MachineFile, String> {
+    beside_with("", table)
+}
+
+/// The same with `common` in [artefact].
+fn beside_with(common: &str, table: &str) -> Result<MachineFile, String> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("set.csv"), table).unwrap();
     let at = EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap();
     let to = EMBEDDED_BALLS.find("\n[[artefact.lengths]]").unwrap();
-    let text = format!("{}\nfile = \"set.csv\"\n{}", &EMBEDDED_BALLS[..at], &EMBEDDED_BALLS[to..]);
+    let text =
+        format!("{}\nfile = \"set.csv\"\n{common}{}", &EMBEDDED_BALLS[..at], &EMBEDDED_BALLS[to..]);
     let path = folder.path().join("shop.toml");
     std::fs::write(&path, text).unwrap();
     let prefix = format!("{}/", folder.path().display());
@@ -238,6 +244,54 @@ fn a_table_is_refused_with_its_line_and_column() {
     let message = MachineFile::parsed("x.toml", text, beside).unwrap_err().to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");
     assert!(message.contains("beside the machine file"), "{message}");
+}
+
+/// The table of the data has places only: what all balls have in common is said once.
+#[test]
+fn the_papers_own_table_with_what_its_balls_have_in_common() {
+    let paper = include_str!("../../../tests/data/paper4-table1.csv");
+    let common = "radius_mm = 6.35\nstem_radius_mm = 2.0\nstem_length_mm = 177.0\n";
+    let file = beside_with(common, paper).unwrap();
+    let inline = MachineFile::embedded_for("samba").unwrap();
+    for (read, stated) in balls(&file).balls.iter().zip(&balls(&inline).balls) {
+        let expected = Ball { stem_length_mm: 177.0, ..stated.clone() };
+        assert_eq!(*read, expected);
+    }
+    assert_eq!(balls(&file).balls.len(), 6);
+    // A row's own value counts, and an empty one is none.
+    let rows = "ball,x_mm,y_mm,z_mm,radius_mm,stem_x\n1,-152.4,0,40.855,5,1\n2,152.4,0,40.435,,\n";
+    let own = beside_with("radius_mm = 6.0\nstem = [0.0, 1.0, 0.0]\n", rows).unwrap();
+    let radii: Vec<f64> = balls(&own).balls.iter().map(|ball| ball.radius_mm).collect();
+    let stems: Vec<[f64; 3]> = balls(&own).balls.iter().map(|ball| ball.stem).collect();
+    assert_eq!((radii, stems), (vec![5.0, 6.0], vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
+}
+
+#[test]
+fn what_balls_have_in_common_is_refused_where_it_stands() {
+    let paper = include_str!("../../../tests/data/paper4-table1.csv");
+    let said = |common: &str, table: &str| beside_with(common, table).expect_err("accepted");
+    let none = said("", paper);
+    assert!(none.starts_with("set.csv:2: column `radius_mm` is missing; state radius_mm in [art"));
+    let key =
+        EMBEDDED_BALLS[..EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap()].lines().count() + 2;
+    for (common, why) in [
+        ("radius_mm = -6.35\n", "`radius_mm` in [artefact] is -6.35; it must be greater than 0"),
+        ("radius_mm = \"6\"\n", "`radius_mm` in [artefact] "),
+        (
+            "stem = [0.0, 0.0, 0.0]\nradius_mm = 6.35\n",
+            "`stem` in [artefact] must have a direction",
+        ),
+    ] {
+        let message = said(common, paper);
+        let expected = format!("shop.toml:{key}: {why}");
+        assert!(message.starts_with(&expected), "{message}\nis not\n{expected}");
+    }
+    let bad = said("radius_mm = 6.35\n", &paper.replace("3,160.0000", "3,16O.0000"));
+    assert!(bad.starts_with("set.csv:5: column `x_mm` is `16O.0000`"), "{bad}");
+    let big = said("radius_mm = 160.0\n", paper);
+    assert!(big.starts_with("set.csv:4: column `x_mm` stands"), "{big}");
+    let inline = "radius_mm = 6.35\n# id: any";
+    refused("# id: any", inline, 0, "`radius_mm` in [artefact] is what balls in a table have in");
 }
 
 #[test]

@@ -54,9 +54,9 @@ fn the_table_of_balls_bears_anything() {
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
     fuzz("balls-csv", &[SET], &words, |input| {
-        match balls_csv::read("set.csv", &String::from_utf8_lossy(input)) {
+        match balls_csv::read("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
             Err(error) => error.to_string().len(),
-            Ok(balls) => {
+            Ok((_, balls)) => {
                 let balls: Vec<_> = balls.into_iter().map(|(ball, _)| ball).collect();
                 assert!(!serde_json::to_string(&balls).unwrap().contains("null"));
                 drop(artefact::check(&Balls { balls, ..Balls::default() }));

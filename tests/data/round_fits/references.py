@@ -37,19 +37,17 @@ def parts(points, centre):
     return rows
 
 
-def fit(points, radius):
-    """Centre, radius, covariance; the radius is sought if it is None."""
+def fit(points):
+    """Centre, radius, covariance."""
     d = len(points[0])
-    m = d if radius is not None else d + 1
+    m = d + 1
     centre = algebraic(points)
-    r = radius
-    if r is None:
-        r = sum(t for _, t in parts(points, centre)) / len(points)
+    r = sum(t for _, t in parts(points, centre)) / len(points)
     for _ in range(200):
         gradient, hessian, normal = mp.zeros(m, 1), mp.zeros(m), mp.zeros(m)
         for unit, distance in parts(points, centre):
             e = distance - r
-            row = [-t for t in unit] + ([mp.mpf(-1)] if radius is None else [])
+            row = [-t for t in unit] + [mp.mpf(-1)]
             for i in range(m):
                 gradient[i] += row[i] * e
                 for j in range(m):
@@ -65,8 +63,7 @@ def fit(points, radius):
             full = normal
         step = mp.lu_solve(full, gradient)
         centre = [c - step[k] for k, c in enumerate(centre)]
-        if radius is None:
-            r -= step[d]
+        r -= step[d]
         if mp.norm(step) < mp.mpf(10) ** -75 * r:
             break
     assert mp.norm(gradient) < mp.mpf(10) ** -60 * r, "no minimum found"
@@ -110,47 +107,42 @@ def cap(half_angle, count):
 
 
 def cases():
-    """Name, points, known radius."""
+    """Name, points."""
     near, far = [0.3, -0.2], [1e4, -7e3]
     for radius in (1e-2, 1.0, 12.5, 1e3):
         for place in (near, far):
             where = f"radius {radius:g} at {place[0]:g}"
-            yield f"circle, {where}", noisy(arc(0, 315, 8), place, radius, 1e-4 * radius), None
-            yield f"three points, {where}", noisy(arc(10, 200, 3), place, radius, 0), None
+            yield f"circle, {where}", noisy(arc(0, 315, 8), place, radius, 1e-4 * radius)
+            yield f"three points, {where}", noisy(arc(10, 200, 3), place, radius, 0)
     for span in (60, 20, 5, 1):
         noise = 1e-4 * (span / 60) ** 2
-        yield f"arc of {span} deg", noisy(arc(15, span, 12), [250.0, -400.0], 80.0, 80 * noise), None
-    yield "rough circle", noisy(arc(0, 300, 6), near, 1.0, 0.2), None
+        yield f"arc of {span} deg", noisy(arc(15, span, 12), [250.0, -400.0], 80.0, 80 * noise)
+    yield "rough circle", noisy(arc(0, 300, 6), near, 1.0, 0.2)
     near, far = [0.3, -0.2, 0.1], [1e4, -7e3, 3e3]
     for radius in (1e-2, 1.0, 15.0, 1e3):
         for place in (near, far):
             for elevation in (0, 10, 30, -20):
                 points = noisy(five(elevation), place, radius, 1e-4 * radius)
-                what = f"five touches at {elevation} deg, radius {radius:g} at {place[0]:g}"
-                yield what, points, None
-                yield what + ", known", points, radius
+                yield f"five touches at {elevation} deg, radius {radius:g} at {place[0]:g}", points
     for half in (90, 40, 10, 2):
         noise = 15 * 1e-4 * (half / 90) ** 2
         points = noisy(cap(half, 15), [412.0, -87.0, 305.0], 15.0, noise)
-        yield f"cap of {half} deg", points, None
-        yield f"cap of {half} deg, known", points, 15.0
-    yield "four points", noisy(five(20)[1:], near, 12.0, 0), None
-    yield "rough sphere", noisy(cap(140, 9), near, 1.0, 0.1), None
+        yield f"cap of {half} deg", points
+    yield "four points", noisy(five(20)[1:], near, 12.0, 0)
+    yield "rough sphere", noisy(cap(140, 9), near, 1.0, 0.1)
 
 
 def main():
     table = []
-    for name, points, radius in cases():
+    for name, points in cases():
         exact = [[mp.mpf(t) for t in p] for p in points]
-        known = None if radius is None else mp.mpf(radius)
-        centre, r, covariance = fit(exact, known)
+        centre, r, covariance = fit(exact)
         m = covariance.rows
         digits = lambda value, count: mp.nstr(value, count)
         table.append(
             {
                 "name": name,
                 "points": points,
-                "known_radius": radius,
                 "centre": [digits(c, 60) for c in centre],
                 "radius": digits(r, 60),
                 "covariance": [[digits(covariance[i, j], 20) for j in range(m)] for i in range(m)],

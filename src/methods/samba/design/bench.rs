@@ -3,15 +3,16 @@
 
 use glam::DVec3;
 
-use super::indexation::{candidates, in_words, oriented};
+use super::artefact;
+use super::indexation::{in_words, oriented};
 use super::information::{Bar, Information, Sight};
-use super::{artefact, paper};
 use crate::base::{Axis, Point, Position, Spindle};
 use crate::kinematics::{Chain, ErrorParameter, Shape};
 use crate::methods::Refused;
 use crate::methods::samba::model::{Model, length_u_mm};
-use crate::methods::samba::parameters;
-use crate::methods::samba::settings::{Design, Settings};
+use crate::methods::samba::parameters::{self, tilts_spindle};
+use crate::methods::samba::separable::Way;
+use crate::methods::samba::settings::Settings;
 use crate::planning::{Access, Approach, BallTask};
 use crate::record::artefact::{Artefact, Ball, Balls, Length};
 use crate::record::plan::Plan;
@@ -45,12 +46,12 @@ impl<'a> Bench<'a> {
             instead: "correct [machine] and [axes] in the machine file".to_owned(),
         })?;
         let oriented = oriented(&plan.machine, settings)?.is_some();
-        let chosen = parameters::chosen(&settings.parameters, &chain, oriented)?;
-        if !oriented {
-            check_spindle(&chosen)?;
-        }
+        let stands = parameters::standing(plan, settings, &chain);
+        let way = Way { chain: &chain, stands: &stands };
+        let chosen = parameters::chosen(&settings.parameters, way)?;
+        check_standing(&chosen, way)?;
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
-        let model = Model::of(chain, chosen);
+        let model = Model::of(chain, chosen, stands);
         Ok(Self { plan, settings, balls, model, tip, oriented })
     }
 
@@ -61,15 +62,6 @@ impl<'a> Bench<'a> {
     {
         let Self { settings, balls, model, tip, oriented, .. } = self;
         Bench { plan, settings, balls, model: model.clone(), tip: *tip, oriented: *oriented }
-    }
-
-    /// All indexations that the settings name and the machine reaches.
-    pub fn candidates(&self) -> Result<Vec<Position>, Refused> {
-        let machine = &self.plan.machine;
-        match self.settings.design {
-            Design::Optimal => candidates(machine, self.settings),
-            Design::Paper => paper::candidates(machine, self.settings),
-        }
     }
 
     /// What is free beside the artefact, as it is thought to stand.
@@ -166,18 +158,34 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Without a turning spindle its place cannot be told from that of the stylus on it.
-fn check_spindle(chosen: &[ErrorParameter]) -> Result<(), Refused> {
-    let of_spindle = |p: &&ErrorParameter| p.axis() == Axis::S && p.component().is_linear();
-    let Some(parameter) = chosen.iter().find(of_spindle) else { return Ok(()) };
-    let coordinate = parameter.component().letter().to_lowercase();
+/// An axis that stays where it is has no errors of its own to show: refused where they were asked for.
+fn check_standing(chosen: &[ErrorParameter], way: Way<'_>) -> Result<(), Refused> {
+    let standing = |error: &&ErrorParameter| way.stands.contains(&error.axis());
+    let Some(error) = chosen.iter().find(standing) else { return Ok(()) };
+    let axis = error.axis();
+    if tilts_spindle(way.chain, axis) {
+        return Err(Refused {
+            why: format!(
+                "{error} was asked for, but the spindle must stand upright: balls are touched from \
+                 above only; {axis} other than 0 cannot be planned yet, and at 0 its errors are \
+                 inseparable from the stylus"
+            ),
+            instead: format!(
+                "take the errors of {axis} out of parameters: the estimate lists what it leaves out"
+            ),
+        });
+    }
+    if !error.component().is_linear() {
+        return Ok(());
+    }
+    let coordinate = error.component().letter().to_lowercase();
     Err(Refused {
         why: format!(
-            "{parameter} was asked for, but the spindle is not oriented: {parameter} and the stylus \
-             offset t_{coordinate} are inseparable, only {parameter} + t_{coordinate} is seen"
+            "{error} was asked for, but the spindle is not oriented: {error} and the stylus \
+             offset t_{coordinate} are inseparable, only {error} + t_{coordinate} is seen"
         ),
         instead: format!(
-            "declare [axes.S] and choose spindle = \"orient\", or take {parameter} out of parameters: \
+            "declare [axes.S] and choose spindle = \"orient\", or take {error} out of parameters: \
              then it stands in t_{coordinate}"
         ),
     })

@@ -9,6 +9,8 @@ use glam::DVec3;
 
 use crate::base::{Axis, Position};
 use crate::methods::Refused;
+use crate::methods::samba::parameters::tilts_spindle;
+use crate::methods::samba::separable::Way;
 use crate::methods::samba::settings::{Settings, Spindle};
 use crate::record::machine::{AxisSpec, Machine};
 
@@ -27,15 +29,23 @@ struct Grid {
 
 /// All combinations of the positions that the settings name, as far as the axes reach them. A rotary
 /// axis parallel to the spindle takes those of `turn_deg`, any other those of `tilt_deg`, counted as
-/// the axis is commanded.
+/// the axis is commanded; one that tilts the spindle stays at 0.
 ///
 /// # Errors
 /// No rotary axis; a position that the settings name and the axis cannot reach (the defaults are cut
-/// to what it reaches); a spindle that shall be oriented without an axis S.
-pub fn candidates(machine: &Machine, settings: &Settings) -> Result<Vec<Position>, Refused> {
+/// to what it reaches); a spindle that cannot stand upright, or shall be oriented without an axis S.
+pub fn candidates(
+    machine: &Machine,
+    settings: &Settings,
+    way: Way<'_>,
+) -> Result<Vec<Position>, Refused> {
     let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
-    let mut grids =
-        rotary.map(|(axis, spec)| grid(*axis, spec, settings)).collect::<Result<Vec<_>, _>>()?;
+    let mut grids = rotary
+        .map(|(axis, spec)| match tilts_spindle(way.chain, *axis) {
+            true => upright(*axis, spec),
+            false => grid(*axis, spec, settings),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
     if grids.is_empty() {
         return Err(Refused {
             why: "samba turns the artefact; this machine has no rotary axis".to_owned(),
@@ -128,6 +138,19 @@ fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refuse
         });
     }
     Ok(Grid { axis, at })
+}
+
+/// The one position of an axis that tilts the spindle.
+fn upright(axis: Axis, spec: &AxisSpec) -> Result<Grid, Refused> {
+    let at = reached(axis, spec, 0.0).ok_or_else(|| Refused {
+        why: format!(
+            "the spindle must stand upright: balls are touched from above only; {axis} at 0° lies \
+             outside its limits [{}, {}], and other than 0 cannot be planned yet",
+            spec.min, spec.max
+        ),
+        instead: format!("correct the limits in [axes.{axis}]"),
+    })?;
+    Ok(Grid { axis, at: vec![at] })
 }
 
 fn outside(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -> Refused {

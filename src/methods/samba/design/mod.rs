@@ -109,7 +109,11 @@ impl Candidates {
     /// # Errors
     /// An indexation outside the limits; a ball that fewer than three indexations show.
     pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
-        let at = bench.candidates()?;
+        let (machine, settings, way) = (&bench.plan.machine, bench.settings, bench.model.way());
+        let at = match settings.design {
+            Kind::Optimal => indexation::candidates(machine, settings, way)?,
+            Kind::Paper => paper::candidates(machine, settings, way)?,
+        };
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
             let (mut count, mut why_not) = (0, BTreeMap::<String, &Position>::new());

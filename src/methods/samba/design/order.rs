@@ -2,12 +2,14 @@
 
 use super::indexation::is_parallel;
 use super::{Bench, Visit};
-use crate::base::Axis;
+use crate::base::{Axis, Position};
 use crate::methods::Refused;
-use crate::planning::{self, Access};
+use crate::methods::samba::settings::Find;
+use crate::planning::{Access, tour};
 use crate::record::machine::Machine;
 
-/// The balls of each visit on a short way, the visits as they stand.
+/// The balls of each visit on a short way, the visits as they stand. Where a visit's balls are searched
+/// for first they are measured on the way back, and the visit ends at the ball where it began.
 ///
 /// # Errors
 /// A ball whose place cannot be computed.
@@ -16,21 +18,20 @@ pub fn balls_in_order(
     access: &Access,
     mut visits: Vec<Visit>,
 ) -> Result<Vec<Visit>, Refused> {
-    let mut stations = Vec::new();
-    for visit in &visits {
+    let back = bench.settings.find == Find::Every;
+    let mut stands: Option<Position> = None;
+    for visit in &mut visits {
         let balls = visit.balls.iter().filter_map(|index| bench.balls.balls.get(*index));
-        let places = balls.map(|ball| access.centre(ball, &visit.at)).collect::<Result<_, _>>();
+        let places =
+            balls.map(|ball| access.centre(ball, &visit.at)).collect::<Result<Vec<_>, _>>();
         let places = places.map_err(|error| Refused {
             why: error.to_string(),
             instead: "correct [axes] in the machine file".to_owned(),
         })?;
-        stations.push(planning::Visit { rotary: visit.at.clone(), places, follows: true });
-    }
-    for turn in planning::order(&stations, &bench.plan.machine) {
-        if let Some(visit) = visits.get_mut(turn.visit) {
-            let at = |place: &usize| visit.balls.get(*place).copied();
-            visit.balls = turn.places.iter().filter_map(at).collect();
-        }
+        let order = tour(&places, stands.as_ref(), &bench.plan.machine);
+        let end = if back { order.first() } else { order.last() };
+        stands = end.and_then(|place| places.get(*place)).cloned().or(stands);
+        visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();
     }
     Ok(visits)
 }

@@ -13,6 +13,7 @@ use super::indexation::{self, is_parallel, is_rotary, is_same};
 use super::{Bench, Candidates, Visit};
 use crate::base::{Axis, Position};
 use crate::methods::Refused;
+use crate::methods::samba::separable::Way;
 use crate::methods::samba::settings::Settings;
 use crate::record::machine::Machine;
 
@@ -45,14 +46,18 @@ fn triples() -> Vec<[usize; 3]> {
 ///
 /// # Errors
 /// A position that the machine does not reach.
-pub fn candidates(machine: &Machine, settings: &Settings) -> Result<Vec<Position>, Refused> {
+pub fn candidates(
+    machine: &Machine,
+    settings: &Settings,
+    way: Way<'_>,
+) -> Result<Vec<Position>, Refused> {
     let usual = Settings {
         tilt_deg: TILTS_DEG.to_vec(),
         turn_deg: QUARTERS_DEG.to_vec(),
         spindle_deg: QUARTERS_DEG.to_vec(),
         ..settings.clone()
     };
-    indexation::candidates(machine, &usual)
+    indexation::candidates(machine, &usual, way)
 }
 
 /// In measuring order.

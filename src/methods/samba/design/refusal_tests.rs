@@ -3,6 +3,7 @@
 use super::tests::plan;
 use crate::base::Axis;
 use crate::methods::samba::settings::{Design, Settings, Spindle};
+use crate::methods::samba::tests::machine;
 use crate::methods::samba::{Method, Next, Samba, Source};
 use crate::record::artefact::{Artefact, Balls};
 use crate::record::plan::Plan;
@@ -27,21 +28,25 @@ fn refused(plan: &Plan, settings: Settings, words: &[&str]) {
 #[test]
 fn artefacts_that_cannot_be_measured() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
-    refused(&twice, Settings::default(), &["two balls have the number 2"]);
+    refused(&twice, Settings::default(), &["ball 2: `id` is `2`, and so is another"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
-    refused(&touching, Settings::default(), &["ball 1 and ball 2 touch"]);
+    refused(
+        &touching,
+        Settings::default(),
+        &["ball 2: `centre_mm` stands", "from ball `1`: the two would touch"],
+    );
     let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
-    refused(&in_stem, Settings::default(), &["ball 2 and stem of ball 3 touch"]);
+    refused(&in_stem, Settings::default(), &["puts ball `2` into the stem of ball `3`"]);
     let two = with_balls(|set| {
         set.balls.truncate(2);
     });
     refused(&two, Settings::default(), &["2 ball(s): samba needs three"]);
     let slash = with_balls(|set| set.balls[0].id = "1/2".into());
-    refused(&slash, Settings::default(), &["`1/2` cannot be the number"]);
+    refused(&slash, Settings::default(), &["`id` is `1/2`"]);
     let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
-    refused(&no_pair, Settings::default(), &["no pair of balls 1 and 9"]);
+    refused(&no_pair, Settings::default(), &["the length 1–9: `to` is `9`"]);
     let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
-    refused(&other_length, Settings::default(), &["300 mm", "304.8"]);
+    refused(&other_length, Settings::default(), &["`mm` is 300", "304.8"]);
     let mut cylinder = plan(&Settings::default());
     cylinder.artefact = serde_json::from_str(
         r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#,
@@ -85,10 +90,28 @@ fn a_spindle_that_is_not_oriented() {
     assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
 }
 
+/// B in the head: it stands at 0, whatever tilt_deg says of A. Its errors are refused where asked for.
+#[test]
+fn a_head_that_tilts_stands_upright() {
+    let mut fork = plan(&Settings::default());
+    fork.machine = machine("wAFXYZBt");
+    let answer = Samba::new(Settings::default()).next(&fork, &[], Source::Measured(&[]));
+    let Ok(Next::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
+    assert!(new_steps.iter().all(|step| step.from.get(Axis::B) == Some(0.0)));
+    let parameters = vec!["EA0B".into(), "EC0A".into()];
+    let asked = Settings { parameters, ..Settings::default() };
+    let words = ["EA0B was asked for", "the spindle must stand upright", "B other than 0"];
+    refused(&fork, asked, &words);
+    let b = fork.machine.axes.get_mut(&Axis::B).unwrap();
+    (b.min, b.max) = (10.0, 50.0);
+    refused(&fork, Settings::default(), &["must stand upright", "[10, 50]"]);
+}
+
 #[test]
 fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let no_bar = with_balls(|set| set.lengths.clear());
-    refused(&no_bar, Settings::default(), &["EXX1", "EYY1", "EZZ1"]);
+    let words = ["there is no certified length", "EXX1", "EYY1", "EZZ1"];
+    refused(&no_bar, Settings::default(), &words);
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
     let parameters = names.split(' ').map(str::to_owned).collect();
     let relative = Settings { parameters, ..Settings::default() };

@@ -67,18 +67,8 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     if found.nullity > 0 {
         // Where the machine is not known the balls are not either: that need not be said.
         let of_machine = found.null_space.get(..bench.shared(), ..);
-        return Err(Refused {
-            why: format!(
-                "this design sees {} of {} unknowns; it cannot tell {}",
-                found.rank,
-                names.len(),
-                name_null_space(of_machine, &names).join("; ")
-            ),
-            instead:
-                "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add \
-                      balls or a certified length, or take parameters out"
-                    .to_owned(),
-        });
+        let lost = name_null_space(of_machine, &names);
+        return Err(open(bench, format!("{} of {}", found.rank, names.len()), &lost));
     }
     if found.condition > WORST_CONDITION {
         return Err(Refused {
@@ -90,4 +80,31 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
         });
     }
     Ok(found)
+}
+
+/// What a design leaves open, and what to do.
+fn open(bench: &Bench<'_>, sees: String, lost: &[String]) -> Refused {
+    let gains =
+        |line: &&String| ["EXX1", "EYY1", "EZZ1"].iter().filter(|g| line.contains(**g)).count();
+    let no_scale = bench.balls.lengths.is_empty() && lost.iter().any(|line| gains(&line) > 1);
+    let (because, instead) = if no_scale {
+        (
+            "there is no certified length, which would give the scale; ",
+            "declare [[artefact.lengths]], or name the errors in parameters and leave one of EXX1, \
+             EYY1, EZZ1 out: the other gains are then against that one",
+        )
+    } else {
+        (
+            "",
+            "allow more indexations (tilt_deg, turn_deg, spindle_deg) or a larger budget, add balls \
+             or a certified length, or take parameters out",
+        )
+    };
+    Refused {
+        why: format!(
+            "{because}this design sees {sees} unknowns; it cannot tell {}",
+            lost.join("; ")
+        ),
+        instead: instead.to_owned(),
+    }
 }

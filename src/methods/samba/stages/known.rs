@@ -78,16 +78,13 @@ impl Known {
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 
-    /// How far from there it may be when it is searched for, mm. A ball that was found elsewhere
-    /// strays by what the nominal machine does not know: twice the offsets of the rotary axes, and
-    /// nobody knows these before they are identified. As much is granted as a slow touch sets out
-    /// away from the ball, and never more than what is stated.
-    pub fn uncertainty_mm(&self, bench: &Bench<'_>, ball: usize) -> f64 {
+    /// How far from there a ball may be when it is searched for, mm: as far as is stated until all
+    /// are found. What was found elsewhere strays by what the nominal machine does not know: twice
+    /// the offsets of the rotary axes, and nobody knows these before they are identified. As much
+    /// is granted as a slow touch sets out away from the ball, and never more than what is stated.
+    pub fn uncertainty_mm(&self, bench: &Bench<'_>) -> f64 {
         let stated = bench.balls.uncertainty_mm;
-        match self.found.get(ball).is_some_and(|all| !all.is_empty()) {
-            true => stated.min(bench.settings.standoff_mm),
-            false => stated,
-        }
+        if self.all() { stated.min(bench.settings.standoff_mm) } else { stated }
     }
 }
 

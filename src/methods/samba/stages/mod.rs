@@ -57,10 +57,13 @@ pub fn tasks(bench: &Bench<'_>, visits: &[Visit]) -> Vec<Task> {
         if number > 0 && number == visits.len() / 2 {
             tasks.extend(reference(1));
         }
+        let mut slow = task(Pass::Slow, number, &visit.balls);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
             tasks.push(task(Pass::Find, number, &visit.balls));
+            // Back the way that the search has come.
+            slow.balls.reverse();
         }
-        tasks.push(task(Pass::Slow, number, &visit.balls));
+        tasks.push(slow);
     }
     tasks.extend(reference(2));
     tasks
@@ -160,7 +163,7 @@ fn new_steps(
         let centre_mm = known.centre(bench, *index, task.visit).to_array();
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
-            Pass::Find => bench.search(known.uncertainty_mm(bench, *index)),
+            Pass::Find => bench.search(known.uncertainty_mm(bench)),
             Pass::Slow | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
         };
         let kind = if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
@@ -210,9 +213,7 @@ fn found(bench: &Bench<'_>, task: &Task, known: &Known) -> Option<Artefact> {
     }
     let settings = bench.settings;
     let uncertainty_mm = match task.pass {
-        Pass::Find => (0..bench.balls.balls.len())
-            .map(|ball| known.uncertainty_mm(bench, ball))
-            .fold(0.0, f64::max),
+        Pass::Find => known.uncertainty_mm(bench),
         _ => settings.standoff_mm.min(settings.search_mm) / 2.0,
     };
     let balls = bench.balls.balls.iter().enumerate().map(|(index, ball)| {

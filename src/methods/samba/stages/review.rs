@@ -8,14 +8,15 @@ use crate::methods::Refused;
 use crate::methods::samba::design::{Bench, in_words};
 use crate::methods::samba::label::Pass;
 use crate::planning::{BallDoubt, BallLimits};
-use crate::record::plan::Stage;
+use crate::record::plan::{Stage, StepKind};
 use crate::record::reading::Reading;
 
 /// Looks at the measurements of the `last` stage. Returns the steps of those that must be measured
 /// once more, and in which repeat.
 ///
 /// # Errors
-/// A measurement that was outside the limits before already; a ball that is not where it can be.
+/// A measurement that was outside the limits before already; a ball that is not where it can be. Both
+/// unless a person has looked since.
 pub fn review(
     bench: &Bench<'_>,
     last: &Stage,
@@ -26,17 +27,21 @@ pub fn review(
         |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for taken in all.iter().filter(of_stage) {
-        let Some(fault) = fault(bench, taken) else {
-            check_place(bench, &all, taken)?;
-            continue;
-        };
         // After a stop a person has looked, and perhaps cleaned.
         let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
         let looked_after = bench.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
-        if last.repeat > 0 && !looked_after {
-            return Err(outside(&fault));
+        let doubt = match fault(bench, taken) {
+            Some(fault) if last.repeat > 0 => Some(outside(bench, &fault)),
+            Some(_) => None,
+            None => match check_place(bench, &all, taken) {
+                Ok(()) => continue,
+                Err(elsewhere) => Some(elsewhere),
+            },
+        };
+        match doubt {
+            Some(doubt) if !looked_after => return Err(doubt),
+            _ => again.extend(taken.steps.iter().map(|step| step.id)),
         }
-        again.extend(taken.steps.iter().map(|step| step.id));
     }
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
 }
@@ -57,13 +62,22 @@ fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
     slow.then(|| measured.check(&taken.label.ball, stated_mm, &limits).err()).flatten()
 }
 
-fn outside(fault: &BallDoubt) -> Refused {
+fn outside(bench: &Bench<'_>, fault: &BallDoubt) -> Refused {
     Refused {
         why: format!("twice the same: {fault}"),
-        instead: "clean and tighten the ball and the stylus and compare both radii with the machine \
-                  file; `trued resume` measures the ball again. form_limit_um and diameter_limit_um \
-                  stand in [method.samba]"
-            .to_owned(),
+        instead: format!(
+            "clean and tighten the ball and the stylus and compare both radii with the machine file, \
+             {}. form_limit_um and diameter_limit_um stand in [method.samba]",
+            way_on(bench)
+        ),
+    }
+}
+
+/// A run goes on by its references only, and the first searches come before them.
+fn way_on(bench: &Bench<'_>) -> &'static str {
+    match bench.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
+        true => "then resume the run: it measures the ball again",
+        false => "then start a new run",
     }
 }
 
@@ -83,12 +97,13 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     if taken.label.pass != Pass::Find {
         return Ok(());
     }
-    let before = all.iter().take_while(|other| other.label != taken.label);
+    // What its own stage found was not known when it was planned.
+    let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
+    let before = all.iter().take_while(|other| stage(other) != stage(taken));
     let known = Known::of_taken(bench, before);
     let stated = DVec3::from_array(ball.centre_mm);
     let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
-    let (away, limit) =
-        (measured.centre_mm.distance(expected), known.uncertainty_mm(bench, taken.ball));
+    let (away, limit) = (measured.centre_mm.distance(expected), known.uncertainty_mm(bench));
     if away <= limit {
         return Ok(());
     }
@@ -98,10 +113,10 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
             why: format!(
                 "{place} was found {away:.3} mm from its stated place, beyond uncertainty_mm = {limit}"
             ),
-            instead:
-                "check centre_mm of the ball and how the artefact stands on the table, then start \
-                      again"
-                    .to_owned(),
+            instead: format!(
+                "check centre_mm of the ball and how the artefact stands on the table, {}",
+                way_on(bench)
+            ),
         });
     }
     Err(Refused {
@@ -109,9 +124,10 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
             "{place} was found {away:.3} mm from where the indexations before put it, beyond {limit} \
              mm: the ball has moved, or the rotary axes stand that far from where the file says"
         ),
-        instead:
-            "tighten the ball, or correct point_mm of the rotary axes, or raise standoff_mm and \
-                  uncertainty_mm; then start again"
-                .to_owned(),
+        instead: format!(
+            "clean the ball and put it back if it has moved, {}. Where point_mm of the rotary axes, \
+             standoff_mm or uncertainty_mm must be changed, start a new run",
+            way_on(bench)
+        ),
     })
 }

@@ -68,23 +68,30 @@ impl Shop {
     }
 }
 
+type Played = (Plan, Vec<Stage>, Vec<Reading>);
+
 /// All stages, as a run asks for them.
-fn play(settings: &Settings, shop: &Shop) -> Result<(Plan, Vec<Stage>, Vec<Reading>), Refused> {
-    let (mut plan, samba) = (plan(settings), Samba::new(settings.clone()));
-    let (mut done, mut readings): (Vec<Stage>, Vec<Reading>) = (Vec::new(), Vec::new());
+fn play(settings: &Settings, shop: &Shop) -> Result<Played, Refused> {
+    let mut played = (plan(settings), Vec::new(), Vec::new());
+    go_on(settings, shop, &mut played).map(|()| played)
+}
+
+fn go_on(settings: &Settings, shop: &Shop, played: &mut Played) -> Result<(), Refused> {
+    let (plan, done, readings) = played;
+    let samba = Samba::new(settings.clone());
     while let Next::Stage { stage, new_steps } =
-        samba.next(&plan, &done, Source::Measured(&readings))?
+        samba.next(plan, done, Source::Measured(readings))?
     {
         plan.steps.extend(new_steps);
         for id in &stage.steps {
             let step = plan.steps.iter().find(|step| step.id == *id).unwrap();
-            let mut reading = shop.touch(&plan, step, stage.repeat);
+            let mut reading = shop.touch(plan, step, stage.repeat);
             reading.t_s = readings.len() as f64;
             readings.push(reading);
         }
         done.push(stage);
     }
-    Ok((plan, done, readings))
+    Ok(())
 }
 
 fn few() -> Settings {
@@ -179,6 +186,7 @@ fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let refused = play(&settings, &shop).unwrap_err();
     assert!(refused.why.contains("dirt, loose ball or wrong stylus?"), "{}", refused.why);
     assert!(refused.why.contains("ball 3 at B"), "{}", refused.why);
+    assert!(refused.instead.contains("resume the run: it measures the ball again"));
 }
 
 #[test]
@@ -199,4 +207,32 @@ fn a_ball_far_from_its_stated_place_is_named() {
     for word in ["ball ", "from its stated place", "uncertainty_mm = 1"] {
         assert!(refused.why.contains(word), "{}", refused.why);
     }
+    // No reference was measured yet.
+    assert!(refused.instead.ends_with("then start a new run"), "{}", refused.instead);
+}
+
+/// The search of a ball that somebody pushed: the run holds; once it is put back it goes on.
+#[test]
+fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
+    let settings = few();
+    let mut shop = Shop::new(&plan(&settings));
+    shop.dirt =
+        Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
+            (Pass::Find, "3", "+45") if label.indexation > 5 => 0.8,
+            (Pass::Find, "3", "-135") if label.indexation > 5 => -0.8,
+            _ => 0.0,
+        });
+    let mut played = (plan(&settings), Vec::new(), Vec::new());
+    let refused = go_on(&settings, &shop, &mut played).unwrap_err();
+    assert!(refused.why.contains("the ball has moved"), "{}", refused.why);
+    assert!(refused.instead.contains("resume the run: it measures the ball again"));
+    // Nobody has looked: it does not go on by itself.
+    assert!(go_on(&settings, &shop, &mut played).is_err());
+    played.0.gaps_s.push(played.2.last().unwrap().t_s);
+    shop.dirt = Box::new(|_, _| 0.0);
+    go_on(&settings, &shop, &mut played).unwrap();
+    let again: Vec<&Stage> = played.1.iter().filter(|stage| stage.repeat == 1).collect();
+    assert_eq!(again.len(), 1);
+    let label = |id: &u32| played.0.steps[*id as usize].label.parse::<Label>().unwrap();
+    assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == Pass::Find));
 }

@@ -1,10 +1,12 @@
-//! Gate G4 of METHODS section 4, on the paper's counts.
+//! Gate G4 of METHODS section 4, on the product's own designs and on the paper's counts: what they
+//! measure is computed by plain matrix products.
 
 use faer::Mat;
 use glam::{DMat3, DVec3};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::htm::{Triple, Truth, design};
+use super::built_in::{ALL, OPTIMAL, measurements};
+use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
 use crate::base::random::stream;
 use crate::base::{Axis, Position};
@@ -14,6 +16,7 @@ use crate::estimation::schur::factor;
 use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
 use crate::methods::samba::model::Model;
 use crate::methods::samba::outputs;
+use crate::methods::samba::settings::{Criterion, Design};
 use crate::record::artefact::{Ball, Balls};
 
 /// Of each coordinate of a measurement, and of the bar, mm.
@@ -33,10 +36,12 @@ fn position([b, c, s]: Triple) -> Position {
     Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s)
 }
 
-/// The paper's design measured on the machine of its table 2; with and without bar and spindle.
-fn measured(bar: bool, spindle: bool) -> (Problem, Measured) {
+type Kind = (Design, Criterion);
+
+/// A design measured on the machine of the paper's table 2; with and without bar and spindle.
+fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
     let balls = true_balls();
-    let visits: Vec<(Triple, usize)> = design(&balls)
+    let visits: Vec<(Triple, usize)> = measurements(kind)
         .into_iter()
         .map(|([b, c, s], ball)| ([b, c, if spindle { s } else { 0.0 }], ball))
         .collect();
@@ -51,7 +56,6 @@ fn measured(bar: bool, spindle: bool) -> (Problem, Measured) {
         });
         seen.push(Seen { place, ball: *ball, whitening: DMat3::IDENTITY / NOISE_MM });
     }
-    assert_eq!(visits.len(), 109);
     let bars = if bar { vec![Bar { from: 0, to: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
     let truth = truth();
     let measured = Measured {
@@ -65,8 +69,8 @@ fn nominal_tool() -> DVec3 {
     DVec3::new(0.0, 0.0, -326.717)
 }
 
-fn survey(bar: bool, spindle: bool) -> (Survey, Vec<String>) {
-    let (problem, measured) = measured(bar, spindle);
+fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
+    let (problem, measured) = measured(kind, bar, spindle);
     let start = problem.start(&measured);
     let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
     let named = |(i, centre): (usize, DVec3)| Ball {
@@ -88,22 +92,26 @@ fn survey(bar: bool, spindle: bool) -> (Survey, Vec<String>) {
 
 #[test]
 fn paper_ranks_and_what_is_lost_in_words() {
+    for kind in ALL {
+        check_ranks(kind);
+    }
+}
+
+fn check_ranks(kind: Kind) {
     let spindle = ["EX0S + tool_x (inseparable)", "EY0S + tool_y (inseparable)"];
-    let (full, lost) = survey(true, true);
-    println!("scaled condition {:.1}", full.condition);
-    assert_eq!((full.rank, lost.len()), (34, 0));
-    assert!(full.condition < 40.0, "{}", full.condition);
-    let (no_bar, lost) = survey(false, true);
-    println!("{lost:?}");
-    assert_eq!((no_bar.rank, lost.len()), (33, 1));
+    let (full, lost) = survey(kind, true, true);
+    println!("{kind:?}: scaled condition {:.1}", full.condition);
+    assert_eq!((full.rank, lost.len()), (34, 0), "{kind:?}");
+    assert!(full.condition < 40.0, "{kind:?}: {}", full.condition);
+    let (no_bar, lost) = survey(kind, false, true);
+    assert_eq!((no_bar.rank, lost.len()), (33, 1), "{kind:?}");
     assert!(lost[0].starts_with("the uniform scale") && lost[0].contains("EXX1"), "{lost:?}");
-    let (no_spindle, mut lost) = survey(true, false);
+    let (no_spindle, mut lost) = survey(kind, true, false);
     lost.sort();
-    assert_eq!(no_spindle.rank, 32);
-    assert_eq!(lost, spindle);
-    let (neither, lost) = survey(false, false);
-    println!("{lost:?}");
-    assert_eq!((neither.rank, lost.len()), (31, 3));
+    assert_eq!(no_spindle.rank, 32, "{kind:?}");
+    assert_eq!(lost, spindle, "{kind:?}");
+    let (neither, lost) = survey(kind, false, false);
+    assert_eq!((neither.rank, lost.len()), (31, 3), "{kind:?}");
     assert!(lost.iter().any(|line| line.starts_with("the uniform scale")), "{lost:?}");
 }
 
@@ -120,7 +128,7 @@ fn regress_inseparable_additions_are_named() {
         ("EB0S", "EX0S"),
         ("EA0S", "EY0S"),
     ] {
-        let (problem, measured) = measured(true, true);
+        let (problem, measured) = measured(OPTIMAL, true, true);
         let mut parameters = problem.model().parameters().to_vec();
         parameters.push(addition.parse().unwrap());
         let model = Model::new(&machine("wCBXFZYSt"), &parameters).unwrap();
@@ -142,7 +150,7 @@ fn regress_inseparable_additions_are_named() {
 fn regress_no_misclosure_at_the_truth() {
     let (model, truth) = (model(), truth());
     let errors: Vec<f64> = paper_errors().into_iter().map(|(_, value)| value).collect();
-    for (triple, ball) in design(&true_balls()) {
+    for (triple, ball) in measurements(OPTIMAL) {
         let centre = true_balls()[ball];
         let xyz = truth.axes_at(centre, triple);
         let here =
@@ -154,12 +162,16 @@ fn regress_no_misclosure_at_the_truth() {
 
 #[test]
 fn paper_noise_free_recovery_in_three_steps() {
-    let (problem, measured) = measured(true, true);
+    ALL.into_iter().for_each(check_recovery);
+}
+
+fn check_recovery(kind: Kind) {
+    let (problem, measured) = measured(kind, true, true);
     let found = problem.solve(&measured, problem.start(&measured)).unwrap();
-    assert!(found.factors <= 3, "{}", found.factors);
+    assert!(found.factors <= 3, "{kind:?}: {}", found.factors);
     for ((name, expected), x) in paper_errors().iter().zip(&found.x) {
         let micro = (x - expected).abs() * if expected.abs() > 1e-3 { 1e3 } else { 1e6 };
-        assert!(micro <= 1e-6, "{name}: {micro:e}");
+        assert!(micro <= 1e-6, "{kind:?}, {name}: {micro:e}");
     }
     for k in 0..3 {
         assert!((found.x[13 + k] - TOOL[k]).abs() <= 1e-9, "tool {:?}", &found.x[13..16]);
@@ -174,10 +186,17 @@ fn paper_noise_free_recovery_in_three_steps() {
 /// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; and 200 seeds scatter as predicted.
 #[test]
 fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
-    let (problem, exact) = measured(true, true);
-    let start = problem.start(&exact);
-    let at_truth = problem.solve(&exact, start).unwrap();
-    let covariance = at_truth.factored.covariance();
+    for kind in ALL {
+        let (problem, exact) = measured(kind, true, true);
+        check_requirements(kind, &problem, &exact);
+        check_scatter(kind, &problem, &exact);
+    }
+}
+
+fn check_requirements(kind: Kind, problem: &Problem, exact: &Measured) {
+    let start = problem.start(exact);
+    let covariance = problem.solve(exact, start).unwrap().factored.covariance();
+    let mut worst = 0.0_f64;
     for (i, (name, _)) in paper_errors().iter().enumerate() {
         let sd = covariance[(i, i)].sqrt();
         let (micro, limit) = match (name.as_bytes()[1], name.ends_with('1')) {
@@ -185,10 +204,17 @@ fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
             (b'X' | b'Y' | b'Z', _) => (sd * 1e3, 0.8),
             _ => (sd * 1e6, 2.0),
         };
-        println!("{name}: {micro:.2}");
-        assert!(micro <= limit, "{name}: {micro}");
+        worst = worst.max(micro / limit);
+        assert!(micro <= limit, "{kind:?}, {name}: {micro}");
     }
+    println!("{kind:?}: worst sd {worst:.2} of what METHODS asks");
+}
+
+fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
     const SEEDS: usize = 200;
+    let start = problem.start(exact);
+    let at_truth = problem.solve(exact, start).unwrap();
+    let covariance = at_truth.factored.covariance();
     let mut squares = vec![0.0; problem.unknowns()];
     let mut chi2 = 0.0;
     for seed in 0..SEEDS {
@@ -208,7 +234,7 @@ fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
     }
     for (i, sum) in squares.iter().enumerate() {
         let ratio = (sum / SEEDS as f64 / covariance[(i, i)]).sqrt();
-        assert!((0.85..=1.15).contains(&ratio), "unknown {i}: {ratio}");
+        assert!((0.85..=1.15).contains(&ratio), "{kind:?}, unknown {i}: {ratio}");
     }
     // 200 sums of 3·109 + 1 − 34 squares: within four standard deviations of their mean.
     let dof = (SEEDS * (3 * 109 + 1 - 34)) as f64;
@@ -218,7 +244,7 @@ fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
 /// The blocks against all rows in one dense matrix, derivatives by differences of the residuals.
 #[test]
 fn regress_rows_as_differences_of_the_residuals() {
-    let (problem, measured) = measured(true, true);
+    let (problem, measured) = measured(OPTIMAL, true, true);
     let x = problem.solve(&measured, problem.start(&measured)).unwrap().x;
     let (factored, _) = factor(problem.rows(&x, &measured));
     let mut jacobian = Mat::zeros(problem.rows_count(), x.len());

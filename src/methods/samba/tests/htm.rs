@@ -66,22 +66,3 @@ impl Truth {
         first + inverse * (ball - self.tip(first, triple))
     }
 }
-
-/// A design with the paper's counts: 32 triples, 109 balls; B of 0, ±10, ±30, ±60, ±90; C and S by
-/// 90°. At each triple the balls that stand highest.
-pub fn design(balls: &[DVec3]) -> Vec<(Triple, usize)> {
-    const TILTS: [f64; 9] = [0.0, 10.0, -10.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0];
-    let mut list = Vec::new();
-    for k in 0..32_usize {
-        let quarter = |n: usize| (n % 4) as f64 * 90.0;
-        let triple =
-            [TILTS[k % 9], quarter(k + k / 9), quarter(k / 2 + k / 9)].map(f64::to_radians);
-        let nominal = Truth { errors: BTreeMap::new(), tool: DVec3::ZERO };
-        let mut highest: Vec<usize> = (0..balls.len()).collect();
-        let height = |ball: usize| nominal.axes_at(balls[ball], triple).z;
-        highest.sort_by(|a, b| height(*b).total_cmp(&height(*a)));
-        let count = if k % 5 < 2 && k < 31 { 4 } else { 3 };
-        list.extend(highest.into_iter().take(count).map(|ball| (triple, ball)));
-    }
-    list
-}

@@ -1,6 +1,8 @@
+pub mod built_in;
 mod g4;
 mod htm;
 mod other_machines;
+mod touches;
 mod whole;
 
 use glam::DVec3;

@@ -10,6 +10,7 @@ use crate::kinematics::{Chain, ErrorTerm, Shape};
 use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
 use crate::methods::samba::model::Model;
 use crate::methods::samba::parameters::implied;
+use crate::methods::samba::separable::Way;
 
 const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
 
@@ -17,7 +18,7 @@ const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
 fn check(topology: &str, unknowns: usize) {
     let machine = machine(topology);
     let chain = Chain::new(&machine).unwrap();
-    let set = implied(&chain, chain.topology().contains(Axis::S));
+    let set = implied(Way { chain: &chain, stands: &[] });
     let value = |i: usize, angular: bool, gain: bool| {
         let scale = if angular || gain { 2e-5 } else { 0.05 };
         scale * (1.0 + i as f64 * 1.3).sin()

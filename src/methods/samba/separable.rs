@@ -1,0 +1,200 @@
+//! What measurements all around could tell apart, whatever the design: columns of the equations on
+//! poses without symmetry and without limits.
+
+use std::f64::consts::TAU;
+
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
+use glam::DVec3;
+
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::{Chain, ErrorParameter, Shape};
+
+/// Poses and places of balls at which the errors are told apart. No symmetry, all around.
+const POSES: usize = 60;
+const BALLS: [[f64; 3]; 5] = [
+    [-152.0, 11.0, 41.0],
+    [149.0, -23.0, 57.0],
+    [160.0, 161.0, 178.0],
+    [-158.0, 137.0, 95.0],
+    [31.0, -166.0, 76.0],
+];
+/// Their roots give angles that repeat in no axis.
+const PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
+/// A stylus on the spindle's axis, mm: only there a tilted spindle is one that stands beside.
+const TOOL: DVec3 = DVec3::new(0.0, 0.0, -150.0);
+/// A column that keeps less than this part of its length beside the others is one of their sums.
+const INDEPENDENT: f64 = 1e-6;
+/// A member of a sum that is named makes up this part of it, mm over mm.
+const COUNTS: f64 = 1e-2;
+/// A share that stands this near to one is one; the rest is the slant of a bar.
+const WHOLE: f64 = 0.05;
+
+/// A machine and how it is measured: which of its turning axes, S among them, stay at zero.
+#[derive(Debug, Clone, Copy)]
+pub struct Way<'a> {
+    pub chain: &'a Chain,
+    pub stands: &'a [Axis],
+}
+
+/// One for each unknown; the last row is a length between the first two balls, without which the scale
+/// of everything would be open.
+struct Columns {
+    stylus: Vec<Vec<f64>>,
+    balls: Vec<Vec<f64>>,
+    machine: Vec<Vec<f64>>,
+}
+
+/// What an error cannot be told from.
+#[derive(Debug, Default)]
+pub struct Beside {
+    /// Errors, coordinates of the stylus (`tool_x`), the balls. None: it changes nothing.
+    pub names: Vec<String>,
+    /// e.g. `tool_x is given as tool_x + EX0S`.
+    pub sums: Vec<String>,
+}
+
+#[derive(PartialEq, Eq)]
+enum Kind {
+    Offset,
+    Angle,
+    Gain,
+}
+
+impl Way<'_> {
+    /// The coordinates of the stylus that are no mere shift of all balls.
+    pub fn free_stylus(&self) -> Vec<usize> {
+        let Columns { stylus, balls, .. } = self.columns(&[]);
+        let mut basis = basis_of(&balls);
+        (0..3).filter(|k| joins(&mut basis, &stylus[*k])).collect()
+    }
+
+    /// Of the `candidates`, taken in their order, those that are no sum of stylus, balls and what was
+    /// kept before.
+    pub fn kept(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
+        let Columns { stylus, balls, machine } = self.columns(candidates);
+        let mut basis = basis_of(stylus.iter().chain(&balls));
+        let both = candidates.iter().zip(machine);
+        both.filter(|(_, column)| joins(&mut basis, column)).map(|(error, _)| *error).collect()
+    }
+
+    /// What `error` cannot be told from beside the errors that are `taken`; `None` if it can.
+    pub fn inseparable(&self, error: ErrorParameter, taken: &[ErrorParameter]) -> Option<Beside> {
+        let all = [taken, &[error]].concat();
+        let Columns { stylus, balls, mut machine } = self.columns(&all);
+        let column = machine.pop()?;
+        let free = self.free_stylus();
+        let stylus = free.iter().map(|k| stylus[*k].clone());
+        let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
+        if column.len() < known.len() {
+            return None;
+        }
+        let matrix = Mat::from_fn(column.len(), known.len(), |i, j| known[j][i]);
+        let right = Mat::from_fn(column.len(), 1, |i, _| column[i]);
+        let solved = matrix.col_piv_qr().solve_lstsq(&right);
+        let shares = solved.get(..known.len(), ..);
+        let left = &right - &matrix * shares;
+        if left.norm_l2() > INDEPENDENT * right.norm_l2() {
+            return None;
+        }
+        let counts = |j: usize| length(&known[j]) * shares[(j, 0)].abs() > COUNTS * right.norm_l2();
+        let of_errors = taken.iter().map(|other| (other.to_string(), kind(*other)));
+        let of_stylus =
+            free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), Kind::Offset));
+        let mut beside = Beside::default();
+        for (j, (name, of)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| counts(*j)) {
+            let share = shares[(j, 0)];
+            if of == kind(error) && (share.abs() - 1.0).abs() < WHOLE {
+                let sign = if share < 0.0 { '-' } else { '+' };
+                beside.sums.push(format!("{name} is given as {name} {sign} {error}"));
+            }
+            beside.names.push(name);
+        }
+        if (taken.len() + free.len()..known.len()).any(counts) {
+            beside.names.push("the places of the balls".to_owned());
+        }
+        Some(beside)
+    }
+
+    fn columns(&self, errors: &[ErrorParameter]) -> Columns {
+        let mut stylus = vec![Vec::new(); 3];
+        let mut balls = vec![Vec::new(); 3 * BALLS.len()];
+        let mut machine = vec![Vec::new(); errors.len()];
+        for (pose, ball) in (0..POSES).flat_map(|pose| (0..BALLS.len()).map(move |b| (pose, b))) {
+            let Some(position) = self.pose_at(pose, DVec3::from_array(BALLS[ball])) else {
+                continue;
+            };
+            let of_errors = self.chain.jacobian(&position, Point::from_vec(TOOL), &[], errors);
+            let table = self.chain.machine_from_table(&position, &[]).matrix3;
+            let of_stylus =
+                table.transpose() * self.chain.machine_from_spindle(&position, &[]).matrix3;
+            for axis in 0..3 {
+                let own = |j| f64::from(u8::from(j == 3 * ball + axis));
+                balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
+                (0..3).for_each(|k| stylus[k].push(of_stylus.col(k)[axis]));
+                machine.iter_mut().zip(&of_errors).for_each(|(all, new)| all.push(new[axis]));
+            }
+        }
+        let along = (DVec3::from_array(BALLS[1]) - DVec3::from_array(BALLS[0])).normalize();
+        for (j, column) in balls.iter_mut().enumerate() {
+            column.push(match j {
+                0..3 => -along[j],
+                3..6 => along[j - 3],
+                _ => 0.0,
+            });
+        }
+        stylus.iter_mut().chain(&mut machine).for_each(|column| column.push(0.0));
+        Columns { stylus, balls, machine }
+    }
+
+    fn pose_at(&self, pose: usize, ball: DVec3) -> Option<Position> {
+        let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
+        let angle = |axis: Axis| match self.stands.contains(&axis) {
+            true => 0.0,
+            false => (pose as f64 * PRIMES[axis as usize].sqrt()).fract() * TAU,
+        };
+        let others: Position = turning.map(|axis| (axis, angle(axis))).collect();
+        let (target, tip) = (Point::from_vec(ball), Point::from_vec(TOOL));
+        let linear = self.chain.linear_axes_for(target, tip, &others, &[]).ok()?;
+        Some(others.updated_by(&linear))
+    }
+}
+
+fn kind(error: ErrorParameter) -> Kind {
+    match (error.shape(), error.component().is_linear()) {
+        (Shape::Gain, _) => Kind::Gain,
+        (_, true) => Kind::Offset,
+        (_, false) => Kind::Angle,
+    }
+}
+
+fn length(column: &[f64]) -> f64 {
+    column.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn basis_of<'a>(columns: impl IntoIterator<Item = &'a Vec<f64>>) -> Vec<Vec<f64>> {
+    let mut basis = Vec::new();
+    for column in columns {
+        joins(&mut basis, column);
+    }
+    basis
+}
+
+/// Whether `column` is no sum of the orthonormal `basis`, which it then joins (Gram–Schmidt, twice).
+fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64]) -> bool {
+    let whole = length(column);
+    let mut left = column.to_vec();
+    for _ in 0..2 {
+        for unit in basis.iter() {
+            let share: f64 = unit.iter().zip(&left).map(|(u, l)| u * l).sum();
+            left.iter_mut().zip(unit).for_each(|(l, u)| *l -= share * u);
+        }
+    }
+    let rest = length(&left);
+    let new = rest > INDEPENDENT * whole;
+    if new {
+        left.iter_mut().for_each(|l| *l /= rest);
+        basis.push(left);
+    }
+    new
+}

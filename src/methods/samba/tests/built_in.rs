@@ -1,0 +1,66 @@
+//! The product's own designs on the product's own machine and balls (`config/samba.toml`): what the
+//! tests of this folder measure is what `trued run samba` measures.
+
+use std::sync::OnceLock;
+
+use serde::Deserialize;
+
+use super::htm::Triple;
+use crate::base::Axis;
+use crate::methods::samba::Settings;
+use crate::methods::samba::design::{Bench, Visit, design};
+use crate::methods::samba::settings::{Criterion, Design};
+use crate::record::plan::{PLAN_VERSION, Plan};
+
+/// What may be asked for: D-optimal is what runs when nothing is.
+pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);
+pub const ALL: [(Design, Criterion); 3] =
+    [OPTIMAL, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
+
+/// Machine, probe and balls as the file has them, nothing measured yet.
+pub fn plan() -> Plan {
+    let file = include_str!("../../../../config/samba.toml");
+    let mut file: toml::Table = file.parse().unwrap();
+    let axes = file["axes"].clone();
+    let mut part = |name: &str| file.remove(name).unwrap();
+    let mut machine = part("machine");
+    machine.as_table_mut().unwrap().insert("axes".to_owned(), axes);
+    Plan {
+        trued_plan: PLAN_VERSION,
+        method: "samba".into(),
+        settings: serde_json::Value::Null,
+        machine: machine.try_into().unwrap(),
+        probe: part("probe").try_into().unwrap(),
+        keepout: Vec::new(),
+        solids: Vec::deserialize(part("solid")).unwrap(),
+        artefact: part("artefact").try_into().unwrap(),
+        gaps_s: Vec::new(),
+        steps: Vec::new(),
+    }
+}
+
+pub fn settings((design, criterion): (Design, Criterion)) -> Settings {
+    Settings { design, criterion, ..Settings::default() }
+}
+
+/// The design in measuring order.
+pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
+    static MADE: [OnceLock<Vec<Visit>>; ALL.len()] = [const { OnceLock::new() }; ALL.len()];
+    let index = ALL.iter().position(|known| *known == kind).unwrap();
+    MADE[index].get_or_init(|| {
+        let (plan, settings) = (plan(), settings(kind));
+        let bench = Bench::new(&plan, &settings).unwrap();
+        design(&bench, |_| Ok(0.0)).unwrap()
+    })
+}
+
+/// The same, one measurement after the other: B, C, S in rad, and the ball counted from 0.
+pub fn measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
+    let one = |visit: &Visit| {
+        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.at.get(axis).unwrap());
+        visit.balls.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
+    };
+    let all: Vec<_> = visits(kind).iter().flat_map(one).collect();
+    assert_eq!((visits(kind).len(), all.len()), (32, 109));
+    all
+}

@@ -1,0 +1,94 @@
+//! Monte Carlo draws centres of balls. Touches drawn instead, each sphere fitted and the whole solved
+//! anew, give the same.
+
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+use super::whole::{SOUND, says, settings};
+use crate::base::Axis;
+use crate::base::random::stream;
+use crate::estimation::monte_carlo::numerical_tolerance;
+use crate::methods::samba::fit::Measured;
+use crate::methods::samba::identify::{Found, found, identify, of_centres};
+
+/// Far coarser than any probe, so that a sphere fit has something to be curved about.
+const NOISE_MM: f64 = 5e-3;
+
+/// All unknowns with the deviations of one trial, by centres and by touches.
+fn both(found: &Found, trial: u64) -> [Vec<f64>; 2] {
+    let mut normal = StandardNormal.sample_iter(stream(7, &[trial]));
+    let (mut centres, mut touched) = (found.measured.clone(), found.observed.clone());
+    for (i, sight) in touched.sights.iter_mut().enumerate() {
+        for touch in &mut sight.touches {
+            let deviation: f64 = normal.next().unwrap();
+            centres.xyz[i] += touch.gain * (deviation * NOISE_MM);
+            touch.point += touch.normal * (deviation * NOISE_MM);
+        }
+    }
+    touched.fit_again(&found.problem.ways(&found.minimum.x)).unwrap();
+    let touches = of_centres(&touched, &[]);
+    let touches = Measured { lengths: centres.lengths.clone(), ..touches };
+    let whole = found.problem.solve(&touches, found.minimum.x.clone()).unwrap();
+    [found.problem.solve_near(&found.minimum, &centres), whole.x]
+}
+
+#[test]
+fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
+    const TRIALS: u64 = 1000;
+    let (plan, readings) = SOUND.measure();
+    let found = found(&plan, &settings(), &readings).unwrap();
+    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| both(&found, trial)).collect();
+    for (i, x) in found.minimum.x.iter().enumerate() {
+        let mean = |which: usize| {
+            trials.iter().map(|both| both[which][i] - x).sum::<f64>() / TRIALS as f64
+        };
+        let u = |which: usize| {
+            let squares = trials.iter().map(|both| (both[which][i] - x).powi(2)).sum::<f64>();
+            (squares / TRIALS as f64).sqrt()
+        };
+        let [of_centres, of_touches] = [u(0), u(1)];
+        println!(
+            "{i}: u {of_centres:.4e} by centres, {:.5} of it by touches; means {:.4} u apart",
+            of_touches / of_centres,
+            (mean(0) - mean(1)).abs() / of_centres
+        );
+        // Two significant digits of u, JCGM 101, 7.9.2.
+        let tolerance = numerical_tolerance(of_centres, 2);
+        assert!((of_centres - of_touches).abs() < tolerance, "{i}: {of_centres}, {of_touches}");
+        assert!((mean(0) - mean(1)).abs() < tolerance, "{i}");
+    }
+    assert_ne!(trials[0][0], trials[0][1]);
+}
+
+/// A ball that moves before its last measurement or after its first looks as one measurement that is
+/// off by itself: both are said, with the right indexations.
+#[test]
+fn regress_a_ball_that_moved_at_the_end_is_named() {
+    let visits = |labels: Vec<String>| -> Vec<u32> {
+        let mut visits: Vec<u32> =
+            labels.iter().map(|label| label[5..8].parse().unwrap()).collect();
+        visits.dedup();
+        visits
+    };
+    let (plan, readings) = SOUND.measure();
+    let of_ball = |label: &String| label.contains("/4/");
+    let visits = visits(plan.steps.iter().map(|s| s.label.clone()).filter(of_ball).collect());
+    let count = visits.len();
+    for (off, before, after, which) in [
+        (visits[0], visits[0], visits[1], "its first measurement"),
+        (visits[count - 1], visits[count - 2], visits[count - 1], "its last measurement"),
+    ] {
+        let mut moved = readings.clone();
+        for reading in &mut moved {
+            let label = &plan.steps[reading.step as usize].label;
+            if label.starts_with(&format!("slow/{off:03}/4/")) {
+                let x = reading.position.get(Axis::X).unwrap() + 0.02;
+                reading.position.set(Axis::X, x);
+            }
+        }
+        let estimate = identify(&plan, &settings(), &moved).unwrap();
+        println!("{:#?}", estimate.warnings);
+        let between = format!("indexations {before} and {after}, or {which}");
+        assert!(says(&estimate, &["ball 4 seems to have moved by 2", &between]));
+    }
+}

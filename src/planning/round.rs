@@ -1,0 +1,142 @@
+//! From touch to touch of one ball: round it instead of over it.
+//!
+//! A touch ends aside, as far from the ball as an unguarded move may begin. From there the way leads
+//! guarded over one corner along two tangents, so that it is nowhere nearer to the ball than where the
+//! next touch begins.
+
+use std::f64::consts::PI;
+
+use glam::{DQuat, DVec3};
+
+use super::hull::Body;
+use super::limits;
+use super::over_balls::LIFT;
+use super::surroundings::{Obstacle, Surroundings};
+use crate::artefact::Shape;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::KinematicsError;
+use crate::record::machine::Machine;
+
+/// Further round, the corner stands out so far that over the ball is as short, rad.
+const WIDEST: f64 = 2.0 / 3.0 * PI;
+/// Rounding of a place, mm.
+const SLACK: f64 = 1e-3;
+
+/// A ball of the artefact.
+#[derive(Debug, Clone)]
+struct OneBall {
+    name: String,
+    /// Table frame, mm.
+    centre: DVec3,
+    /// Of the stylus ball's centre from its own where the two touch, mm.
+    reach: f64,
+    /// It may stand off its place by this, mm.
+    loose: f64,
+}
+
+/// The places to go through from where the machine stands beside a ball, or over it, to the start of
+/// the next touch of the same ball: a corner if one is wanted, and the start. `None`: not that near to
+/// the ball, too far round it, out of travel, or something else is in the way.
+pub(super) fn round(
+    about: &Surroundings,
+    machine: &Machine,
+    stands: &Position,
+    start: &Position,
+) -> Option<Vec<Position>> {
+    let ball = about.ball_at(start)?;
+    let (here, there) = (about.off(&ball, stands), about.off(&ball, start));
+    let near = ball.reach + ball.loose;
+    let about_it = |off: DVec3| (near..near + 2.0 * LIFT).contains(&off.length());
+    // Below its middle the stylus would come nearer with its stem than with its ball.
+    let upper = here.z.min(there.z) >= -SLACK;
+    if !(about_it(here) && about_it(there) && upper) {
+        return None;
+    }
+    let corner = corner(here, there)?.into_iter();
+    let corner = corner.map(|off| place(about, machine, &ball, (start, off)));
+    let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
+    let mut from = stands;
+    for to in &places {
+        if !about.passes(from, to, &ball.name) {
+            return None;
+        }
+        from = to;
+    }
+    Some(places)
+}
+
+/// Straight away from the ball that was touched from `start`, so far that the next way may be fast.
+/// `None`: out of travel, or something else is near.
+pub(super) fn aside(about: &Surroundings, machine: &Machine, start: &Position) -> Option<Position> {
+    let ball = about.ball_at(start)?;
+    let there = about.off(&ball, start);
+    let far = (ball.reach + ball.loose + LIFT + SLACK).max(there.length());
+    let end = place(about, machine, &ball, (start, there.try_normalize()? * far))?;
+    let free = about.passes(start, &end, &ball.name) && about.is_clear(&end, LIFT);
+    free.then_some(end)
+}
+
+fn place(
+    about: &Surroundings,
+    machine: &Machine,
+    ball: &OneBall,
+    (rotary, off): (&Position, DVec3),
+) -> Option<Position> {
+    let place = about.beside(ball, rotary, off).ok()?;
+    limits::within(&place.only(Axis::is_linear), machine).then_some(place)
+}
+
+/// Where the tangents from two places to a ball about the origin meet that goes through the nearer of
+/// them, in the plane of all three; nothing if the straight way is clear of it. `None`: too far round.
+fn corner(here: DVec3, there: DVec3) -> Option<Vec<DVec3>> {
+    let radius = here.length().min(there.length());
+    let (u, v) = (here.try_normalize()?, there.try_normalize()?);
+    let to_tangent = |from: DVec3| (radius / from.length()).min(1.0).acos();
+    let left = u.angle_between(v) - to_tangent(here) - to_tangent(there);
+    if left <= 0.0 {
+        return Some(Vec::new());
+    }
+    let turn = DQuat::from_axis_angle(u.cross(v).try_normalize()?, to_tangent(here) + left / 2.0);
+    (left <= WIDEST).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
+}
+
+impl Surroundings {
+    /// The ball that the stylus ball stands nearest to.
+    fn ball_at(&self, at: &Position) -> Option<OneBall> {
+        let ball = |obstacle: &Obstacle| match obstacle.body {
+            Body::Round(Shape::Ball { centre, radius }) if obstacle.of_artefact => Some(OneBall {
+                name: obstacle.name.clone(),
+                centre,
+                reach: radius + self.ball_radius,
+                loose: obstacle.loose,
+            }),
+            _ => None,
+        };
+        let gap = |ball: &OneBall| self.off(ball, at).length() - ball.reach;
+        let balls = self.obstacles.iter().filter_map(ball);
+        balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
+    }
+
+    /// The stylus ball's centre as seen from that of a ball, machine directions.
+    fn off(&self, ball: &OneBall, at: &Position) -> DVec3 {
+        let table = self.chain.machine_from_table(at, &[]).matrix3;
+        table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
+    }
+
+    /// The place that holds the stylus ball so far off a ball, the rotary axes as in `rotary`.
+    ///
+    /// # Errors
+    /// A machine whose linear axes do not span space.
+    fn beside(
+        &self,
+        ball: &OneBall,
+        rotary: &Position,
+        off: DVec3,
+    ) -> Result<Position, KinematicsError> {
+        let rotary = rotary.only(|axis| !axis.is_linear());
+        let table = self.chain.machine_from_table(&rotary, &[]).matrix3;
+        let target = Point::from_vec(ball.centre + table.transpose() * off);
+        let linear = self.chain.linear_axes_for(target, self.tip, &rotary, &[])?;
+        Ok(rotary.updated_by(&linear))
+    }
+}
