@@ -1,0 +1,1 @@
+//! The simulated control alone, register by register.

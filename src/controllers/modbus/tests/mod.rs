@@ -1,0 +1,1 @@
+//! The driver against the simulated control.
