@@ -30,6 +30,11 @@ impl Measured {
         &self.readings
     }
 
+    /// However it ended.
+    pub fn all_readings(&self) -> &[Reading] {
+        &self.readings
+    }
+
     pub fn estimate(&self) -> Estimate {
         self.method.identify(&self.plan, &self.readings, &[]).unwrap()
     }
