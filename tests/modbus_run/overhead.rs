@@ -47,11 +47,13 @@ fn touches(controller: &str) -> Vec<Duration> {
 #[test]
 #[ignore = "a measured time: run by .ci/long, alone"]
 fn the_daemon_adds_at_most_5_ms_to_a_touch() {
+    let mut slow = Vec::new();
     for (name, controller) in [("grbl in memory", ""), ("Modbus TCP", super::CONTROLS[0].1)] {
         let times = touches(controller);
         let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
         let (median, p99) = (at(0.5), at(0.99));
         println!("{name}: {} touches, median {median:?}, 99 % below {p99:?}", times.len());
-        assert!(p99 <= MOST, "{name}: {p99:?}");
+        slow.extend((p99 > MOST).then_some((name, p99)));
     }
+    assert!(slow.is_empty(), "{slow:?}");
 }
