@@ -88,7 +88,7 @@ impl Replay {
         };
         let player = Player { now_s: self.now_s.clone(), playing: Arc::new(Mutex::new(playing)) };
         // What the device says unasked.
-        player.play(&[]);
+        player.hear(&[]);
         player
     }
 }
@@ -131,7 +131,8 @@ impl Player {
         Played(self.clone())
     }
 
-    fn play(&self, bytes: &[u8]) {
+    /// What is sent to the device.
+    pub(super) fn hear(&self, bytes: &[u8]) {
         let mut playing = locked(&self.playing);
         let heard = match &mut playing.script {
             Some(script) => script.hear(bytes),
@@ -182,7 +183,7 @@ impl AsyncWrite for Played {
         _: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        self.0.play(bytes);
+        self.0.hear(bytes);
         Poll::Ready(Ok(bytes.len()))
     }
 
