@@ -85,7 +85,12 @@ impl Exchange {
                 _ => self.close(),
             }
         }
-        self.open().await
+        self.open().await?;
+        if let (Some(wire), Framing::Rtu) = (&mut self.wire, self.line.framing) {
+            // What the port held from before.
+            let _ = wire.drain(self.line.silence()).await;
+        }
+        Ok(())
     }
 
     fn close(&mut self) {
@@ -108,6 +113,7 @@ impl Exchange {
             }
             let Some(probe) = self.probe() else {
                 // Nothing tells them apart: a long quiet has to do.
+                self.wire.iter().for_each(Wire::hush);
                 self.wait_quietly(self.settings.timeout, inbox).await;
                 self.owed.clear();
                 return Ok(());
