@@ -1,7 +1,5 @@
 //! Where the items lie, as published, and what a request reads and writes.
 
-use std::borrow::Cow;
-
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::{Entry, Firmware, Mode};
@@ -86,7 +84,7 @@ impl Firmware {
                 cut(&self.command, *first, *count).map(Response::ReadHoldingRegisters)
             }
             Request::WriteSingleRegister(at, word) => {
-                self.write(*at, &Cow::Owned(vec![*word]))?;
+                self.write(*at, &[*word])?;
                 Ok(Response::WriteSingleRegister(*at, *word))
             }
             Request::WriteMultipleRegisters(at, words) => {
@@ -99,7 +97,7 @@ impl Firmware {
         }
     }
 
-    fn write(&mut self, at: u16, words: &Cow<'_, [u16]>) -> Result<(), ExceptionCode> {
+    fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(at);
         let range = first..first + words.len();
         let before = [HOLD, HEARTBEAT].map(|place| self.command[place]);
