@@ -1,5 +1,5 @@
-//! Floor 2: ports. Today the byte stream (serial, TCP, pty, in-process), and a bad wire to test
-//! with; knows no device.
+//! Floor 2: ports. The byte stream (serial, TCP, pty, in-process), Modbus registers, and a bad wire to
+//! test with; knows no device.
 
 use std::io;
 
@@ -8,6 +8,7 @@ pub mod faults;
 #[cfg(test)]
 mod fuzz;
 mod lines;
+pub mod modbus;
 mod named;
 mod stream;
 #[cfg(test)]
