@@ -108,7 +108,7 @@ fn steps(
         for ball in balls {
             for approach in passes {
                 let numbers = (steps.len() as u32, 0);
-                let label = |touch: &str| format!("slow/{number:03}/{}/{touch}", ball + 1);
+                let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
                 let task = task(plan, *ball, rotary, *approach);
                 let new = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
                 steps.extend(new.unwrap());

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use super::args::{OutputArgs, RunArgs, Speed};
 use super::failure::Failure;
-use super::files::{read_estimate, state_folder};
+use super::files::read_estimate;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
+use super::wires::Wires;
 use super::{Exit, show};
 use crate::methods::Method;
 use crate::record::estimate::Estimate;
@@ -23,22 +24,25 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
     method.check_priors(&priors)?;
     check_report_folder(&args.output)?;
-    let folder = state_folder(state)?;
+    let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
+    let folder = wires.folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
 
     let mut progress = Progress::start(args.output.json);
     let mut tell = |event: &Event| progress.tell(event);
-    let measured = runtime()?.block_on(async {
+    let found = runtime()?.block_on(async {
         // A run begins when its machine is there.
-        let devices = connect(&machine, args.output.speed, Past::default()).await?;
+        let opening = connect(&machine, args.output.speed, Past::default());
+        let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
         let cycle = Cycle { machine: &machine, method, plan, priors };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
         ended.map_err(|error| Failure::of_cycle(&error, &args.method))
-    })?;
-    tell_result(&journal, measured, &args.output)
+    });
+    let found = wires.finish(found)?;
+    tell_result(&journal, found, &args.output, wires.keeps())
 }
 
 /// One thread for everything that waits.
@@ -47,17 +51,21 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
     builder.enable_all().build().map_err(Failure::plain)
 }
 
-/// What came out, and where it is.
+/// What came out, and where it is; `keeps`: the journal outlives the program.
 pub fn tell_result(
     journal: &Journal,
     (id, estimate): (RunId, Estimate),
     output: &OutputArgs,
+    keeps: bool,
 ) -> Result<Exit, Failure> {
     if output.json {
         show::print_json(&estimate)?;
     } else {
         show::print_estimate(&estimate);
-        say!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
+        match keeps {
+            true => say!("\nstored as run {id}: `trued show {id} --report report.html` draws it"),
+            false => say!("\nreplayed: nothing was measured, nothing is stored"),
+        }
     }
     if let Some(file) = &output.report {
         show::write_report(journal, id, file)?;

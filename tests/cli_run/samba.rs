@@ -57,8 +57,8 @@ fn a_run_over_balls_survives_kills_and_stops() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     let steps = steps(&shop);
-    let references = with_label(&steps, "reference/000/", 0);
-    let (all, middle) = (steps.len() as u32, with_label(&steps, "reference/001/", 0)[0]);
+    let references = with_label(&steps, "reference/001/", 0);
+    let (all, middle) = (steps.len() as u32, with_label(&steps, "reference/002/", 0)[0]);
     // In the middle of a ball, each in another stage.
     let search = with_label(&steps, "find/", references[4])[7];
     let slow = with_label(&steps, "slow/", search)[6];

@@ -58,7 +58,7 @@ pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
     Ok(rig)
 }
 
-fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
+pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
     Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
 }
 
@@ -107,7 +107,7 @@ fn tails(directory: &Path) -> String {
     ["rig.log", "linuxcnc.log", "rsh.log"].map(tail).concat()
 }
 
-fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
+pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
     let output = Command::new("halcmd").arg("-s").args(arguments).output()?;
     if !output.status.success() {
         return Err(format!("halcmd {arguments:?}: {output:?}").into());
@@ -228,6 +228,28 @@ impl Rig {
         self.process.wait()?;
         *self = start(Some(self.port)).map_err(|error| error.to_string())?;
         self.put_right()
+    }
+
+    /// `halcmd` that loads something: as the rig itself, so that it ends with it.
+    pub fn load(&self, arguments: &[&str]) -> Result<(), Failed> {
+        let log = File::create(self.directory.join("load.log"))?;
+        let done = Command::new("halcmd")
+            .args(arguments)
+            .current_dir(&self.directory)
+            .env("TRUED_RIG", &self.directory)
+            .env("RTAPI_UID", "65534")
+            .env("RTAPI_FIFO_PATH", self.directory.join("rt/fifo"))
+            .stdin(Stdio::null())
+            .stdout(log.try_clone()?)
+            .stderr(log)
+            .status()?;
+        match done.success() {
+            true => Ok(()),
+            false => {
+                let said = std::fs::read_to_string(self.directory.join("load.log"))?;
+                Err(format!("halcmd {arguments:?}: {said}").into())
+            }
+        }
     }
 
     /// Wait until nothing moves; where the joints stand then.

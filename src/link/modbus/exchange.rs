@@ -10,6 +10,7 @@ use super::ask::{Ask, Shape};
 use super::owner::Inbox;
 use super::wire::Wire;
 use super::{Framing, Line, ModbusError, Settings};
+use crate::link::wiring::Wired;
 
 /// How long a hold waits for a reply under way over TCP.
 const GRACE: Duration = Duration::from_millis(20);
@@ -19,6 +20,7 @@ const CLEARINGS: usize = 3;
 /// The connection, and what it still owes.
 pub(super) struct Exchange {
     line: Line,
+    wired: Wired,
     settings: Settings,
     wire: Option<Wire>,
     /// Over TCP it lives as long as the connection, for its transaction numbers.
@@ -35,14 +37,14 @@ enum End {
 }
 
 impl Exchange {
-    pub(super) fn new(line: Line, settings: Settings) -> Self {
-        Self { line, settings, wire: None, context: None, owed: Vec::new(), latest: None }
+    pub(super) fn new(line: Line, wired: Wired, settings: Settings) -> Self {
+        Self { line, wired, settings, wire: None, context: None, owed: Vec::new(), latest: None }
     }
 
     /// # Errors
     /// What opening says.
     pub(super) async fn open(&mut self) -> Result<(), ModbusError> {
-        self.wire = Some(self.line.open().await?);
+        self.wire = Some(self.line.open(&self.wired).await?);
         Ok(())
     }
 

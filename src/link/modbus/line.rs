@@ -8,6 +8,8 @@ use tokio_serial::SerialPortBuilderExt;
 
 use super::wire::Wire;
 use crate::link::address::{serial_error, tcp};
+use crate::link::capture::Speech;
+use crate::link::wiring::Wired;
 use crate::link::{Address, LinkError, Named};
 
 /// How requests are framed.
@@ -64,10 +66,23 @@ impl Line {
         }
     }
 
+    pub(super) fn speech(&self) -> Speech {
+        match self.framing {
+            Framing::Rtu => Speech::ModbusRtu,
+            Framing::Tcp => Speech::ModbusTcp,
+        }
+    }
+
     /// Open it on the runtime of the caller.
-    pub(super) async fn open(&self) -> Result<Wire, LinkError> {
+    pub(super) async fn open(&self, wired: &Wired) -> Result<Wire, LinkError> {
         let name = self.to_string();
-        match self.at.address()? {
+        let address = match self.at.address() {
+            Err(_) if matches!(wired, Wired::Played(_)) => {
+                Address::Serial { path: name.clone(), baud: 0 }
+            }
+            address => address?,
+        };
+        Ok(Wire::new(match address {
             Address::Serial { path, baud } => {
                 let parity = match self.parity {
                     Parity::None => tokio_serial::Parity::None,
@@ -75,11 +90,13 @@ impl Line {
                     Parity::Odd => tokio_serial::Parity::Odd,
                 };
                 let builder = tokio_serial::new(&path, baud).parity(parity);
-                let opened = builder.open_native_async();
-                Ok(Wire::new(opened.map_err(|error| serial_error(path, error))?))
+                let open = async {
+                    builder.open_native_async().map_err(|error| serial_error(path, error))
+                };
+                wired.open(open).await?
             }
-            Address::Tcp { host, port } => Ok(Wire::new(tcp(name, host, port).await?)),
-        }
+            Address::Tcp { host, port } => wired.open(tcp(name, host, port)).await?,
+        }))
     }
 }
 

@@ -33,6 +33,7 @@ mod line;
 mod owner;
 #[cfg(test)]
 mod tests;
+pub mod value;
 mod wire;
 
 pub use allowed::{Allowed, Range};

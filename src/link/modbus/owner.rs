@@ -9,6 +9,7 @@ use super::ask::Ask;
 use super::exchange::Exchange;
 use super::{Ahead, Job, Line, ModbusError, Settings, Space};
 use crate::link::LinkError;
+use crate::link::wiring::Wiring;
 
 /// The other ends of the handles' channels.
 pub(super) struct Ends {
@@ -49,8 +50,9 @@ pub(super) async fn start(line: Line, settings: Settings, ends: Ends) -> Result<
     let (opened, result) = oneshot::channel();
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(fault)?;
+    let wired = Wiring::current().of(&name, line.speech());
     let own = async move {
-        let mut exchange = Exchange::new(line, settings);
+        let mut exchange = Exchange::new(line, wired, settings);
         if let Err(error) = exchange.open().await {
             return drop(opened.send(Err(error)));
         }

@@ -8,7 +8,7 @@ use tokio_modbus::server::{Service, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::*;
-use crate::link::{HostPort, Named};
+use crate::link::{Capture, HostPort, Named, Replay, Wiring};
 
 /// Holding registers 0 to 99; input registers 0 to 9 hold 1000 and more.
 #[derive(Clone, Default)]
@@ -48,6 +48,12 @@ impl Service for Device {
 }
 
 async fn served() -> (Device, Modbus) {
+    let (device, line, settings) = a_device().await;
+    let link = Modbus::open(line, settings).await.unwrap();
+    (device, link)
+}
+
+async fn a_device() -> (Device, Line, Settings) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     let device = Device::default();
@@ -68,8 +74,7 @@ async fn served() -> (Device, Modbus) {
         write: vec![Range { space: Space::Holding, first: 10, last: 60 }],
     };
     let settings = Settings { unit: 1, timeout: Duration::from_secs(1), allowed };
-    let line = Line::usual(Named::Tcp(HostPort::local(port)));
-    (device, Modbus::open(line, settings).await.unwrap())
+    (device, Line::usual(Named::Tcp(HostPort::local(port))), settings)
 }
 
 #[tokio::test]
@@ -138,4 +143,46 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
     panic!("no hold");
+}
+
+/// Commands, and reads between them: `times` more than needed.
+async fn talk(link: &Modbus, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
+    let mut read = Vec::new();
+    for command in [7, 8, 9] {
+        link.write(20, &[command, command]).await?;
+        for _ in 0..times {
+            read.push(link.read(Space::Holding, 19, 4).await?);
+        }
+        // A heartbeat.
+        for beat in 0..times as u16 {
+            link.write_without_echo(40, &[beat]).await?;
+        }
+    }
+    read.dedup();
+    Ok(read)
+}
+
+#[tokio::test]
+async fn a_captured_talk_is_replayed_without_the_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.capture");
+    let (device, line, settings) = a_device().await;
+    let capture = Capture::create(&file).unwrap();
+    let opening = Modbus::open(line.clone(), settings.clone());
+    let link = Wiring::Captured(capture).during(opening).await.unwrap();
+    let had = talk(&link, 2).await.unwrap();
+    assert_eq!(had, [[0, 7, 7, 0], [0, 8, 8, 0], [0, 9, 9, 0]]);
+    drop((link, device));
+    for times in 1..4 {
+        let replay = Wiring::Replayed(Replay::read(&file).unwrap());
+        let nowhere = Line { at: Named::Tcp(HostPort::local(1)), ..line.clone() };
+        let opening = Modbus::open(nowhere, settings.clone());
+        let link = replay.during(opening).await.unwrap();
+        assert_eq!(talk(&link, times).await.unwrap(), had);
+        let unknown = link.write(20, &[10, 10]).await.unwrap_err().to_string();
+        assert!(
+            unknown.contains("the capture does not know `unit 1, function 16, address 20"),
+            "{unknown}"
+        );
+    }
 }

@@ -11,8 +11,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, timeout_at};
 
-pub(super) trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
-impl<S: AsyncRead + AsyncWrite + Send + Unpin> Stream for S {}
+use crate::link::wiring::Boxed;
 
 /// More than this without a silence is no late reply.
 const FLOOD_BYTES: usize = 16 * 1024;
@@ -22,14 +21,14 @@ const FLOOD_BYTES: usize = 16 * 1024;
 pub(super) struct Wire(Arc<Mutex<Inner>>);
 
 struct Inner {
-    stream: Box<dyn Stream>,
+    stream: Boxed,
     /// When a byte went either way.
     last: Instant,
 }
 
 impl Wire {
-    pub(super) fn new(stream: impl Stream + 'static) -> Self {
-        Self(Arc::new(Mutex::new(Inner { stream: Box::new(stream), last: Instant::now() })))
+    pub(super) fn new(stream: Boxed) -> Self {
+        Self(Arc::new(Mutex::new(Inner { stream, last: Instant::now() })))
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
@@ -75,7 +74,7 @@ impl AsyncRead for Wire {
     ) -> Poll<io::Result<()>> {
         let mut inner = self.inner();
         let before = buffer.filled().len();
-        let polled = Pin::new(&mut *inner.stream).poll_read(context, buffer);
+        let polled = inner.stream.as_mut().poll_read(context, buffer);
         if buffer.filled().len() > before {
             inner.last = Instant::now();
         }
@@ -91,14 +90,14 @@ impl AsyncWrite for Wire {
     ) -> Poll<io::Result<usize>> {
         let mut inner = self.inner();
         inner.last = Instant::now();
-        Pin::new(&mut *inner.stream).poll_write(context, bytes)
+        inner.stream.as_mut().poll_write(context, bytes)
     }
 
     fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut *self.inner().stream).poll_flush(context)
+        self.inner().stream.as_mut().poll_flush(context)
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut *self.inner().stream).poll_shutdown(context)
+        self.inner().stream.as_mut().poll_shutdown(context)
     }
 }

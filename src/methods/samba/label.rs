@@ -19,6 +19,7 @@ pub enum Pass {
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Label {
     pub pass: Pass,
+    /// From 0; people count from 1, and so does the text.
     pub indexation: u32,
     pub ball: String,
     /// e.g. `+45`, `-135`, `pole`.
@@ -28,10 +29,17 @@ pub struct Label {
 const NAMES: [(Pass, &str); 3] =
     [(Pass::Find, "find"), (Pass::Slow, "slow"), (Pass::Reference, "reference")];
 
+impl Label {
+    /// Of its indexation, as people count.
+    pub fn number(&self) -> u32 {
+        self.indexation.saturating_add(1)
+    }
+}
+
 impl fmt::Display for Label {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
-        write!(f, "{name}/{:03}/{}/{}", self.indexation, self.ball, self.touch)
+        write!(f, "{name}/{:03}/{}/{}", self.number(), self.ball, self.touch)
     }
 }
 
@@ -46,10 +54,11 @@ impl FromStr for Label {
         let unknown = || UnknownLabel(text.to_owned());
         let [pass, indexation, ball, touch] =
             text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
+        let number: u32 = indexation.parse().map_err(|_| unknown())?;
         let named = NAMES.iter().find(|(_, name)| *name == pass);
         Ok(Self {
             pass: named.ok_or_else(unknown)?.0,
-            indexation: indexation.parse().map_err(|_| unknown())?,
+            indexation: number.checked_sub(1).ok_or_else(unknown)?,
             ball: ball.to_owned(),
             touch: touch.to_owned(),
         })

@@ -105,7 +105,8 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
             Ok(sight) => observed.sights.push(sight),
             Err(why) => observed.left_out.push(format!(
                 "ball {} at indexation {} is left out: {why}",
-                visit.ball, visit.indexation
+                visit.ball,
+                visit.indexation + 1
             )),
         }
     }
@@ -128,7 +129,8 @@ fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
         if !stays {
             left_out.push(format!(
                 "ball {} at indexation {} was measured once more: only the last measurement counts",
-                visit.ball, visit.indexation
+                visit.ball,
+                visit.indexation + 1
             ));
         }
         stays

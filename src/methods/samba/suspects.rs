@@ -103,8 +103,8 @@ impl Solved<'_> {
     /// the end is off whether the ball has moved or something else is wrong with it.
     fn in_words(&self, visits: &[usize], split: usize, um: f64) -> String {
         let sight = |visit: usize| &self.observed.sights[visits[visit]];
-        let (ball, before) = (self.id(sight(split).ball), sight(split - 1).label.indexation);
-        let after = sight(split).label.indexation;
+        let (ball, before) = (self.id(sight(split).ball), sight(split - 1).label.number());
+        let after = sight(split).label.number();
         let single = match split {
             1 => format!("its first measurement, at indexation {before}, is off by itself"),
             last if last + 1 == visits.len() => {

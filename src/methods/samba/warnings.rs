@@ -58,7 +58,7 @@ fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
         "ball {} at indexation {} ({}) is {:.1} standard deviations off the rest: dirt, loose ball or \
          wrong stylus? It is kept; flag its readings `excluded` to leave it out",
         sight.label.ball,
-        sight.label.indexation,
+        sight.label.number(),
         place_name(&observed.places[sight.place]),
         outlier.t
     )
@@ -77,7 +77,7 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
     let mut lines = Vec::new();
     for (sight, short) in sights.iter().zip(&short) {
         let (form_um, off_um) = (sight.form * 1e3, 2e3 * (short - common));
-        let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.indexation);
+        let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.number());
         if form_um > parts.settings.form_limit_um {
             lines.push(format!(
                 "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"

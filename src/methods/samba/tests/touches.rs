@@ -89,6 +89,9 @@ fn regress_a_ball_that_moved_at_the_end_is_named() {
         let estimate = identify(&plan, &settings(), &moved).unwrap();
         println!("{:#?}", estimate.warnings);
         let between = format!("indexations {before} and {after}, or {which}");
-        assert!(says(&estimate, &["ball 4 seems to have moved by 2", &between]));
+        assert!(says(&estimate, &["ball 4 seems to have moved by ", &between]));
+        let um = |words: &str| words.split_once("moved by ")?.1.split(' ').next()?.parse().ok();
+        let step: f64 = estimate.warnings.iter().find_map(|words| um(words)).unwrap();
+        assert!((step - 20.0).abs() < 1.0, "{step} µm");
     }
 }

@@ -73,7 +73,7 @@ impl World {
                     id,
                     stage: 0,
                     kind: StepKind::Touch,
-                    label: format!("slow/{visit:03}/{}/{touch}", ball + 1),
+                    label: format!("slow/{:03}/{}/{touch}", visit + 1, ball + 1),
                     from: place(xyz + n),
                     to: place(xyz - n),
                     feed_mm_min: 30.0,
@@ -310,7 +310,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
     };
     let estimate = dirty.identify().unwrap();
     println!("{:#?}", estimate.warnings);
-    assert!(says(&estimate, &["at indexation 40", "It is kept"]));
+    assert!(says(&estimate, &["at indexation 41", "It is kept"]));
     let flagged =
         estimate.arrows[0].groups.iter().flat_map(|g| &g.arrows).filter(|a| a.flagged).count();
     assert_eq!((flagged, estimate.degrees_of_freedom), (1, 294));
@@ -367,7 +367,7 @@ fn regress_excluded_and_missing_readings() {
     let estimate = identify(&plan, &settings(), &readings).unwrap();
     println!("{:?} {:?}", estimate.warnings, estimate.not_identifiable);
     assert!(estimate.not_identifiable.iter().any(|line| line.contains("ball 6 was measured at 2")));
-    assert!(says(&estimate, &["indexation 108 is left out", "3 touches"]));
+    assert!(says(&estimate, &["indexation 109 is left out", "3 touches"]));
     let stranger = Reading { step: 9_999, ..readings[0].clone() };
     readings.push(stranger);
     let unknown = identify(&plan, &settings(), &readings);
