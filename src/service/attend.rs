@@ -50,10 +50,10 @@ impl Service {
                 Ask::Acknowledge => self.acknowledged(&journal, &mut lock).await,
                 Ask::Start { cycle } => {
                     let state = self.cycle(cycle, &journal).await;
+                    if state != State::Waiting && self.desk.is_ending() {
+                        return Ok(Ended::Held);
+                    }
                     if state == State::Held {
-                        if self.desk.is_ending() {
-                            return Ok(Ended::Held);
-                        }
                         // Now a person may resume it.
                         lock = None;
                     }

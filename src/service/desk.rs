@@ -63,6 +63,27 @@ pub enum Refusal {
     Unreadable = 16,
 }
 
+/// All of them.
+#[cfg(test)]
+pub const REFUSALS: [Refusal; 16] = [
+    Refusal::Busy,
+    Refusal::Held,
+    Refusal::Failed,
+    Refusal::NoSuchCycle,
+    Refusal::NotEnabled,
+    Refusal::NotAuto,
+    Refusal::DoorOpen,
+    Refusal::Stale,
+    Refusal::TooSoon,
+    Refusal::Stopped,
+    Refusal::Several,
+    Refusal::NotReady,
+    Refusal::PositionLost,
+    Refusal::Elsewhere,
+    Refusal::NothingToAcknowledge,
+    Refusal::Unreadable,
+];
+
 /// What the machine says of itself, as far as it is fresh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Said {

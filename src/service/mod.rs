@@ -62,7 +62,7 @@ impl ServeError {
 pub enum Ended {
     /// While it waited.
     Waiting,
-    /// A run was under way: the machine holds.
+    /// A run was under way and has not come to its end: the machine holds.
     Held,
 }
 

@@ -138,7 +138,9 @@ pub fn a_hal_bit_starts_a_cycle() -> Result<(), Failed> {
 
     follow()?;
     until_status("state", 1, PATIENCE)?;
-    (equal("verdict", 1)?, equal("progress", 100)?, equal("accepted", 1)?);
+    equal("verdict", 1)?;
+    equal("progress", 100)?;
+    equal("accepted", 1)?;
     desk.is("finished")?;
 
     if pin("trued.alive")? != "TRUE" {

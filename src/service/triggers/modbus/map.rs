@@ -138,3 +138,48 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
     let [a, b, c, d] = [0, 1, 2, 3].map(letters);
     [a, b, c, d, unit, value_high, value_low, u_high, u_low, u16::from(parameter.identifiable)]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::desk::REFUSALS;
+
+    const DOCS: &str = include_str!("../../../../docs/modbus.md");
+
+    #[test]
+    fn the_published_tables_are_these() {
+        let rows = DOCS.lines().filter(|line| {
+            ["| coil |", "| holding |", "| input |"].iter().any(|space| line.starts_with(space))
+        });
+        let expected = ROWS.map(|(space, at, name)| format!("| {space} | {at} | `{name}` | "));
+        assert_eq!(rows.clone().count(), expected.len());
+        for (row, expected) in rows.zip(&expected) {
+            assert!(row.starts_with(expected.as_str()), "{row} is not {expected}");
+        }
+        for why in REFUSALS {
+            let row = format!("\n| {} | {why} |\n", why as u16);
+            assert!(DOCS.contains(&row), "{row}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_signed_and_saturate() {
+        let parameter = |value: f64| Parameter {
+            symbol: "EX0C".to_owned(),
+            value,
+            unit: Unit::Um,
+            u: 0.5,
+            expanded: 1.0,
+            k: 2.0,
+            dof: None,
+            identifiable: true,
+            u_monte_carlo: None,
+            budget: Vec::new(),
+        };
+        assert_eq!(
+            deviation(&parameter(-0.001)),
+            [0x4558, 0x3043, 0, 0, 1, 0xffff, 0xffff, 0, 1000, 1]
+        );
+        assert_eq!(deviation(&parameter(1e9))[5..7], [0x7fff, 0xffff]);
+    }
+}

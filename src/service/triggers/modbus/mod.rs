@@ -53,6 +53,7 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
             since: Instant::now(),
         }),
         log: log.clone(),
+        stranger: Mutex::new(None),
     };
     std::thread::Builder::new()
         .name("modbus server".to_owned())
@@ -84,17 +85,22 @@ struct Door {
     places: Arc<Semaphore>,
     shared: Arc<Shared>,
     log: Log,
+    /// The last one that was turned away: it is told once.
+    stranger: Mutex<Option<IpAddr>>,
 }
 
 impl Door {
     fn let_in(&self, stream: TcpStream, from: SocketAddr) -> Option<(Client, Guarded)> {
         let by = from.ip().to_canonical();
         if !self.allow.contains(&by) {
-            (self.log)(&format!("{by} may not connect: it is not in [serve.modbus] allow"));
+            let mut last = self.stranger.lock().unwrap_or_else(PoisonError::into_inner);
+            if last.replace(by) != Some(by) {
+                (self.log)(&format!("{by} may not connect: it is not in [serve.modbus] allow"));
+            }
             return None;
         }
         let place = self.places.clone().try_acquire_owned().ok()?;
-        // Small answers, at once; without it they only come later.
+        // Small answers, at once. Where it cannot be had they come a little later.
         let _ = stream.set_nodelay(true);
         let client = Client { shared: self.shared.clone(), by: format!("Modbus client {by}") };
         Some((client, Guarded::new(stream, place)))
