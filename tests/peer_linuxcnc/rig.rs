@@ -115,6 +115,29 @@ pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
+/// `halcmd` that loads something, or takes it away: as the rig in `directory` itself, so that it ends
+/// with it.
+pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
+    let log = File::create(directory.join("load.log"))?;
+    let done = Command::new("halcmd")
+        .args(arguments)
+        .current_dir(directory)
+        .env("TRUED_RIG", directory)
+        .env("RTAPI_UID", "65534")
+        .env("RTAPI_FIFO_PATH", directory.join("rt/fifo"))
+        .stdin(Stdio::null())
+        .stdout(log.try_clone()?)
+        .stderr(log)
+        .status()?;
+    match done.success() {
+        true => Ok(()),
+        false => {
+            let said = std::fs::read_to_string(directory.join("load.log"))?;
+            Err(format!("halcmd {arguments:?}: {said}").into())
+        }
+    }
+}
+
 fn kill(signal: &str, process: &str) -> Result<(), Failed> {
     let done = Command::new("kill").args([signal, process]).output()?;
     if done.status.success() {
@@ -228,28 +251,6 @@ impl Rig {
         self.process.wait()?;
         *self = start(Some(self.port)).map_err(|error| error.to_string())?;
         self.put_right()
-    }
-
-    /// `halcmd` that loads something: as the rig itself, so that it ends with it.
-    pub fn load(&self, arguments: &[&str]) -> Result<(), Failed> {
-        let log = File::create(self.directory.join("load.log"))?;
-        let done = Command::new("halcmd")
-            .args(arguments)
-            .current_dir(&self.directory)
-            .env("TRUED_RIG", &self.directory)
-            .env("RTAPI_UID", "65534")
-            .env("RTAPI_FIFO_PATH", self.directory.join("rt/fifo"))
-            .stdin(Stdio::null())
-            .stdout(log.try_clone()?)
-            .stderr(log)
-            .status()?;
-        match done.success() {
-            true => Ok(()),
-            false => {
-                let said = std::fs::read_to_string(self.directory.join("load.log"))?;
-                Err(format!("halcmd {arguments:?}: {said}").into())
-            }
-        }
     }
 
     /// Wait until nothing moves; where the joints stand then.

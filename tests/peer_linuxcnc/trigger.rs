@@ -2,6 +2,7 @@
 //! reads in HAL how it goes. The cycle is measured on this same LinuxCNC.
 
 use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
 use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 
 use super::desk::Desk;
-use super::rig::{Rig, free_port, halcmd, rig};
+use super::rig::{Rig, free_port, halcmd, load, rig};
 
 const MB2HAL: &str = include_str!("../peers/linuxcnc/mb2hal.ini");
 const HAL: &str = include_str!("../peers/linuxcnc/trued.hal");
@@ -21,18 +22,25 @@ const DEAD: Duration = Duration::from_secs(2);
 /// The daemon and what HAL has of it; both go with this value.
 struct Button {
     daemon: Child,
+    directory: PathBuf,
 }
 
 impl Drop for Button {
     fn drop(&mut self) {
         let _ = self.daemon.kill();
         let _ = self.daemon.wait();
-        let _ = halcmd(&["unloadusr", "mb2hal"]);
-        // Its pins are gone: the component and the signals with them.
-        let _ = halcmd(&["delf", "trued", "servo-thread"]);
-        let _ = halcmd(&["unloadrt", "trued_watch"]);
-        for signal in ["trued-heartbeat", "trued-beat", "trued-auto"] {
-            let _ = halcmd(&["delsig", signal]);
+        let undo: [&[&str]; 6] = [
+            &["unloadusr", "mb2hal"],
+            &["delf", "trued", "servo-thread"],
+            &["unloadrt", "trued_watch"],
+            &["delsig", "trued-heartbeat"],
+            &["delsig", "trued-beat"],
+            &["delsig", "trued-auto"],
+        ];
+        for arguments in undo {
+            if let Err(failed) = load(&self.directory, arguments) {
+                eprintln!("{}", failed.message().unwrap_or_default());
+            }
         }
     }
 }
@@ -42,13 +50,13 @@ impl Button {
     fn wired(rig: &Rig) -> Result<(Self, Desk), Failed> {
         let port = free_port().map_err(|error| error.to_string())?;
         let desk = Desk::serving(rig, port)?;
-        let mut button = Self { daemon: desk.serve()? };
+        let mut button = Self { daemon: desk.serve()?, directory: rig.directory.clone() };
         listen(&mut button.daemon)?;
         let ini = MB2HAL.replace("TCP_PORT=1502", &format!("TCP_PORT={port}"));
         std::fs::write(rig.directory.join("mb2hal.ini"), ini)?;
         std::fs::write(rig.directory.join("trued.hal"), HAL)?;
-        rig.load(&["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
-        rig.load(&["-f", "trued.hal"])?;
+        load(&rig.directory, &["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
+        load(&rig.directory, &["-f", "trued.hal"])?;
         until("trued.alive", PATIENCE, |alive| alive == "TRUE")?;
         Ok((button, desk))
     }
