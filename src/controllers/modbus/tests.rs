@@ -90,7 +90,8 @@ async fn a_control_that_lives_no_more_is_not_believed() {
 async fn registers_that_hold_something_else_are_told_before_anything_moves() {
     let x = |keys: &str| {
         let axes = |first: u16| {
-            let axis = |(axis, k): (&str, u16)| format!("{axis} = {{ address = {}{keys} }}", first + k);
+            let axis =
+                |(axis, k): (&str, u16)| format!("{axis} = {{ address = {}{keys} }}", first + k);
             [("X", 0), ("Y", 2), ("Z", 4), ("B", 8), ("C", 10)].map(axis).join(", ")
         };
         format!("[registers.status]\nposition = {{ {} }}\nlatch = {{ {} }}", axes(32), axes(20))

@@ -99,7 +99,7 @@ impl Firmware {
         }
     }
 
-    fn write(&mut self, at: u16, words: &Cow<'_, [u16]>) -> Result<(), ExceptionCode> {
+    fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(at);
         let range = first..first + words.len();
         let before = [HOLD, HEARTBEAT].map(|place| self.command[place]);
