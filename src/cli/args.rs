@@ -19,6 +19,8 @@ pub struct Cli {
 pub enum Command {
     /// Measure, identify, judge and store.
     Run(RunArgs),
+    /// Wait for triggers from the machine, as [serve] in the machine file allows; run, judge, wait.
+    Serve(ServeArgs),
     /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
@@ -77,6 +79,15 @@ pub struct OutputArgs {
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
     /// Pace of the simulated machine; a real one has its own.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// The machine file, with a section [serve].
+    #[arg(long, value_name = "FILE")]
+    pub machine: PathBuf,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }

@@ -180,7 +180,7 @@ fn invented(ended: &Ended) -> Option<String> {
 fn asked_after_a_hold(ended: &Ended) -> Option<String> {
     let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
     let from = hold.unwrap_or(ended.mark).min(ended.mark);
-    let late = ended.diary[from..].iter().any(|entry| *entry == Entry::Asked);
+    let late = ended.diary[from..].contains(&Entry::Asked);
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 

@@ -1,5 +1,5 @@
 //! A control, or a PLC before one, that takes lines of text through a window of Modbus registers, and
-//! shows its state in another. The window is ours; `docs/modbus.md` publishes it. Over RTU and TCP.
+//! shows its state in another. The window is ours; `docs/line-window.md` publishes it. Over RTU and TCP.
 //!
 //! - **A chunk counts once.** It is laid down, read back, and acted upon when its sequence is written.
 //!   The control takes each sequence but once, and only the one that follows. So what was not answered

@@ -130,7 +130,7 @@ fn wrong(state: String) -> ControllerError {
     ControllerError::NotReady {
         state,
         remedy: "compare [controller.registers] with the control's program: addresses, `type`, \
-                 `order`, `scale`, `space` (docs/modbus.md)"
+                 `order`, `scale`, `space` (docs/line-window.md)"
             .to_owned(),
     }
 }

@@ -74,7 +74,7 @@ fn next(sequence: u16) -> u16 {
 fn unwritable(error: ValueError) -> ControllerError {
     ControllerError::Unsupported {
         what: error.to_string(),
-        remedy: "compare [controller.registers.command] with docs/modbus.md".to_owned(),
+        remedy: "compare [controller.registers.command] with docs/line-window.md".to_owned(),
     }
 }
 

@@ -44,7 +44,7 @@ const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
 const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
 const OF_BALLS: [&str; 1] = ["samba"];
 
-const SECTIONS: [&str; 10] = [
+const SECTIONS: [&str; 11] = [
     "machine",
     "axes",
     "controller",
@@ -55,6 +55,7 @@ const SECTIONS: [&str; 10] = [
     "method",
     "tolerance",
     "simulated",
+    "serve",
 ];
 
 /// A machine file that has been read and found sound.
@@ -131,6 +132,11 @@ impl MachineFile {
     /// `[simulated]` as its owner's type; `None` where the file has no such section.
     pub fn simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
         self.document.section(&["simulated"], T::deserialize)
+    }
+
+    /// `[serve]` as its owner's type; `None` where the file has no such section.
+    pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
+        self.document.section(&["serve"], T::deserialize)
     }
 
     /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.

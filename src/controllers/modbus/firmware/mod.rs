@@ -1,6 +1,6 @@
 //! The simulated control behind a window of Modbus registers: executes the text it is given against a
 //! [`World`]. It is the driver's peer and shares none of its code; where the items lie it knows from
-//! `docs/modbus.md` alone.
+//! `docs/line-window.md` alone.
 //!
 //! It lives when it is asked: a request first brings it up to the time at which it comes.
 

@@ -160,7 +160,7 @@ impl StatusKeys {
 }
 
 impl Map {
-    /// The window as `docs/modbus.md` publishes it.
+    /// The window as `docs/line-window.md` publishes it.
     ///
     /// # Errors
     /// Never: a test sees it pass its own check.

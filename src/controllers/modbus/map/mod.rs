@@ -1,5 +1,5 @@
 //! The register map: where each item of the line window lies, and how. `[controller.registers]`; what is
-//! not written there lies as `docs/modbus.md` publishes it.
+//! not written there lies as `docs/line-window.md` publishes it.
 
 mod check;
 mod keys;
