@@ -98,8 +98,7 @@ impl Failure {
                     Unidentified::Refused(error) => Some(error.remedy()),
                     Unidentified::NoAnswer | Unidentified::Stopped => None,
                 };
-                Self { what: why.to_string(), remedy: remedy.map(Into::into), exit }
-                    .kept(*run, method)
+                Self { what: why.to_string(), remedy, exit }.kept(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
         }
