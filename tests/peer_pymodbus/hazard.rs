@@ -8,7 +8,7 @@ use tokio_modbus::Slave;
 use tokio_modbus::client::{Reader, rtu};
 use tokio_serial::SerialPortBuilderExt;
 use trued::link::Named;
-use trued::link::modbus::{Framing, Modbus, ModbusError, Space};
+use trued::link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
 
 use super::server::{Server, on_a_runtime};
 
@@ -69,6 +69,23 @@ pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
         assert!(late.may_have_arrived(), "{late}");
         link.write(50, &[2]).await?;
         assert_eq!(server.writes(), [(50, vec![1]), (50, vec![2])]);
+        Ok(())
+    })
+}
+
+/// One register alone: no reply has another shape. Then the line is kept quiet for as long again.
+pub fn not_where_nothing_tells_replies_apart() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Rtu);
+        let one = Range { space: Space::Input, first: 0, last: 0 };
+        let allowed = Allowed { read: vec![one], write: Vec::new() };
+        let link = server.link_to(PATIENCE, allowed).await;
+        server.value(111);
+        server.faults(&[LATE]);
+        let late = link.read(Space::Input, 0, 1).await.unwrap_err();
+        assert!(matches!(late, ModbusError::Late { .. }), "{late}");
+        server.value(222);
+        assert_eq!(link.read(Space::Input, 0, 1).await?, [222]);
         Ok(())
     })
 }

@@ -29,6 +29,7 @@ fn main() {
         trial("pymodbus_late_reply_rtu", hazard::not_of_ours_rtu),
         trial("pymodbus_late_reply_tcp", hazard::not_of_ours_tcp),
         trial("pymodbus_late_reply_that_is_still_to_come", hazard::not_even_while_it_is_owed),
+        trial("pymodbus_late_reply_of_one_register", hazard::not_where_nothing_tells_replies_apart),
         trial("pymodbus_each_fault_rtu", faults::each_rtu),
         trial("pymodbus_each_fault_tcp", faults::each_tcp),
         trial("pymodbus_spaces", faults::spaces),

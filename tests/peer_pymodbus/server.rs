@@ -114,6 +114,10 @@ impl Server {
             ],
             write: vec![Range { space: Space::Holding, first: 50, last: 99 }],
         };
+        self.link_to(timeout, allowed).await
+    }
+
+    pub async fn link_to(&self, timeout: Duration, allowed: Allowed) -> Modbus {
         Modbus::open(Line::usual(self.at()), Settings { unit: 1, timeout, allowed }).await.unwrap()
     }
 }

@@ -85,7 +85,12 @@ impl Exchange {
                 _ => self.close(),
             }
         }
-        self.open().await
+        self.open().await?;
+        if let (Some(wire), Framing::Rtu) = (&mut self.wire, self.line.framing) {
+            // What the port held from before.
+            let _ = wire.drain(self.line.silence()).await;
+        }
+        Ok(())
     }
 
     fn close(&mut self) {
@@ -108,23 +113,18 @@ impl Exchange {
             }
             let Some(probe) = self.probe() else {
                 // Nothing tells them apart: a long quiet has to do.
+                self.wire.iter().for_each(Wire::hush);
                 self.wait_quietly(self.settings.timeout, inbox).await;
+                if inbox.has_come() {
+                    why = "a hold goes first".to_owned();
+                    break;
+                }
                 self.owed.clear();
                 return Ok(());
             };
-            let shape = probe.shape();
-            let ambiguous = self.owed.iter().any(|owed| owed.has_function_of(shape));
-            match self.send(&probe, inbox).await {
-                Ok(_) => self.owed.clear(),
-                Err(ModbusError::Refused { .. }) if !ambiguous => self.owed.clear(),
-                Err(ModbusError::Refused { .. }) => self.owed.push(shape),
-                Err(error @ ModbusError::Misfit { .. }) => {
-                    why = error.to_string();
-                    // That was an old one; its own may be on its way.
-                    self.wait_quietly(self.settings.timeout, inbox).await;
-                }
-                Err(error) => {
-                    why = error.to_string();
+            if let Some(error) = self.ask_whether_clear(&probe, inbox).await {
+                why = error.to_string();
+                if !matches!(error, ModbusError::Misfit { .. }) {
                     break;
                 }
             }
@@ -138,6 +138,24 @@ impl Exchange {
             return Ok(());
         }
         Err(ModbusError::Unclear { request: ask.to_string(), why })
+    }
+
+    /// One question of `clear`; what went wrong with it, if it did.
+    async fn ask_whether_clear(&mut self, probe: &Ask, inbox: &mut Inbox) -> Option<ModbusError> {
+        let shape = probe.shape();
+        let ambiguous = self.owed.iter().any(|owed| owed.has_function_of(shape));
+        match self.send(probe, inbox).await {
+            Err(ModbusError::Refused { .. }) if ambiguous => self.owed.push(shape),
+            Ok(_) | Err(ModbusError::Refused { .. }) => self.owed.clear(),
+            Err(error) => {
+                if matches!(error, ModbusError::Misfit { .. }) {
+                    // That was an old one; its own may be on its way.
+                    self.wait_quietly(self.settings.timeout, inbox).await;
+                }
+                return Some(error);
+            }
+        }
+        None
     }
 
     /// Throw away what comes until nothing has come for `silence`, or a hold wants to go out.

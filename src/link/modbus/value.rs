@@ -108,7 +108,9 @@ impl Number {
             Kind::F64 => f64::from_bits(bits),
             _ => self.whole(bits)?,
         };
-        let value = raw * self.scale;
+        // 0.001 is no binary number, 1000 is: the quotient is the decimal that was meant.
+        let parts = (1.0 / self.scale).round();
+        let value = if parts * self.scale == 1.0 { raw / parts } else { raw * self.scale };
         if value.is_finite() { Ok(value) } else { Err(ValueError::NotFinite(value)) }
     }
 
@@ -192,6 +194,8 @@ mod tests {
         // -2 in two's complement.
         assert_eq!(number(Kind::I16, Order::Badc, 1.0).read(&[0xFEFF]).unwrap(), -2.0);
         assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0xFFFF, 0xFFFE]).unwrap(), -0.002);
+        // Not 12.345000000000001, as 12345 times 0.001 would be.
+        assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0, 12345]).unwrap(), 12.345);
         assert_eq!(
             number(Kind::U32, Order::Abcd, 1.0).read(&[0xFFFF, 0xFFFE]).unwrap(),
             4294967294.0

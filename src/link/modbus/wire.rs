@@ -35,6 +35,11 @@ impl Wire {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Silence counts from now on.
+    pub(super) fn hush(&self) {
+        self.inner().last = Instant::now();
+    }
+
     /// Throw away what comes until nothing has gone either way for `silence`; how much it was.
     ///
     /// # Errors
