@@ -4,6 +4,7 @@
 
 mod bench;
 mod cover;
+mod designs;
 mod played;
 
 use bench::{Bench, Failed, Measured, Series, World};
