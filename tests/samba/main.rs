@@ -5,6 +5,7 @@
 mod bench;
 mod cover;
 mod designs;
+mod moved;
 mod played;
 
 use bench::{Bench, Failed, Measured, Series, World};
