@@ -12,7 +12,7 @@ mod stage;
 mod timeline;
 
 pub use error::RunError;
-pub use resume::Interrupted;
+pub use resume::{Interrupted, can_resume};
 
 use self::timeline::Timeline;
 use crate::base::Position;
