@@ -11,6 +11,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
+use crate::methods::{self, BuiltIn};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
@@ -36,12 +37,6 @@ pub use controller::{Control, ControllerConfig, Wire};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
-
-/// The machine that serves when no file is given,
-const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
-/// and the one with balls for the methods that measure these.
-const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
-const OF_BALLS: [&str; 1] = ["samba"];
 
 const SECTIONS: [&str; 10] = [
     "machine",
@@ -74,10 +69,7 @@ pub struct MachineFile {
 impl MachineFile {
     /// The built-in machine that suits a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
-        let (file, text) = match OF_BALLS.contains(&method) {
-            true => ("samba.toml (built in)", EMBEDDED_BALLS),
-            false => ("simulated.toml (built in)", EMBEDDED),
-        };
+        let BuiltIn { file, text } = methods::built_in(method);
         Self::parse(file, text.to_owned())
     }
 
