@@ -20,6 +20,7 @@ pub mod proof;
 pub mod record;
 pub mod report;
 pub mod run;
+pub mod service;
 pub mod setup;
 pub mod store;
 pub mod world;

@@ -19,6 +19,8 @@ pub struct Cli {
 pub enum Command {
     /// Measure, identify, judge and store.
     Run(RunArgs),
+    /// Wait for triggers from the machine, as [serve] in the machine file allows; run, judge, wait.
+    Serve(ServeArgs),
     /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
@@ -56,6 +58,10 @@ pub struct RunArgs {
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
+    /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not
+    /// kept in the journal.
+    #[arg(long, value_name = "FILE", conflicts_with = "capture")]
+    pub replay: Option<PathBuf>,
     #[command(flatten)]
     pub output: OutputArgs,
 }
@@ -69,7 +75,19 @@ pub struct OutputArgs {
     /// Write the report here.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
+    /// Write every byte of every link here, with its time.
+    #[arg(long, value_name = "FILE")]
+    pub capture: Option<PathBuf>,
     /// Pace of the simulated machine; a real one has its own.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// The machine file, with a section [serve].
+    #[arg(long, value_name = "FILE")]
+    pub machine: PathBuf,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }

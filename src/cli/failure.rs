@@ -8,7 +8,8 @@ use super::story::goes_on;
 use crate::gcode::RenderError;
 use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
-use crate::run::RunError;
+use crate::run::{CycleError, Unidentified};
+use crate::service::ServeError;
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
 
@@ -36,6 +37,12 @@ impl Failure {
 
 impl From<SetupError> for Failure {
     fn from(error: SetupError) -> Self {
+        Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+    }
+}
+
+impl From<ServeError> for Failure {
+    fn from(error: ServeError) -> Self {
         Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
     }
 }
@@ -77,24 +84,42 @@ impl From<PlanningError> for Failure {
 }
 
 impl Failure {
-    /// How a run ended; `moved`: it ended on the way and the machine stands there; `resumed`: it was
-    /// interrupted before.
-    pub fn of_run(error: &RunError, moved: bool, resumed: bool) -> Self {
-        let exit = match error {
-            _ if error.closes() => Exit::Error,
-            _ if moved || resumed || error.is_stop() => Exit::Stopped,
-            _ => Exit::Error,
-        };
-        let stands = if moved { "" } else { "nothing has moved; " };
-        Self { what: error.to_string(), remedy: Some(format!("{stands}{}", error.remedy())), exit }
+    /// How a cycle of `method` ended, with the way on where there is one.
+    pub fn of_cycle(error: &CycleError, method: &str) -> Self {
+        let exit = if error.holds() { Exit::Stopped } else { Exit::Error };
+        match error {
+            CycleError::Run { run, error, moved, can_resume, .. } => {
+                let stands = if *moved { "" } else { "nothing has moved; " };
+                let remedy = Some(format!("{stands}{}", error.remedy()));
+                let failure = Self { what: error.to_string(), remedy, exit };
+                failure.with_way_on(*run, *can_resume)
+            }
+            CycleError::Identification { run, why } => {
+                let remedy = match why {
+                    Unidentified::Refused(error) => Some(error.remedy()),
+                    Unidentified::NoAnswer | Unidentified::Stopped => None,
+                };
+                Self { what: why.to_string(), remedy, exit }.kept(*run, method)
+            }
+            CycleError::Store(error) => Self::new(error, error.remedy()),
+        }
     }
 
-    /// Of a run in the journal: with the way on, where there is one. `can_resume`: its references were
-    /// measured.
-    pub fn of_stored(mut self, run: RunId, can_resume: bool) -> Self {
+    /// `can_resume`: its references were measured.
+    fn with_way_on(mut self, run: RunId, can_resume: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
             remedy.push_str(&format!("; {}", goes_on(run, can_resume)));
         }
         self
+    }
+
+    /// After the measurement everything measured is still there.
+    fn kept(self, run: RunId, method: &str) -> Self {
+        let way_on = format!(
+            "run {run} and its readings are kept: `trued identify {method} --run {run}`, or `trued \
+             export {run}`"
+        );
+        let remedy = self.remedy.map_or(way_on.clone(), |remedy| format!("{remedy}; {way_on}"));
+        Self { remedy: Some(remedy), ..self }
     }
 }

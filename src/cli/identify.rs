@@ -6,12 +6,12 @@ use super::args::IdentifyArgs;
 use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
 use super::{Exit, show};
-use crate::decision;
 use crate::methods;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{PLAN_VERSION, Plan};
 use crate::record::reading::Reading;
 use crate::report::readings_csv;
+use crate::run::judged;
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 
@@ -44,7 +44,7 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
     let readings = readings_csv::read(&bytes)
         .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
     let estimate = method.identify(&plan, &readings, priors)?;
-    Ok(judged(estimate, &machine))
+    Ok(judged(estimate, &machine.tolerance))
 }
 
 /// Judged by the tolerances of `--machine`, or of the machine file that the run was made with.
@@ -73,7 +73,8 @@ fn stored_run(
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
     let (plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
-    let mut estimate = judged(method.identify(&plan, &stored.readings, priors)?, &machine);
+    let mut estimate =
+        judged(method.identify(&plan, &stored.readings, priors)?, &machine.tolerance);
     estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)
@@ -92,13 +93,6 @@ fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Opt
         state.as_str()
     );
     (plan, (missing > 0).then_some(told))
-}
-
-/// The estimate with its verdict, and a warning for every limit that nothing answers to.
-pub fn judged(mut estimate: Estimate, machine: &MachineFile) -> Estimate {
-    estimate.verdict = decision::judge(&estimate, &machine.tolerance);
-    estimate.warnings.extend(decision::unmatched(&estimate, &machine.tolerance));
-    estimate
 }
 
 fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {

@@ -20,10 +20,12 @@ mod progress;
 mod resume;
 mod run;
 mod runs;
+mod serve;
 mod show;
 mod signals;
 mod simulate;
 mod story;
+mod wires;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -77,6 +79,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::run(&args, state),
+        Command::Serve(args) => serve::serve(&args, state),
         Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),
         Command::Identify(args) => identify::identify(&args, state),

@@ -4,6 +4,7 @@
 //!
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
+mod cycle;
 mod error;
 mod live_check;
 mod references;
@@ -11,6 +12,7 @@ mod resume;
 mod stage;
 mod timeline;
 
+pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
 pub use resume::{Interrupted, can_resume};
 

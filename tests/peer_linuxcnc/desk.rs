@@ -13,6 +13,14 @@ const MACHINE: &str = include_str!("../../config/linuxcnc-sim.toml");
 /// In the place of the part and the settings of `MACHINE`.
 const BALLS: &str = include_str!("samba.toml");
 
+/// Fewer touches, and fast ones.
+const QUICK: [(&str, &str); 4] = [
+    ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
+    ("repeatability_um = 0.15", "repeatability_um = 1.5"),
+    ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
+];
+
 /// A person's desk: a machine file for this rig and an empty journal.
 pub struct Desk(TempDir);
 
@@ -24,13 +32,18 @@ impl Desk {
 
     /// A short cycle with quick touches: for what does not depend on the result.
     pub fn in_a_hurry(rig: &Rig) -> Result<Self, Failed> {
-        let quick = [
-            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
-            ("repeatability_um = 0.15", "repeatability_um = 1.5"),
-            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
-            ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
-        ];
-        Self::with(rig, &quick)
+        Self::with(rig, &QUICK)
+    }
+
+    /// A short cycle, started from outside: the program serves at `port` of this computer.
+    pub fn serving(rig: &Rig, port: u16) -> Result<Self, Failed> {
+        let serve = format!(
+            "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
+             [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n[serve.modbus]\n\
+             listen = \"127.0.0.1:{port}\"\nallow = [\"127.0.0.1\"]\n",
+            MACHINE
+        );
+        Self::of(rig, &serve, &QUICK)
     }
 
     /// A short cycle with touches that are worth something.
@@ -118,6 +131,12 @@ impl Desk {
 
     pub fn start(&self) -> Result<Child, Failed> {
         self.run("self-calibration")
+    }
+
+    /// `trued serve`.
+    pub fn serve(&self) -> Result<Child, Failed> {
+        let machine = self.machine().display().to_string();
+        Ok(self.command(&["serve", "--machine", &machine]).spawn()?)
     }
 
     pub fn run(&self, method: &str) -> Result<Child, Failed> {

@@ -58,7 +58,7 @@ pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
     Ok(rig)
 }
 
-fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
+pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
     Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
 }
 
@@ -107,12 +107,35 @@ fn tails(directory: &Path) -> String {
     ["rig.log", "linuxcnc.log", "rsh.log"].map(tail).concat()
 }
 
-fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
+pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
     let output = Command::new("halcmd").arg("-s").args(arguments).output()?;
     if !output.status.success() {
         return Err(format!("halcmd {arguments:?}: {output:?}").into());
     }
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// `halcmd` that loads something, or takes it away: as the rig in `directory` itself, so that it ends
+/// with it.
+pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
+    let log = File::create(directory.join("load.log"))?;
+    let done = Command::new("halcmd")
+        .args(arguments)
+        .current_dir(directory)
+        .env("TRUED_RIG", directory)
+        .env("RTAPI_UID", "65534")
+        .env("RTAPI_FIFO_PATH", directory.join("rt/fifo"))
+        .stdin(Stdio::null())
+        .stdout(log.try_clone()?)
+        .stderr(log)
+        .status()?;
+    match done.success() {
+        true => Ok(()),
+        false => {
+            let said = std::fs::read_to_string(directory.join("load.log"))?;
+            Err(format!("halcmd {arguments:?}: {said}").into())
+        }
+    }
 }
 
 fn kill(signal: &str, process: &str) -> Result<(), Failed> {

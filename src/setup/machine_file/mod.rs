@@ -11,6 +11,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
+use crate::controllers::{Faults, Simulated};
 use crate::methods::{self, BuiltIn};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
@@ -33,12 +34,12 @@ mod tolerance;
 mod value;
 
 use artefact::Beside;
-pub use controller::{Control, ControllerConfig, Wire};
+pub use controller::{Control, ControllerConfig};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 10] = [
+const SECTIONS: [&str; 11] = [
     "machine",
     "axes",
     "controller",
@@ -49,6 +50,7 @@ const SECTIONS: [&str; 10] = [
     "method",
     "tolerance",
     "simulated",
+    "serve",
 ];
 
 /// A machine file that has been read and found sound.
@@ -124,10 +126,15 @@ impl MachineFile {
         self.document.section(&["simulated"], T::deserialize)
     }
 
-    /// `[[simulated.fault]]`; empty where the file is silent.
-    pub fn simulated_faults<'t, T: Deserialize<'t>>(&'t self) -> Result<Vec<T>, MachineFileError> {
-        let faults = self.document.section(&["simulated", "fault"], Deserialize::deserialize)?;
-        Ok(faults.unwrap_or_default())
+    /// `[serve]` as its owner's type; `None` where the file has no such section.
+    pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
+        self.document.section(&["serve"], T::deserialize)
+    }
+
+    /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.
+    pub fn simulated_faults(&self, control: &Simulated) -> Result<Faults, MachineFileError> {
+        let faults = self.document.section(&["simulated", "fault"], |list| control.faults(list))?;
+        Ok(faults.unwrap_or_else(|| control.no_faults()))
     }
 
     /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table

@@ -1,0 +1,187 @@
+//! Waiting, and doing what the desk has accepted, one thing at a time.
+
+use super::config::Cycle;
+use super::desk::{Ask, Board, Refusal, State};
+use super::past::unfinished;
+use super::{Ended, ServeError, Service, triggers};
+use crate::record::estimate::Estimate;
+use crate::record::event::Event;
+use crate::run::{self, CycleError};
+use crate::setup::{self, Past, SetupError};
+use crate::store::{Journal, MachineLock, RunId};
+
+/// Why a cycle has no estimate.
+#[derive(Debug, thiserror::Error)]
+enum Failed {
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    #[error(transparent)]
+    Cycle(#[from] CycleError),
+}
+
+/// Of a part of the whole, never back.
+struct Progress {
+    whole_s: f64,
+    percent: u16,
+}
+
+impl Service {
+    /// Until [`Service::halt`]. Call inside a tokio runtime.
+    ///
+    /// # Errors
+    /// What keeps it from serving at all; what befalls a cycle is on the board and in the log.
+    pub async fn serve(mut self) -> Result<Ended, ServeError> {
+        let journal = Journal::open(&self.folder)?;
+        let mut lock = Some(self.lock(&journal).await?);
+        triggers::start(&self.config, &self.desk, &self.log)?;
+        match unfinished(&journal, self.name())? {
+            Some(before) => {
+                (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
+                lock = None;
+                self.desk.becomes(State::Held);
+            }
+            None => self.desk.becomes(State::Waiting),
+        }
+        (self.log)("ready");
+        while let Some(ask) = self.asks.recv().await {
+            match ask {
+                _ if self.desk.is_ending() => break,
+                Ask::End => break,
+                Ask::Acknowledge => self.acknowledged(&journal, &mut lock).await,
+                Ask::Start { cycle } => {
+                    let state = self.cycle(cycle, &journal).await;
+                    if state != State::Waiting && self.desk.is_ending() {
+                        return Ok(Ended::Held);
+                    }
+                    if state == State::Held {
+                        // Now a person may resume it.
+                        lock = None;
+                    }
+                }
+            }
+        }
+        Ok(Ended::Waiting)
+    }
+
+    fn name(&self) -> &str {
+        &self.machine.machine.name
+    }
+
+    async fn lock(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
+        let lock = MachineLock::acquire(&self.folder, self.name())?;
+        journal.mark_interrupted(&lock).await?;
+        Ok(lock)
+    }
+
+    /// A person at the machine has acknowledged. That lets a new cycle start; it does not resume.
+    async fn acknowledged(&self, journal: &Journal, lock: &mut Option<MachineLock>) {
+        match self.clear(journal, lock).await {
+            Ok(None) => {
+                self.desk.becomes(State::Waiting);
+                (self.log)("acknowledged; ready");
+            }
+            Ok(Some(why)) => {
+                *lock = None;
+                self.desk.refuse(why, "acknowledgement");
+            }
+            Err(error) => {
+                *lock = None;
+                let why = match error {
+                    ServeError::Lock(_) => Refusal::Elsewhere,
+                    _ => Refusal::NotReady,
+                };
+                self.desk.refuse(why, &format!("acknowledgement ({error})"));
+            }
+        }
+    }
+
+    async fn clear(
+        &self,
+        journal: &Journal,
+        lock: &mut Option<MachineLock>,
+    ) -> Result<Option<Refusal>, ServeError> {
+        if lock.is_none() {
+            *lock = Some(self.lock(journal).await?);
+        }
+        let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
+        if before.position_lost {
+            return Ok(Some(Refusal::PositionLost));
+        }
+        let who = "somebody at the machine".to_owned();
+        let what = "by the acknowledgement at the trigger; new cycles may start".to_owned();
+        journal.event(before.run, &Event::Acknowledged { who, what }).await?;
+        Ok(None)
+    }
+
+    /// Run one cycle; how the service stands afterwards.
+    async fn cycle(&self, number: u16, journal: &Journal) -> State {
+        let measured = self.measured(number, journal).await;
+        let (state, told) = match &measured {
+            Ok((run, estimate)) => {
+                (State::Waiting, format!("run {run} is finished, verdict {:?}", estimate.verdict))
+            }
+            Err(Failed::Cycle(error)) if error.holds() => (State::Held, in_words(error)),
+            Err(Failed::Cycle(error)) => (State::Failed, in_words(error)),
+            Err(Failed::Setup(error)) => {
+                let remedy = error.remedy().map(|remedy| format!("; {remedy}"));
+                (State::Failed, format!("{error}{}", remedy.unwrap_or_default()))
+            }
+        };
+        (self.log)(&told);
+        self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
+        state
+    }
+
+    async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), Failed> {
+        let allowed = self.config.cycle.iter().find(|cycle| cycle.number == number);
+        let Some(Cycle { method, repeat, .. }) = allowed else {
+            return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
+        };
+        let (method, plan) = setup::header(&self.machine, method, *repeat)?;
+        let devices = setup::devices(&self.machine, self.pace, Past::default()).await?;
+        self.desk.under_way(&devices.controller.halt());
+        let mut progress = Progress { whole_s: 0.0, percent: 0 };
+        let mut tell = |event: &Event| self.tell(event, &mut progress);
+        let begun = |id: RunId| {
+            (self.log)(&format!("run {id} begins"));
+            self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
+        };
+        let (machine, priors) = (&self.machine, Vec::new());
+        let cycle = run::Cycle { machine, method: method.into(), plan, priors };
+        Ok(cycle.run(&devices, journal, begun, &mut tell).await?)
+    }
+
+    fn tell(&self, event: &Event, progress: &mut Progress) {
+        match event {
+            Event::Announced { text } => (self.log)(text),
+            Event::StageStarted { stage } => {
+                (self.log)(&format!("{}: {} touches", stage.name, stage.steps.len()));
+            }
+            Event::StepStarted { remaining_s, .. } => {
+                let percent = progress.at(*remaining_s);
+                self.desk.show(|board: &mut Board| board.progress_percent = percent);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Progress {
+    /// In percent; 100 is for the end.
+    fn at(&mut self, remaining_s: f64) -> u16 {
+        self.whole_s = self.whole_s.max(remaining_s);
+        let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));
+        self.percent = self.percent.max(done.clamp(0.0, 99.0) as u16);
+        self.percent
+    }
+}
+
+fn in_words(error: &CycleError) -> String {
+    match error {
+        CycleError::Run { run, error, .. } => format!("run {run}: {error}; {}", error.remedy()),
+        CycleError::Identification { run, why } => {
+            format!("run {run} is measured and kept, but not identified: {why}")
+        }
+        CycleError::Store(error) => format!("{error}; {}", error.remedy()),
+    }
+}

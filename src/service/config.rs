@@ -1,0 +1,167 @@
+//! `[serve]` of the machine file: which cycles may be started from outside, and by whom.
+
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::triggers::modbus::map::CYCLES;
+use crate::link::{HostPort, Named};
+
+/// What the machine itself must say before a cycle starts from outside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Demand {
+    /// The external start is enabled: a key at the machine, or a bit of its PLC.
+    Enable,
+    /// The control stands in its automatic mode.
+    Auto,
+    /// The guards are closed.
+    Door,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cycle {
+    /// By which it is started, from 1.
+    pub number: u16,
+    pub method: String,
+    /// Passes, as `--repeat`.
+    pub repeat: Option<u32>,
+}
+
+/// The daemon's own Modbus TCP server.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Modbus {
+    /// Address and port of this computer.
+    pub listen: SocketAddr,
+    #[serde(default)]
+    pub any_interface: bool,
+    /// Who may connect.
+    pub allow: Vec<IpAddr>,
+    /// The control's `alive` must change within this time, or nothing that it says counts, s.
+    #[serde(default = "fresh_s")]
+    pub fresh_s: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LineKeys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    tcp: Option<HostPort>,
+}
+
+/// A line of text: `START 1 ENABLE AUTO DOOR`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "LineKeys")]
+pub struct Line(pub Named);
+
+const USUAL_BAUD: u32 = 9600;
+
+impl TryFrom<LineKeys> for Line {
+    type Error = String;
+
+    fn try_from(LineKeys { serial, serial_id, baud, tcp }: LineKeys) -> Result<Self, String> {
+        Named::of((serial, serial_id, tcp), baud, USUAL_BAUD).map(Self)
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    #[serde(default = "min_interval_s")]
+    min_interval_s: f64,
+    #[serde(default = "all")]
+    demand: Vec<Demand>,
+    cycle: Vec<Cycle>,
+    modbus: Option<Modbus>,
+    line: Option<Line>,
+}
+
+/// `[serve]`, found sound.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    /// From the end of one cycle to the start of the next.
+    pub min_interval: Duration,
+    /// [`Demand::Enable`] among them.
+    pub demand: Vec<Demand>,
+    pub cycle: Vec<Cycle>,
+    pub modbus: Option<Modbus>,
+    pub line: Option<Line>,
+}
+
+fn min_interval_s() -> f64 {
+    5.0
+}
+
+fn fresh_s() -> f64 {
+    1.0
+}
+
+fn all() -> Vec<Demand> {
+    vec![Demand::Enable, Demand::Auto, Demand::Door]
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let Keys { min_interval_s, demand, cycle, modbus, line } = keys;
+        if !(0.0..=86_400.0).contains(&min_interval_s) {
+            return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
+        }
+        if !demand.contains(&Demand::Enable) {
+            return Err(
+                "demand must contain `enable`: a start from outside is enabled at the machine, \
+                        never by software alone"
+                    .to_owned(),
+            );
+        }
+        check_cycles(&cycle)?;
+        modbus.as_ref().map_or(Ok(()), check_modbus)?;
+        if modbus.is_none() && line.is_none() {
+            return Err(
+                "nothing could start a cycle: add [serve.modbus] or [serve.line]".to_owned()
+            );
+        }
+        let min_interval = Duration::from_secs_f64(min_interval_s);
+        Ok(Self { min_interval, demand, cycle, modbus, line })
+    }
+}
+
+fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
+    for (index, cycle) in cycles.iter().enumerate() {
+        if !(1..=CYCLES).contains(&cycle.number) {
+            return Err(format!("cycle number {} is not from 1 to {CYCLES}", cycle.number));
+        }
+        if cycles[..index].iter().any(|other| other.number == cycle.number) {
+            return Err(format!("cycle number {} is given twice", cycle.number));
+        }
+    }
+    match cycles.is_empty() {
+        true => Err("no cycle may be started: add [[serve.cycle]]".to_owned()),
+        false => Ok(()),
+    }
+}
+
+fn check_modbus(modbus: &Modbus) -> Result<(), String> {
+    if modbus.listen.ip().is_unspecified() && !modbus.any_interface {
+        return Err(format!(
+            "modbus.listen is `{}`, every interface of this computer: name the address that leads to \
+             the machine, or say `any_interface = true`",
+            modbus.listen
+        ));
+    }
+    if modbus.allow.is_empty() {
+        return Err("modbus.allow is empty: name the addresses that may connect".to_owned());
+    }
+    match (0.1..=60.0).contains(&modbus.fresh_s) {
+        true => Ok(()),
+        false => Err(format!("modbus.fresh_s is {}; from 0.1 to 60", modbus.fresh_s)),
+    }
+}

@@ -1,0 +1,103 @@
+//! A line of text, for whatever has a serial port: `START 1 ENABLE AUTO DOOR`, `STOP`, `ACK`, `STATE`.
+//! What the machine says of itself stands in the line that asks, and is as fresh as the line. Each
+//! line gets one answer; that of a start comes when the run has its number.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use crate::link::{self, Link, LinkError, Named, Received};
+use crate::service::Log;
+use crate::service::desk::{Desk, Refusal, Said, State};
+
+/// How long a port that has gone is left alone.
+const AGAIN: Duration = Duration::from_secs(2);
+/// How often a run that begins is looked for.
+const POLL: Duration = Duration::from_millis(20);
+const BY: &str = "the line";
+
+/// For ever: a port that is lost is opened again.
+pub async fn attend(named: Named, desk: Desk, log: Log) {
+    let mut last = String::new();
+    loop {
+        if let Err(error) = listen(&named, &desk).await {
+            // Once, not every two seconds.
+            let told = error.to_string();
+            if told != last {
+                log(&format!("the trigger line: {told}"));
+                last = told;
+            }
+        }
+        sleep(AGAIN).await;
+    }
+}
+
+async fn listen(named: &Named, desk: &Desk) -> Result<(), LinkError> {
+    let mut link = link::open(&named.address()?).await?;
+    let mut begins = false;
+    loop {
+        if let Some(received) = link.recv_deadline(Instant::now() + POLL).await? {
+            begins |= answer(&received, &mut link, desk)?;
+        }
+        let board = desk.board();
+        if begins && (board.run > 0 || board.state != State::Running) {
+            begins = false;
+            link.send_line(&match board.run {
+                0 => "FAILED before the run began".to_owned(),
+                run => format!("OK run {run}"),
+            })?;
+        }
+    }
+}
+
+/// Whether a run begins now; its answer is owed.
+fn answer(received: &Received, link: &mut Link, desk: &Desk) -> Result<bool, LinkError> {
+    let Received::Line(line) = received else { return Ok(false) };
+    let words: Vec<String> = line.split_whitespace().map(str::to_ascii_uppercase).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let said = match words.as_slice() {
+        [] => return Ok(false),
+        ["START", cycle, said @ ..] => match (cycle.parse(), inputs(said)) {
+            (Ok(cycle), Some(said)) => match desk.start(cycle, said, BY) {
+                Ok(()) => return Ok(true),
+                Err(why) => format!("REFUSED {why}"),
+            },
+            _ => unreadable(desk),
+        },
+        ["STOP"] => {
+            desk.stop(BY);
+            "OK".to_owned()
+        }
+        ["ACK"] => {
+            desk.acknowledge(BY);
+            "OK".to_owned()
+        }
+        ["STATE"] => {
+            let board = desk.board();
+            let word = format!("{:?}", board.state).to_uppercase();
+            format!("{word} cycle {} run {} {} %", board.cycle, board.run, board.progress_percent)
+        }
+        _ => unreadable(desk),
+    };
+    link.send_line(&said)?;
+    Ok(false)
+}
+
+fn unreadable(desk: &Desk) -> String {
+    desk.refuse(Refusal::Unreadable, BY);
+    format!("REFUSED {}", Refusal::Unreadable)
+}
+
+/// `None` for a word that is none.
+fn inputs(words: &[&str]) -> Option<Said> {
+    let mut said = Said { fresh: true, ..Said::default() };
+    for word in words {
+        match *word {
+            "ENABLE" => said.enable = true,
+            "AUTO" => said.auto = true,
+            "DOOR" => said.door = true,
+            _ => return None,
+        }
+    }
+    Some(said)
+}

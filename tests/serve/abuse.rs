@@ -1,0 +1,107 @@
+//! Whoever speaks badly, or too much, or not at all.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::Duration;
+
+use super::client::{Client, RUN, STATE};
+use super::shop::{MODBUS, Shop};
+
+/// Read all input registers, as fast as it goes.
+fn flood(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let mut answer = [0; 9 + 2 * 120];
+    while !end.load(Ordering::Relaxed) {
+        stream.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 100, 0, 120]).unwrap();
+        stream.read_exact(&mut answer).unwrap();
+        answers.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+pub fn of_all_kinds() {
+    let shop = Shop::new(MODBUS);
+    let machine = shop.machine();
+    let calm = shop.json(&["run", "self-calibration", "--json", "--machine", &machine]);
+    let daemon = shop.serve("fast");
+    let mut client = Client::new(daemon.port);
+    let exceptions = [
+        ("discrete 0 1", 1),
+        ("input 220 1", 2),
+        ("input 200 30", 2),
+        ("holding 1 1", 2),
+        ("coil 19 1", 2),
+        ("register 1 1", 2),
+        ("registers 0 1 2", 2),
+        ("coils 18 1 1", 2),
+    ];
+    for (request, code) in exceptions {
+        assert_eq!(client.ask(request), format!("exception {code}"), "{request}");
+    }
+    raw(daemon.port);
+    let (end, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
+    let floods: Vec<_> = (0..4)
+        .map(|_| {
+            let stream = TcpStream::connect(("127.0.0.1", daemon.port)).unwrap();
+            let (end, answers) = (end.clone(), answers.clone());
+            std::thread::spawn(move || flood(stream, &end, &answers))
+        })
+        .collect();
+    // Lines that nobody speaks on, begun requests, noise: more than there are places.
+    let address = SocketAddr::from(([127, 0, 0, 1], daemon.port));
+    let silent: Vec<TcpStream> = (0..30)
+        .map(|number: u8| {
+            let mut stream = TcpStream::connect(address).unwrap();
+            let bytes: &[u8] = match number % 3 {
+                0 => &[],
+                1 => &[0, 1, 0, 0, 0, 6, 1],
+                _ => &[0xff; 300],
+            };
+            let _ = stream.write_all(bytes);
+            stream
+        })
+        .collect();
+    client.enable();
+    client.press(11);
+    client.until(|status| status[STATE] == 1 && status[RUN] == 2);
+    end.store(true, Ordering::Relaxed);
+    floods.into_iter().for_each(|flood| flood.join().unwrap());
+    drop(silent);
+    println!("{} requests answered beside the run", answers.load(Ordering::Relaxed));
+    assert!(answers.load(Ordering::Relaxed) > 1000);
+    let disturbed = shop.json(&["show", "2", "--json"]);
+    let text = disturbed.to_string();
+    for parameter in calm["parameters"].as_array().unwrap() {
+        assert!(text.contains(&parameter["value"].to_string()), "{parameter} is not in {text}");
+    }
+}
+
+/// What pymodbus would not send: the answer's function and exception code.
+fn raw(port: u16) {
+    let cases: [(&[u8], u8); 4] =
+        [(&[4, 0, 0, 0, 0], 3), (&[4, 0, 0, 0, 126], 3), (&[0x55, 1, 2], 1), (&[1, 0, 0, 0, 0], 3)];
+    for (pdu, code) in cases {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let mut frame = vec![0, 7, 0, 0, 0, pdu.len() as u8 + 1, 1];
+        frame.extend_from_slice(pdu);
+        stream.write_all(&frame).unwrap();
+        let mut answer = [0; 9];
+        stream.read_exact(&mut answer).unwrap();
+        assert_eq!(answer[7..], [pdu[0] | 0x80, code], "{pdu:?}");
+    }
+}
+
+pub fn strangers() {
+    let shop = Shop::new(MODBUS);
+    shop.change("allow = [\"127.0.0.1\"]", "allow = [\"127.0.0.2\"]");
+    let daemon = shop.serve("fast");
+    let mut stranger = Client::new(daemon.port);
+    assert_eq!(stranger.ask("input 0 1"), "lost");
+    assert_eq!(stranger.ask("coil 11 1"), "lost");
+    let mut known = Client::from(daemon.port, "127.0.0.2");
+    assert_eq!(known.status()[STATE], 1);
+    assert_eq!(known.numbers("bits 11 1")[0], 0);
+    assert!(daemon.log.lock().unwrap().contains("127.0.0.1 may not connect"));
+}

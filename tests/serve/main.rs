@@ -1,0 +1,49 @@
+//! `trued serve` as a machine's PLC sees it: pymodbus is the client (`tests/peers/pymodbus/install`, or
+//! `TRUED_PYMODBUS`). Without it these trials are skipped, with the reason; with
+//! `TRUED_REQUIRE_PEERS=1` they fail.
+
+mod abuse;
+mod client;
+mod line;
+mod shop;
+mod starts;
+mod stops;
+
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
+
+const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+
+fn pymodbus(name: &str, run: fn()) -> Trial {
+    Trial::ignorable_test(name, move || match client::python() {
+        Some(_) => {
+            run();
+            Ok(Completion::Completed)
+        }
+        None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
+            Err(Failed::from(MISSING))
+        }
+        None => Ok(Completion::ignored_with(MISSING)),
+    })
+}
+
+fn alone(name: &str, run: fn()) -> Trial {
+    Trial::test(name, move || {
+        run();
+        Ok(())
+    })
+}
+
+fn main() {
+    let trials = vec![
+        pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
+        pymodbus("each_refusal_has_its_reason", starts::refusals),
+        pymodbus("a_sign_of_life_that_stops_takes_the_enable_with_it", starts::stale),
+        pymodbus("nonsense_floods_and_half_open_lines_disturb_nothing", abuse::of_all_kinds),
+        pymodbus("only_who_is_allowed_may_connect", abuse::strangers),
+        pymodbus("a_stop_holds_until_somebody_acknowledges", stops::by_a_coil),
+        pymodbus("sigterm_holds_and_the_next_service_waits", stops::by_sigterm),
+        alone("a_line_of_text_starts_a_cycle", line::starts),
+        alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
+    ];
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}

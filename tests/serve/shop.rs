@@ -1,0 +1,131 @@
+//! A machine file with a section `[serve]`, a journal, and the program.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
+
+use serde_json::Value;
+
+pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
+
+pub struct Shop {
+    folder: tempfile::TempDir,
+}
+
+/// `trued serve`; killed with this value.
+pub struct Daemon {
+    pub child: Child,
+    pub port: u16,
+    pub log: Arc<Mutex<String>>,
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Daemon {
+    /// Its exit code.
+    pub fn terminate(mut self) -> i32 {
+        let kill = format!("kill -TERM {}", self.child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        self.child.wait().unwrap().code().unwrap()
+    }
+}
+
+impl Shop {
+    /// The built-in machine; `trigger`: the rest of `[serve]`.
+    pub fn new(trigger: &str) -> Self {
+        let shop = Self { folder: tempfile::tempdir().unwrap() };
+        let machine = include_str!("../../config/simulated.toml");
+        let rest = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
+                    [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
+                    [serve]\nmin_interval_s = 0.0\n\
+                    [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
+        std::fs::write(shop.machine(), format!("{machine}\n{rest}{trigger}")).unwrap();
+        shop
+    }
+
+    /// In the machine file.
+    pub fn change(&self, from: &str, to: &str) {
+        let text = std::fs::read_to_string(self.machine()).unwrap();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(self.machine(), text.replace(from, to)).unwrap();
+    }
+
+    pub fn machine(&self) -> String {
+        self.folder.path().join("machine.toml").display().to_string()
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.folder.path().join("state"));
+        command
+    }
+
+    pub fn trued(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    pub fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.trued(arguments);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{told}"))
+    }
+
+    /// Of each run, newest first.
+    pub fn states(&self) -> Vec<String> {
+        let runs = self.json(&["runs", "--json"]);
+        let state = |run: &Value| run["state"].as_str().unwrap().to_owned();
+        runs.as_array().unwrap().iter().map(state).collect()
+    }
+
+    /// Until it is ready. `speed`: of the simulated machine.
+    pub fn serve(&self, speed: &str) -> Daemon {
+        let machine = self.machine();
+        let mut command = self.command(&["serve", "--machine", &machine, "--speed", speed]);
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut told = BufReader::new(child.stderr.take().unwrap());
+        let (mut line, mut log) = (String::new(), String::new());
+        while line.trim() != "ready" {
+            line.clear();
+            assert_ne!(told.read_line(&mut line).unwrap(), 0, "it does not serve: {log}");
+            log += &line;
+        }
+        let port = log.lines().find_map(|line| line.strip_prefix("Modbus TCP on 127.0.0.1:"));
+        let port = port.map_or(0, |port| port.parse().unwrap());
+        let log = Arc::new(Mutex::new(log));
+        let more = log.clone();
+        std::thread::spawn(move || {
+            let mut line = String::new();
+            while told.by_ref().read_line(&mut line).is_ok_and(|count| count > 0) {
+                more.lock().unwrap().push_str(&line);
+                line.clear();
+            }
+        });
+        Daemon { child, port, log }
+    }
+}
+
+/// Nothing serves that everybody could start, or that nobody enables.
+pub fn bad_sections() {
+    let cases = [
+        ("127.0.0.1:0", "0.0.0.0:1502", "any_interface"),
+        ("allow = [\"127.0.0.1\"]", "allow = []", "modbus.allow is empty"),
+        ("min_interval_s = 0.0", "demand = [\"auto\"]", "demand must contain `enable`"),
+        ("number = 1", "number = 9", "cycle number 9"),
+        ("\"self-calibration\"\n[serve.", "\"sorcery\"\n[serve.", "no method `sorcery`"),
+        ("allow = ", "alow = ", "allow"),
+        (MODBUS, "", "nothing could start a cycle"),
+    ];
+    for (from, to, words) in cases {
+        let shop = Shop::new(MODBUS);
+        shop.change(from, to);
+        let output = shop.trued(&["serve", "--machine", &shop.machine()]);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{to}: {told}");
+        assert!(told.contains(words), "{words} in {told}");
+    }
+}
