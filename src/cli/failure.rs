@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use super::Exit;
+use super::story::goes_on;
 use crate::gcode::RenderError;
 use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
@@ -107,13 +108,7 @@ impl Failure {
     /// `can_resume`: its references were measured.
     fn with_way_on(mut self, run: RunId, can_resume: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
-            remedy.push_str(&match can_resume {
-                true => format!("; `trued resume {run}` goes on from here"),
-                false => format!(
-                    "; run {run} cannot be resumed, for its references were not yet measured: start a \
-                     new one"
-                ),
-            });
+            remedy.push_str(&format!("; {}", goes_on(run, can_resume)));
         }
         self
     }

@@ -6,7 +6,7 @@ use super::failure::Failure;
 use super::show;
 use crate::base::Axis;
 use crate::gcode::{Dialect, Program};
-use crate::planning::{self, Clearance};
+use crate::planning;
 use crate::proof::{Request, Staged, prove};
 use crate::record::plan::{Plan, Stage};
 use crate::record::proof::Proof;
@@ -15,7 +15,8 @@ use crate::setup;
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
-    let (plan, stages) = nominal(method.as_ref(), header)?;
+    let (plan, mut stages) = nominal(method.as_ref(), header)?;
+    stages.retain(|stage| stage.repeat == 0);
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
@@ -28,7 +29,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
             "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
         );
     } else {
-        describe(&plan)?;
+        describe(&plan, &stages)?;
         let (_, proof) = program(&plan, &stages, machine.controller.control.dialect())?;
         for line in summary(&proof, &plan) {
             say!("{line}");
@@ -55,13 +56,12 @@ pub fn nominal(
 fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
     let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
-    let (blocks, _) = planning::blocks(plan, &Clearance::above(plan)?)?;
+    let (blocks, _) = planning::staged_blocks(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let program = Program { title: &plan.method, axes: &axes, log: None };
     let text = dialect.program(&program, &blocks)?;
     let staged: Vec<Staged> = stages
         .iter()
-        .filter(|stage| stage.repeat == 0)
         .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
         .collect();
     let (stages, stands, first) = (&staged, None, true);
@@ -89,8 +89,8 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     lines
 }
 
-fn describe(plan: &Plan) -> Result<(), Failure> {
-    let (_, seconds) = planning::blocks(plan, &Clearance::above(plan)?)?;
+fn describe(plan: &Plan, stages: &[Stage]) -> Result<(), Failure> {
+    let (_, seconds) = planning::staged_blocks(plan, stages)?;
     say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step

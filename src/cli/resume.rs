@@ -68,7 +68,7 @@ fn check_state(stored: &StoredRun) -> Result<(), Failure> {
         RunState::Closed => "is closed",
         _ => "is under way",
     };
-    let way_on = story::way_on(state, &stored.summary.method, id);
+    let way_on = story::way_on(stored);
     Err(Failure::new(
         format!("run {id} {why}: there is nothing to resume"),
         way_on.unwrap_or_else(|| "start a new run".to_owned()),

@@ -11,7 +11,8 @@ use crate::report::readings_csv;
 use crate::store::{Journal, RunId, RunState, StoredRun};
 
 pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let runs = Journal::open(&state_folder(state)?)?.runs()?;
+    let journal = Journal::open(&state_folder(state)?)?;
+    let runs = journal.runs()?;
     if args.json {
         show::print_json(&runs)?;
         return Ok(Exit::Pass);
@@ -28,7 +29,11 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             run.state.as_str(),
             run.machine
         );
-        if let Some(way_on) = way_on(run.state, &run.method, run.id) {
+        let stopped =
+            !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
+        if let Some(way_on) =
+            stopped.then(|| journal.load(run.id)).transpose()?.as_ref().and_then(way_on)
+        {
             say!("       {way_on}");
         }
     }
@@ -72,7 +77,7 @@ fn tell_interruptions(stored: &StoredRun) {
     if summary.state != RunState::Finished {
         say!("{}", how_it_ended(stored));
     }
-    if let Some(way_on) = way_on(summary.state, &summary.method, summary.id) {
+    if let Some(way_on) = way_on(stored) {
         say!("  → {way_on}");
     }
 }

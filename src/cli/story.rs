@@ -1,7 +1,8 @@
 //! What a stored run has been through, in words.
 
 use crate::record::event::Event;
-use crate::store::{RunId, RunState, StoredRun};
+use crate::run::can_resume;
+use crate::store::{RunId, RunState, RunSummary, StoredRun};
 
 /// What happened on the way: stops, faults, who let it go on; when, and in words.
 pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
@@ -39,14 +40,27 @@ pub fn position_lost(stored: &StoredRun) -> bool {
     since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
 }
 
-/// What a person can do with a run in this state.
-pub fn way_on(state: RunState, method: &str, run: RunId) -> Option<String> {
+/// Whether a stopped run goes on, in words. `can_resume`: its references were measured.
+pub fn goes_on(run: RunId, can_resume: bool) -> String {
+    match can_resume {
+        true => {
+            format!("`trued resume {run}` goes on from here, once you have looked at the machine")
+        }
+        false => format!(
+            "run {run} cannot be resumed, for its references were not yet measured: start a new one"
+        ),
+    }
+}
+
+/// What a person can do with a run in its state.
+pub fn way_on(stored: &StoredRun) -> Option<String> {
+    let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
         RunState::Held | RunState::Interrupted => {
-            Some(format!("`trued resume {run}` goes on, once you have looked at the machine"))
+            Some(goes_on(*id, can_resume(&stored.plan, &stored.readings)))
         }
         RunState::Closed => {
-            Some(format!("`trued identify {method} --run {run}` tells what its readings hold"))
+            Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))
         }
         RunState::Finished | RunState::Failed | RunState::Running => None,
     }

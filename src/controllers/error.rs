@@ -73,6 +73,20 @@ impl ControllerError {
         }
     }
 
+    /// The step that the words name.
+    pub fn step(&self) -> Option<u32> {
+        match self {
+            Self::OutOfTravel { step, .. }
+            | Self::Late { step, .. }
+            | Self::NoContact { step }
+            | Self::UnexpectedContact { step }
+            | Self::StillTripped { step }
+            | Self::Doubtful { step, .. }
+            | Self::Render { step, .. } => Some(*step),
+            _ => None,
+        }
+    }
+
     /// What to do next, for the person at the machine.
     pub fn remedy(&self) -> String {
         let text = match self {

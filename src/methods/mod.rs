@@ -108,6 +108,23 @@ pub enum Source<'a> {
 /// The names of all methods.
 pub const NAMES: [&str; 2] = [self_calibration::NAME, samba::NAME];
 
+/// The machine file that serves a method when a person gives none.
+#[derive(Debug, Clone, Copy)]
+pub struct BuiltIn {
+    /// What errors call it by.
+    pub file: &'static str,
+    pub text: &'static str,
+}
+
+/// The machine that is built in for the method `name`; a method without one of its own is shown on
+/// the first.
+pub fn built_in(name: &str) -> BuiltIn {
+    match name {
+        samba::NAME => samba::BUILT_IN,
+        _ => self_calibration::BUILT_IN,
+    }
+}
+
 /// The method `name` with its settings, from the machine file or from a plan. The list: a new
 /// method is one line here.
 ///

@@ -224,8 +224,11 @@ impl Access {
         let (from, touched) = (place(stand.out)?, place(0.0)?);
         self.check_travel(&from)?;
         self.check_travel(&place(-stand.loose)?)?;
-        let over = from.clone().with(Axis::Z, self.about.z_between(&from, &from, CLEAR));
-        self.check_travel(&over)?;
+        let over = self.about.z_between(&from, &from, CLEAR);
+        // Nothing stands below: nothing has to be cleared.
+        if over > f64::NEG_INFINITY {
+            self.check_travel(&from.clone().with(Axis::Z, over))?;
+        }
         let own = format!("ball {}", ball.id);
         match self.about.near(&from, &touched, CLEAR, &own) {
             None => Ok(()),

@@ -37,6 +37,18 @@ impl Clearance {
         Self::over(plan, &plan.artefact)
     }
 
+    /// With what is known when a stage is planned: balls where they were found by then, a round part
+    /// where the plan says.
+    ///
+    /// # Errors
+    /// As [`Clearance::above`].
+    pub fn known(plan: &Plan, found: Option<&Artefact>) -> Result<Self, PlanningError> {
+        match found {
+            Some(balls @ Artefact::Balls(_)) => Self::over(plan, balls),
+            _ => Self::above(plan),
+        }
+    }
+
     /// As [`Clearance::above`], with the artefact where it was found.
     pub fn over(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let about = Surroundings::new(plan, artefact)?;

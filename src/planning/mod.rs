@@ -27,23 +27,57 @@ pub use touch::{Start, touch_block};
 
 use crate::base::{Axis, Position};
 use crate::record::motion::{Block, Motion};
-use crate::record::plan::Plan;
+use crate::record::plan::{Plan, Stage, Step};
 
 /// All steps of `plan` in their order, once each, from a machine that stands nobody knows where;
 /// and the machine time in s.
 pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), PlanningError> {
-    let mut blocks = Vec::new();
-    let mut seconds = 0.0;
-    let mut stands: Option<Position> = None;
+    let mut program = Blocks::default();
     for step in &plan.steps {
-        let start = Start { stands: stands.as_ref(), first: stands.is_none() };
-        let block = touch_block(plan, step, 0, start, clearance)?;
-        let begins = stands.unwrap_or_default();
-        seconds += machine_time_s(&block, &begins, &plan.machine);
-        stands = Some(end_of(&block, &begins));
-        blocks.push(block);
+        program.push(plan, step, 0, clearance)?;
     }
-    Ok((blocks, seconds))
+    Ok((program.blocks, program.seconds))
+}
+
+/// As [`blocks`], stage by stage as a run plans them: each with the artefact where it was found by
+/// then.
+pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
+    let (mut program, mut found) = (Blocks::default(), None);
+    for stage in stages {
+        found = stage.found.as_ref().or(found);
+        let clearance = Clearance::known(plan, found)?;
+        for id in &stage.steps {
+            let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
+            program.push(plan, step, stage.repeat, &clearance)?;
+        }
+    }
+    Ok((program.blocks, program.seconds))
+}
+
+/// Blocks one after the other, from a machine that stands nobody knows where.
+#[derive(Default)]
+struct Blocks {
+    blocks: Vec<Block>,
+    seconds: f64,
+    stands: Option<Position>,
+}
+
+impl Blocks {
+    fn push(
+        &mut self,
+        plan: &Plan,
+        step: &Step,
+        repeat: u32,
+        clearance: &Clearance,
+    ) -> Result<(), PlanningError> {
+        let start = Start { stands: self.stands.as_ref(), first: self.stands.is_none() };
+        let block = touch_block(plan, step, repeat, start, clearance)?;
+        let begins = self.stands.take().unwrap_or_default();
+        self.seconds += machine_time_s(&block, &begins, &plan.machine);
+        self.stands = Some(end_of(&block, &begins));
+        self.blocks.push(block);
+        Ok(())
+    }
 }
 
 /// Where the axes stand after `block`: the last target of each.

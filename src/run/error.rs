@@ -6,6 +6,7 @@ use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
 use crate::proof::Refusal;
+use crate::record::plan::Step;
 use crate::store::StoreError;
 
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +23,9 @@ pub enum RunError {
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    /// With the label of the step that the fault names.
+    #[error("{label}, {source}")]
+    OnStep { label: String, source: Box<RunError> },
     #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
@@ -52,6 +56,7 @@ impl RunError {
             Self::ProofGone { .. } => "please report this with the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
+            Self::OnStep { source, .. } => source.remedy(),
             Self::DeadProbe { .. } => {
                 "deflect the stylus and watch the probe's input at the control: is the probe on, its \
                  battery fresh, its cable whole?"
@@ -80,7 +85,33 @@ impl RunError {
     pub(super) fn of_first_touch(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
+            Self::OnStep { label, source } => {
+                Self::OnStep { label, source: Box::new(source.of_first_touch()) }
+            }
             other => other,
+        }
+    }
+
+    /// Of a step that was under way: what names the step by its number tells its label as well, by
+    /// which a person knows what was to be touched, and from where.
+    pub(super) fn on(self, step: &Step) -> Self {
+        match &self {
+            Self::Controller(error) if error.step() == Some(step.id) => {
+                Self::OnStep { label: step.label.clone(), source: Box::new(self) }
+            }
+            Self::NoReading { .. } => {
+                Self::OnStep { label: step.label.clone(), source: Box::new(self) }
+            }
+            _ => self,
+        }
+    }
+
+    /// What the control said, if it was the control.
+    pub fn of_control(&self) -> Option<&ControllerError> {
+        match self {
+            Self::Controller(error) => Some(error),
+            Self::OnStep { source, .. } => source.of_control(),
+            _ => None,
         }
     }
 
@@ -91,7 +122,7 @@ impl RunError {
 
     /// The axes must be homed before anything else moves.
     pub fn position_lost(&self) -> bool {
-        matches!(self, Self::Controller(error) if error.position_lost())
+        self.of_control().is_some_and(ControllerError::position_lost)
     }
 
     /// A person asked for it.

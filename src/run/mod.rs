@@ -14,7 +14,7 @@ mod timeline;
 
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
-pub use resume::Interrupted;
+pub use resume::{Interrupted, can_resume};
 
 use self::timeline::Timeline;
 use crate::base::Position;

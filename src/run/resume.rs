@@ -7,7 +7,7 @@ use super::{Run, RunError};
 use crate::base::Position;
 use crate::decision::references::Shift;
 use crate::record::event::Event;
-use crate::record::plan::{REPEAT_AFTER_STOP, Stage};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
 use crate::record::reading::Reading;
 use crate::store::RunState;
 
@@ -21,10 +21,15 @@ pub struct Interrupted {
     pub elapsed_s: f64,
 }
 
+/// Whether a person may let a run go on after a stop: its references were measured.
+pub fn can_resume(plan: &Plan, readings: &[Reading]) -> bool {
+    References::of(plan, readings).see_all()
+}
+
 impl Run<'_> {
-    /// Whether a person may let it go on after a stop: its references were measured.
+    /// See [`can_resume`].
     pub fn can_resume(&self) -> bool {
-        References::of(&self.plan, &self.readings).see_all()
+        can_resume(&self.plan, &self.readings)
     }
 
     /// Go on where the run was interrupted; `self.plan` holds the steps so far. The caller has the

@@ -58,8 +58,9 @@ impl Run<'_> {
             });
             self.moved = true;
             self.approached = true;
-            let outcome = self.devices.controller.execute(block).await?;
-            let reading = self.reading(&step, repeat, outcome)?;
+            let executed = self.devices.controller.execute(block).await;
+            let outcome = executed.map_err(|error| RunError::from(error).on(&step))?;
+            let reading = self.reading(&step, repeat, outcome).map_err(|error| error.on(&step))?;
             self.journal.reading(self.id, &reading).await?;
             self.readings.push(reading.clone());
             self.probe_lives = true;
@@ -152,10 +153,7 @@ fn tasks(
     found: Option<&Artefact>,
     begin: &Begin,
 ) -> Result<Vec<Task>, RunError> {
-    let clearance = match found {
-        Some(balls @ Artefact::Balls(_)) => Clearance::over(plan, balls)?,
-        _ => Clearance::above(plan)?,
-    };
+    let clearance = Clearance::known(plan, found)?;
     let mut stands = begin.stands.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);

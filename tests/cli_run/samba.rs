@@ -116,7 +116,13 @@ fn a_stop_before_the_references_says_that_the_run_is_over() {
     let shop = shop(&bench);
     let (held, _) = ended_at(&bench, run_command(&shop), 3, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", said(&held));
-    tells(&held, &["run 1 cannot be resumed", "start a new one"]);
+    let over = ["run 1 cannot be resumed", "start a new one"];
+    tells(&held, &over);
+    for listed in [&["runs"][..], &["show", "1"]] {
+        let told = String::from_utf8(shop.trued(listed).stdout).unwrap();
+        assert!(over.iter().all(|words| told.contains(words)), "{told}");
+        assert!(!told.contains("trued resume"), "{told}");
+    }
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
     assert_eq!(shop.states(), ["closed"]);

@@ -12,7 +12,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use bench::{Bench, Ended, Schedule};
 use trued::controllers::grbl::firmware::FaultKind;
-use trued::run::RunError;
 
 const SCHEDULES: u64 = 500;
 
@@ -34,8 +33,10 @@ fn name(value: impl std::fmt::Debug) -> String {
 fn ending(ended: &Ended) -> String {
     match &ended.result {
         Ok(()) => "Finished".to_owned(),
-        Err(RunError::Controller(error)) => name(error),
-        Err(other) => name(other),
+        Err(error) => match error.of_control() {
+            Some(control) => name(control),
+            None => name(error),
+        },
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use toml::{Table, Value};
-use trued::methods::{Method, Next, Source};
+use trued::methods::{IdentifyError, Method, Next, Refused, Source};
 use trued::planning::{Clearance, Start, end_of, touch_block};
 use trued::record::artefact::Artefact;
 use trued::record::estimate::{Estimate, Parameter};
@@ -162,6 +162,16 @@ impl Bench {
         Measured::of(&file, method.as_ref(), plan, readings)
     }
 
+    /// The first stages only.
+    pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
+        let file = world.file(seed);
+        let (method, header) =
+            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let method = Beginning { method, stages };
+        Ok(runtime.block_on(self.run(&file, &method, header))?.1)
+    }
+
     async fn run(
         &self,
         file: &MachineFile,
@@ -177,6 +187,31 @@ impl Bench {
         let Run { plan, readings, .. } = run;
         let why = |error: RunError| Failed(format!("{error}; {}", error.remedy()));
         ended.map(|()| (plan, readings)).map_err(why)
+    }
+}
+
+/// A method that ends after so many stages.
+struct Beginning {
+    method: Box<dyn Method>,
+    stages: usize,
+}
+
+impl Method for Beginning {
+    fn settings(&self) -> serde_json::Value {
+        self.method.settings()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        if done.len() < self.stages { self.method.next(plan, done, source) } else { Ok(Next::Done) }
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.method.identify(plan, readings, priors)
     }
 }
 

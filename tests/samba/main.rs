@@ -4,6 +4,8 @@
 
 mod bench;
 mod cover;
+mod designs;
+mod moved;
 mod played;
 
 use bench::{Bench, Failed, Measured, Series, World};

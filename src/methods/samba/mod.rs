@@ -29,7 +29,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use self::design::{Bench, Visit};
 use self::stages::Known;
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Estimate;
 use crate::record::machine::{Machine, Probe};
@@ -37,6 +37,9 @@ use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
 pub const NAME: &str = "samba";
+/// Balls on a tilting table.
+pub(super) const BUILT_IN: BuiltIn =
+    BuiltIn { file: "samba.toml (built in)", text: include_str!("../../../config/samba.toml") };
 
 pub struct Samba {
     settings: Settings,

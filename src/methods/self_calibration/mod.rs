@@ -26,7 +26,7 @@ mod tests;
 pub use settings::Settings;
 
 use self::plan::{Part, Planner};
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
 use crate::estimation::circle;
 use crate::record::artefact::{Artefact, Cylinder};
 use crate::record::estimate::Estimate;
@@ -34,6 +34,11 @@ use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
+/// A round part on a turning table.
+pub(super) const BUILT_IN: BuiltIn = BuiltIn {
+    file: "simulated.toml (built in)",
+    text: include_str!("../../../config/simulated.toml"),
+};
 
 pub struct SelfCalibration {
     settings: Settings,

@@ -12,6 +12,7 @@ use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
 use crate::controllers::{Faults, Simulated};
+use crate::methods::{self, BuiltIn};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
@@ -37,12 +38,6 @@ pub use controller::{Control, ControllerConfig};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
-
-/// The machine that serves when no file is given,
-const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
-/// and the one with balls for the methods that measure these.
-const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
-const OF_BALLS: [&str; 1] = ["samba"];
 
 const SECTIONS: [&str; 11] = [
     "machine",
@@ -76,10 +71,7 @@ pub struct MachineFile {
 impl MachineFile {
     /// The built-in machine that suits a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
-        let (file, text) = match OF_BALLS.contains(&method) {
-            true => ("samba.toml (built in)", EMBEDDED_BALLS),
-            false => ("simulated.toml (built in)", EMBEDDED),
-        };
+        let BuiltIn { file, text } = methods::built_in(method);
         Self::parse(file, text.to_owned())
     }
 

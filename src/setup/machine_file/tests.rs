@@ -5,6 +5,8 @@ use serde::Deserialize;
 use super::*;
 use crate::record::artefact::Cylinder;
 
+const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
+
 /// The embedded file with `from` replaced once by `to`; `from` must be there.
 fn edited(from: &str, to: &str) -> Result<MachineFile, MachineFileError> {
     assert!(EMBEDDED.contains(from), "the embedded file lacks {from}");

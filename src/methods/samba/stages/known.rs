@@ -69,9 +69,10 @@ impl Known {
         self.found.iter().all(|centres| !centres.is_empty())
     }
 
-    /// Where a ball is expected at a visit: as found there, as last found elsewhere, as stated.
+    /// Where a ball is expected at a visit: as found there, as last found elsewhere. Until all are found,
+    /// as stated: ways and proof can look at one artefact only, and that is the stated one then.
     pub fn centre(&self, bench: &Bench<'_>, ball: usize, visit: usize) -> DVec3 {
-        let found = self.found.get(ball);
+        let found = self.found.get(ball).filter(|_| self.all());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
         let last = there.or_else(|| found.and_then(|all| all.last()));
         let stated = bench.balls.balls.get(ball).map(|ball| DVec3::from_array(ball.centre_mm));

@@ -13,7 +13,7 @@ use super::design::{Bench, Visit, in_words};
 use super::label::{Label, Pass};
 use super::settings::{Find, Settings};
 use crate::methods::Refused;
-use crate::planning::{Approach, Clearance, PlanningError, Unreachable, blocks};
+use crate::planning::{Approach, PlanningError, Unreachable, staged_blocks};
 use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::record::plan::{Plan, Stage, Step, StepKind};
 
@@ -89,21 +89,22 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
     searches
 }
 
-/// Machine time of the visits, everything where it is stated, s.
+/// Machine time of the visits, every ball found where it is stated, s.
 ///
 /// # Errors
 /// What cannot be planned.
 pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refused> {
     let mut plan = Plan { steps: Vec::new(), ..bench.plan.clone() };
+    let mut stages = Vec::new();
     for (id, task) in (0..).zip(tasks(bench, visits)) {
         let grown = bench.with(&plan);
-        let (_, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
+        let (planned, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
         plan.steps.extend(steps);
+        stages.push(planned);
     }
-    let planned = Clearance::above(&plan).and_then(|clearance| blocks(&plan, &clearance));
     let refused =
         |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
-    Ok(planned.map_err(refused)?.1)
+    Ok(staged_blocks(&plan, &stages).map_err(refused)?.1)
 }
 
 /// The steps of a task, numbered on from the plan's, and its stage.
