@@ -89,6 +89,9 @@ pub fn found(
 ) -> Result<Found, IdentifyError> {
     let stated = balls(plan)?;
     let mut observed = observe(plan, readings)?;
+    if observed.sights.is_empty() {
+        return Err(nothing(&observed.left_out, readings).into());
+    }
     let balls = seen_balls(stated, &mut observed);
     let stylus = DVec3::from_array(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
@@ -96,7 +99,7 @@ pub fn found(
     let sources = sources(plan, model.chain(), &observed, &lengths);
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
-    let problem = problem(stylus, model, &observed, &balls, &whitening)?;
+    let problem = problem(stylus, model, &observed, &balls, &whitening);
     let names = outputs::names(&problem, &balls);
     let (survey, start) =
         start(&problem, &of_centres(&observed, &lengths)).map_err(|why| failed(why, &names))?;
@@ -124,6 +127,19 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
         return Err(LinearError::RankDeficient(Box::new(survey)).into());
     }
     Ok((survey, problem.solve(measured, start)?))
+}
+
+/// Why there is nothing to identify from.
+fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
+    let reason = match left_out {
+        _ if readings.is_empty() => "there are no readings at all".to_owned(),
+        [] => "all of them are of the first search, which only finds the balls".to_owned(),
+        [only] => only.clone(),
+        [first, others @ ..] => format!("{first}; likewise {} more", others.len()),
+    };
+    let why = format!("there is no complete measurement of a ball among the readings: {reason}");
+    let instead = "measure at least the slow touches of one stage, or go on with the run".to_owned();
+    Refused { why, instead }
 }
 
 /// The machine with the errors that are asked for.
@@ -161,7 +177,7 @@ fn problem(
     observed: &Observed,
     balls: &Balls,
     whitening: &[DMat3],
-) -> Result<Problem, IdentifyError> {
+) -> Problem {
     let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {
         Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: length_u_mm(length) })
@@ -169,13 +185,8 @@ fn problem(
     let sights = observed.sights.iter().zip(whitening);
     let seen: Vec<Seen> =
         sights.map(|(s, w)| Seen { place: s.place, ball: s.ball, whitening: *w }).collect();
-    if seen.is_empty() {
-        let why = "there is no complete measurement of a ball among the readings".to_owned();
-        let instead = "measure at least the slow touches of one stage".to_owned();
-        return Err(Refused { why, instead }.into());
-    }
     let (places, count) = (observed.places.clone(), balls.balls.len());
-    Ok(Problem::new(model, places, seen, bars.collect(), count, stylus))
+    Problem::new(model, places, seen, bars.collect(), count, stylus)
 }
 
 /// W = L⁻¹ with Σ = L·Lᵀ.

@@ -377,3 +377,26 @@ fn regress_excluded_and_missing_readings() {
     let twice = identify(&plan, &settings(), &readings);
     assert_eq!(twice, Err(IdentifyError::Duplicate { step: 0, repeat: 0 }));
 }
+
+/// A file with a header only, a run stopped in its first search, one measurement that is not complete:
+/// refused, and said why.
+#[test]
+fn regress_readings_without_a_complete_measurement_are_refused() {
+    let (mut plan, mut readings) = SOUND.measure();
+    let why = |plan: &Plan, readings: &[Reading]| match identify(plan, &settings(), readings) {
+        Err(IdentifyError::Refused(refused)) => refused.why,
+        other => panic!("{other:?}"),
+    };
+    assert!(why(&plan, &[]).contains("no readings at all"));
+    let three = why(&plan, &readings[..3]);
+    assert!(three.contains("indexation 1 is left out: 3 touches, 4 are needed"), "{three}");
+    for reading in readings.iter_mut().take(12) {
+        reading.flag = Flag::Excluded;
+    }
+    let flagged = why(&plan, &readings[..12]);
+    assert!(flagged.contains("all its touches are excluded; likewise 2 more"), "{flagged}");
+    for step in plan.steps.iter_mut().take(19) {
+        step.label = step.label.replace("slow", "find");
+    }
+    assert!(why(&plan, &readings[..19]).contains("first search"));
+}
