@@ -141,10 +141,10 @@ fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFig
         }
     };
     let group = |(place, position): (usize, &Position)| {
-        let here = (0..misses.len()).filter(|i| observed.sights[*i].place == place);
+        let here = (0..misses.len()).filter(|i| observed.sights[*i].commanded == place);
         Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
     };
-    let groups = observed.places.iter().enumerate().map(group).collect();
+    let groups = observed.commanded.iter().enumerate().map(group).collect();
     ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
 }
 

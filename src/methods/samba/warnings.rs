@@ -59,7 +59,7 @@ fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
          wrong stylus? It is kept; flag its readings `excluded` to leave it out",
         sight.label.ball,
         sight.label.number(),
-        place_name(&observed.places[sight.place]),
+        place_name(&observed.commanded[sight.commanded]),
         outlier.t
     )
 }
