@@ -8,7 +8,7 @@ use super::observe::{Observed, balls, observe};
 use super::outputs;
 use super::parameters;
 use super::parts::Parts;
-use super::separable::Way;
+use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
@@ -95,7 +95,7 @@ pub fn found(
     let balls = seen_balls(stated, &mut observed);
     let stylus = DVec3::from_array(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
-    let model = model(plan, settings)?;
+    let model = model(plan, settings, &balls)?;
     let sources = sources(plan, model.chain(), &observed, &lengths);
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
@@ -138,18 +138,20 @@ fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
         [first, others @ ..] => format!("{first}; likewise {} more", others.len()),
     };
     let why = format!("there is no complete measurement of a ball among the readings: {reason}");
-    let instead = "measure at least the slow touches of one stage, or go on with the run".to_owned();
+    let instead =
+        "measure at least the slow touches of one stage, or go on with the run".to_owned();
     Refused { why, instead }
 }
 
 /// The machine with the errors that are asked for.
-fn model(plan: &Plan, settings: &Settings) -> Result<Model, IdentifyError> {
+fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, IdentifyError> {
     let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
     let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
     let stands = parameters::standing(plan, settings, &chain);
-    let way = Way { chain: &chain, stands: &stands };
+    let lengths = directions(balls);
+    let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
     let parameters = parameters::chosen(&settings.parameters, way)?;
-    Ok(Model::of(chain, parameters, stands))
+    Ok(Model::of(chain, parameters, stands, lengths))
 }
 
 /// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
