@@ -6,6 +6,7 @@ use faer::{Mat, Side};
 use glam::DVec3;
 
 use super::fit::{Problem, vector};
+use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::parts::{Parts, place_name};
 use super::suspects::{Outlier, Solved};
@@ -206,5 +207,6 @@ fn gauge(parts: &Parts<'_>, left_out: &[LeftOut]) -> Vec<String> {
     if parts.lengths.iter().any(|length| length.temperature_c.is_some()) {
         lines.push("gains: against the certified length at its stated temperature".to_owned());
     }
+    lines.extend(harmonics::in_words(model, &parts.solved.observed.commanded));
     lines
 }

@@ -34,6 +34,13 @@ pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
     !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
 }
 
+/// Whether the table leans over as the axis turns.
+pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
+    let upright = |position: &Position| chain.machine_from_table(position, &[]).matrix3.z_axis.z;
+    !axis.is_linear()
+        && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
+}
+
 /// The user's `names`, or without names what the topology implies.
 ///
 /// # Errors

@@ -1,13 +1,16 @@
 //! What is not as it should be with the readings, and what must be said of it.
 
+use glam::DVec3;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::built_in::turned_by;
 use super::paper_errors;
-use super::whole::{SOUND, parameter, says, settings};
+use super::whole::{SOUND, World, parameter, says, settings};
 use crate::base::Axis;
 use crate::base::random::stream;
 use crate::methods::IdentifyError;
 use crate::methods::samba::identify::identify;
+use crate::record::estimate::Estimate;
 use crate::record::plan::Plan;
 use crate::record::reading::{Flag, Reading};
 
@@ -66,4 +69,37 @@ fn regress_rotary_encoders_that_flicker() {
     readings[2].position.set(Axis::B, moved);
     let estimate = identify(&plan, &settings(), &readings).unwrap();
     assert!(says(&estimate, &["indexation 1 is left out", "not made at one rotary position"]));
+}
+
+/// Radial error motion of C of the fourth order, 5 µm along X.
+const FOURTH: World = World {
+    shift: |_, _, [_, c, _]| DVec3::new(c.cos(), c.sin(), 0.0) * (0.005 * (4.0 * c).cos()),
+    ..SOUND
+};
+
+/// At multiples of 90° it is a part of EX0C, without a trace: that is said. At multiples of 72° it is
+/// seen as what it is, no error of a location.
+#[test]
+fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
+    let told = |estimate: &Estimate| -> Vec<String> {
+        estimate.gauge.iter().filter(|line| line.contains("in steps of")).cloned().collect()
+    };
+    let hidden = FOURTH.identify().unwrap();
+    let ex0c = parameter(&hidden, "EX0C");
+    let truth = paper_errors().iter().find(|(name, _)| name == "EX0C").unwrap().1 * 1e3;
+    println!("{:#?} EX0C off by {:+.2} µm ± {:.2}", told(&hidden), ex0c.value - truth, ex0c.u);
+    assert!(((ex0c.value - truth).abs() - 5.0).abs() < 3.0 * ex0c.u);
+    assert!(hidden.warnings.is_empty(), "{:?}", hidden.warnings);
+    let [c, s] = told(&hidden).try_into().unwrap();
+    assert!(c.starts_with(
+        "C was measured in steps of 90° only: its error motions of the orders 4, 8, …"
+    ));
+    assert!(c.contains("EX0C, EA0C, EB0C") && c.ends_with("other positions in turn_deg would"));
+    assert!(s.starts_with("S was measured in steps of 90°") && s.contains("spindle_deg"));
+    let seen = World { design: || turned_by(&[0.0, 72.0, 144.0, 216.0, 288.0]), ..FOURTH };
+    let seen = seen.identify().unwrap();
+    println!("{:#?} {:#?}", told(&seen), seen.warnings);
+    assert!(says(&seen, &["the model does not explain the measurements"]));
+    assert!(told(&seen)[0].contains("C was measured in steps of 72° only"));
+    assert!(told(&seen)[0].contains("5, 10, …"));
 }
