@@ -103,3 +103,38 @@ fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
     assert!(told(&seen)[0].contains("C was measured in steps of 72° only"));
     assert!(told(&seen)[0].contains("5, 10, …"));
 }
+
+/// A machine that stands 2 µm elsewhere in X, Y and Z after a stop: as much as its references grant.
+#[test]
+fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
+    let (plan, readings) = SOUND.measure();
+    let sound = identify(&plan, &settings(), &readings).unwrap();
+    for (stop, signs) in [(60, [1.0, 1.0, 1.0]), (30, [1.0, -1.0, 1.0]), (85, [-1.0, 1.0, 1.0])] {
+        let stop = 5 * stop;
+        let gap_s = readings[stop].t_s;
+        let plan = Plan { gaps_s: vec![gap_s], ..plan.clone() };
+        let mut stepped = readings.clone();
+        for reading in &mut stepped[stop + 1..] {
+            for (axis, sign) in Axis::LINEAR.into_iter().zip(signs) {
+                let there = reading.position.get(axis).unwrap() + 2e-3 * sign;
+                reading.position.set(axis, there);
+            }
+        }
+        let estimate = identify(&plan, &settings(), &stepped).unwrap();
+        println!("{:?}", estimate.warnings);
+        assert!(estimate.warnings.is_empty());
+        for (name, expected) in paper_errors() {
+            let (found, before) = (parameter(&estimate, &name), parameter(&sound, &name));
+            let off = found.value - found.unit.from_internal(expected);
+            println!("{name}: {off:+.2}, U {:.2}, before {:.2}", found.expanded, before.expanded);
+            assert!(off.abs() < 1.2 * found.expanded, "{name}");
+            let moved = (found.value - before.value).abs();
+            assert!(moved < found.expanded, "{name}: {moved} of {}", found.expanded);
+        }
+        let ex0c = parameter(&estimate, "EX0C");
+        assert!(ex0c.budget.iter().any(|line| line.source == "steps at interruptions"));
+    }
+    // Nothing was measured after it: no step.
+    let plan = Plan { gaps_s: vec![readings.last().unwrap().t_s], ..plan };
+    assert_eq!(identify(&plan, &settings(), &readings).unwrap(), sound);
+}
