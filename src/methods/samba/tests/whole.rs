@@ -332,6 +332,7 @@ fn regress_sag_is_no_machine_error_and_said() {
     let (sound, estimate) = (SOUND.identify().unwrap(), sagging.identify().unwrap());
     println!("{:#?} {}", estimate.warnings, estimate.chi2_per_dof);
     assert!(says(&estimate, &["the model does not explain the measurements", "enlarged"]));
+    assert!(says(&estimate, &["Sag of the table as B tilts it would stand in EX0C, EB0C, EB0Z"]));
     assert!(estimate.chi2_per_dof > 2.0);
     let ratio = parameter(&estimate, "EX0C").u / parameter(&sound, "EX0C").u;
     assert!((ratio / estimate.chi2_per_dof.sqrt() - 1.0).abs() < 0.05, "{ratio}");
