@@ -56,6 +56,10 @@ pub struct RunArgs {
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
+    /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not
+    /// kept in the journal.
+    #[arg(long, value_name = "FILE", conflicts_with = "capture")]
+    pub replay: Option<PathBuf>,
     #[command(flatten)]
     pub output: OutputArgs,
 }
@@ -69,6 +73,9 @@ pub struct OutputArgs {
     /// Write the report here.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
+    /// Write every byte of every link here, with its time.
+    #[arg(long, value_name = "FILE")]
+    pub capture: Option<PathBuf>,
     /// Pace of the simulated machine; a real one has its own.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,

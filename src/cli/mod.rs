@@ -24,6 +24,7 @@ mod show;
 mod signals;
 mod simulate;
 mod story;
+mod wires;
 
 use std::io::Write;
 use std::process::ExitCode;

@@ -12,6 +12,7 @@ use super::files::state_folder;
 use super::progress::Progress;
 use super::run::{Measured, check_report_folder, conclude, connect, identify, kept};
 use super::signals::stop_on_signals;
+use super::wires::Wires;
 use super::{Exit, story};
 use crate::methods::{self, Method};
 use crate::record::event::Event;
@@ -35,6 +36,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let method: Arc<dyn Method> =
         methods::configure(&name, stored.plan.settings.clone()).map_err(Failure::plain)?.into();
     let acknowledged = acknowledge(args, &stored)?;
+    let wires = Wires::of(args.output.capture.as_deref(), None)?;
     journal.event(id, &acknowledged).wait()?;
 
     let mut progress = Progress::start(args.output.json);
@@ -44,10 +46,11 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         .enable_all()
         .build()
         .map_err(Failure::plain)?;
-    let estimate = runtime.block_on(async {
+    let found = runtime.block_on(async {
         let elapsed_s = elapsed_s(&stored);
         let past = Past { readings: &stored.readings, elapsed_s };
-        let devices = connect(&machine, args.output.speed, past).await?;
+        let opening = connect(&machine, args.output.speed, past);
+        let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
         let StoredRun { plan, stages, readings, .. } = stored;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
@@ -55,8 +58,8 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         let measured = Measured::of(run, ended)?;
         let found = identify(&method, measured, Vec::new(), &devices.controller.halt()).await;
         found.map_err(|failure| kept(failure, id, &name))
-    })?;
-    conclude(&journal, &machine, (id, estimate), &args.output)
+    });
+    conclude(&journal, &machine, (id, wires.finish(found)?), &args.output, wires.keeps())
 }
 
 fn check_state(stored: &StoredRun) -> Result<(), Failure> {

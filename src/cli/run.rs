@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use super::args::{OutputArgs, RunArgs, Speed};
 use super::failure::Failure;
-use super::files::{read_estimate, state_folder};
+use super::files::read_estimate;
 use super::identify::judged;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
+use super::wires::Wires;
 use super::{Exit, show};
 use crate::controllers::Halt;
 use crate::methods::Method;
@@ -31,7 +32,8 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
     method.check_priors(&priors)?;
     check_report_folder(&args.output)?;
-    let folder = state_folder(state)?;
+    let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
+    let folder = wires.folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
@@ -43,9 +45,10 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         .enable_all()
         .build()
         .map_err(Failure::plain)?;
-    let (id, estimate) = runtime.block_on(async {
+    let found = runtime.block_on(async {
         // A run begins when its machine is there.
-        let devices = connect(&machine, args.output.speed, Past::default()).await?;
+        let opening = connect(&machine, args.output.speed, Past::default());
+        let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
         let id = journal.begin(&new).await?;
         let mut run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
@@ -53,20 +56,22 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         let measured = Measured::of(run, ended)?;
         let found = identify(&method, measured, priors, &devices.controller.halt()).await;
         found.map(|estimate| (id, estimate)).map_err(|failure| kept(failure, id, &args.method))
-    })?;
-    conclude(&journal, &machine, (id, estimate), &args.output)
+    });
+    let found = wires.finish(found)?;
+    conclude(&journal, &machine, found, &args.output, wires.keeps())
 }
 
-/// Judge, store, tell.
+/// Judge, store, tell; `keeps`: the journal outlives the program.
 pub fn conclude(
     journal: &Journal,
     machine: &MachineFile,
     (id, estimate): (RunId, Estimate),
     output: &OutputArgs,
+    keeps: bool,
 ) -> Result<Exit, Failure> {
     let estimate = judged(estimate, machine);
     journal.estimate(id, &estimate).wait()?;
-    tell_result(output, id, &estimate)?;
+    tell_result(output, keeps.then_some(id), &estimate)?;
     if let Some(file) = &output.report {
         show::write_report(journal, id, file)?;
     }
@@ -138,14 +143,20 @@ pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
     }
 }
 
-fn tell_result(output: &OutputArgs, id: RunId, estimate: &Estimate) -> Result<(), Failure> {
+fn tell_result(
+    output: &OutputArgs,
+    kept: Option<RunId>,
+    estimate: &Estimate,
+) -> Result<(), Failure> {
     if output.json {
-        show::print_json(estimate)
-    } else {
-        show::print_estimate(estimate);
-        say!("\nstored as run {id}: `trued show {id} --report report.html` draws it");
-        Ok(())
+        return show::print_json(estimate);
     }
+    show::print_estimate(estimate);
+    match kept {
+        Some(id) => say!("\nstored as run {id}: `trued show {id} --report report.html` draws it"),
+        None => say!("\nreplayed: nothing was measured, nothing is stored"),
+    }
+    Ok(())
 }
 
 pub async fn connect(

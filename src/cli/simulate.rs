@@ -1,4 +1,4 @@
-//! `trued simulate`: the simulated firmware on a pseudo-terminal, for any program to drive.
+//! `trued simulate`: the simulated firmware on a wire of its own, for any program to drive.
 
 use std::time::Duration;
 
@@ -22,15 +22,21 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     runtime.block_on(async {
         let simulator = match args.faults {
             None => setup::simulator(&machine, pace)?,
-            Some(seed) => setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?,
+            Some(seed) => {
+                setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?
+            }
         };
-        say!("{}", simulator.path.display());
+        say!("{simulator}");
         let orients = machine.machine.axes.contains_key(&Axis::S);
+        let dialect = if orients { "\ndialect = \"grbl-m19\"" } else { "" };
         tell!(
-            "a simulated grblHAL machine speaks there; in a machine file:\n  [controller]\n  kind = \
-             \"grbl\"\n  serial = \"{}\"{}\nCtrl-C ends it",
-            simulator.path.display(),
-            if orients { "\n  dialect = \"grbl-m19\"" } else { "" }
+            "a simulated {} speaks there; in a machine file:\n{}\nCtrl-C ends it",
+            simulator.what(),
+            format!("[controller]\n{}{dialect}", simulator.keys())
+                .lines()
+                .map(|line| format!("  {line}"))
+                .collect::<Vec<_>>()
+                .join("\n")
         );
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);

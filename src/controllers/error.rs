@@ -2,11 +2,14 @@
 
 use crate::gcode::ProbeFault;
 use crate::link::LinkError;
+use crate::link::modbus::ModbusError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
     #[error(transparent)]
     Link(#[from] LinkError),
+    #[error(transparent)]
+    Modbus(#[from] ModbusError),
     #[error("no answer to `{line}` within {seconds} s")]
     NoAnswer { line: String, seconds: f64 },
     #[error("the control answered `{reply}` to `{line}`: {meaning}")]
@@ -74,6 +77,7 @@ impl ControllerError {
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Link(error) => return error.remedy(),
+            Self::Modbus(error) => return error.remedy(),
             Self::NotReady { remedy, .. } | Self::Unsupported { remedy, .. } => {
                 return remedy.clone();
             }

@@ -18,11 +18,16 @@ use crate::gcode::Dialect;
 use crate::record::machine::Machine;
 use crate::record::motion::{Block, Outcome};
 
+mod arrival;
 mod error;
 pub mod grbl;
+mod lines;
 pub mod linuxcnc;
+pub mod modbus;
+mod simulated;
 
 pub use error::ControllerError;
+pub use simulated::{Bench, Faults, Served, Simulated};
 
 /// A control as `[controller]` names it. What stands in that table is its room's own matter.
 pub trait Named: fmt::Debug + Send + Sync {
@@ -36,7 +41,7 @@ pub type Opening<'a> =
     Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
 /// The kinds of all controls.
-pub const KINDS: [&str; 2] = [grbl::KIND, linuxcnc::KIND];
+pub const KINDS: [&str; 3] = [grbl::KIND, linuxcnc::KIND, modbus::KIND];
 
 /// The control of `kind` with the keys of its table. The list: a new control is one line here.
 ///
@@ -49,6 +54,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
     match kind {
         grbl::KIND => Ok(Arc::new(grbl::Config::deserialize(keys)?)),
         linuxcnc::KIND => Ok(Arc::new(linuxcnc::Config::deserialize(keys)?)),
+        modbus::KIND => Ok(Arc::new(modbus::Config::deserialize(keys)?)),
         unknown => Err(D::Error::custom(format!(
             "there is no control `{unknown}`; there are {}",
             KINDS.join(", ")

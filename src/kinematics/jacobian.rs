@@ -20,29 +20,51 @@ impl Chain {
         errors: &[ErrorTerm],
         parameters: &[ErrorParameter],
     ) -> Vec<DVec3> {
-        let tip = self.machine_from_spindle(position, errors).transform_point3(tip.mm);
-        let into_table = self.machine_from_table(position, errors).matrix3.transpose();
+        let workpiece = placed(&self.workpiece, position, errors);
+        let tool = placed(&self.tool, position, errors);
+        let tip = tool.1.transform_point3(tip.mm);
+        let into_table = workpiece.1.matrix3.transpose();
         let mut columns = vec![DVec3::ZERO; parameters.len()];
-        for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
-            let mut prefix = DAffine3::IDENTITY;
-            for joint in branch {
+        for (branch, side) in [(&workpiece.0, -1.0), (&tool.0, 1.0)] {
+            for placed in branch {
                 for (column, parameter) in columns.iter_mut().zip(parameters) {
-                    if parameter.axis() == joint.axis() {
-                        let velocity = velocity(prefix, joint, *parameter, position, errors, tip);
+                    if parameter.axis() == placed.joint.axis() {
+                        let velocity = velocity(placed, *parameter, position, errors, tip);
                         *column = into_table * velocity * side;
                     }
                 }
-                prefix *= joint.motion(position, errors);
             }
         }
         columns
     }
 }
 
+/// A joint in its place: the pose that carries it, and the same with its location errors.
+struct Placed<'a> {
+    joint: &'a Joint,
+    prefix: DAffine3,
+    before: DAffine3,
+}
+
+/// All joints of a branch, and the pose of its end.
+fn placed<'a>(
+    branch: &'a [Joint],
+    position: &Position,
+    errors: &[ErrorTerm],
+) -> (Vec<Placed<'a>>, DAffine3) {
+    let mut prefix = DAffine3::IDENTITY;
+    let place = |joint: &'a Joint| {
+        let before = prefix * joint.before(position, errors);
+        let placed = Placed { joint, prefix, before };
+        prefix = before * joint.after(position, errors);
+        placed
+    };
+    (branch.iter().map(place).collect(), prefix)
+}
+
 /// Velocity of the point `tip` (machine frame) per unit of `parameter` of `joint`.
 fn velocity(
-    prefix: DAffine3,
-    joint: &Joint,
+    Placed { joint, prefix, before }: &Placed<'_>,
     parameter: ErrorParameter,
     position: &Position,
     errors: &[ErrorTerm],
@@ -51,13 +73,12 @@ fn velocity(
     let factor = parameter.factor(position.at(joint.axis()));
     let generator = unit(parameter.component());
     if parameter.shape() == Shape::Gain {
-        let at = prefix * joint.before(position, errors);
-        return at.transform_vector3(generator) * joint.sign() * factor;
+        return before.transform_vector3(generator) * joint.sign() * factor;
     }
     let at = COMPONENTS
         .into_iter()
         .take_while(|component| *component != parameter.component())
-        .fold(prefix, |outer, component| outer * joint.error_motion(component, position, errors));
+        .fold(*prefix, |outer, component| outer * joint.error_motion(component, position, errors));
     let direction = at.transform_vector3(generator);
     if parameter.component().is_linear() {
         direction * factor

@@ -81,12 +81,16 @@ impl Joint {
 
     /// Location errors and error motions, then the joint, then gains.
     pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        self.before(position, errors) * self.after(position, errors)
+    }
+
+    /// The joint itself, with its gains.
+    pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
         let command = position.at(self.axis);
-        let before = self.before(position, errors);
         if self.axis.is_linear() {
-            before * DAffine3::from_translation(self.sign * command * self.along(errors))
+            DAffine3::from_translation(self.sign * command * self.along(errors))
         } else {
-            before * turn(self.direction, self.point, self.sign * command)
+            turn(self.direction, self.point, self.sign * command)
         }
     }
 

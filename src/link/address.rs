@@ -83,7 +83,7 @@ fn serial(path: String, baud: u32) -> Result<SerialStream, LinkError> {
     opened.map_err(|error| serial_error(path, error))
 }
 
-async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
+pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
     // A connection that is not there yet can be given up without harm.
     timeout(CONNECT, TcpStream::connect((host.as_str(), port)))
         .await
@@ -92,7 +92,7 @@ async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkErr
         .map_err(|source| tcp_error(name, source))
 }
 
-fn serial_error(address: String, error: tokio_serial::Error) -> LinkError {
+pub(super) fn serial_error(address: String, error: tokio_serial::Error) -> LinkError {
     match error.kind() {
         // The serial crate says `NoDevice` for "somebody holds it" and NotFound for "is not there".
         ErrorKind::NoDevice => LinkError::Busy { address },

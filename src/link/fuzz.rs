@@ -1,5 +1,7 @@
 //! Any bytes, cut anywhere.
 
+use super::Replay;
+use super::capture::Speech;
 use super::lines::{Assembler, Received};
 use crate::base::fuzz::fuzz;
 
@@ -25,5 +27,28 @@ fn the_line_assembler_bears_anything() {
         }
         assert!(said <= rest.len(), "{said} bytes out of {}", rest.len());
         said + received.len() * size_of::<Received>()
+    });
+}
+
+const CAPTURE: &[u8] = b"# trued-capture 1\n0.1 1 = lines a\n0.2 1 > $I\\n\n0.3 1 < ok\\r\\n\n0.4 1 > ?\n\
+0.5 1 < <Idle>\\n\n0.6 2 = modbus-tcp b\n0.7 2 > \\x00\\x01\\x00\\x00\\x00\\x06\\x01\\x03\\x00\\x00\\x00\\x01\n\
+0.8 3 = modbus-rtu c\n0.9 3 > \\x01\\x03\\x00\\x00\\x00\\x01\\x84\\x0a\n";
+
+#[test]
+fn the_capture_reader_bears_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.capture");
+    let words = [" 1 < ", " 1 > ", " 2 = modbus-tcp ", "\\x", "# trued-capture 1\n"];
+    fuzz("capture", &[CAPTURE], &words, |input| {
+        std::fs::write(&file, input).unwrap();
+        match Replay::read(&file) {
+            Ok(replay) => {
+                for speech in Speech::ALL {
+                    replay.player("a", speech).hear(&[b"$I\n?", input].concat());
+                }
+                input.len()
+            }
+            Err(error) => error.to_string().len(),
+        }
     });
 }

@@ -1,22 +1,29 @@
-//! Floor 2: ports. Today the byte stream (serial, TCP, pty, in-process), and a bad wire to test
-//! with; knows no device.
+//! Floor 2: ports. The byte stream (serial, TCP, pty, in-process) and Modbus registers; capture and replay
+//! of both; a bad wire to test with. Knows no device.
 
 use std::io;
 
 mod address;
+mod capture;
 pub mod faults;
 #[cfg(test)]
 mod fuzz;
 mod lines;
+pub mod modbus;
 mod named;
+mod replay;
 mod stream;
 #[cfg(test)]
 mod tests;
+mod wiring;
 
 pub use address::{Address, BY_ID, Pty, by_id, open, pty};
+pub use capture::Capture;
 pub use lines::Received;
 pub use named::{HostPort, Named};
+pub use replay::{CaptureError, Replay};
 pub use stream::{Link, Urgent};
+pub use wiring::Wiring;
 
 /// What can go wrong on a link.
 #[derive(Debug, thiserror::Error)]

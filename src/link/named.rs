@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::wiring::Wiring;
 use super::{Address, BY_ID, LinkError, by_id};
 
 /// A name or an address, a colon and a port; whether somebody listens there shows on opening.
@@ -88,6 +89,10 @@ impl Named {
             |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
         Ok(match self {
             Self::Serial { path, baud } => serial(path, *baud),
+            // A capture answers: the port need not be there.
+            Self::SerialId { id, baud } if Wiring::current().is_replayed() => {
+                serial(Path::new(id), *baud)
+            }
             Self::SerialId { id, baud } => serial(&by_id(Path::new(BY_ID), id)?, *baud),
             Self::Tcp(tcp) => tcp.into(),
         })

@@ -12,7 +12,9 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::LinkError;
+use super::capture::Speech;
 use super::lines::{Assembler, Received};
+use super::wiring::Wiring;
 
 /// Lines that may wait for their reader. A peer that floods more is the wrong peer.
 const WAITING_LINES: usize = 4096;
@@ -60,8 +62,9 @@ impl Link {
     ) -> Self {
         let (link, ends) = Self::ends(name.into());
         let (opened, _) = oneshot::channel();
+        let wired = Wiring::current().of(&link.name, Speech::Lines);
         // Without a thread the ends are dropped, and the link is lost from the start.
-        let _ = start(ends, async { Ok(stream) }, opened);
+        let _ = start(ends, async move { wired.open(async { Ok(stream) }).await }, opened);
         link
     }
 
@@ -73,7 +76,8 @@ impl Link {
         let (link, ends) = Self::ends(name);
         let (opened, result) = oneshot::channel();
         let fault = |source| LinkError::Open { address: link.name.clone(), source };
-        start(ends, open, opened).map_err(fault)?;
+        let wired = Wiring::current().of(&link.name, Speech::Lines);
+        start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
         result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
         Ok(link)
     }

@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 mod bench;
+mod captures;
 mod faults;
 mod firmware;
 mod probe;

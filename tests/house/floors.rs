@@ -26,7 +26,7 @@ const SEAMS: [&str; 4] = ["methods", "controllers", "sensors", "service"];
 const PURE_UP_TO: usize = 4;
 /// On the lower floors all the same: it opens ports.
 const IMPURE: [&str; 1] = ["link"];
-const IO: [&str; 9] = [
+const IO: [&str; 10] = [
     "std::fs",
     "std::net",
     "std::process",
@@ -34,6 +34,7 @@ const IO: [&str; 9] = [
     "std::thread",
     "std::io::stdin",
     "tokio",
+    "tokio_modbus",
     "tokio_serial",
     "rusqlite",
 ];

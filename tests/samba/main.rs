@@ -108,7 +108,7 @@ fn what_the_model_does_not_hold_is_flagged() {
         ("nothing", inside()),
         ("error motion", inside().and("error_motion", motion)),
         ("sag", inside().and("sag", sag)),
-        ("drift", inside().with("machine.drift_um_per_h", 40.0)),
+        ("drift", inside().with("machine.drift_um_per_h", 80.0)),
     ];
     for (name, world) in worlds {
         let series = small(world).without_declared_drift();

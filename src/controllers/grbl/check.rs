@@ -2,51 +2,9 @@
 //! told, and what matters is heard twice.
 
 use super::message::{Message, Status};
-use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+pub(super) use crate::controllers::arrival::{astray, off_the_way, tolerance};
 use crate::gcode::Dialect;
-use crate::record::machine::AxisSpec;
-
-/// A control stands where it was sent to within this, mm or degrees: coarser than a step of any
-/// machine that can measure, finer than what a collision could come of.
-const ARRIVED: f64 = 0.02;
-
-/// How far from its target an axis may stand, mm or rad.
-pub(super) fn tolerance(axis: Axis, spec: Option<&AxisSpec>) -> f64 {
-    let step_mm = spec.map_or(0.0, |spec| spec.resolution_um * 1e-3);
-    if axis.is_linear() { ARRIVED.max(2.0 * step_mm) } else { axis.from_edge(ARRIVED) }
-}
-
-/// The axis of `target` that stands farthest off, if any is out of tolerance.
-pub(super) fn astray(
-    target: &Position,
-    stands: &Position,
-    tolerance: impl Fn(Axis) -> f64,
-) -> Option<ControllerError> {
-    let off = |(axis, value): &(Axis, f64)| (value - stands.at(*axis)).abs() / tolerance(*axis);
-    let (axis, wanted) = target.iter().max_by(|one, other| off(one).total_cmp(&off(other)))?;
-    // A position that is no number is no arrival.
-    if off(&(axis, wanted)) <= 1.0 {
-        return None;
-    }
-    let told = |value: f64| format!("{axis}{:.3}", axis.to_edge(value));
-    Some(ControllerError::Astray { wanted: told(wanted), stands: told(stands.at(axis)) })
-}
-
-/// A contact lies between where the probing move began and where it came to rest, axis by axis.
-pub(super) fn off_the_way(
-    from: &Position,
-    rest: &Position,
-    contact: &Position,
-    tolerance: impl Fn(Axis) -> f64,
-) -> Option<ControllerError> {
-    let nearest = |(axis, at): (Axis, f64)| {
-        let (one, other) = (from.at(axis), rest.at(axis));
-        (axis, at.clamp(one.min(other), one.max(other)))
-    };
-    let on_the_way: Position = contact.iter().map(nearest).collect();
-    astray(&on_the_way, contact, tolerance)
-}
 
 /// Groups of modal words, one of each in force.
 const GROUPS: [&[&str]; 5] = [

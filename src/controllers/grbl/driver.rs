@@ -5,12 +5,11 @@ use std::time::Duration;
 
 use super::check;
 use super::fault::stands_after;
-use super::lines::Lines;
 use super::message::Message;
-use super::prepare::stop_in_words;
 use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared};
+use crate::controllers::lines::Lines;
+use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared, arrival, lines};
 use crate::gcode::Dialect;
 use crate::link::Link;
 use crate::record::machine::Machine;
@@ -59,7 +58,7 @@ impl Grbl {
             stood: Position::new(),
             ready: false,
             wanted,
-            stop: stop_in_words(machine),
+            stop: format!("feed hold (!): {}", arrival::braking(machine)),
             axes: Vec::new(),
             line_limit: usize::MAX,
             found: Vec::new(),
@@ -152,7 +151,7 @@ impl Grbl {
 impl Grbl {
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
-        let lines = self.lines(block)?;
+        let lines = lines::of(block, &self.dialect, &self.wanted, self.line_limit)?;
         self.begin(block).await?;
         for lines in &lines {
             self.act(lines, &mut outcome).await?;

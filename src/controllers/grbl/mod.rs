@@ -15,7 +15,6 @@ mod fault;
 pub mod firmware;
 #[cfg(test)]
 mod fuzz;
-mod lines;
 mod message;
 mod prepare;
 #[cfg(test)]

@@ -9,7 +9,6 @@ use super::message::Message;
 use crate::base::Axis;
 use crate::controllers::{ControllerError, Prepared};
 use crate::gcode::{Dialect, Program, RenderError};
-use crate::record::machine::Machine;
 
 /// Bits of `$10`: pin state and probe coordinates in reports (grblHAL settings).
 const REPORT_PINS: u32 = 1 << 4;
@@ -119,14 +118,3 @@ impl Grbl {
 }
 
 type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;
-
-/// From the machine file: braking from rapid at the set acceleration, v²/2a, axis by axis.
-pub(super) fn stop_in_words(machine: &Machine) -> String {
-    let braking = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S).map(|(axis, spec)| {
-        let speed = spec.rapid_per_min / 60.0;
-        let unit = if axis.is_linear() { "mm" } else { "deg" };
-        format!("{axis} {:.1} {unit}", speed * speed / (2.0 * spec.acceleration_per_s2))
-    });
-    let braking: Vec<String> = braking.collect();
-    format!("feed hold (!): brakes on the path and stays; at most {}", braking.join(", "))
-}

@@ -7,10 +7,10 @@ use tokio::time::{Instant, sleep};
 use super::check;
 use super::driver::Grbl;
 use super::fault::moved_by_hand;
-use super::lines::Lines;
 use super::message::{Message, Status};
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+use crate::controllers::lines::Lines;
 
 /// A probe may bounce this long after it came free.
 const SETTLE: Duration = Duration::from_millis(300);

@@ -137,7 +137,8 @@ impl Wire {
     /// start of a motion that was just acknowledged.
     pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
         let mut seen = 0;
-        let mut pause = Duration::from_millis(1);
+        // Asked again at once: a control that moves in no time has taken the line, but not done it.
+        let mut pause = Duration::ZERO;
         let mut watch = Watch::default();
         loop {
             let status = self.status().await?;
@@ -154,9 +155,11 @@ impl Wire {
             }
             watch.look(&status, &self.patience, Duration::ZERO, "?")?;
             seen = 0;
-            sleep(pause).await;
+            if !pause.is_zero() {
+                sleep(pause).await;
+            }
             // Every move ends here: a long pause would cost more than the question.
-            pause = (pause * 2).min(self.patience.poll / 10);
+            pause = (pause * 2).max(Duration::from_millis(1)).min(self.patience.poll / 10);
         }
     }
 

@@ -17,7 +17,7 @@ const MOST_FACTORS: usize = 1000;
 /// Done when what is left after the next step is smaller than this, in standard uncertainties of all
 /// unknowns together: those from the given ones of the rows or those that the residuals show, whichever
 /// are smaller.
-const TOLERANCE: f64 = 3e-8;
+const TOLERANCE: f64 = 1e-7;
 /// Of each term of a model, on its way to a residual.
 const ROUNDINGS: f64 = 8.0;
 /// The undamped step is taken when it takes away this part of what it promises.

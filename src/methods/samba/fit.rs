@@ -2,6 +2,7 @@
 //! are its blocks. Balls with a certified length between them share a block.
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 use super::model::{Affine, Indexed, Model};
 use crate::base::Position;
@@ -215,7 +216,7 @@ impl Problem {
     pub fn rows(&self, x: &[f64], measured: &Measured) -> Vec<Rows> {
         let (errors, tool) = self.machine(x);
         let at: Vec<Indexed> =
-            self.places.iter().map(|place| self.model.indexed(place, errors, tool)).collect();
+            self.places.par_iter().map(|place| self.model.indexed(place, errors, tool)).collect();
         let group_rows = |group: &Group| {
             let count = 3 * group.seen.len() + group.bars.len();
             let mut rows = Rows::zeros(count, 3 * group.balls.len(), self.common());

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use super::value::Value;
-use crate::controllers::{self, Named};
+use crate::controllers::{self, Named, Simulated};
 
 const SIMULATED: &str = "simulated";
 
@@ -23,29 +23,18 @@ pub struct ControllerConfig {
 #[derive(Debug, Clone)]
 pub enum Control {
     /// The simulated firmware moves a simulated machine, which `[simulated]` describes.
-    Simulated {
-        wire: Wire,
-    },
+    Simulated(Simulated),
     Real(Arc<dyn Named>),
 }
 
 impl Control {
-    /// The language that it is spoken to; the simulated control orients its spindle.
+    /// The language that it is spoken to.
     pub fn dialect(&self) -> &str {
         match self {
-            Self::Simulated { .. } => "grbl-m19",
+            Self::Simulated(control) => control.dialect(),
             Self::Real(control) => control.dialect(),
         }
     }
-}
-
-/// What stands between the daemon and the simulated firmware.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Wire {
-    #[default]
-    Memory,
-    Pty,
 }
 
 /// The keys that every control has.
@@ -54,13 +43,6 @@ struct Common {
     kind: String,
     #[serde(default)]
     compensations_active: Vec<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Simulated {
-    #[serde(default)]
-    wire: Wire,
 }
 
 const SECTION: [&str; 1] = ["controller"];
@@ -76,7 +58,7 @@ pub fn read(document: &Document) -> Result<ControllerConfig, MachineFileError> {
     let own = |keys: Value<'_>| {
         let keys = keys.without("kind").without("compensations_active");
         match kind.as_str() {
-            SIMULATED => Ok(Control::Simulated { wire: Simulated::deserialize(keys)?.wire }),
+            SIMULATED => Simulated::deserialize(keys).map(Control::Simulated),
             real => controllers::configure(real, keys).map(Control::Real),
         }
     };

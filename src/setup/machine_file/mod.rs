@@ -11,6 +11,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::base::Axis;
+use crate::controllers::{Faults, Simulated};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
@@ -32,7 +33,7 @@ mod tolerance;
 mod value;
 
 use artefact::Beside;
-pub use controller::{Control, ControllerConfig, Wire};
+pub use controller::{Control, ControllerConfig};
 use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
@@ -132,10 +133,10 @@ impl MachineFile {
         self.document.section(&["simulated"], T::deserialize)
     }
 
-    /// `[[simulated.fault]]`; empty where the file is silent.
-    pub fn simulated_faults<'t, T: Deserialize<'t>>(&'t self) -> Result<Vec<T>, MachineFileError> {
-        let faults = self.document.section(&["simulated", "fault"], Deserialize::deserialize)?;
-        Ok(faults.unwrap_or_default())
+    /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.
+    pub fn simulated_faults(&self, control: &Simulated) -> Result<Faults, MachineFileError> {
+        let faults = self.document.section(&["simulated", "fault"], |list| control.faults(list))?;
+        Ok(faults.unwrap_or_else(|| control.no_faults()))
     }
 
     /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table

@@ -1,0 +1,125 @@
+//! `[controller]` of kind `modbus`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::{Map, ModbusControl};
+use crate::controllers::{Controller, Named, Opening};
+use crate::gcode::Dialect;
+use crate::link::modbus::{Framing, Line, Parity};
+use crate::link::{self, HostPort};
+use crate::record::machine::Machine;
+
+/// Baud rate and parity as the Modbus serial line specification has them by default.
+const USUAL_BAUD: u32 = 19_200;
+/// Where nobody forwards, a TCP device answers this one.
+const USUAL_TCP_UNIT: u8 = 255;
+const USUAL_RTU_UNIT: u8 = 1;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    parity: Option<Parity>,
+    tcp: Option<HostPort>,
+    framing: Option<Framing>,
+    unit: Option<u8>,
+    #[serde(default = "timeout_s")]
+    timeout_s: f64,
+    #[serde(default = "dialect")]
+    dialect: String,
+    registers: Option<Map>,
+}
+
+fn timeout_s() -> f64 {
+    0.5
+}
+
+fn dialect() -> String {
+    "grbl-m19".to_owned()
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    pub(super) line: Line,
+    pub(super) unit: u8,
+    pub(super) timeout: Duration,
+    pub(super) map: Map,
+    dialect: String,
+}
+
+impl Config {
+    /// The published window at `at`, which somebody serves on this computer.
+    ///
+    /// # Errors
+    /// Never: see [`Map::published`].
+    pub(in crate::controllers) fn local(at: link::Named) -> Result<Self, String> {
+        let map = Map::published()?;
+        let timeout = Duration::from_secs_f64(timeout_s());
+        Ok(Self { line: Line::usual(at), unit: USUAL_RTU_UNIT, timeout, map, dialect: dialect() })
+    }
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let Keys {
+            serial,
+            serial_id,
+            baud,
+            parity,
+            tcp,
+            framing,
+            unit,
+            timeout_s,
+            dialect,
+            registers,
+        } = keys;
+        let at = link::Named::of((serial, serial_id, tcp), baud, USUAL_BAUD)?;
+        let usual = Line::usual(at);
+        let over_tcp = matches!(usual.at, link::Named::Tcp(_));
+        if over_tcp && parity.is_some() {
+            return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
+        }
+        if !over_tcp && framing == Some(Framing::Tcp) {
+            return Err(
+                "`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned()
+            );
+        }
+        let framing = framing.unwrap_or(usual.framing);
+        let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
+        let usual_unit = if framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
+        let unit = unit.unwrap_or(usual_unit);
+        if framing == Framing::Rtu && !(1..=247).contains(&unit) {
+            return Err(format!("`unit` is {unit}; on RTU a device has a number from 1 to 247"));
+        }
+        let timeout = Some(timeout_s).filter(|seconds| (0.01..=30.0).contains(seconds));
+        let timeout = timeout.ok_or("`timeout_s` is a time from 0.01 to 30")?;
+        Ok(Self {
+            line: Line { framing, parity, ..usual },
+            unit,
+            timeout: Duration::from_secs_f64(timeout),
+            map: registers.map_or_else(Map::published, Ok)?,
+            dialect,
+        })
+    }
+}
+
+impl Named for Config {
+    fn dialect(&self) -> &str {
+        &self.dialect
+    }
+
+    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+        Box::pin(async move {
+            let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
+            Ok(Controller::spawn(driver, halt))
+        })
+    }
+}

@@ -1,0 +1,72 @@
+//! A chunk: whether it is taken, and once.
+
+use super::registers::{ACKNOWLEDGE, CHUNK, COMMAND, CRC, LENGTH, SEQUENCE};
+use super::{Entry, Firmware, Mode};
+
+const BAD_LENGTH: u16 = 1;
+const BAD_CRC: u16 = 2;
+pub(super) const BAD_TEXT: u16 = 3;
+const NOT_ACKNOWLEDGED: u16 = 4;
+const NO_HEARTBEAT: u16 = 5;
+const BUSY: u16 = 6;
+
+impl Firmware {
+    /// The sequence register was written.
+    pub(super) fn sequence_written(&mut self) {
+        let sequence = self.command[SEQUENCE];
+        self.note(Entry::Asked);
+        let follows = if self.accepted == u16::MAX { 1 } else { self.accepted + 1 };
+        if sequence != follows || self.frozen.is_some() {
+            return;
+        }
+        let before = std::mem::replace(&mut self.accepted, sequence);
+        match self.text(before) {
+            Err(error) => self.error = error,
+            Ok(text) => {
+                self.error = 0;
+                self.taken += 1;
+                self.lines = text.lines().map(str::to_owned).collect();
+                self.note(Entry::Took { sequence, text });
+            }
+        }
+    }
+
+    /// The chunk's text, if it may be taken.
+    fn text(&self, before: u16) -> Result<String, u16> {
+        if self.mode != Mode::Ready || self.is_moving() {
+            return Err(BUSY);
+        }
+        if !self.beats(self.now) {
+            return Err(NO_HEARTBEAT);
+        }
+        if self.command[ACKNOWLEDGE] != before {
+            return Err(NOT_ACKNOWLEDGED);
+        }
+        let length = usize::from(self.command[LENGTH]);
+        if length == 0 || length > 2 * (COMMAND - CHUNK) {
+            return Err(BAD_LENGTH);
+        }
+        let words = self.command[CHUNK..].iter();
+        let bytes: Vec<u8> = words.flat_map(|word| word.to_be_bytes()).take(length).collect();
+        if check_sum(&bytes) != self.command[CRC] {
+            return Err(BAD_CRC);
+        }
+        String::from_utf8(bytes).map_err(|_| BAD_TEXT)
+    }
+}
+
+/// CRC-16/MODBUS, as a division bit by bit of the text with its bits turned round.
+fn check_sum(bytes: &[u8]) -> u16 {
+    let mut rest = u16::MAX;
+    for byte in bytes {
+        rest ^= u16::from(byte.reverse_bits()) << 8;
+        for _ in 0..8 {
+            let carry = rest & 0x8000 != 0;
+            rest <<= 1;
+            if carry {
+                rest ^= 0x8005;
+            }
+        }
+    }
+    rest.reverse_bits()
+}

@@ -1,0 +1,176 @@
+//! What the simulated control does with the machine: one line after the other, at once or in the time
+//! it takes.
+
+use std::time::Duration;
+
+use super::chunk::BAD_TEXT;
+use super::registers::steps;
+use super::{
+    Entry, FaultKind, Firmware, HARD_LIMIT, HEARTBEAT, HEARTBEAT_LOST, Mode, NO_CONTACT,
+    PROBE_CLOSED, Probing, SOFT_LIMIT,
+};
+use crate::base::Position;
+use crate::world::Contact;
+use crate::world::interpreter::{Act, Active, Done, Job, Sham};
+
+/// One report may get lost on a bad wire.
+const BRUSHED_REPORTS: u8 = 2;
+/// Of the golden section: spreads evenly where in a scan a contact falls.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+impl Firmware {
+    /// Live on up to `now`.
+    pub(super) fn live(&mut self, now: Duration) {
+        loop {
+            if let Some(ends) = self.active.as_ref().map(|active| active.ends) {
+                let stops = self.beat.unwrap_or_default() + HEARTBEAT;
+                if stops < ends && stops <= now {
+                    self.now = stops;
+                    self.hold(HEARTBEAT_LOST);
+                } else if ends <= now {
+                    self.now = ends;
+                    self.finish_active();
+                } else {
+                    break;
+                }
+            } else if self.mode != Mode::Ready || self.frozen.is_some() {
+                break;
+            } else if let Some(line) = self.lines.pop_front() {
+                self.line(&line);
+            } else {
+                break;
+            }
+        }
+        self.now = now;
+        let done = self.mode == Mode::Ready && !self.is_moving() && self.error == 0;
+        if done && self.frozen.is_none() {
+            self.executed = self.accepted;
+        }
+    }
+
+    fn line(&mut self, line: &str) {
+        let here = self.stand();
+        match self.options.reader.line(line, &here) {
+            Ok(Act::Nothing) => {}
+            Ok(Act::OutOfTravel) => self.alarm(SOFT_LIMIT),
+            Ok(Act::Do(job)) => self.start(job, here),
+            Err(_) => {
+                self.error = BAD_TEXT;
+                self.lines.clear();
+            }
+        }
+    }
+
+    fn start(&mut self, job: Job, here: Position) {
+        if matches!(job, Job::Probe { .. }) && self.tripped() {
+            return self.alarm(PROBE_CLOSED);
+        }
+        if self.sham == Sham::Brush && matches!(job, Job::Travel { feed_mm_min: None, .. }) {
+            self.sham = Sham::Brushed(BRUSHED_REPORTS);
+            self.note(Entry::Wrong(FaultKind::RapidContact));
+        }
+        if let Job::Probe { to, feed_mm_min, .. } = &job {
+            let (to, feed_mm_min) = (to.clone(), *feed_mm_min);
+            self.probing = Some(Probing { from: here, to, feed_mm_min });
+        }
+        let (sham, pace, now) = (self.sham, self.options.pace, self.now);
+        let active = self.with_world(|world| Active::begin(job, world, sham, pace, now));
+        self.active = Some(active);
+    }
+
+    fn finish_active(&mut self) {
+        let Some(active) = self.active.take() else { return };
+        let sham = self.sham;
+        match self.with_world(|world| active.finish(world, sham)) {
+            Done::Waited => {}
+            Done::Moved { crashed } => self.crash_if(crashed),
+            Done::Probed { contact, crashed, strict } => {
+                if contact.is_none() && strict {
+                    self.alarm(NO_CONTACT);
+                }
+                if let Some(contact) = contact {
+                    self.latch(contact);
+                }
+                if self.sham == Sham::Early {
+                    self.sham = Sham::No;
+                    self.note(Entry::Wrong(FaultKind::ForeignBody));
+                }
+                self.crash_if(crashed);
+            }
+        }
+    }
+
+    fn latch(&mut self, contact: Contact) {
+        self.latches = self.latches.wrapping_add(1);
+        self.latch = match (self.scan_s, self.probing.take()) {
+            (Some(scan_s), Some(probing)) => self.late(&contact.position, &probing, scan_s),
+            _ => contact.position,
+        };
+        self.latch_time_s = contact.t_s;
+        self.note(Entry::Contact { latch: steps(&self.latch), t_s: contact.t_s });
+    }
+
+    /// A program that looks at the probe once a scan reads where the axes are by then, at most where
+    /// they came to rest.
+    fn late(&self, contact: &Position, probing: &Probing, scan_s: f64) -> Position {
+        let waited_s = scan_s * (f64::from(self.latches) * GOLDEN).fract();
+        let (rest, way) = (self.stand(), |axis| probing.to.at(axis) - probing.from.at(axis));
+        let linear = probing.to.iter().map(|(axis, _)| axis).filter(|axis| axis.is_linear());
+        let length = linear.map(|axis| way(axis).powi(2)).sum::<f64>().sqrt();
+        let mm = waited_s * probing.feed_mm_min / 60.0;
+        let moved = |(axis, at): (_, f64)| {
+            if probing.to.get(axis).is_none() || length == 0.0 {
+                return (axis, at);
+            }
+            let (one, other) = (at, rest.at(axis));
+            (axis, (at + mm * way(axis) / length).clamp(one.min(other), one.max(other)))
+        };
+        contact.iter().map(moved).collect()
+    }
+
+    /// What the probe's input reads.
+    pub(super) fn tripped(&self) -> bool {
+        match self.sham {
+            Sham::Closed | Sham::Brushed(_) => true,
+            Sham::Open => false,
+            Sham::No | Sham::Early | Sham::Brush => self.with_world(|world| world.tripped()),
+        }
+    }
+
+    /// A status has told how the probe reads.
+    pub(super) fn probe_was_told(&mut self) {
+        self.sham = match self.sham {
+            Sham::Brushed(0..=1) => Sham::No,
+            Sham::Brushed(left) => Sham::Brushed(left - 1),
+            sham => sham,
+        };
+    }
+
+    /// A drive that is pressed against something stalls.
+    fn crash_if(&mut self, crashed: bool) {
+        if crashed {
+            self.alarm(HARD_LIMIT);
+        }
+    }
+
+    pub(super) fn alarm(&mut self, code: u16) {
+        self.stop_here();
+        self.mode = Mode::Alarm(code);
+    }
+
+    /// Stop where the machine is; what is left is given up.
+    pub(super) fn hold(&mut self, reason: u16) {
+        if self.mode == Mode::Ready {
+            self.stop_here();
+            self.mode = Mode::Held(reason);
+        }
+    }
+
+    pub(super) fn stop_here(&mut self) {
+        self.lines.clear();
+        let now = self.now;
+        if let Some(active) = self.active.take() {
+            self.with_world(|world| drop(active.hold(world, now)));
+        }
+    }
+}

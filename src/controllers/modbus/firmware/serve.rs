@@ -1,0 +1,96 @@
+//! The simulated control as a Modbus server: TCP, and RTU on a serial stream.
+
+use std::future::Future;
+use std::io;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::io::{DuplexStream, copy_bidirectional, duplex};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep};
+use tokio_modbus::server::{Service, rtu, tcp};
+use tokio_modbus::{ExceptionCode, Response, SlaveRequest};
+use tokio_serial::SerialStream;
+
+use super::Firmware;
+
+/// On a serial line, where several devices may hang.
+const UNIT: u8 = 1;
+const WIRE_BYTES: usize = 4096;
+
+#[derive(Clone)]
+struct Server {
+    firmware: Arc<Mutex<Firmware>>,
+    since: Instant,
+    /// Answers this one alone.
+    unit: Option<u8>,
+}
+
+impl Service for Server {
+    type Request = SlaveRequest<'static>;
+    type Response = Option<Response>;
+    type Exception = ExceptionCode;
+    type Future =
+        Pin<Box<dyn Future<Output = Result<Option<Response>, ExceptionCode>> + Send + 'static>>;
+
+    fn call(&self, SlaveRequest { slave, request }: Self::Request) -> Self::Future {
+        if self.unit.is_some_and(|unit| unit != slave) {
+            return Box::pin(std::future::ready(Ok(None)));
+        }
+        let reply = {
+            let mut firmware = self.firmware.lock().unwrap_or_else(PoisonError::into_inner);
+            firmware.request(&request, self.since.elapsed())
+        };
+        Box::pin(async move {
+            if !reply.late.is_zero() {
+                sleep(reply.late).await;
+            }
+            reply.answer.transpose()
+        })
+    }
+}
+
+fn server(firmware: Firmware, unit: Option<u8>) -> (Server, Arc<Notify>) {
+    let cut = firmware.cut.clone();
+    (Server { firmware: Arc::new(Mutex::new(firmware)), since: Instant::now(), unit }, cut)
+}
+
+/// Serve whoever connects, until dropped.
+///
+/// # Errors
+/// The listener's.
+pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<()> {
+    let (server, cut) = server(firmware, None);
+    let connected = |stream: TcpStream, _| {
+        let (server, cut) = (server.clone(), cut.clone());
+        async move {
+            stream.set_nodelay(true)?;
+            Ok(Some((server, until_cut(stream, cut))))
+        }
+    };
+    tcp::Server::new(listener).serve(&connected, |_| {}).await
+}
+
+/// The stream, with a pair of shears at it.
+fn until_cut(mut stream: TcpStream, cut: Arc<Notify>) -> DuplexStream {
+    let (mut near, far) = duplex(WIRE_BYTES);
+    tokio::spawn(async move {
+        let cut = cut.notified();
+        // Cut or at its end: both streams are closed.
+        tokio::select! {
+            () = cut => {}
+            _ = copy_bidirectional(&mut stream, &mut near) => {}
+        }
+    });
+    far
+}
+
+/// Serve the line, as unit 1, until dropped.
+///
+/// # Errors
+/// The line's.
+pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
+    let (server, _) = server(firmware, Some(UNIT));
+    rtu::Server::new(line).serve_forever(server).await
+}

@@ -1,0 +1,77 @@
+//! What a register map must be like.
+
+use super::{MOST_READ, MOST_WRITTEN, Map};
+use crate::link::modbus::Space;
+
+/// # Errors
+/// In words, with the names of the items.
+pub(super) fn map(map: &Map) -> Result<(), String> {
+    if !matches!(map.status.space, Space::Input | Space::Holding) {
+        return Err("`status.space` is `input` or `holding`: bits hold no numbers".to_owned());
+    }
+    let registers = usize::from(map.command.chunk.registers);
+    if !(1..=MOST_WRITTEN).contains(&registers) {
+        return Err(format!(
+            "`command.chunk` has {registers} registers; one request writes 1 to {MOST_WRITTEN}"
+        ));
+    }
+    scales(map)?;
+    inside(map)?;
+    overlaps(map)
+}
+
+fn scales(map: &Map) -> Result<(), String> {
+    let status = &map.status;
+    let axes = status.latch.values().chain(status.position.values());
+    let times = [status.time_s, status.latch_time_s];
+    match axes.chain(&times).find(|register| register.number.scale <= 0.0) {
+        None => Ok(()),
+        Some(register) => {
+            Err(format!("the scale at address {} must be greater than 0", register.address))
+        }
+    }
+}
+
+/// The status is read in one request, head first, tail last.
+fn inside(map: &Map) -> Result<(), String> {
+    let (first, count) = map.status.block();
+    let last = map.status.sequence_tail.address;
+    for (name, address, length) in map.status.spans() {
+        let end = usize::from(address) + usize::from(length);
+        if address < first || name != "sequence_tail" && end > usize::from(last) {
+            return Err(format!(
+                "`status.{name}` at {address} lies outside the block from `sequence_head` at {first} to \
+                 `sequence_tail` at {last}"
+            ));
+        }
+    }
+    if usize::from(count) > MOST_READ {
+        return Err(format!(
+            "the status is a block of {count} registers; one request reads {MOST_READ} at most"
+        ));
+    }
+    Ok(())
+}
+
+fn overlaps(map: &Map) -> Result<(), String> {
+    let command = map.command.spans().into_iter();
+    let command =
+        command.map(|(name, at, count)| (Space::Holding, at, count, format!("command.{name}")));
+    let status = map.status.spans().into_iter();
+    let status =
+        status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
+    let mut all: Vec<_> = command.chain(status).collect();
+    all.sort();
+    for pair in all.windows(2) {
+        let [(space, at, count, name), (next_space, next, _, next_name)] = pair else { continue };
+        if space == next_space && usize::from(*at) + usize::from(*count) > usize::from(*next) {
+            return Err(format!(
+                "`{name}` and `{next_name}` lie over each other at address {next}"
+            ));
+        }
+        if usize::from(*next) + 1 > usize::from(u16::MAX) {
+            return Err(format!("`{next_name}` lies beyond the last address"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,76 @@
+use super::*;
+
+fn map(text: &str) -> Result<Map, String> {
+    toml::from_str::<Map>(text).map_err(|error| error.message().to_owned())
+}
+
+#[test]
+fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
+    let published = map("").unwrap();
+    assert_eq!(published, Map::published().unwrap());
+    let allowed = published.allowed();
+    assert_eq!(allowed.read, [Range { space: Space::Input, first: 0, last: 44 }]);
+    assert_eq!(allowed.write, [Range { space: Space::Holding, first: 0, last: 105 }]);
+    assert_eq!(published.status.block(), (0, 45));
+    assert_eq!(published.missing(&[Axis::X, Axis::C]), None);
+}
+
+#[test]
+fn an_item_can_be_moved_and_made_of_another_kind() {
+    let moved = map("
+        [command]
+        hold = { address = 500 }
+        [status]
+        space = \"holding\"
+        sequence_head = { address = 200 }
+        sequence_tail = { address = 299 }
+        version = { address = 201 }
+        state = { address = 202 }
+        alarm = { address = 203 }
+        accepted = { address = 204 }
+        executed = { address = 205 }
+        error = { address = 206 }
+        probe = { address = 207 }
+        inputs = { address = 208, type = \"u16\" }
+        latches = { address = 210 }
+        heartbeat = { address = 211 }
+        time_s = { address = 212, type = \"f32\", order = \"cdab\" }
+        latch_time_s = { address = 216 }
+        latch = { X = { address = 220, type = \"f32\", scale = 1.0 } }
+        position = { X = { address = 230, scale = 0.0001 } }
+    ")
+    .unwrap();
+    assert_eq!(moved.status.block(), (200, 100));
+    assert_eq!(moved.allowed().write.len(), 2);
+    assert_eq!(moved.missing(&[Axis::X, Axis::C]), Some(Axis::C));
+    let mut block = vec![0; 100];
+    (block[30], block[31]) = (0xFFFF, 0xFFFE);
+    assert_eq!(moved.status.position[&Axis::X].read(&block, 200), Ok(-0.0002));
+}
+
+#[test]
+fn a_map_that_cannot_be_is_refused_in_words() {
+    for (text, why) in [
+        ("[command]\nhold = { address = 1 }", "lie over each other"),
+        ("[command]\nchunk = { registers = 124 }", "one request writes"),
+        ("[status]\nsequence_tail = { address = 200 }", "one request reads"),
+        ("[status]\nstate = { address = 60 }", "lies outside the block"),
+        ("[status]\nspace = \"coil\"", "bits hold no numbers"),
+        ("[status]\nlatch = { X = { type = \"f32\" } }", "needs an `address`"),
+        ("[status]\ntime_s = { scale = 0.0 }", "greater than 0"),
+        ("[status]\nspace = \"holding\"", "lie over each other"),
+        ("[status]\nstat = { address = 1 }", "unknown field"),
+        ("[status]\nstate = { adress = 1 }", "unknown field"),
+    ] {
+        let said = map(text).unwrap_err();
+        assert!(said.contains(why), "{text}: {said}");
+    }
+}
+
+#[test]
+fn text_lies_two_characters_a_register() {
+    let mut chunk = Map::published().unwrap().command.chunk;
+    assert_eq!(chunk.write(b"G1X"), (6, vec![0x4731, 0x5800]));
+    chunk.order = Order::Badc;
+    assert_eq!(chunk.write(b"G1X"), (6, vec![0x3147, 0x0058]));
+}

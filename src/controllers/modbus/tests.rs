@@ -1,0 +1,128 @@
+//! The driver against the simulated control: stops, and tables that do not fit.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::net::TcpListener;
+
+use super::firmware::{Diary, Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use super::{Config, ModbusControl};
+use crate::base::{Axis, Position};
+use crate::controllers::{ControllerError, Driver, Halt};
+use crate::gcode::Dialect;
+use crate::record::artefact::Artefact;
+use crate::record::machine::{Machine, Probe};
+use crate::record::motion::{Block, Motion};
+use crate::world::interpreter::Pace;
+use crate::world::{Truth, World};
+
+fn machine() -> Machine {
+    let linear = json!({"min": -400, "max": 400});
+    serde_json::from_value(json!({
+        "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
+        "axes": {"X": linear, "Y": linear, "Z": linear, "B": linear, "C": linear}
+    }))
+    .unwrap()
+}
+
+/// A driver whose table has `keys`, and the diary of the control.
+async fn driver(keys: &str, pace: Pace, faults: Vec<Fault>) -> (ModbusControl, Halt, Diary) {
+    let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
+    let artefact: Artefact = serde_json::from_value(json!({
+        "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
+    }))
+    .unwrap();
+    let world = World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap();
+    let options = Options { faults, ..Options::of(&machine(), pace) };
+    let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
+    let diary = firmware.diary();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let at = listener.local_addr().unwrap();
+    tokio::spawn(serve_tcp(firmware, listener));
+    let config: Config = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
+    let dialect = Dialect::named("grbl-m19").unwrap();
+    let (driver, halt) = ModbusControl::open(&config, &machine(), dialect).await.unwrap();
+    (driver, halt, diary)
+}
+
+fn slowly_to(x_mm: f64) -> Block {
+    let to = Position::new().with(Axis::X, x_mm);
+    Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
+}
+
+#[tokio::test]
+async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
+    let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
+    driver.prepare().await.unwrap();
+    tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        halt.now();
+    });
+    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    assert!(0.0 < stands && stands < 90.0, "{stands}");
+    let error = driver.execute(&slowly_to(0.0)).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    assert!(driver.prepare().await.is_err());
+    let diary = diary.lock().unwrap();
+    assert_eq!(diary.last(), Some(&Entry::Hold));
+}
+
+#[tokio::test]
+async fn a_control_that_lives_no_more_is_not_believed() {
+    let fault = |kind, at_line| Fault {
+        kind,
+        at_request: 0,
+        at_line,
+        after_touch: 0,
+        code: None,
+        late_s: None,
+        scan_s: None,
+    };
+    let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
+    let error = dead.prepare().await.unwrap_err();
+    assert!(matches!(error, ControllerError::Frozen), "{error}");
+}
+
+#[tokio::test]
+async fn registers_that_hold_something_else_are_told_before_anything_moves() {
+    let x = |keys: &str| {
+        let axes = |first: u16| {
+            let axis = |(axis, k): (&str, u16)| format!("{axis} = {{ address = {}{keys} }}", first + k);
+            [("X", 0), ("Y", 2), ("Z", 4), ("B", 8), ("C", 10)].map(axis).join(", ")
+        };
+        format!("[registers.status]\nposition = {{ {} }}\nlatch = {{ {} }}", axes(32), axes(20))
+    };
+    for (keys, why) in [
+        ("[registers.status]\nversion = { address = 2 }\nstate = { address = 1 }".to_owned(), None),
+        (x(", order = \"cdab\""), Some("far beyond its travel")),
+        (x(""), None),
+    ] {
+        let fine = keys.contains("position") && why.is_none();
+        let (mut driver, ..) = driver(&keys, Pace::Fast, Vec::new()).await;
+        // Zero reads the same in any order.
+        driver.prepare().await.map(drop).unwrap_or_else(|error| assert!(!fine, "{error}"));
+        if why.is_some() {
+            driver.execute(&slowly_to(12.5)).await.unwrap_err();
+            assert!(driver.look().await.unwrap().stands.at(Axis::X) > 1000.0);
+        }
+    }
+}
+
+#[test]
+fn a_table_that_cannot_be_is_refused_in_words() {
+    for (keys, why) in [
+        ("", "exactly one link"),
+        ("tcp = \"a:1\"\nparity = \"even\"", "belongs to `serial`"),
+        ("serial = \"/dev/x\"\nframing = \"tcp\"", "needs a TCP link"),
+        ("serial = \"/dev/x\"\nunit = 0", "from 1 to 247"),
+        ("tcp = \"a:1\"\ntimeout_s = 0.0", "a time from"),
+        ("tcp = \"a:1\"\n[registers.command]\nhold = { address = 1 }", "lie over each other"),
+        ("tcp = \"a:1\"\nregister = 1", "unknown field"),
+    ] {
+        let said = toml::from_str::<Config>(keys).unwrap_err();
+        assert!(said.message().contains(why), "{keys}: {}", said.message());
+    }
+}

@@ -1,0 +1,310 @@
+//! Controls that are simulated: one list of what they speak, and of the wires between the daemon and
+//! them. What a file says of them is read here, so that nobody else needs to know which one it is.
+
+use std::fmt;
+use std::io;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde::{Deserialize, Deserializer};
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+
+use super::{Controller, ControllerError, Named, grbl, modbus};
+use crate::gcode::Dialect;
+use crate::link::faults::{BadWire, Planned};
+use crate::link::{self, Address, HostPort, Link, LinkError};
+use crate::record::machine::Machine;
+use crate::world::World;
+use crate::world::interpreter::Pace;
+
+/// `[controller]` of kind `simulated`.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Simulated {
+    speaks: Speaks,
+    wire: Wire,
+}
+
+impl Default for Simulated {
+    fn default() -> Self {
+        Self { speaks: Speaks::Grbl, wire: Wire::Memory }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    #[serde(default)]
+    speaks: Speaks,
+    wire: Option<Wire>,
+}
+
+/// The list: a new simulated control is a line here and in the matches below.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Speaks {
+    #[default]
+    Grbl,
+    Modbus,
+}
+
+/// What stands between the daemon and the simulated firmware.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Wire {
+    Memory,
+    Pty,
+    Tcp,
+}
+
+/// What goes wrong at a simulated control, in its own words.
+#[derive(Debug, Clone)]
+pub struct Faults(Kind);
+
+#[derive(Debug, Clone)]
+enum Kind {
+    Grbl(Vec<grbl::firmware::Fault>),
+    Modbus(Vec<modbus::firmware::Fault>),
+}
+
+/// The machine behind the control.
+pub struct Bench<'a> {
+    pub machine: &'a Machine,
+    pub world: Arc<Mutex<World>>,
+    pub pace: Pace,
+    pub faults: Faults,
+}
+
+/// A simulated control that is served to whoever opens its wire, until dropped.
+pub struct Served {
+    at: link::Named,
+    speaks: Speaks,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Where it is, as `[controller]` of a machine file names it.
+impl fmt::Display for Served {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.at {
+            link::Named::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
+            link::Named::Serial { path, .. } => write!(f, "{}", path.display()),
+            link::Named::SerialId { id, .. } => write!(f, "{id}"),
+        }
+    }
+}
+
+impl Served {
+    /// The keys of `[controller]` for a real one that is reached in the same way.
+    pub fn keys(&self) -> String {
+        let link = match &self.at {
+            link::Named::Tcp(_) => format!("tcp = \"{self}\""),
+            _ => format!("serial = \"{self}\""),
+        };
+        match self.speaks {
+            Speaks::Grbl => format!("kind = \"{}\"\n{link}", grbl::KIND),
+            Speaks::Modbus if matches!(self.at, link::Named::Tcp(_)) => {
+                format!("kind = \"{}\"\n{link}", modbus::KIND)
+            }
+            Speaks::Modbus => {
+                format!("kind = \"{}\"\n{link}\nbaud = {BAUD}\nparity = \"none\"", modbus::KIND)
+            }
+        }
+    }
+
+    /// What it is, in words.
+    pub fn what(&self) -> &'static str {
+        match self.speaks {
+            Speaks::Grbl => "grblHAL machine",
+            Speaks::Modbus => "machine behind a window of Modbus registers",
+        }
+    }
+}
+
+/// A pseudo-terminal has no speed; the silences between Modbus frames are computed from one.
+const BAUD: u32 = 115_200;
+/// Size of the in-process wire, bytes.
+const WIRE_BYTES: usize = 4096;
+
+impl TryFrom<Keys> for Simulated {
+    type Error = String;
+
+    fn try_from(Keys { speaks, wire }: Keys) -> Result<Self, String> {
+        let (usual, known) = match speaks {
+            Speaks::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
+            Speaks::Modbus => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
+        };
+        let wire = wire.unwrap_or(usual);
+        if known.contains(&wire) {
+            return Ok(Self { speaks, wire });
+        }
+        let names = known.map(|wire| format!("`{wire:?}`").to_lowercase());
+        Err(format!("this control has the wires {}", names.join(" and ")))
+    }
+}
+
+impl Simulated {
+    /// The language that it is spoken to; it orients its spindle.
+    pub fn dialect(&self) -> &'static str {
+        "grbl-m19"
+    }
+
+    /// `[[simulated.fault]]`.
+    ///
+    /// # Errors
+    /// What serde says.
+    pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<Faults, D::Error> {
+        Ok(Faults(match self.speaks {
+            Speaks::Grbl => Kind::Grbl(Deserialize::deserialize(list)?),
+            Speaks::Modbus => Kind::Modbus(Deserialize::deserialize(list)?),
+        }))
+    }
+
+    /// Nothing goes wrong.
+    pub fn no_faults(&self) -> Faults {
+        Faults(match self.speaks {
+            Speaks::Grbl => Kind::Grbl(Vec::new()),
+            Speaks::Modbus => Kind::Modbus(Vec::new()),
+        })
+    }
+
+    /// Start it and open its driver. Call inside a tokio runtime; what is served outlives the driver.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub async fn open(
+        &self,
+        bench: Bench<'_>,
+        dialect: Dialect,
+    ) -> Result<(Controller, Option<Served>), ControllerError> {
+        let machine = bench.machine;
+        if let (Wire::Memory, Kind::Grbl(faults)) = (self.wire, &bench.faults.0) {
+            let (near, far) = tokio::io::duplex(WIRE_BYTES);
+            let mut firmware = grbl_firmware(&bench, faults);
+            tokio::spawn(async move { drop(firmware.serve(far).await) });
+            let link = Link::over("the simulated machine", near);
+            let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
+            return Ok((Controller::spawn(driver, halt), None));
+        }
+        let served = self.serve(bench)?;
+        let controller = match self.speaks {
+            Speaks::Grbl => {
+                let link = link::open(&served.at.address()?).await?;
+                let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
+                Controller::spawn(driver, halt)
+            }
+            Speaks::Modbus => {
+                let config = modbus::Config::local(served.at.clone());
+                let config = config.map_err(|text| ControllerError::Garbled { text })?;
+                config.open(machine, dialect).await?
+            }
+        };
+        Ok((controller, Some(served)))
+    }
+
+    /// Serve it on a wire of its own: a TCP port of this computer, or a new pseudo-terminal.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub fn serve(&self, bench: Bench<'_>) -> Result<Served, ControllerError> {
+        let speaks = self.speaks;
+        match &bench.faults.0 {
+            Kind::Grbl(faults) => {
+                let mut firmware = grbl_firmware(&bench, faults);
+                on_pty(speaks, |pty| {
+                    tokio::spawn(async move {
+                        let _client_side = pty.client_side;
+                        drop(firmware.serve(pty.device).await);
+                    })
+                })
+            }
+            Kind::Modbus(faults) => {
+                let firmware = modbus_firmware(&bench, faults);
+                if self.wire != Wire::Pty {
+                    return on_tcp(speaks, firmware);
+                }
+                on_pty(speaks, |pty| {
+                    tokio::spawn(async move {
+                        let _client_side = pty.client_side;
+                        drop(modbus::firmware::serve_rtu(firmware, pty.device).await);
+                    })
+                })
+            }
+        }
+    }
+
+    /// As [`Self::serve`], behind a bad wire; `tell` hears what it does, and when. Once the wire is cut
+    /// the pseudo-terminal is gone.
+    ///
+    /// # Errors
+    /// What opening says; a control that does not speak in lines.
+    pub fn serve_badly(
+        &self,
+        bench: Bench<'_>,
+        wire: BadWire,
+        tell: fn(Duration, Planned),
+    ) -> Result<Served, ControllerError> {
+        let Kind::Grbl(faults) = &bench.faults.0 else {
+            return Err(ControllerError::Unsupported {
+                what: "the bad wire counts lines, and Modbus has none".to_owned(),
+                remedy: "write [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
+            });
+        };
+        let mut firmware = grbl_firmware(&bench, faults);
+        on_pty(self.speaks, |pty| {
+            tokio::spawn(async move {
+                let _client_side = pty.client_side;
+                let (near, far) = tokio::io::duplex(WIRE_BYTES);
+                let control = async move { drop(firmware.serve(far).await) };
+                tokio::join!(control, async {
+                    drop(wire.join(pty.device, near, &tell).await);
+                });
+            })
+        })
+    }
+}
+
+fn on_pty(
+    speaks: Speaks,
+    serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
+) -> Result<Served, ControllerError> {
+    let pty = link::pty()?;
+    let at = link::Named::Serial { path: pty.path.clone().into(), baud: BAUD };
+    Ok(Served { at, speaks, task: serve(pty) })
+}
+
+fn on_tcp(speaks: Speaks, firmware: modbus::firmware::Firmware) -> Result<Served, ControllerError> {
+    let listen = || {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
+        listener.set_nonblocking(true)?;
+        let port = listener.local_addr()?.port();
+        Ok((TcpListener::from_std(listener)?, port))
+    };
+    let fault =
+        |source: io::Error| LinkError::Open { address: "a port of its own".to_owned(), source };
+    let (listener, port) = listen().map_err(fault)?;
+    let at = link::Named::Tcp(HostPort::local(port));
+    let serve = async move { drop(modbus::firmware::serve_tcp(firmware, listener).await) };
+    Ok(Served { at, speaks, task: tokio::spawn(serve) })
+}
+
+fn grbl_firmware(bench: &Bench<'_>, faults: &[grbl::firmware::Fault]) -> grbl::firmware::Firmware {
+    use grbl::firmware::{Firmware, Options};
+    let options = Options { faults: faults.to_vec(), ..Options::of(bench.machine, bench.pace) };
+    Firmware::new(bench.world.clone(), options)
+}
+
+fn modbus_firmware(
+    bench: &Bench<'_>,
+    faults: &[modbus::firmware::Fault],
+) -> modbus::firmware::Firmware {
+    use modbus::firmware::{Firmware, Options};
+    let options = Options { faults: faults.to_vec(), ..Options::of(bench.machine, bench.pace) };
+    Firmware::new(bench.world.clone(), options)
+}

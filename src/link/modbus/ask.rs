@@ -1,0 +1,119 @@
+//! One request: what goes out, and which reply fits it.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use tokio_modbus::{Request, Response};
+
+use super::Space;
+
+/// A PDU holds 253 bytes; of these a read's reply spends 2, a write's request 6.
+pub(super) const MOST_READ: u16 = 125;
+pub(super) const MOST_WRITTEN: u16 = 123;
+pub(super) const MOST_BITS: u16 = 2000;
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Ask {
+    Read { space: Space, address: u16, count: u16 },
+    Write { address: u16, words: Vec<u16> },
+}
+
+/// All that an RTU reply shows of its request. Two requests of different shapes cannot be mistaken
+/// for each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Shape {
+    function: u8,
+    /// Bytes of a read; 0 of a write, though its reply shows more.
+    bytes: u16,
+}
+
+impl Shape {
+    /// An exception shows the function alone.
+    pub(super) fn has_function_of(self, other: Self) -> bool {
+        self.function == other.function
+    }
+}
+
+impl Ask {
+    pub(super) fn request(&self) -> Request<'_> {
+        match self {
+            Self::Read { space, address, count } => {
+                let (address, count) = (*address, *count);
+                match space {
+                    Space::Holding => Request::ReadHoldingRegisters(address, count),
+                    Space::Input => Request::ReadInputRegisters(address, count),
+                    Space::Coil => Request::ReadCoils(address, count),
+                    Space::Discrete => Request::ReadDiscreteInputs(address, count),
+                }
+            }
+            Self::Write { address, words } => {
+                Request::WriteMultipleRegisters(*address, Cow::Borrowed(words))
+            }
+        }
+    }
+
+    pub(super) fn shape(&self) -> Shape {
+        let function = self.request().function_code().value();
+        let bytes = match self {
+            Self::Read { space: Space::Coil | Space::Discrete, count, .. } => count.div_ceil(8),
+            Self::Read { count, .. } => 2 * count,
+            Self::Write { .. } => 0,
+        };
+        Shape { function, bytes }
+    }
+
+    /// The words of a reply that fits: as many as were asked for; of a write, the echo of address and
+    /// count. tokio-modbus compares unit, transaction and function.
+    pub(super) fn words(&self, reply: Response) -> Result<Vec<u16>, String> {
+        let counted = |came: usize, asked: usize| {
+            if came == asked {
+                return Ok(());
+            }
+            Err(format!("{came} registers or bits came, {asked} were to come"))
+        };
+        match (self, reply) {
+            (
+                Self::Read { count, .. },
+                Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words),
+            ) => counted(words.len(), usize::from(*count)).map(|()| words),
+            (
+                Self::Read { count, .. },
+                Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits),
+            ) => {
+                let count = usize::from(*count);
+                // They come as whole bytes.
+                counted(bits.len(), count.next_multiple_of(8))?;
+                Ok(bits.into_iter().take(count).map(u16::from).collect())
+            }
+            (Self::Write { address, words }, Response::WriteMultipleRegisters(at, count)) => {
+                if (at, usize::from(count)) == (*address, words.len()) {
+                    Ok(Vec::new())
+                } else {
+                    Err(format!("it confirms {count} registers from {at} on"))
+                }
+            }
+            (_, other) => Err(format!("it answers another function, {}", other.function_code())),
+        }
+    }
+}
+
+impl fmt::Display for Ask {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (what, address, count) = match self {
+            Self::Read { space, address, count } => {
+                let name = match space {
+                    Space::Holding => "reading holding register",
+                    Space::Input => "reading input register",
+                    Space::Coil => "reading coil",
+                    Space::Discrete => "reading discrete input",
+                };
+                (name, *address, usize::from(*count))
+            }
+            Self::Write { address, words } => ("writing holding register", *address, words.len()),
+        };
+        match count {
+            1 => write!(f, "{what} {address}"),
+            _ => write!(f, "{what}s {address} to {}", usize::from(address) + count.max(1) - 1),
+        }
+    }
+}

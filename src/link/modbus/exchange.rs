@@ -1,0 +1,246 @@
+//! One request and its reply, and what has to happen before the next one.
+
+use std::time::Duration;
+
+use tokio::time::{sleep, timeout};
+use tokio_modbus::client::{Client, Context, rtu, tcp};
+use tokio_modbus::{Response, Slave};
+
+use super::ask::{Ask, Shape};
+use super::owner::Inbox;
+use super::wire::Wire;
+use super::{Framing, Line, ModbusError, Settings};
+use crate::link::wiring::Wired;
+
+/// How long a hold waits for a reply under way over TCP.
+const GRACE: Duration = Duration::from_millis(20);
+/// How often the line is asked whether it is clear, before one request.
+const CLEARINGS: usize = 3;
+
+/// The connection, and what it still owes.
+pub(super) struct Exchange {
+    line: Line,
+    wired: Wired,
+    settings: Settings,
+    wire: Option<Wire>,
+    /// Over TCP it lives as long as the connection, for its transaction numbers.
+    context: Option<Context>,
+    /// Replies that may still come (RTU).
+    owed: Vec<Shape>,
+    latest: Option<Shape>,
+}
+
+/// How one call ended.
+enum End {
+    Replied(tokio_modbus::Result<Response>),
+    Late(Duration),
+}
+
+impl Exchange {
+    pub(super) fn new(line: Line, wired: Wired, settings: Settings) -> Self {
+        Self { line, wired, settings, wire: None, context: None, owed: Vec::new(), latest: None }
+    }
+
+    /// # Errors
+    /// What opening says.
+    pub(super) async fn open(&mut self) -> Result<(), ModbusError> {
+        self.wire = Some(self.line.open(&self.wired).await?);
+        Ok(())
+    }
+
+    /// Send `ask` once, on a line that owes nothing, and return the words of its reply.
+    pub(super) async fn perform(
+        &mut self,
+        ask: &Ask,
+        inbox: &mut Inbox,
+    ) -> Result<Vec<u16>, ModbusError> {
+        self.quieten().await?;
+        self.clear(ask, inbox).await?;
+        self.send(ask, inbox).await
+    }
+
+    /// As `perform`, without asking first whether the line owes something: a hold does not wait.
+    pub(super) async fn perform_now(&mut self, ask: &Ask, inbox: &mut Inbox) {
+        // Whether it arrived shows at the device alone.
+        if self.quieten().await.is_ok() {
+            let _ = self.send(ask, inbox).await;
+        }
+    }
+
+    /// Open the connection if need be, and let the line fall silent.
+    async fn quieten(&mut self) -> Result<(), ModbusError> {
+        if let Some(wire) = &mut self.wire {
+            let silence = match self.line.framing {
+                Framing::Rtu => self.line.silence(),
+                Framing::Tcp => Duration::ZERO,
+            };
+            match (wire.drain(silence).await, self.line.framing) {
+                (Ok(0), _) => return Ok(()),
+                (Ok(_), Framing::Rtu) => {
+                    // Somebody spoke unasked: perhaps the last reply came twice.
+                    self.owed.extend(self.latest);
+                    return Ok(());
+                }
+                // An idle connection was closed, or something came on it unasked.
+                _ => self.close(),
+            }
+        }
+        self.open().await?;
+        if let (Some(wire), Framing::Rtu) = (&mut self.wire, self.line.framing) {
+            // What the port held from before.
+            let _ = wire.drain(self.line.silence()).await;
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        self.context = None;
+        self.wire = None;
+    }
+
+    /// A read whose reply nothing that is owed can be taken for.
+    fn probe(&self) -> Option<Ask> {
+        let mut probes = self.settings.allowed.small_reads();
+        probes.find(|probe| !self.owed.contains(&probe.shape()))
+    }
+
+    /// RTU: a reply of a shape that is not owed proves that all owed ones are gone.
+    async fn clear(&mut self, ask: &Ask, inbox: &mut Inbox) -> Result<(), ModbusError> {
+        let mut why = String::new();
+        for _ in 0..CLEARINGS {
+            if self.owed.is_empty() {
+                return Ok(());
+            }
+            let Some(probe) = self.probe() else {
+                // Nothing tells them apart: a long quiet has to do.
+                self.wire.iter().for_each(Wire::hush);
+                self.wait_quietly(self.settings.timeout, inbox).await;
+                if inbox.has_come() {
+                    why = "a hold goes first".to_owned();
+                    break;
+                }
+                self.owed.clear();
+                return Ok(());
+            };
+            if let Some(error) = self.ask_whether_clear(&probe, inbox).await {
+                why = error.to_string();
+                if !matches!(error, ModbusError::Misfit { .. }) {
+                    break;
+                }
+            }
+            self.wait_quietly(self.line.silence(), inbox).await;
+            if inbox.has_come() {
+                why = "a hold goes first".to_owned();
+                break;
+            }
+        }
+        if self.owed.is_empty() {
+            return Ok(());
+        }
+        Err(ModbusError::Unclear { request: ask.to_string(), why })
+    }
+
+    /// One question of `clear`; what went wrong with it, if it did.
+    async fn ask_whether_clear(&mut self, probe: &Ask, inbox: &mut Inbox) -> Option<ModbusError> {
+        let shape = probe.shape();
+        let ambiguous = self.owed.iter().any(|owed| owed.has_function_of(shape));
+        match self.send(probe, inbox).await {
+            Err(ModbusError::Refused { .. }) if ambiguous => self.owed.push(shape),
+            Ok(_) | Err(ModbusError::Refused { .. }) => self.owed.clear(),
+            Err(error) => {
+                if matches!(error, ModbusError::Misfit { .. }) {
+                    // That was an old one; its own may be on its way.
+                    self.wait_quietly(self.settings.timeout, inbox).await;
+                }
+                return Some(error);
+            }
+        }
+        None
+    }
+
+    /// Throw away what comes until nothing has come for `silence`, or a hold wants to go out.
+    async fn wait_quietly(&mut self, silence: Duration, inbox: &mut Inbox) {
+        let Some(wire) = &mut self.wire else { return };
+        // Both can be given up without harm: what was read is thrown away in any case.
+        let ended = tokio::select! {
+            biased;
+            () = inbox.come() => return,
+            ended = wire.drain(silence) => ended,
+        };
+        if ended.is_err() {
+            self.close();
+        }
+    }
+
+    async fn send(&mut self, ask: &Ask, inbox: &mut Inbox) -> Result<Vec<u16>, ModbusError> {
+        let shape = ask.shape();
+        let request = ask.to_string();
+        self.latest = Some(shape);
+        let misfit = |why| ModbusError::Misfit { request: request.clone(), why };
+        let error = match self.call(ask, inbox).await {
+            End::Replied(Ok(Ok(reply))) => match ask.words(reply) {
+                Ok(words) => return Ok(words),
+                Err(why) => misfit(why),
+            },
+            End::Replied(Ok(Err(exception))) => {
+                let function = ask.request().function_code().value();
+                return Err(ModbusError::Refused { request, function, code: exception.into() });
+            }
+            End::Replied(Err(tokio_modbus::Error::Protocol(error))) => misfit(error.to_string()),
+            End::Replied(Err(tokio_modbus::Error::Transport(error)))
+                if error.kind() == std::io::ErrorKind::InvalidData =>
+            {
+                misfit(error.to_string())
+            }
+            End::Replied(Err(tokio_modbus::Error::Transport(error))) => {
+                let why = self.why_lost(error).await;
+                self.wire = None;
+                ModbusError::Lost { request, why }
+            }
+            End::Late(within) => ModbusError::Late { request, within },
+        };
+        self.context = None;
+        match self.line.framing {
+            Framing::Rtu => self.owed.push(shape),
+            Framing::Tcp => self.wire = None,
+        }
+        Err(error)
+    }
+
+    async fn call(&mut self, ask: &Ask, inbox: &mut Inbox) -> End {
+        let Some(wire) = &self.wire else {
+            let closed = std::io::Error::from(std::io::ErrorKind::NotConnected);
+            return End::Replied(Err(closed.into()));
+        };
+        let unit = Slave(self.settings.unit);
+        let framing = self.line.framing;
+        let context = match framing {
+            // Each request gets a decoder that has seen nothing else.
+            Framing::Rtu => self.context.insert(rtu::attach_slave(wire.clone(), unit)),
+            Framing::Tcp => {
+                self.context.get_or_insert_with(|| tcp::attach_slave(wire.clone(), unit))
+            }
+        };
+        let hurry = async {
+            inbox.come().await;
+            sleep(GRACE).await;
+        };
+        // A call that is given up here takes its context with it.
+        tokio::select! {
+            biased;
+            replied = timeout(self.settings.timeout, context.call(ask.request())) => {
+                replied.map_or(End::Late(self.settings.timeout), End::Replied)
+            }
+            () = hurry, if framing == Framing::Tcp => End::Late(GRACE),
+        }
+    }
+
+    /// tokio-modbus says of a closed stream what the system happened to say last.
+    async fn why_lost(&mut self, error: std::io::Error) -> String {
+        let Some(wire) = &mut self.wire else { return error.to_string() };
+        match wire.drain(Duration::ZERO).await {
+            Err(closed) => closed.to_string(),
+            Ok(_) => error.to_string(),
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Where a device is, and how its line is set.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::Deserialize;
+use tokio_serial::SerialPortBuilderExt;
+
+use super::wire::Wire;
+use crate::link::address::{serial_error, tcp};
+use crate::link::capture::Speech;
+use crate::link::wiring::Wired;
+use crate::link::{Address, LinkError, Named};
+
+/// How requests are framed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Framing {
+    /// With CRC and silences; over TCP as well, where a converter passes the bytes on.
+    Rtu,
+    /// With transaction numbers.
+    Tcp,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Parity {
+    #[default]
+    None,
+    Even,
+    Odd,
+}
+
+/// Eight data bits, one stop bit.
+#[derive(Debug, Clone)]
+pub struct Line {
+    pub at: Named,
+    pub framing: Framing,
+    pub parity: Parity,
+}
+
+/// A frame ends with 3.5 characters of silence. A character counts as 11 bits, with its start, parity
+/// and stop bit; above 19200 baud the silence is a fixed 1.75 ms.
+const SILENT_BITS: f64 = 3.5 * 11.0;
+const SHORTEST_SILENCE: Duration = Duration::from_micros(1750);
+/// On its way over a network a frame may come in parts.
+const NETWORK_SILENCE: Duration = Duration::from_millis(20);
+
+impl Line {
+    /// RTU on a serial port, Modbus TCP over TCP, no parity.
+    pub fn usual(at: Named) -> Self {
+        let framing = if matches!(at, Named::Tcp(_)) { Framing::Tcp } else { Framing::Rtu };
+        Self { at, framing, parity: Parity::default() }
+    }
+
+    /// How long nothing may come for a frame to be over.
+    pub(super) fn silence(&self) -> Duration {
+        match self.at {
+            Named::Tcp(_) => NETWORK_SILENCE,
+            Named::Serial { baud, .. } | Named::SerialId { baud, .. } if baud > 19_200 => {
+                SHORTEST_SILENCE
+            }
+            Named::Serial { baud, .. } | Named::SerialId { baud, .. } => {
+                Duration::from_secs_f64(SILENT_BITS / f64::from(baud.max(1)))
+            }
+        }
+    }
+
+    pub(super) fn speech(&self) -> Speech {
+        match self.framing {
+            Framing::Rtu => Speech::ModbusRtu,
+            Framing::Tcp => Speech::ModbusTcp,
+        }
+    }
+
+    /// Open it on the runtime of the caller.
+    pub(super) async fn open(&self, wired: &Wired) -> Result<Wire, LinkError> {
+        let name = self.to_string();
+        let address = match self.at.address() {
+            Err(_) if matches!(wired, Wired::Played(_)) => {
+                Address::Serial { path: name.clone(), baud: 0 }
+            }
+            address => address?,
+        };
+        Ok(Wire::new(match address {
+            Address::Serial { path, baud } => {
+                let parity = match self.parity {
+                    Parity::None => tokio_serial::Parity::None,
+                    Parity::Even => tokio_serial::Parity::Even,
+                    Parity::Odd => tokio_serial::Parity::Odd,
+                };
+                let builder = tokio_serial::new(&path, baud).parity(parity);
+                let open = async {
+                    builder.open_native_async().map_err(|error| serial_error(path, error))
+                };
+                wired.open(open).await?
+            }
+            Address::Tcp { host, port } => wired.open(tcp(name, host, port)).await?,
+        }))
+    }
+}
+
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.at {
+            Named::Serial { path, .. } => write!(f, "{}", path.display()),
+            Named::SerialId { id, .. } => write!(f, "{id}"),
+            Named::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! The thread that owns a connection, and the order in which requests go out.
+
+use std::collections::VecDeque;
+use std::io;
+
+use tokio::sync::{mpsc, oneshot};
+
+use super::ask::Ask;
+use super::exchange::Exchange;
+use super::{Ahead, Job, Line, ModbusError, Settings, Space};
+use crate::link::LinkError;
+use crate::link::wiring::Wiring;
+
+/// The other ends of the handles' channels.
+pub(super) struct Ends {
+    pub(super) queue: mpsc::UnboundedReceiver<Job>,
+    pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+}
+
+/// Urgent writes: they are seen while a request is under way.
+pub(super) struct Inbox {
+    queue: mpsc::UnboundedReceiver<Ahead>,
+    waiting: VecDeque<Ahead>,
+}
+
+impl Inbox {
+    /// Wait until one is there. Can be given up without harm.
+    pub(super) async fn come(&mut self) {
+        if self.has_come() {
+            return;
+        }
+        match self.queue.recv().await {
+            Some(ahead) => self.waiting.push_back(ahead),
+            None => std::future::pending().await,
+        }
+    }
+
+    pub(super) fn has_come(&mut self) -> bool {
+        while let Ok(ahead) = self.queue.try_recv() {
+            self.waiting.push_back(ahead);
+        }
+        !self.waiting.is_empty()
+    }
+}
+
+/// Start the thread and let it open its line.
+pub(super) async fn start(line: Line, settings: Settings, ends: Ends) -> Result<(), ModbusError> {
+    let name = line.to_string();
+    let fault = |source| LinkError::Open { address: name.clone(), source };
+    let (opened, result) = oneshot::channel();
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(fault)?;
+    let wired = Wiring::current().of(&name, line.speech());
+    let own = async move {
+        let mut exchange = Exchange::new(line, wired, settings);
+        if let Err(error) = exchange.open().await {
+            return drop(opened.send(Err(error)));
+        }
+        let _ = opened.send(Ok(()));
+        let inbox = Inbox { queue: ends.urgent_queue, waiting: VecDeque::new() };
+        Owner { exchange, inbox, held: false }.run(ends.queue).await;
+    };
+    std::thread::Builder::new()
+        .name("modbus".to_owned())
+        .spawn(move || runtime.block_on(own))
+        .map_err(fault)?;
+    result.await.map_err(|_| fault(io::Error::other("its thread has ended")))?
+}
+
+struct Owner {
+    exchange: Exchange,
+    inbox: Inbox,
+    /// After a hold nothing but urgent writes goes out.
+    held: bool,
+}
+
+impl Owner {
+    /// Until the handle is dropped; a hold that was asked for in the last moment still goes out.
+    async fn run(mut self, mut queue: mpsc::UnboundedReceiver<Job>) {
+        loop {
+            tokio::select! {
+                biased;
+                () = self.inbox.come() => self.go_ahead().await,
+                job = queue.recv() => match job {
+                    Some(job) => self.serve(job).await,
+                    None => break,
+                },
+            }
+        }
+        if self.inbox.has_come() {
+            self.go_ahead().await;
+        }
+    }
+
+    async fn go_ahead(&mut self) {
+        while let Some(Ahead { ask, last }) = self.inbox.waiting.pop_front() {
+            self.held |= last;
+            self.exchange.perform_now(&ask, &mut self.inbox).await;
+        }
+    }
+
+    async fn serve(&mut self, job: Job) {
+        let Job { ask, read_back, answer } = job;
+        let result = match (&ask, self.held) {
+            (Ask::Write { .. }, true) => Err(ModbusError::Held { request: ask.to_string() }),
+            (Ask::Write { address, words }, false) if read_back => {
+                self.write(&ask, *address, words).await
+            }
+            _ => self.exchange.perform(&ask, &mut self.inbox).await,
+        };
+        // Nobody waits any more: the work was done all the same.
+        let _ = answer.send(result);
+    }
+
+    /// Write, then read back.
+    async fn write(
+        &mut self,
+        ask: &Ask,
+        address: u16,
+        words: &[u16],
+    ) -> Result<Vec<u16>, ModbusError> {
+        let request = ask.to_string();
+        self.exchange.perform(ask, &mut self.inbox).await?;
+        let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+        let back = Ask::Read { space: Space::Holding, address, count };
+        match self.exchange.perform(&back, &mut self.inbox).await {
+            Ok(read) if read == words => Ok(read),
+            Ok(read) => Err(ModbusError::NotAsWritten { request, written: words.to_vec(), read }),
+            Err(source) => Err(ModbusError::NotReadBack { request, source: Box::new(source) }),
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The stream below tokio-modbus. It stays with us when a context is dropped, so that the line can be
+//! drained.
+
+use std::fmt;
+use std::io;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
+use tokio::time::{Instant, timeout_at};
+
+use crate::link::wiring::Boxed;
+
+/// More than this without a silence is no late reply.
+const FLOOD_BYTES: usize = 16 * 1024;
+
+/// A stream that a context and its owner share; both live on one thread.
+#[derive(Clone)]
+pub(super) struct Wire(Arc<Mutex<Inner>>);
+
+struct Inner {
+    stream: Boxed,
+    /// When a byte went either way.
+    last: Instant,
+}
+
+impl Wire {
+    pub(super) fn new(stream: Boxed) -> Self {
+        Self(Arc::new(Mutex::new(Inner { stream, last: Instant::now() })))
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Silence counts from now on.
+    pub(super) fn hush(&self) {
+        self.inner().last = Instant::now();
+    }
+
+    /// Throw away what comes until nothing has gone either way for `silence`; how much it was.
+    ///
+    /// # Errors
+    /// The stream ended, or it never falls silent.
+    pub(super) async fn drain(&mut self, silence: Duration) -> io::Result<usize> {
+        let mut dropped = 0;
+        let mut buffer = [0; 256];
+        // What has come already is known to the runtime only after it has looked.
+        tokio::task::yield_now().await;
+        loop {
+            let due = self.inner().last + silence;
+            match timeout_at(due, self.read(&mut buffer)).await {
+                Err(_) => return Ok(dropped),
+                Ok(Ok(0)) => return Err(io::Error::other("the other side closed it")),
+                Ok(Ok(count)) => dropped += count,
+                Ok(Err(error)) => return Err(error),
+            }
+            if dropped > FLOOD_BYTES {
+                return Err(io::Error::other("it never falls silent"));
+            }
+        }
+    }
+}
+
+/// tokio-modbus wants to name what it speaks over.
+impl fmt::Debug for Wire {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Wire")
+    }
+}
+
+impl AsyncRead for Wire {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let mut inner = self.inner();
+        let before = buffer.filled().len();
+        let polled = inner.stream.as_mut().poll_read(context, buffer);
+        if buffer.filled().len() > before {
+            inner.last = Instant::now();
+        }
+        polled
+    }
+}
+
+impl AsyncWrite for Wire {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let mut inner = self.inner();
+        inner.last = Instant::now();
+        inner.stream.as_mut().poll_write(context, bytes)
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.inner().stream.as_mut().poll_flush(context)
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.inner().stream.as_mut().poll_shutdown(context)
+    }
+}

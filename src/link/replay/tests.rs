@@ -1,0 +1,129 @@
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::time::Instant;
+
+use super::*;
+use crate::link::{Capture, Link, Received, Wiring};
+
+fn replay(text: &str) -> Result<Replay, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.capture");
+    std::fs::write(&file, text).unwrap();
+    Replay::read(&file).map_err(|error| {
+        let told = error.to_string();
+        told.rsplit_once('/').map_or(told.clone(), |(_, told)| told.to_owned())
+    })
+}
+
+async fn line(link: &mut Link) -> String {
+    match link.recv_deadline(Instant::now() + Duration::from_secs(5)).await {
+        Ok(Some(Received::Line(line))) => line,
+        other => format!("{other:?}"),
+    }
+}
+
+const TALK: &str = "# trued-capture 1
+# by hand
+0.1 1 = lines port
+0.2 1 < Grbl 1.1\\r\\n
+0.3 1 > $I\\n
+0.4 1 < [VER:1.1]\\r\\nok\\r
+0.5 1 < \\n
+0.6 1 > G1X2\\n
+0.7 1 > ?
+0.8 1 < <Run>\\r\\nok\\r\\n
+0.9 1 > ?
+1.0 1 < <Idle>\\r\\n
+1.1 1 > M2\\n
+1.2 1 < ok\\r\\n
+";
+
+#[tokio::test]
+async fn replies_come_by_command_and_reports_when_asked() {
+    let replay = replay(TALK).unwrap();
+    let clock = replay.clock();
+    let (near, _far) = tokio::io::duplex(64);
+    let mut link = Wiring::Replayed(replay).during(async { Link::over("port", near) }).await;
+    assert_eq!(line(&mut link).await, "Grbl 1.1");
+    link.send_line("$I").unwrap();
+    assert_eq!(line(&mut link).await, "[VER:1.1]");
+    assert_eq!(line(&mut link).await, "ok");
+    assert_eq!(clock.now_s(), 0.5);
+    link.send(b"?").unwrap();
+    link.send_line("G1X2").unwrap();
+    assert_eq!(line(&mut link).await, "ok");
+    // Asked more often than then.
+    for report in ["<Run>", "<Idle>", "<Idle>", "<Idle>"] {
+        link.urgent().send(b"?");
+        assert_eq!(line(&mut link).await, report);
+    }
+    link.send_line("M3").unwrap();
+    let lost = line(&mut link).await;
+    assert!(lost.contains("the capture does not know `M3` here: then it was `M2`"), "{lost}");
+}
+
+#[tokio::test]
+async fn a_captured_talk_is_the_one_that_was_had() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.capture");
+    let capture = Capture::create(&file).unwrap();
+    assert!(Capture::create(&file).is_err(), "a capture is never overwritten");
+    let (near, mut far) = tokio::io::duplex(64);
+    let wiring = Wiring::Captured(capture.clone());
+    let mut link = wiring.during(async { Link::over("the \"port\"", near) }).await;
+    link.send_line("G1 X-2.5").unwrap();
+    let mut sent = [0; 9];
+    far.read_exact(&mut sent).await.unwrap();
+    far.write_all(b"[MSG:a\\b \"c\"]\r\n").await.unwrap();
+    assert_eq!(line(&mut link).await, "[MSG:a\\b \"c\"]");
+    link.send(&[0x18, 0xFF]).unwrap();
+    far.read_exact(&mut sent[..2]).await.unwrap();
+    capture.finish().unwrap();
+    let text = std::fs::read_to_string(&file).unwrap();
+    let without_times: Vec<_> = text.lines().map(|line| line.split_once(' ').unwrap().1).collect();
+    assert_eq!(
+        without_times,
+        [
+            "trued-capture 1",
+            "1 = lines the \"port\"",
+            r"1 > G1 X-2.5\n",
+            r#"1 < [MSG:a\\b \"c\"]\r\n"#,
+            r"1 > \x18\xff",
+        ]
+    );
+    let tracks = read::tracks(&text).unwrap();
+    let read::Passed::Came(said) = &tracks[0].passed[1] else { panic!() };
+    assert_eq!(said.bytes, b"[MSG:a\\b \"c\"]\r\n");
+}
+
+#[test]
+fn a_spoilt_capture_is_refused_in_words() {
+    let told = |text: &str| replay(text).err().unwrap();
+    assert_eq!(
+        told("G1 X2\n"),
+        "a.capture, line 1: it does not begin with `# trued-capture 1`: this is no capture, or it was \
+         cut or changed"
+    );
+    for (spoilt, line, why) in [
+        (TALK.replace("0.6 1 >", "soon 1 >"), 8, "it begins with no time"),
+        (TALK.replace("0.6 1 >", "NaN 1 >"), 8, "it begins with no time"),
+        (TALK.replace("0.6 1 >", "0.6 2 >"), 8, "the link was not opened"),
+        (TALK.replace("0.6 1 >", "0.6 one >"), 8, "it names no link's number"),
+        (TALK.replace("0.6 1 >", "0.6 1 ="), 8, ""),
+        (TALK.replace("0.6 1 >", "0.6 1 ]"), 8, "its mark is none of"),
+        (TALK.replace("G1X2\\n", "G1X2\\q"), 8, "it holds an unknown escape"),
+        (TALK.replace("G1X2\\n", "G1X2\\x9"), 8, "it holds an unknown escape"),
+        (TALK.replace("G1X2\\n", "G1X2\t"), 8, "it holds an unprintable byte"),
+        (TALK.replace("= lines", "= words"), 3, "the link speaks in an unknown way"),
+        (TALK.replace("0.7 1 > ?", "0.7 1 >"), 9, "it has too few parts"),
+        (TALK.trim_end().to_owned(), 14, "the line does not end"),
+    ] {
+        if why.is_empty() {
+            assert!(replay(&spoilt).is_ok());
+            continue;
+        }
+        let told = told(&spoilt);
+        assert!(told.starts_with(&format!("a.capture, line {line}: {why}")), "{told}");
+    }
+}

@@ -1,0 +1,257 @@
+//! Schedules of faults: short runs on a control that does wrong behind a wire that does wrong. Never a
+//! reading that the control did not make, never a line twice, never a motion after a fault.
+//! `TRUED_FAULT_SEED=17` shows one alone.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use rand::RngExt;
+use tokio::net::TcpListener;
+use trued::base::Axis;
+use trued::base::random::stream;
+use trued::controllers::Controller;
+use trued::controllers::modbus::firmware::{Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use trued::controllers::modbus::{Config, ModbusControl, Patience};
+use trued::gcode::Dialect;
+use trued::record::reading::Reading;
+use trued::setup::{self, Devices, MachineFile, Pace};
+
+use super::bench::{Bench, Measured, machine};
+
+const SCHEDULES: u64 = 72;
+/// Chunks and requests of a short run, about.
+const LINES: u64 = 200;
+const REQUESTS: u64 = 700;
+
+/// A fault of the wire that a run survives, and one of any kind.
+fn faults(seed: u64) -> Vec<Fault> {
+    let mut draw = stream(seed, &[78]);
+    let kind = FaultKind::ALL[seed as usize % FaultKind::ALL.len()];
+    let fault = |kind, at_request, at_line, after_touch| Fault {
+        kind,
+        at_request,
+        at_line,
+        after_touch,
+        code: None,
+        late_s: Some(0.15),
+        scan_s: None,
+    };
+    let passing = PASSING[draw.random_range(0..PASSING.len())];
+    let at_line = draw.random_range(1..LINES);
+    vec![
+        fault(passing, draw.random_range(1..REQUESTS), 0, 0),
+        fault(kind, draw.random_range(0..REQUESTS / 2), at_line, draw.random_range(0..6)),
+    ]
+}
+
+/// Nothing is lost by them but time.
+const PASSING: [FaultKind; 6] = [
+    FaultKind::Late,
+    FaultKind::Unanswered,
+    FaultKind::Lost,
+    FaultKind::Exception,
+    FaultKind::Torn,
+    FaultKind::Stale,
+];
+/// The control takes nothing any more.
+const FATAL: [FaultKind; 6] = [
+    FaultKind::Silence,
+    FaultKind::Frozen,
+    FaultKind::Reset,
+    FaultKind::Alarm,
+    FaultKind::EStop,
+    FaultKind::Hold,
+];
+/// What the machine does is other than it would have been.
+const OTHER_WORLD: [FaultKind; 5] = [
+    FaultKind::ProbeStuck,
+    FaultKind::ProbeDead,
+    FaultKind::ForeignBody,
+    FaultKind::RapidContact,
+    FaultKind::SlowLatch,
+];
+
+struct Ended {
+    measured: Measured,
+    readings: Vec<Reading>,
+    diary: Vec<Entry>,
+    /// Length of the diary when the run had ended.
+    mark: usize,
+}
+
+fn file() -> String {
+    machine("") + "\n[method.self-calibration]\npositions = 5\n"
+}
+
+/// Short, so that many schedules pass quickly.
+fn patience() -> Patience {
+    let ms = Duration::from_millis;
+    Patience { answer: ms(600), poll: ms(10), stall: ms(600), heartbeat: ms(500) }
+}
+
+fn run(faults: Vec<Fault>) -> Ended {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let file = MachineFile::parse("machine.toml", self::file()).unwrap();
+        let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+        let options = Options { faults, ..Options::of(&file.machine, Pace::Fast) };
+        let firmware = Firmware::new(world, options);
+        let diary = firmware.diary();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let at = listener.local_addr().unwrap();
+        let served = tokio::spawn(serve_tcp(firmware, listener));
+        let config: Config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.1")).unwrap();
+        let dialect = Dialect::named("grbl-m19").unwrap();
+        let opened = ModbusControl::open(&config, &file.machine, dialect.clone()).await;
+        let (driver, halt) = opened.unwrap();
+        let controller = Controller::spawn(driver.with_patience(patience()), halt);
+        let devices = Devices::new(controller, dialect);
+        let measured = Bench::of(self::file()).measure_with(&devices).await;
+        let mark = diary.lock().unwrap().len();
+        // Whatever the driver might still say.
+        tokio::time::sleep(Duration::from_millis(30)).await;
+        drop(devices);
+        tokio::time::sleep(Duration::from_millis(10)).await;
+        served.abort();
+        let diary = diary.lock().unwrap().clone();
+        Ended { readings: measured.all_readings().to_vec(), measured, diary, mark }
+    })
+}
+
+fn wrong(ended: &Ended) -> Vec<FaultKind> {
+    let kinds = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Wrong(kind) => Some(*kind),
+        _ => None,
+    });
+    kinds.collect()
+}
+
+fn lines(ended: &Ended) -> Vec<&str> {
+    let taken = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Took { text, .. } => Some(text.as_str()),
+        _ => None,
+    });
+    taken.collect()
+}
+
+/// Every breach, in words.
+fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
+    let kinds = wrong(ended);
+    let mut all = Vec::new();
+    all.extend(invented(ended));
+    all.extend(asked_after_a_hold(ended));
+    all.extend(taken_after_a_fault(ended));
+    if !kinds.iter().any(|kind| OTHER_WORLD.contains(kind)) {
+        if !lines(clean).starts_with(&lines(ended)) {
+            all.push("the control took other lines than in a clean run".to_owned());
+        }
+        if !clean.readings.starts_with(&ended.readings) {
+            all.push("readings are not those of a clean run".to_owned());
+        }
+        let ended_well = ended.measured.result.is_ok();
+        if kinds.iter().all(|kind| PASSING.contains(kind)) && !ended_well {
+            all.push(format!("{kinds:?} ended it: {:?}", ended.measured.result));
+        }
+    }
+    all
+}
+
+/// Each reading is a contact of the control's, in their order, each at most once.
+fn invented(ended: &Ended) -> Option<String> {
+    const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+    let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
+        _ => None,
+    });
+    let told = |reading: &Reading| {
+        let step = |axis: Axis| (axis.to_edge(reading.position.at(axis)) * 1e3).round() as i32;
+        (AXES.map(step).to_vec(), reading.t_s)
+    };
+    let made_up = ended.readings.iter().find(|reading| {
+        let told = told(reading);
+        !contacts.any(|contact| contact == told)
+    });
+    made_up.map(|reading| format!("the control never made {reading:?}"))
+}
+
+/// No chunk is offered once hold was written, or when the run is over.
+fn asked_after_a_hold(ended: &Ended) -> Option<String> {
+    let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
+    let from = hold.unwrap_or(ended.mark).min(ended.mark);
+    let late = ended.diary[from..].iter().any(|entry| *entry == Entry::Asked);
+    late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
+}
+
+/// One chunk may be on its way when the control fails; it is not taken.
+fn taken_after_a_fault(ended: &Ended) -> Option<String> {
+    let fatal = |entry: &Entry| matches!(entry, Entry::Wrong(kind) if FATAL.contains(kind));
+    let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
+    let (mut asked, mut took) = (0, 0);
+    for entry in after {
+        asked += u32::from(*entry == Entry::Asked);
+        took += u32::from(matches!(entry, Entry::Took { .. }));
+    }
+    // What was asked for again, because nobody answered, has the same sequence.
+    (took > 0 || asked > 4)
+        .then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
+}
+
+fn name(value: impl std::fmt::Debug) -> String {
+    let text = format!("{value:?}");
+    text.trim_start_matches("Err(").split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned()
+}
+
+fn ending(ended: &Ended) -> String {
+    match &ended.measured.result {
+        Ok(()) => "Finished".to_owned(),
+        Err(trued::run::RunError::Controller(error)) => name(error),
+        Err(other) => name(other),
+    }
+}
+
+#[test]
+fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
+    let clean = run(Vec::new());
+    assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
+    if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
+        let ended = run(faults(seed.parse().unwrap()));
+        ended.diary.iter().for_each(|entry| println!("{entry:?}"));
+        println!("{:?}", ended.measured.result);
+        assert_eq!(breaches(&ended, &clean), Vec::<String>::new());
+        return;
+    }
+    let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        // Most of the time a run waits for an answer that does not come.
+        for _ in 0..6 {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::SeqCst);
+                    if seed >= SCHEDULES {
+                        return;
+                    }
+                    let ended = run(faults(seed));
+                    let breaches = breaches(&ended, &clean);
+                    all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
+                }
+            });
+        }
+    });
+    let all = all.into_inner().unwrap();
+    let mut endings = BTreeMap::<&str, u32>::new();
+    let mut kinds = BTreeMap::<FaultKind, u32>::new();
+    for (_, ending, wrong, _) in &all {
+        *endings.entry(ending).or_default() += 1;
+        wrong.iter().for_each(|kind| *kinds.entry(*kind).or_default() += 1);
+    }
+    println!("endings {endings:?}\nfaults {kinds:?}");
+    let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
+    assert!(breached.is_empty(), "{breached:#?}");
+    // The mix is what it claims to be: each of them came about.
+    assert_eq!(kinds.len(), FaultKind::ALL.len());
+    for ending in ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"] {
+        assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");
+    }
+}

@@ -1,0 +1,91 @@
+//! The late reply: shown first of a plain client, then not of ours.
+
+use std::time::Duration;
+
+use libtest_mimic::Failed;
+use tokio::time::{sleep, timeout};
+use tokio_modbus::Slave;
+use tokio_modbus::client::{Reader, rtu};
+use tokio_serial::SerialPortBuilderExt;
+use trued::link::Named;
+use trued::link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
+
+use super::server::{Server, on_a_runtime};
+
+const PATIENCE: Duration = Duration::from_millis(400);
+const LATE: &str = "delay:0.7";
+
+/// The test could fail: tokio-modbus's RTU client, asked again after a time-out, takes the old reply
+/// for the new one.
+pub fn of_a_plain_client() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Rtu);
+        let Named::Serial { path, baud } = server.at() else { return Err("no serial line".into()) };
+        let stream = tokio_serial::new(path.display().to_string(), baud).open_native_async()?;
+        let mut plain = rtu::attach_slave(stream, Slave(1));
+        server.value(111);
+        assert_eq!(plain.read_input_registers(0, 4).await??, [111; 4]);
+        server.faults(&[LATE]);
+        assert!(timeout(PATIENCE, plain.read_input_registers(0, 4)).await.is_err());
+        server.value(222);
+        sleep(2 * PATIENCE).await;
+        assert_eq!(plain.read_input_registers(0, 4).await??, [111; 4], "no hazard any more?");
+        Ok(())
+    })
+}
+
+async fn is_fresh_after_a_late_one(
+    framing: Framing,
+    pause: Duration,
+) -> Result<(Server, Modbus), Failed> {
+    let mut server = Server::start(framing);
+    let link = server.link(PATIENCE).await;
+    server.value(111);
+    assert_eq!(link.read(Space::Input, 0, 4).await?, [111; 4]);
+    server.faults(&[LATE]);
+    let late = link.read(Space::Input, 0, 4).await.unwrap_err();
+    assert!(matches!(late, ModbusError::Late { .. }), "{late}");
+    server.value(222);
+    sleep(pause).await;
+    assert_eq!(link.read(Space::Input, 0, 4).await?, [222; 4]);
+    Ok((server, link))
+}
+
+pub fn not_of_ours_rtu() -> Result<(), Failed> {
+    on_a_runtime(is_fresh_after_a_late_one(Framing::Rtu, 2 * PATIENCE)).map(drop)
+}
+
+pub fn not_of_ours_tcp() -> Result<(), Failed> {
+    on_a_runtime(is_fresh_after_a_late_one(Framing::Tcp, 2 * PATIENCE)).map(drop)
+}
+
+/// The next request does not wait for the late reply: the line is asked whether it is clear.
+pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let (mut server, link) = is_fresh_after_a_late_one(Framing::Rtu, Duration::ZERO).await?;
+        // A late confirmation, of a write: it was done once, and the same write is another one.
+        server.faults(&[LATE]);
+        let late = link.write(50, &[1]).await.unwrap_err();
+        assert!(late.may_have_arrived(), "{late}");
+        link.write(50, &[2]).await?;
+        assert_eq!(server.writes(), [(50, vec![1]), (50, vec![2])]);
+        Ok(())
+    })
+}
+
+/// One register alone: no reply has another shape. Then the line is kept quiet for as long again.
+pub fn not_where_nothing_tells_replies_apart() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Rtu);
+        let one = Range { space: Space::Input, first: 0, last: 0 };
+        let allowed = Allowed { read: vec![one], write: Vec::new() };
+        let link = server.link_to(PATIENCE, allowed).await;
+        server.value(111);
+        server.faults(&[LATE]);
+        let late = link.read(Space::Input, 0, 1).await.unwrap_err();
+        assert!(matches!(late, ModbusError::Late { .. }), "{late}");
+        server.value(222);
+        assert_eq!(link.read(Space::Input, 0, 1).await?, [222]);
+        Ok(())
+    })
+}

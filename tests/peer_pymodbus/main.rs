@@ -1,0 +1,42 @@
+//! Against pymodbus (`tests/peers/pymodbus/install` puts it below the target directory; or
+//! `TRUED_PYMODBUS` names a python that has it). Without it the trials are skipped, with the reason;
+//! with `TRUED_REQUIRE_PEERS=1` they fail.
+
+mod faults;
+mod hazard;
+mod schedules;
+mod server;
+mod words;
+
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
+
+const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+
+fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
+    Trial::ignorable_test(name, move || match server::python() {
+        Some(_) => run().map(|()| Completion::Completed),
+        None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
+            Err(MISSING.into())
+        }
+        None => Ok(Completion::ignored_with(MISSING)),
+    })
+}
+
+fn main() {
+    let trials = vec![
+        trial("pymodbus_word_orders", words::are_pymodbus_s),
+        trial("pymodbus_late_reply_is_a_hazard_without_us", hazard::of_a_plain_client),
+        trial("pymodbus_late_reply_rtu", hazard::not_of_ours_rtu),
+        trial("pymodbus_late_reply_tcp", hazard::not_of_ours_tcp),
+        trial("pymodbus_late_reply_that_is_still_to_come", hazard::not_even_while_it_is_owed),
+        trial("pymodbus_late_reply_of_one_register", hazard::not_where_nothing_tells_replies_apart),
+        trial("pymodbus_each_fault_rtu", faults::each_rtu),
+        trial("pymodbus_each_fault_tcp", faults::each_tcp),
+        trial("pymodbus_spaces", faults::spaces),
+        trial("pymodbus_hold_overtakes", faults::a_hold_overtakes),
+        trial("pymodbus_lost_server", faults::a_server_that_goes_and_comes_back),
+        trial("pymodbus_fault_schedules_rtu", schedules::rtu),
+        trial("pymodbus_fault_schedules_tcp", schedules::tcp),
+    ];
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}

@@ -1,0 +1,113 @@
+//! Hundreds of seeded fault schedules: no value is older than its request, no write arrives twice.
+
+use std::time::Duration;
+
+use libtest_mimic::Failed;
+use rand::{Rng, RngExt};
+use trued::base::random::stream;
+use trued::link::modbus::{Framing, Modbus, ModbusError, Space};
+
+use super::server::{Server, on_a_runtime};
+
+const SCHEDULES: u64 = 150;
+const STEPS: u64 = 4;
+const PATIENCE: Duration = Duration::from_millis(40);
+
+/// Two of five requests meet one; the delays lie about the patience, and up to five times beyond.
+fn fault(draw: &mut impl Rng, framing: Framing) -> String {
+    let faults =
+        ["drop", "exception:6", "unit", "function", "address", "fewer", "more", "short", "double"];
+    match draw.random_range(0..36) {
+        index @ 0..9 => faults[index].to_owned(),
+        9..12 => format!("delay:{:.3}", draw.random_range(0.0..0.2)),
+        12 => format!("trickle:{:.3}", draw.random_range(0.0..0.03)),
+        13 if framing == Framing::Tcp => "transaction".to_owned(),
+        14 if framing == Framing::Tcp => "reset".to_owned(),
+        13 | 14 => "corrupt".to_owned(),
+        _ => "none".to_owned(),
+    }
+}
+
+/// What became of the writes, and how many requests were answered well.
+#[derive(Default)]
+struct Tally {
+    /// Each with whether it was confirmed (`Some`), and whether it may have arrived at all.
+    writes: Vec<(u16, Option<bool>)>,
+    good: usize,
+    bad: usize,
+}
+
+async fn step(
+    (server, link): (&mut Server, &Modbus),
+    (framing, seed, step): (Framing, u64, u64),
+    tally: &mut Tally,
+) {
+    let mut draw = stream(seed, &[step]);
+    let mark = (1 + seed * STEPS + step) as u16;
+    server.value(mark);
+    let drawn: Vec<String> = (0..4).map(|_| fault(&mut draw, framing)).collect();
+    server.faults(&drawn.iter().map(String::as_str).collect::<Vec<_>>());
+    let place = format!("seed {seed}, step {step}: {drawn:?}");
+    let ended = match draw.random_range(0..5) {
+        0..3 => {
+            let read = link.read(Space::Input, 0, 4).await;
+            read.map(|words| assert_eq!(words, [mark; 4], "stale: {place}"))
+        }
+        3 => wrote(link.write(60, &[mark]).await, mark, tally),
+        _ => wrote(link.write_without_echo(70, &[mark]).await, mark, tally),
+    };
+    let count = if ended.is_ok() { &mut tally.good } else { &mut tally.bad };
+    *count += 1;
+}
+
+fn wrote(ended: Result<(), ModbusError>, mark: u16, tally: &mut Tally) -> Result<(), ModbusError> {
+    let fate = match &ended {
+        Ok(()) => Some(true),
+        Err(error) if error.may_have_arrived() => None,
+        Err(_) => Some(false),
+    };
+    tally.writes.push((mark, fate));
+    ended
+}
+
+fn schedules(framing: Framing) -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(framing);
+        let link = server.link(PATIENCE).await;
+        let mut tally = Tally::default();
+        for seed in 0..SCHEDULES {
+            for count in 0..STEPS {
+                step((&mut server, &link), (framing, seed, count), &mut tally).await;
+            }
+        }
+        let arrived = server.writes();
+        let times = |mark| arrived.iter().filter(|(_, words)| *words == [mark]).count();
+        for (mark, fate) in &tally.writes {
+            match fate {
+                Some(true) => assert_eq!(times(*mark), 1, "confirmed write {mark}"),
+                Some(false) => assert_eq!(times(*mark), 0, "write {mark} was called not sent"),
+                None => assert!(times(*mark) <= 1, "write {mark} came twice"),
+            }
+        }
+        let unknown = tally.writes.iter().filter(|(_, fate)| fate.is_none()).count();
+        println!(
+            "{} good, {} bad; {} writes, {unknown} of unknown fate, {} arrived",
+            tally.good,
+            tally.bad,
+            tally.writes.len(),
+            arrived.len()
+        );
+        // Neither a link that always fails nor a server that never does would show anything.
+        assert!(tally.good > 100 && tally.bad > 100);
+        assert!(unknown > 10 && arrived.len() > 50);
+        Ok(())
+    })
+}
+
+pub fn rtu() -> Result<(), Failed> {
+    schedules(Framing::Rtu)
+}
+
+pub fn tcp() -> Result<(), Failed> {
+    schedules(Framing::Tcp)
+}

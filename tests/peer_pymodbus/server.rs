@@ -1,0 +1,140 @@
+//! A pymodbus server in a process of its own, and our link to it.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
+
+use trued::link::modbus::{Allowed, Framing, Line, Modbus, Range, Settings, Space};
+use trued::link::{HostPort, Named, Pty, pty};
+
+/// Python with pymodbus, if there is one.
+pub fn python() -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
+        return Some(named.into());
+    }
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let python = target.join("peers/pymodbus-3.8.6/bin/python");
+    python.is_file().then_some(python)
+}
+
+pub fn script(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)
+}
+
+pub struct Server {
+    child: Child,
+    stdin: ChildStdin,
+    stdout: BufReader<ChildStdout>,
+    at: Named,
+    /// Joins two pseudo-terminals: each side opens a path of its own.
+    bridge: Option<tokio::task::JoinHandle<()>>,
+}
+
+impl Server {
+    /// Call inside a tokio runtime.
+    pub fn start(framing: Framing) -> Self {
+        match framing {
+            Framing::Tcp => {
+                let mut server = Self::spawn(&["tcp"], Named::Tcp(HostPort::local(1)), None);
+                let port = server.answer().parse().expect("a port");
+                server.at = Named::Tcp(HostPort::local(port));
+                server
+            }
+            Framing::Rtu => {
+                let (mut ours, mut theirs) = (pty().unwrap(), pty().unwrap());
+                let at = Named::Serial { path: ours.path.clone().into(), baud: 115_200 };
+                let path = theirs.path.clone();
+                let bridge = tokio::spawn(async move {
+                    let (Pty { device: near, .. }, Pty { device: far, .. }) =
+                        (&mut ours, &mut theirs);
+                    let _ = tokio::io::copy_bidirectional(near, far).await;
+                });
+                let mut server = Self::spawn(&["rtu", &path], at, Some(bridge));
+                server.answer();
+                server
+            }
+        }
+    }
+
+    fn spawn(arguments: &[&str], at: Named, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
+        let mut child = Command::new(python().unwrap())
+            .arg(script("server.py"))
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let stdin = child.stdin.take().unwrap();
+        let stdout = BufReader::new(child.stdout.take().unwrap());
+        Self { child, stdin, stdout, at, bridge }
+    }
+
+    pub fn at(&self) -> Named {
+        self.at.clone()
+    }
+
+    fn answer(&mut self) -> String {
+        let mut line = String::new();
+        self.stdout.read_line(&mut line).unwrap();
+        line.trim().to_owned()
+    }
+
+    fn tell(&mut self, command: &str) -> String {
+        writeln!(self.stdin, "{command}").unwrap();
+        self.answer()
+    }
+
+    /// What its registers hold from now on.
+    pub fn value(&mut self, value: u16) {
+        assert_eq!(self.tell(&format!("value {value}")), "true");
+    }
+
+    pub fn faults(&mut self, faults: &[&str]) {
+        assert_eq!(self.tell(&format!("faults {}", faults.join(" "))), "true");
+    }
+
+    pub fn writes(&mut self) -> Vec<(u16, Vec<u16>)> {
+        serde_json::from_str(&self.tell("writes")).unwrap()
+    }
+
+    pub fn requests(&mut self) -> u64 {
+        self.tell("requests").parse().unwrap()
+    }
+
+    pub async fn link(&self, timeout: Duration) -> Modbus {
+        let all = |space| Range { space, first: 0, last: 99 };
+        let allowed = Allowed {
+            read: vec![
+                all(Space::Input),
+                all(Space::Holding),
+                Range { space: Space::Coil, first: 0, last: 29 },
+                Range { space: Space::Discrete, first: 0, last: 29 },
+            ],
+            write: vec![Range { space: Space::Holding, first: 50, last: 99 }],
+        };
+        self.link_to(timeout, allowed).await
+    }
+
+    pub async fn link_to(&self, timeout: Duration, allowed: Allowed) -> Modbus {
+        Modbus::open(Line::usual(self.at()), Settings { unit: 1, timeout, allowed }).await.unwrap()
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if let Some(bridge) = &self.bridge {
+            bridge.abort();
+        }
+    }
+}
+
+/// Run a trial on a runtime of its own; the bridge needs a thread while the trial talks to the server.
+pub fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    runtime.block_on(trial)
+}

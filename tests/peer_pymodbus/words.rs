@@ -1,0 +1,31 @@
+//! Numbers in registers, as pymodbus lays them.
+
+use std::collections::BTreeMap;
+use std::process::Command;
+
+use libtest_mimic::Failed;
+use trued::link::modbus::value::Number;
+
+use super::server::{python, script};
+
+type Words = BTreeMap<String, BTreeMap<String, Vec<(f64, Vec<u16>)>>>;
+
+pub fn are_pymodbus_s() -> Result<(), Failed> {
+    let output = Command::new(python().ok_or("no python")?).arg(script("words.py")).output()?;
+    let all: Words = serde_json::from_slice(&output.stdout)?;
+    let mut count = 0;
+    for (kind, orders) in &all {
+        for (order, values) in orders {
+            let number: Number =
+                toml::from_str(&format!("type = \"{kind}\"\norder = \"{order}\""))?;
+            for (value, words) in values {
+                let place = format!("{kind} {order} {value}");
+                assert_eq!(number.read(words)?, *value, "{place}");
+                assert_eq!(number.write(*value)?, *words, "{place}");
+                count += 1;
+            }
+        }
+    }
+    assert_eq!((all.len(), count), (8, 4 * (3 * 6 + 3 * 9 + 2 * 5)));
+    Ok(())
+}
