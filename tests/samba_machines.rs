@@ -188,6 +188,42 @@ fn regress_four_axes() {
     left_out(&four.check(&expected), &[("EZZ1", "inseparable from the places of the balls")]);
 }
 
+/// With B or A the only axis that turns: the length along X, slightly slanted, gives no scale across it.
+#[test]
+fn regress_four_axes_with_a_table_that_tilts() {
+    let linear = [
+        ("EA0Z_urad", 12.0),
+        ("EB0Z_urad", -9.0),
+        ("EC0Y_urad", 21.0),
+        ("EXX1_um_per_m", -16.0),
+        ("EYY1_um_per_m", 11.0),
+        ("EZZ1_um_per_m", 21.0),
+    ];
+    for (axis, own, gains, (lost, words)) in [
+        (
+            "B",
+            [("EA0B_urad", 7.0), ("EC0B_urad", -15.0)],
+            [("EXX1", -16.0), ("EZZ1", 21.0)],
+            ("EYY1", "inseparable from the places of the balls"),
+        ),
+        (
+            "A",
+            [("EB0A_urad", 7.0), ("EC0A_urad", -15.0)],
+            [("EXX1", -16.0), ("EYY1", 11.0 - 21.0)],
+            ("EZZ1", "EYY1 is given as EYY1 - EZZ1"),
+        ),
+    ] {
+        let errors = [&own[..], &linear].concat();
+        let angles = errors.iter().filter(|(name, _)| name.ends_with("urad"));
+        let mut expected: Vec<_> =
+            angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
+        expected.extend(gains);
+        let topology = format!("w-{axis}-F-X-Y-Z-t");
+        let four = Other { topology: &topology, turning: &[(axis, 110.0)], errors: &errors };
+        left_out(&four.check(&expected), &[(lost, words)]);
+    }
+}
+
 /// Without an axis S two offsets of the spindle stand in those of the stylus, and that is said.
 #[test]
 fn regress_a_spindle_that_is_not_oriented() {

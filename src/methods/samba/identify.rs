@@ -8,7 +8,7 @@ use super::observe::{Observed, balls, observe};
 use super::outputs;
 use super::parameters;
 use super::parts::Parts;
-use super::separable::Way;
+use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
@@ -89,14 +89,17 @@ pub fn found(
 ) -> Result<Found, IdentifyError> {
     let stated = balls(plan)?;
     let mut observed = observe(plan, readings)?;
+    if observed.sights.is_empty() {
+        return Err(nothing(&observed.left_out, readings).into());
+    }
     let balls = seen_balls(stated, &mut observed);
     let stylus = DVec3::from_array(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
-    let model = model(plan, settings)?;
+    let model = model(plan, settings, &balls)?;
     let sources = sources(plan, model.chain(), &observed, &lengths);
     let whitening: Vec<DMat3> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
-    let problem = problem(stylus, model, &observed, &balls, &whitening)?;
+    let problem = problem(stylus, model, &observed, &balls, &whitening);
     let names = outputs::names(&problem, &balls);
     let (survey, start) =
         start(&problem, &of_centres(&observed, &lengths)).map_err(|why| failed(why, &names))?;
@@ -126,14 +129,29 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
     Ok((survey, problem.solve(measured, start)?))
 }
 
+/// Why there is nothing to identify from.
+fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
+    let reason = match left_out {
+        _ if readings.is_empty() => "there are no readings at all".to_owned(),
+        [] => "all of them are of the first search, which only finds the balls".to_owned(),
+        [only] => only.clone(),
+        [first, others @ ..] => format!("{first}; likewise {} more", others.len()),
+    };
+    let why = format!("there is no complete measurement of a ball among the readings: {reason}");
+    let instead =
+        "measure at least the slow touches of one stage, or go on with the run".to_owned();
+    Refused { why, instead }
+}
+
 /// The machine with the errors that are asked for.
-fn model(plan: &Plan, settings: &Settings) -> Result<Model, IdentifyError> {
+fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, IdentifyError> {
     let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
     let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
     let stands = parameters::standing(plan, settings, &chain);
-    let way = Way { chain: &chain, stands: &stands };
+    let lengths = directions(balls);
+    let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
     let parameters = parameters::chosen(&settings.parameters, way)?;
-    Ok(Model::of(chain, parameters, stands))
+    Ok(Model::of(chain, parameters, stands, lengths))
 }
 
 /// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
@@ -161,7 +179,7 @@ fn problem(
     observed: &Observed,
     balls: &Balls,
     whitening: &[DMat3],
-) -> Result<Problem, IdentifyError> {
+) -> Problem {
     let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {
         Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: length_u_mm(length) })
@@ -169,13 +187,8 @@ fn problem(
     let sights = observed.sights.iter().zip(whitening);
     let seen: Vec<Seen> =
         sights.map(|(s, w)| Seen { place: s.place, ball: s.ball, whitening: *w }).collect();
-    if seen.is_empty() {
-        let why = "there is no complete measurement of a ball among the readings".to_owned();
-        let instead = "measure at least the slow touches of one stage".to_owned();
-        return Err(Refused { why, instead }.into());
-    }
     let (places, count) = (observed.places.clone(), balls.balls.len());
-    Ok(Problem::new(model, places, seen, bars.collect(), count, stylus))
+    Problem::new(model, places, seen, bars.collect(), count, stylus)
 }
 
 /// W = L⁻¹ with Σ = L·Lᵀ.

@@ -21,7 +21,7 @@ const UPRIGHT: &str = "balls are touched from above only, so the axis stays at 0
 pub fn left_out(model: &Model) -> Vec<LeftOut> {
     let (way, taken) = (model.way(), model.parameters());
     let chain = way.chain;
-    let mut expected = implied(Way { chain, stands: &[] });
+    let mut expected = implied(Way { stands: &[], ..way });
     let linear = chain.topology().axes().filter(|axis| axis.is_linear());
     let gains = linear.filter_map(|axis| ErrorParameter::new(axis, axis, Shape::Gain).ok());
     let more: Vec<_> = gains.filter(|gain| !expected.contains(gain)).collect();

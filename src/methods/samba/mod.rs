@@ -3,6 +3,7 @@
 
 mod design;
 mod fit;
+mod harmonics;
 mod identify;
 mod label;
 mod left_out;

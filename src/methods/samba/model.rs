@@ -20,6 +20,7 @@ pub struct Model {
     chain: Chain,
     parameters: Vec<ErrorParameter>,
     stands: Vec<Axis>,
+    lengths: Vec<DVec3>,
     stylus: Vec<usize>,
 }
 
@@ -41,18 +42,23 @@ impl Model {
     pub fn new(machine: &Machine, parameters: &[ErrorParameter]) -> Result<Self, KinematicsError> {
         let chain = Chain::new(machine)?;
         parameters.iter().try_for_each(|parameter| chain.check(*parameter))?;
-        Ok(Self::of(chain, parameters.to_vec(), Vec::new()))
+        Ok(Self::of(chain, parameters.to_vec(), Vec::new(), Vec::new()))
     }
 
-    /// `stands`: turning axes that stay at zero.
-    pub(super) fn of(chain: Chain, parameters: Vec<ErrorParameter>, stands: Vec<Axis>) -> Self {
-        let stylus = Way { chain: &chain, stands: &stands }.free_stylus();
-        Self { chain, parameters, stands, stylus }
+    /// `stands`: turning axes that stay at zero; `lengths`: directions of the certified ones.
+    pub(super) fn of(
+        chain: Chain,
+        parameters: Vec<ErrorParameter>,
+        stands: Vec<Axis>,
+        lengths: Vec<DVec3>,
+    ) -> Self {
+        let stylus = Way { chain: &chain, stands: &stands, lengths: &lengths }.free_stylus();
+        Self { chain, parameters, stands, lengths, stylus }
     }
 
     /// What may be told apart.
     pub(super) fn way(&self) -> Way<'_> {
-        Way { chain: &self.chain, stands: &self.stands }
+        Way { chain: &self.chain, stands: &self.stands, lengths: &self.lengths }
     }
 
     pub fn chain(&self) -> &Chain {

@@ -13,6 +13,9 @@ use crate::record::artefact::{Artefact, Balls};
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
 use crate::record::reading::{Flag, Reading};
 
+/// An axis that stood still is read this much apart at most, rad (0.005°): encoders flicker, and a
+/// control leaves a little over.
+const STANDS: f64 = 8.7e-5;
 /// Touches that give centre and radius.
 const LEAST_TOUCHES: usize = 4;
 
@@ -25,6 +28,8 @@ pub struct Sight {
     pub ball: usize,
     /// Index of the rotary position in [`Observed::places`].
     pub place: usize,
+    /// Index of the commanded rotary position in [`Observed::commanded`].
+    pub commanded: usize,
     /// Centre, as axis positions, mm.
     pub xyz: DVec3,
     /// Ball and stylus ball together, less pre-travel, mm.
@@ -49,8 +54,11 @@ pub struct Touch {
 
 #[derive(Debug, Clone, Default)]
 pub struct Observed {
-    /// Rotary axes and spindle.
+    /// Where rotary axes and spindle stood, as read.
     pub places: Vec<Position>,
+    /// Where they were sent: what people call an indexation's position. As many of `places` belong to
+    /// each as the readings flicker.
+    pub commanded: Vec<Position>,
     pub sights: Vec<Sight>,
     /// Measurements that could not be used, in words.
     pub left_out: Vec<String>,
@@ -101,7 +109,7 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
         let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
         let ball =
             ball.ok_or_else(|| refused(format!("the artefact has no ball {}", visit.ball)))?;
-        match sight(&touches, ball, &mut observed.places) {
+        match sight(&touches, ball, &mut observed) {
             Ok(sight) => observed.sights.push(sight),
             Err(why) => observed.left_out.push(format!(
                 "ball {} at indexation {} is left out: {why}",
@@ -153,21 +161,15 @@ fn refused(why: String) -> IdentifyError {
 fn sight(
     touches: &[(&Step, &Reading, Label)],
     ball: usize,
-    places: &mut Vec<Position>,
+    observed: &mut Observed,
 ) -> Result<Sight, String> {
-    let [(step, reading, label), ..] = touches else {
+    let [(step, _, label), ..] = touches else {
         return Err("all its touches are excluded".to_owned());
     };
     if touches.len() < LEAST_TOUCHES {
         return Err(format!("{} touches, {LEAST_TOUCHES} are needed", touches.len()));
     }
-    let rotary = |step: &Step, reading: &Reading| {
-        step.from.updated_by(&reading.position).only(|axis| !axis.is_linear())
-    };
-    let place = rotary(step, reading);
-    if touches.iter().any(|(step, reading, _)| rotary(step, reading) != place) {
-        return Err("its touches were not made at one rotary position".to_owned());
-    }
+    let place = stood(touches).ok_or("its touches were not made at one rotary position")?;
     let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
     let points: Option<Vec<Touch>> = touches
         .iter()
@@ -182,6 +184,7 @@ fn sight(
         label: label.clone(),
         ball,
         place: 0,
+        commanded: 0,
         xyz: DVec3::ZERO,
         radius: 0.0,
         form: 0.0,
@@ -189,8 +192,33 @@ fn sight(
         t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
     sight.fit(DMat3::IDENTITY).map_err(|why| why.to_string())?;
-    sight.place = index_of(place, places);
+    sight.place = index_of(place, &mut observed.places);
+    let commanded = step.from.only(|axis| !axis.is_linear());
+    sight.commanded = index_of(commanded, &mut observed.commanded);
     Ok(sight)
+}
+
+/// Where the rotary axes stood on average; `None`: they moved between the touches.
+fn stood(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
+    let at = |(step, reading, _): &(&Step, &Reading, Label)| {
+        step.from.updated_by(&reading.position).only(|axis| !axis.is_linear())
+    };
+    let all: Vec<Position> = touches.iter().map(at).collect();
+    let first = all.first()?;
+    let mut mean = first.clone();
+    for (axis, value) in first.iter() {
+        let mut apart = 0.0;
+        for position in &all {
+            let here = position.get(axis)? - value;
+            apart += here;
+            if here.is_nan() || here.abs() > STANDS {
+                return None;
+            }
+        }
+        mean.set(axis, value + apart / all.len() as f64);
+    }
+    let alike = all.iter().all(|position| position.iter().count() == first.iter().count());
+    alike.then_some(mean)
 }
 
 impl Observed {

@@ -6,6 +6,7 @@ use faer::{Mat, Side};
 use glam::DVec3;
 
 use super::fit::{Problem, vector};
+use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::parts::{Parts, place_name};
 use super::suspects::{Outlier, Solved};
@@ -141,10 +142,10 @@ fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFig
         }
     };
     let group = |(place, position): (usize, &Position)| {
-        let here = (0..misses.len()).filter(|i| observed.sights[*i].place == place);
+        let here = (0..misses.len()).filter(|i| observed.sights[*i].commanded == place);
         Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
     };
-    let groups = observed.places.iter().enumerate().map(group).collect();
+    let groups = observed.commanded.iter().enumerate().map(group).collect();
     ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
 }
 
@@ -206,5 +207,6 @@ fn gauge(parts: &Parts<'_>, left_out: &[LeftOut]) -> Vec<String> {
     if parts.lengths.iter().any(|length| length.temperature_c.is_some()) {
         lines.push("gains: against the certified length at its stated temperature".to_owned());
     }
+    lines.extend(harmonics::in_words(model, &parts.solved.observed.commanded));
     lines
 }

@@ -34,6 +34,13 @@ pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
     !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
 }
 
+/// Whether the table leans over as the axis turns.
+pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
+    let upright = |position: &Position| chain.machine_from_table(position, &[]).matrix3.z_axis.z;
+    !axis.is_linear()
+        && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
+}
+
 /// The user's `names`, or without names what the topology implies.
 ///
 /// # Errors
@@ -112,8 +119,10 @@ mod tests {
     #[track_caller]
     fn check(topology: &str, expected: &[&str]) {
         let chain = Chain::new(&machine(topology)).unwrap();
-        let mut found: Vec<String> =
-            implied(Way { chain: &chain, stands: &[] }).iter().map(ToString::to_string).collect();
+        let mut found: Vec<String> = implied(Way { chain: &chain, stands: &[], lengths: &[] })
+            .iter()
+            .map(ToString::to_string)
+            .collect();
         let mut expected = expected.to_vec();
         println!("{topology}: {found:?}");
         found.sort();
@@ -150,6 +159,35 @@ mod tests {
         let four = [&squareness[..], &["EA0C", "EB0C", "EXX1", "EYY1"]].concat();
         check("wCFXYZt", &four);
         check("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
+        // Turning shows two gains against each other, the length along X the third, or all together.
+        let b = ["EA0B", "EC0B", "EXX1", "EZZ1"];
+        check("wBFXYZt", &[&squareness[..], &b].concat());
+        let a = ["EB0A", "EC0A", "EXX1", "EYY1"];
+        check("wAFXYZt", &[&squareness[..], &a].concat());
+    }
+
+    /// Which gains four axes show is a matter of the lengths, but not of a length's slight slant.
+    #[test]
+    fn regress_gains_follow_the_certified_lengths() {
+        let x = glam::DVec3::new(304.8, 0.0, -0.42).normalize();
+        let slant = glam::DVec3::new(-0.99, 0.12, 0.05).normalize();
+        let (y, diagonal) = (glam::DVec3::Y, glam::DVec3::new(1.0, 1.0, 0.0).normalize());
+        for (topology, lengths, gains) in [
+            ("wBFXYZt", vec![x], vec!["EXX1", "EZZ1"]),
+            ("wBFXYZt", vec![slant], vec!["EXX1", "EZZ1"]),
+            ("wBFXYZt", vec![y], vec!["EXX1", "EYY1"]),
+            ("wBFXYZt", vec![diagonal], vec!["EXX1", "EYY1"]),
+            ("wBFXYZt", vec![x, y], vec!["EXX1", "EYY1", "EZZ1"]),
+            ("wAFXYZt", vec![x], vec!["EXX1", "EYY1"]),
+            ("wAFXYZt", vec![y], vec!["EYY1", "EZZ1"]),
+            ("wCFXYZt", vec![x], vec!["EXX1", "EYY1"]),
+        ] {
+            let chain = Chain::new(&machine(topology)).unwrap();
+            let set = implied(Way { chain: &chain, stands: &[], lengths: &lengths });
+            let found = set.iter().filter(|error| error.shape() == Shape::Gain);
+            let found: Vec<String> = found.map(ToString::to_string).collect();
+            assert_eq!(found, gains, "{topology}, {lengths:?}");
+        }
     }
 
     /// A head that tilts stands upright: the set is that of the machine without it.
@@ -158,9 +196,13 @@ mod tests {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
             let (head, plain) = (Chain::new(&with_head).unwrap(), Chain::new(&plain).unwrap());
-            let stands = implied(Way { chain: &head, stands: &[Axis::B] });
-            assert_eq!(stands, implied(Way { chain: &plain, stands: &[] }), "{topology}");
-            assert!(implied(Way { chain: &head, stands: &[] }).len() > stands.len());
+            let stands = implied(Way { chain: &head, stands: &[Axis::B], lengths: &[] });
+            assert_eq!(
+                stands,
+                implied(Way { chain: &plain, stands: &[], lengths: &[] }),
+                "{topology}"
+            );
+            assert!(implied(Way { chain: &head, stands: &[], lengths: &[] }).len() > stands.len());
         }
         let chain = Chain::new(&machine("wFXYZCBSt")).unwrap();
         let tilts = |axis| tilts_spindle(&chain, axis);
@@ -170,7 +212,7 @@ mod tests {
     #[test]
     fn a_spindle_that_does_not_turn_has_no_place_of_its_own() {
         let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
-        let names: Vec<String> = implied(Way { chain: &chain, stands: &[Axis::S] })
+        let names: Vec<String> = implied(Way { chain: &chain, stands: &[Axis::S], lengths: &[] })
             .iter()
             .map(ToString::to_string)
             .collect();
@@ -183,7 +225,7 @@ mod tests {
         let chain = Chain::new(&machine("wCFXYZt")).unwrap();
         let ask = |names: &[&str]| {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-            chosen(&names, Way { chain: &chain, stands: &[Axis::S] })
+            chosen(&names, Way { chain: &chain, stands: &[Axis::S], lengths: &[] })
         };
         assert_eq!(ask(&["EXC_sin2", "EA0C"]).unwrap().len(), 2);
         assert!(ask(&["EX0Q"]).unwrap_err().why.contains("`EX0Q` is no error parameter"));

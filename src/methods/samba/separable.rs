@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use crate::base::{Axis, Point, Position};
 use crate::kinematics::{Chain, ErrorParameter, Shape};
+use crate::record::artefact::Balls;
 
 /// Poses and places of balls at which the errors are told apart. No symmetry, all around.
 const POSES: usize = 60;
@@ -30,15 +31,28 @@ const COUNTS: f64 = 1e-2;
 /// A share that stands this near to one is one; the rest is the slant of a bar.
 const WHOLE: f64 = 0.05;
 
-/// A machine and how it is measured: which of its turning axes, S among them, stay at zero.
+/// Balls with a certified length between them stand this far from their middle, mm.
+const HALF_LENGTH: f64 = 150.0;
+/// Weight of a certified length against a measured coordinate: it hardly gives way.
+const STIFF: f64 = 30.0;
+/// A gain must keep this part of its length: the slant of a length, as small as it may be, would show
+/// any gain otherwise, at no use. About 0.65·cos² of the angle between length and axis; 12° of slant.
+const GAIN_SHOWS: f64 = 0.03;
+/// Lengths whose directions have a larger cosine between them are parallel.
+const PARALLEL: f64 = 0.9999;
+
+/// A machine and how it is measured: which of its turning axes, S among them, stay at zero; and the
+/// directions on the table in which lengths are certified. Without any, one along X is assumed, and
+/// the measurements will show that it is missing.
 #[derive(Debug, Clone, Copy)]
 pub struct Way<'a> {
     pub chain: &'a Chain,
     pub stands: &'a [Axis],
+    pub lengths: &'a [DVec3],
 }
 
-/// One for each unknown; the last row is a length between the first two balls, without which the scale
-/// of everything would be open.
+/// One for each unknown; the last rows are the certified lengths, without which the scale of everything
+/// would be open.
 struct Columns {
     stylus: Vec<Vec<f64>>,
     balls: Vec<Vec<f64>>,
@@ -54,6 +68,23 @@ pub struct Beside {
     pub sums: Vec<String>,
 }
 
+/// The directions of the certified lengths, by where the balls are stated.
+pub fn directions(balls: &Balls) -> Vec<DVec3> {
+    let at = |id: &str| {
+        let ball = balls.balls.iter().find(|ball| ball.id == id);
+        ball.map(|ball| DVec3::from_array(ball.centre_mm))
+    };
+    let mut all: Vec<DVec3> = Vec::new();
+    for length in &balls.lengths {
+        let (Some(from), Some(to)) = (at(&length.from), at(&length.to)) else { continue };
+        let Some(along) = (to - from).try_normalize() else { continue };
+        if !all.iter().any(|known| known.dot(along).abs() > PARALLEL) {
+            all.push(along);
+        }
+    }
+    all
+}
+
 #[derive(PartialEq, Eq)]
 enum Kind {
     Offset,
@@ -66,7 +97,7 @@ impl Way<'_> {
     pub fn free_stylus(&self) -> Vec<usize> {
         let Columns { stylus, balls, .. } = self.columns(&[]);
         let mut basis = basis_of(&balls);
-        (0..3).filter(|k| joins(&mut basis, &stylus[*k])).collect()
+        (0..3).filter(|k| joins(&mut basis, &stylus[*k], INDEPENDENT)).collect()
     }
 
     /// Of the `candidates`, taken in their order, those that are no sum of stylus, balls and what was
@@ -75,7 +106,9 @@ impl Way<'_> {
         let Columns { stylus, balls, machine } = self.columns(candidates);
         let mut basis = basis_of(stylus.iter().chain(&balls));
         let both = candidates.iter().zip(machine);
-        both.filter(|(_, column)| joins(&mut basis, column)).map(|(error, _)| *error).collect()
+        let mut new =
+            |error: &ErrorParameter, column: &[f64]| joins(&mut basis, column, least(error));
+        both.filter(|(error, column)| new(error, column)).map(|(error, _)| *error).collect()
     }
 
     /// What `error` cannot be told from beside the errors that are `taken`; `None` if it can.
@@ -94,7 +127,7 @@ impl Way<'_> {
         let solved = matrix.col_piv_qr().solve_lstsq(&right);
         let shares = solved.get(..known.len(), ..);
         let left = &right - &matrix * shares;
-        if left.norm_l2() > INDEPENDENT * right.norm_l2() {
+        if left.norm_l2() > least(&error) * right.norm_l2() {
             return None;
         }
         let counts = |j: usize| length(&known[j]) * shares[(j, 0)].abs() > COUNTS * right.norm_l2();
@@ -117,13 +150,12 @@ impl Way<'_> {
     }
 
     fn columns(&self, errors: &[ErrorParameter]) -> Columns {
+        let (places, lengths) = self.places();
         let mut stylus = vec![Vec::new(); 3];
-        let mut balls = vec![Vec::new(); 3 * BALLS.len()];
+        let mut balls = vec![Vec::new(); 3 * places.len()];
         let mut machine = vec![Vec::new(); errors.len()];
-        for (pose, ball) in (0..POSES).flat_map(|pose| (0..BALLS.len()).map(move |b| (pose, b))) {
-            let Some(position) = self.pose_at(pose, DVec3::from_array(BALLS[ball])) else {
-                continue;
-            };
+        for (pose, ball) in (0..POSES).flat_map(|pose| (0..places.len()).map(move |b| (pose, b))) {
+            let Some(position) = self.pose_at(pose, places[ball]) else { continue };
             let of_errors = self.chain.jacobian(&position, Point::from_vec(TOOL), &[], errors);
             let table = self.chain.machine_from_table(&position, &[]).matrix3;
             let of_stylus =
@@ -135,16 +167,30 @@ impl Way<'_> {
                 machine.iter_mut().zip(&of_errors).for_each(|(all, new)| all.push(new[axis]));
             }
         }
-        let along = (DVec3::from_array(BALLS[1]) - DVec3::from_array(BALLS[0])).normalize();
-        for (j, column) in balls.iter_mut().enumerate() {
-            column.push(match j {
-                0..3 => -along[j],
-                3..6 => along[j - 3],
-                _ => 0.0,
-            });
+        for (i, along) in lengths.iter().enumerate() {
+            let first = 6 * i;
+            for (j, column) in balls.iter_mut().enumerate() {
+                column.push(match j.checked_sub(first) {
+                    Some(k @ 0..3) => -along[k] * STIFF,
+                    Some(k @ 3..6) => along[k - 3] * STIFF,
+                    _ => 0.0,
+                });
+            }
+            stylus.iter_mut().chain(&mut machine).for_each(|column| column.push(0.0));
         }
-        stylus.iter_mut().chain(&mut machine).for_each(|column| column.push(0.0));
         Columns { stylus, balls, machine }
+    }
+
+    /// Balls, those with certified lengths first and in pairs; the lengths' directions.
+    fn places(&self) -> (Vec<DVec3>, &[DVec3]) {
+        let lengths = if self.lengths.is_empty() { &[DVec3::X] } else { self.lengths };
+        let mut places = Vec::new();
+        for (along, beside) in lengths.iter().zip(BALLS.iter().cycle()) {
+            let middle = DVec3::from_array(*beside) * 0.3;
+            places.extend([middle - along * HALF_LENGTH, middle + along * HALF_LENGTH]);
+        }
+        places.extend(BALLS.map(DVec3::from_array));
+        (places, lengths)
     }
 
     fn pose_at(&self, pose: usize, ball: DVec3) -> Option<Position> {
@@ -168,6 +214,11 @@ fn kind(error: ErrorParameter) -> Kind {
     }
 }
 
+/// The part of its length that a column must keep to be one of its own.
+fn least(error: &ErrorParameter) -> f64 {
+    if error.shape() == Shape::Gain { GAIN_SHOWS } else { INDEPENDENT }
+}
+
 fn length(column: &[f64]) -> f64 {
     column.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
@@ -175,13 +226,14 @@ fn length(column: &[f64]) -> f64 {
 fn basis_of<'a>(columns: impl IntoIterator<Item = &'a Vec<f64>>) -> Vec<Vec<f64>> {
     let mut basis = Vec::new();
     for column in columns {
-        joins(&mut basis, column);
+        joins(&mut basis, column, INDEPENDENT);
     }
     basis
 }
 
-/// Whether `column` is no sum of the orthonormal `basis`, which it then joins (Gram–Schmidt, twice).
-fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64]) -> bool {
+/// Whether `column` keeps more than the part `least` of its length beside the orthonormal `basis`, which
+/// it then joins (Gram–Schmidt, twice).
+fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64], least: f64) -> bool {
     let whole = length(column);
     let mut left = column.to_vec();
     for _ in 0..2 {
@@ -191,7 +243,7 @@ fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64]) -> bool {
         }
     }
     let rest = length(&left);
-    let new = rest > INDEPENDENT * whole;
+    let new = rest > least * whole;
     if new {
         left.iter_mut().for_each(|l| *l /= rest);
         basis.push(left);

@@ -2,6 +2,7 @@
 //! mm), then each certified length (mm). The magnitudes are those that the plan declares (METHODS
 //! section 6).
 
+mod interruptions;
 mod rotary;
 
 use glam::{DMat3, DVec3};
@@ -62,6 +63,7 @@ pub fn sources(
         linear_axes(plan, sights),
         rotary::error_motions(plan, chain, observed),
         drift(plan, sights),
+        interruptions::steps(plan, sights),
     ];
     list.extend(certificates(sights.len(), lengths));
     for source in &mut list {
@@ -72,10 +74,13 @@ pub fn sources(
 }
 
 /// What each source alone makes of the covariance of each measurement, summed: the weights, mm². A
-/// source that moves many measurements together weighs as if it did not.
+/// source that moves many measurements together weighs as if it did not; lobing, which is everywhere the
+/// same, and the step at an interruption, which would set one half below the other, do not weigh at all.
 pub fn weighting(sources: &[UncertaintySource], sights: usize) -> Vec<DMat3> {
     let mut covariances = vec![DMat3::from_diagonal(DVec3::splat(LEAST_MM.powi(2))); sights];
-    let weighed = sources.iter().filter(|source| source.shown && source.name != LOBING);
+    let weighed = sources
+        .iter()
+        .filter(|source| source.shown && ![LOBING, interruptions::STEP].contains(&source.name));
     for draw in weighed.flat_map(|source| &source.draws) {
         for (i, moved) in draw.values.chunks_exact(3).enumerate() {
             let moved = DVec3::from_slice(moved);

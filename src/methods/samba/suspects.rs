@@ -184,7 +184,7 @@ impl Solved<'_> {
     pub fn thin(&self) -> Vec<String> {
         let told = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
             let sights = self.observed.sights.iter().filter(|sight| sight.ball == ball);
-            let places: std::collections::BTreeSet<usize> = sights.map(|s| s.place).collect();
+            let places: std::collections::BTreeSet<usize> = sights.map(|s| s.commanded).collect();
             (places.len() < 3).then(|| {
                 format!(
                     "ball {} was measured at {} indexations: with fewer than three its place is all it \

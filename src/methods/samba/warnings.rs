@@ -1,7 +1,9 @@
 //! What a reader of the estimate must know beside its numbers.
 
+use super::parameters::tilts_table;
 use super::parts::{Parts, place_name};
 use super::suspects::Outlier;
+use crate::kinematics::{ErrorParameter, Shape};
 
 pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     let mut lines = parts.solved.observed.left_out.clone();
@@ -22,9 +24,10 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
         return Some(format!(
             "the model does not explain the measurements: they scatter {:.1} times more than declared \
              ({}); look for error motions, sag, drift or a loose ball. The \
-             uncertainties are enlarged by that factor, which need not cover what the model does not hold",
+             uncertainties are enlarged by that factor, which need not cover what the model does not hold{}",
             misfit.factor,
-            against_expectation(parts)
+            against_expectation(parts),
+            where_sag_goes(parts)
         ));
     }
     misfit.below.then(|| {
@@ -34,6 +37,27 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
             against_expectation(parts)
         )
     })
+}
+
+/// Sag follows the tilt: it looks like turning about the tilting axis, and like offsets of what it
+/// carries.
+fn where_sag_goes(parts: &Parts<'_>) -> String {
+    let model = parts.solved.problem.model();
+    let table = model.chain().topology().workpiece();
+    let Some(at) = table.iter().position(|axis| tilts_table(model.chain(), *axis)) else {
+        return String::new();
+    };
+    let (tilting, carried) = (table[at], &table[at + 1..]);
+    let takes = |error: &&ErrorParameter| {
+        let offset = error.component().is_linear() && carried.contains(&error.axis());
+        error.shape() == Shape::Location && (error.component() == tilting || offset)
+    };
+    let names: Vec<String> =
+        model.parameters().iter().filter(takes).map(ToString::to_string).collect();
+    if names.is_empty() {
+        return String::new();
+    }
+    format!(". Sag of the table as {tilting} tilts it would stand in {}", names.join(", "))
 }
 
 /// χ² and what it is on average where all is as declared.
@@ -59,7 +83,7 @@ fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
          wrong stylus? It is kept; flag its readings `excluded` to leave it out",
         sight.label.ball,
         sight.label.number(),
-        place_name(&observed.places[sight.place]),
+        place_name(&observed.commanded[sight.commanded]),
         outlier.t
     )
 }

@@ -11,7 +11,7 @@ use crate::kinematics::{Chain, ErrorParameter, Shape};
 use crate::methods::Refused;
 use crate::methods::samba::model::{Model, length_u_mm};
 use crate::methods::samba::parameters::{self, tilts_spindle};
-use crate::methods::samba::separable::Way;
+use crate::methods::samba::separable::{Way, directions};
 use crate::methods::samba::settings::Settings;
 use crate::planning::{Access, Approach, BallTask};
 use crate::record::artefact::{Artefact, Ball, Balls, Length};
@@ -47,11 +47,12 @@ impl<'a> Bench<'a> {
         })?;
         let oriented = oriented(&plan.machine, settings)?.is_some();
         let stands = parameters::standing(plan, settings, &chain);
-        let way = Way { chain: &chain, stands: &stands };
+        let lengths = directions(balls);
+        let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
         let chosen = parameters::chosen(&settings.parameters, way)?;
         check_standing(&chosen, way)?;
         let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
-        let model = Model::of(chain, chosen, stands);
+        let model = Model::of(chain, chosen, stands, lengths);
         Ok(Self { plan, settings, balls, model, tip, oriented })
     }
 

@@ -32,8 +32,10 @@ fn of_axis(plan: &Plan, chain: &Chain, observed: &Observed, axis: Axis, share: f
     let motions: Vec<ErrorParameter> =
         motions.filter_map(Result::ok).filter(|motion| chain.check(*motion).is_ok()).collect();
     let (count, zero) = (motions.len(), vec![0.0; motions.len()]);
-    let (model, stylus) =
-        (Model::of(chain.clone(), motions, Vec::new()), DVec3::from_array(plan.machine.tool_mm));
+    let (model, stylus) = (
+        Model::of(chain.clone(), motions, Vec::new(), Vec::new()),
+        DVec3::from_array(plan.machine.tool_mm),
+    );
     // Of each rotary position: from the table frame to axis positions, and the derivatives.
     let places: Vec<(DMat3, Indexed)> = observed
         .places

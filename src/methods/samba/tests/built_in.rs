@@ -54,13 +54,25 @@ pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
     })
 }
 
+/// Of [`OPTIMAL`] with C at other positions.
+pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
+    let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(OPTIMAL) };
+    let plan = plan();
+    let bench = Bench::new(&plan, &settings).unwrap();
+    of_visits(&design(&bench, |_| Ok(0.0)).unwrap())
+}
+
 /// The same, one measurement after the other: B, C, S in rad, and the ball counted from 0.
 pub fn measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
+    let all = of_visits(visits(kind));
+    assert_eq!((visits(kind).len(), all.len()), (32, 109));
+    all
+}
+
+fn of_visits(visits: &[Visit]) -> Vec<(Triple, usize)> {
     let one = |visit: &Visit| {
         let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.at.get(axis).unwrap());
         visit.balls.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
     };
-    let all: Vec<_> = visits(kind).iter().flat_map(one).collect();
-    assert_eq!((visits(kind).len(), all.len()), (32, 109));
-    all
+    visits.iter().flat_map(one).collect()
 }

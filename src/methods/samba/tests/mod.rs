@@ -1,6 +1,7 @@
 pub mod built_in;
 mod g4;
 mod htm;
+mod mended;
 mod other_machines;
 mod touches;
 mod whole;

@@ -18,7 +18,7 @@ const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
 fn check(topology: &str, unknowns: usize) {
     let machine = machine(topology);
     let chain = Chain::new(&machine).unwrap();
-    let set = implied(Way { chain: &chain, stands: &[] });
+    let set = implied(Way { chain: &chain, stands: &[], lengths: &[] });
     let value = |i: usize, angular: bool, gain: bool| {
         let scale = if angular || gain { 2e-5 } else { 0.05 };
         scale * (1.0 + i as f64 * 1.3).sin()
@@ -75,4 +75,7 @@ fn regress_implied_errors_are_found_again() {
     // Nothing turns across the stylus: its length only shifts all balls, and is held as stated.
     check("wCFXYZt", 7 + 2 + 15);
     check("wCFXYZSt", 9 + 2 + 15);
+    // The same with tables that tilt: turning shows the gain of Z here, and not the one of Y or X.
+    check("wBFXYZt", 7 + 2 + 15);
+    check("wAFXYZt", 7 + 2 + 15);
 }

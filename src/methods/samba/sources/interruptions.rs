@@ -1,0 +1,44 @@
+//! A step of the machine where the measurement was interrupted.
+
+use glam::DVec3;
+
+use super::{Draw, Shape, UncertaintySource, repeatability, spread};
+use crate::base::Axis;
+use crate::decision::references::{Pair, Scatter, Shift};
+use crate::methods::samba::observe::Sight;
+use crate::record::plan::Plan;
+
+pub const STEP: &str = "steps at interruptions";
+
+/// All that was measured after an interruption may lie apart from what was measured before, in X, Y and
+/// Z, by as much as the references that were measured again are allowed to: anywhere within that limit.
+pub fn steps(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
+    let draws = plan.gaps_s.iter().flat_map(|gap_s| at(plan, sights, *gap_s)).collect();
+    UncertaintySource { name: STEP, shape: Shape::Rectangular, draws, shown: true }
+}
+
+/// None, unless something was measured on either side.
+fn at(plan: &Plan, sights: &[Sight], gap_s: f64) -> Vec<Draw> {
+    let times = || sights.iter().map(|sight| sight.t_s);
+    let before = times().filter(|t_s| *t_s <= gap_s).reduce(f64::max);
+    let after = times().filter(|t_s| *t_s > gap_s).reduce(f64::min);
+    let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
+    let step = |(axis, along): (Axis, DVec3)| {
+        let u = limit(plan, axis, [before, after]) / 3f64.sqrt();
+        spread(sights, |sight| if sight.t_s > gap_s { along * u } else { DVec3::ZERO })
+    };
+    Axis::LINEAR.into_iter().zip(DVec3::AXES).map(step).collect()
+}
+
+/// Of a reference that is touched along the axis, mm.
+fn limit(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
+    let spec = plan.machine.axes.get(&axis);
+    let pair = Pair {
+        label: String::new(),
+        position_mm: [0.0; 2],
+        t_s,
+        resolution_mm: spec.map_or(0.0, |spec| spec.resolution_um * 1e-3),
+    };
+    let scatter = Scatter::Declared { u_mm: repeatability(plan) };
+    Shift::of(&pair, scatter, plan.machine.drift_um_per_h * 1e-3 / 3600.0).limit_mm
+}
