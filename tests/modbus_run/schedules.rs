@@ -206,8 +206,7 @@ fn name(value: impl std::fmt::Debug) -> String {
 fn ending(ended: &Ended) -> String {
     match &ended.measured.result {
         Ok(()) => "Finished".to_owned(),
-        Err(trued::run::RunError::Controller(error)) => name(error),
-        Err(other) => name(other),
+        Err(error) => error.of_control().map_or_else(|| name(error), name),
     }
 }
 

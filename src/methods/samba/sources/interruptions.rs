@@ -11,10 +11,11 @@ use crate::record::plan::Plan;
 pub const STEP: &str = "steps at interruptions";
 
 /// All that was measured after an interruption may lie apart from what was measured before, in X, Y and
-/// Z, by as much as the references that were measured again are allowed to: anywhere within that limit.
+/// Z, by as much as the references that were measured again are allowed to. That whole limit counts as standard
+/// uncertainty: nobody knows how steps spread, and one near the limit in all three axes is still covered.
 pub fn steps(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
     let draws = plan.gaps_s.iter().flat_map(|gap_s| at(plan, sights, *gap_s)).collect();
-    UncertaintySource { name: STEP, shape: Shape::Rectangular, draws, shown: true }
+    UncertaintySource { name: STEP, shape: Shape::Normal, draws, shown: true }
 }
 
 /// None, unless something was measured on either side.
@@ -24,7 +25,7 @@ fn at(plan: &Plan, sights: &[Sight], gap_s: f64) -> Vec<Draw> {
     let after = times().filter(|t_s| *t_s > gap_s).reduce(f64::min);
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let step = |(axis, along): (Axis, DVec3)| {
-        let u = limit(plan, axis, [before, after]) / 3f64.sqrt();
+        let u = limit(plan, axis, [before, after]);
         spread(sights, |sight| if sight.t_s > gap_s { along * u } else { DVec3::ZERO })
     };
     Axis::LINEAR.into_iter().zip(DVec3::AXES).map(step).collect()
