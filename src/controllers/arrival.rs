@@ -56,3 +56,16 @@ pub(in crate::controllers) fn braking(machine: &Machine) -> String {
     let braking: Vec<String> = braking.collect();
     format!("brakes on the path and stays; at most {}", braking.join(", "))
 }
+
+/// Between two blocks nothing but a person, or another program, moves the machine.
+pub(in crate::controllers) fn moved_by_hand(error: ControllerError) -> ControllerError {
+    match error {
+        ControllerError::Astray { wanted, stands } => ControllerError::NotReady {
+            state: format!("it was moved by hand: it stands at {stands}, not at {wanted}"),
+            remedy: "leave the machine to trued while it measures; `trued resume` goes on from \
+                     where it stands"
+                .to_owned(),
+        },
+        other => other,
+    }
+}

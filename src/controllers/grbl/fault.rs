@@ -64,19 +64,6 @@ pub(super) fn out_of_step(heard: &Message) -> ControllerError {
     ControllerError::OutOfStep { heard }
 }
 
-/// Between two blocks nothing but a person, or another program, moves the machine.
-pub(super) fn moved_by_hand(error: ControllerError) -> ControllerError {
-    match error {
-        ControllerError::Astray { wanted, stands } => ControllerError::NotReady {
-            state: format!("it was moved by hand: it stands at {stands}, not at {wanted}"),
-            remedy: "leave the machine to trued while it measures; `trued resume` goes on from \
-                     where it stands"
-                .to_owned(),
-        },
-        other => other,
-    }
-}
-
 /// Faults that the control itself reports at a standstill, and those for which a hold has gone out.
 pub(super) fn stands_after(error: &ControllerError) -> bool {
     use ControllerError as E;

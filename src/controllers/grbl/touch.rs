@@ -6,10 +6,10 @@ use tokio::time::{Instant, sleep};
 
 use super::check;
 use super::driver::Grbl;
-use super::fault::moved_by_hand;
 use super::message::{Message, Status};
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
+use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::Lines;
 
 /// A probe may bounce this long after it came free.

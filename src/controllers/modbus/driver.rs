@@ -6,10 +6,11 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::Config;
-use super::fault::{PROBE_CLOSED, moved_by_hand, stands_after};
+use super::fault::{PROBE_CLOSED, stands_after};
 use super::status::Status;
 use super::window::{Patience, Window};
 use crate::base::{Axis, Position};
+use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
 use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared, arrival};
 use crate::gcode::Dialect;

@@ -44,6 +44,24 @@ pub enum Sham {
 }
 
 impl Sham {
+    /// What the probe's input reads.
+    pub fn tripped(self, world: &World) -> bool {
+        match self {
+            Self::Closed | Self::Brushed(_) => true,
+            Self::Open => false,
+            Self::No | Self::Early | Self::Brush => world.tripped(),
+        }
+    }
+
+    /// After a report has told how the probe reads.
+    pub fn told(self) -> Self {
+        match self {
+            Self::Brushed(0..=1) => Self::No,
+            Self::Brushed(left) => Self::Brushed(left - 1),
+            sham => sham,
+        }
+    }
+
     fn probe(self, world: &mut World, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
         let way = |share: f64| {
             let from = world.position();

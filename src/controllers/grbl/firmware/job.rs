@@ -84,20 +84,12 @@ impl Firmware {
 
     /// What the probe's input reads.
     pub(super) fn tripped(&self) -> bool {
-        match self.sham {
-            Sham::Closed | Sham::Brushed(_) => true,
-            Sham::Open => false,
-            Sham::No | Sham::Early | Sham::Brush => self.with_world(|world| world.tripped()),
-        }
+        self.with_world(|world| self.sham.tripped(world))
     }
 
     /// A report has told how the probe reads.
     pub(super) fn probe_was_told(&mut self) {
-        self.sham = match self.sham {
-            Sham::Brushed(0..=1) => Sham::No,
-            Sham::Brushed(left) => Sham::Brushed(left - 1),
-            sham => sham,
-        };
+        self.sham = self.sham.told();
     }
 
     /// A drive that is pressed against something stalls; the control sees a hard limit.
