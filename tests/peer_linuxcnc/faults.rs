@@ -1,6 +1,7 @@
 //! What a person sees when something fails while `trued run` measures: the exit code, the words, the
 //! journal, the readings, and a machine that stands.
 
+use std::io::Read;
 use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -12,6 +13,8 @@ use super::rig::{Rig, rig};
 
 /// Touches before it happens.
 const BEFORE: u64 = 5;
+
+const MINUTE: Duration = Duration::from_secs(60);
 
 /// One thing that goes wrong, and what must be said of it.
 struct Fault {
@@ -43,13 +46,10 @@ fn resumable_after(unmended: &str, fault: &Fault) -> Result<(), Failed> {
     let (kept, before) = (desk.kept()?, rig.touches()?);
     let mut run = desk.resume()?;
     // The references and two more; of the last, nobody knows.
-    let counted = wait_for(&rig, before + 6, &mut run);
-    while counted.is_ok() && !TRAVELLING(&rig)? {}
+    wait_for(&rig, before + 6, &mut run)?;
+    wait_until(TRAVELLING, &rig, &mut run)?;
     let stopped = Command::new("kill").args(["-INT", &run.id().to_string()]).status()?;
     let output = run.wait_with_output()?;
-    counted.map_err(|failed| {
-        format!("{}: {}", failed.message().unwrap_or_default(), complaint(&output))
-    })?;
     if !stopped.success() || output.status.code() != Some(5) || desk.kept()? < kept + 5 {
         return Err(complaint(&output).into());
     }
@@ -61,11 +61,8 @@ fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
     let desk = Desk::in_a_hurry(rig)?;
     let before = rig.touches()?;
     let mut run = desk.start()?;
-    if let Err(failed) = wait_for(rig, before + BEFORE, &mut run) {
-        let said = complaint(&run.wait_with_output()?);
-        return Err(format!("{}: {said}", failed.message().unwrap_or_default()).into());
-    }
-    while !(fault.when)(rig)? {}
+    wait_for(rig, before + BEFORE, &mut run)?;
+    wait_until(fault.when, rig, &mut run)?;
     let happened = Instant::now();
     (fault.happens)(rig)?;
     let output = run.wait_with_output()?;
@@ -97,16 +94,46 @@ const TOUCHING: fn(&Rig) -> Result<bool, Failed> = |_| Ok(true);
 /// Between touches, over the part.
 pub const TRAVELLING: fn(&Rig) -> Result<bool, Failed> = |rig| Ok(rig.joint(2)? > 101.0);
 
+/// Until the rig has counted so many touches. A minute without a new one is given up, with what the run
+/// said: how long a touch takes depends on the computer.
 pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> {
-    let started = Instant::now();
-    while rig.touches()? < touches {
-        if run.try_wait()?.is_some() || started.elapsed() > Duration::from_secs(60) {
-            run.kill()?;
-            return Err("the run ended, or touches nothing".into());
+    let (mut counted, mut since) = (rig.touches()?, Instant::now());
+    while counted < touches {
+        if run.try_wait()?.is_some() || since.elapsed() > MINUTE {
+            return Err(given_up(run, counted)?.into());
         }
         sleep(Duration::from_millis(5));
+        let now = rig.touches()?;
+        if now > counted {
+            (counted, since) = (now, Instant::now());
+        }
     }
     Ok(())
+}
+
+/// Until the run is there; given up as `wait_for`.
+pub fn wait_until(
+    there: fn(&Rig) -> Result<bool, Failed>,
+    rig: &Rig,
+    run: &mut Child,
+) -> Result<(), Failed> {
+    let since = Instant::now();
+    while !there(rig)? {
+        if run.try_wait()?.is_some() || since.elapsed() > MINUTE {
+            return Err(given_up(run, rig.touches()?)?.into());
+        }
+    }
+    Ok(())
+}
+
+fn given_up(run: &mut Child, counted: u64) -> Result<String, Failed> {
+    run.kill()?;
+    let status = run.wait()?;
+    let mut said = String::new();
+    if let Some(mut stderr) = run.stderr.take() {
+        stderr.read_to_string(&mut said)?;
+    }
+    Ok(format!("touch {counted} was the last, {status}: {said}"))
 }
 
 fn stands_still(rig: &Rig) -> Result<(), Failed> {

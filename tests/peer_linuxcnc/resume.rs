@@ -5,7 +5,7 @@ use trued::record::estimate::Estimate;
 
 use super::cycle::TRUTH_UM;
 use super::desk::{Desk, complaint, result};
-use super::faults::{TRAVELLING, wait_for};
+use super::faults::{TRAVELLING, wait_for, wait_until};
 use super::rig::{Rig, rig};
 
 /// Touches before the stop: the references, Test 1a, and some of Test 1b.
@@ -17,7 +17,7 @@ fn stopped(rig: &Rig, positions: u32, touches: u64) -> Result<Desk, Failed> {
     let before = rig.touches()?;
     let mut run = desk.start()?;
     wait_for(rig, before + touches, &mut run)?;
-    while !TRAVELLING(rig)? {}
+    wait_until(TRAVELLING, rig, &mut run)?;
     rig.emergency_stop()?;
     let output = run.wait_with_output()?;
     if output.status.code() == Some(5) { Ok(desk) } else { Err(complaint(&output).into()) }
