@@ -9,7 +9,9 @@ use super::message::Message;
 use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
 use crate::controllers::lines::Lines;
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared, arrival, lines};
+use crate::controllers::{
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
+};
 use crate::gcode::Dialect;
 use crate::link::Link;
 use crate::record::machine::Machine;
@@ -216,6 +218,10 @@ impl Driver for Grbl {
         let probe_closed = status.probe_closed;
         self.stood = self.stands(status)?;
         Ok(Look { probe_closed, stands: self.stood.clone() })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
