@@ -9,7 +9,6 @@ use super::{
     Entry, FaultKind, Firmware, HARD_LIMIT, HEARTBEAT, HEARTBEAT_LOST, Mode, NO_CONTACT,
     PROBE_CLOSED, SOFT_LIMIT,
 };
-use crate::base::Position;
 use crate::world::Contact;
 use crate::world::interpreter::{Act, Active, Done, Job, Sham};
 
