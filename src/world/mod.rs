@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 pub use bystander::Bystander;
 pub use error::WorldError;
 pub use ramp::Speed;
-pub use truth::{ErrorMotion, FormHarmonic, Truth};
+pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
 
 use crate::base::{Axis, Position};
 use crate::record::artefact::Artefact;
@@ -56,7 +56,7 @@ pub struct Probed {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contact {
-    /// Displayed axis positions at the trigger.
+    /// Displayed axis positions when the control kept them.
     pub position: Position,
     pub t_s: f64,
 }
@@ -69,6 +69,7 @@ pub struct World {
     seed: u64,
     repeatability_mm: f64,
     overtravel_mm: f64,
+    latch: Latch,
     t_s: f64,
     /// Commanded positions of all axes.
     command: Position,
@@ -104,6 +105,7 @@ impl World {
             seed: truth.seed,
             repeatability_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
             overtravel_mm: probe.overtravel_mm,
+            latch: truth.latch,
             t_s: 0.0,
             play: Play::new(&truth.backlash_um, &command),
             wired: Wired::new(&truth.wiring, &command),
@@ -172,12 +174,18 @@ impl World {
         Travel { touched, crashed, duration_s }
     }
 
-    /// Move until the probe triggers, then brake. `n` is the N word of the line: with the number of
+    /// From now on contacts are noticed as late as this.
+    pub fn latch_by(&mut self, latch: Latch) {
+        self.latch = latch;
+    }
+
+    /// Move until the probe triggers and somebody notices, then brake. `n` is the N word of the line: with the number of
     /// probings under the same word it keys the scatter, whatever the order of the touches. With
     /// the probe closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
         let occurrence = self.probed.entry(n).or_default();
         self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
+        let share = drawn::scan_share(self.seed, n, *occurrence);
         *occurrence += 1;
         let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
             let here = Contact { position: self.position(), t_s: self.t_s };
@@ -185,7 +193,10 @@ impl World {
         };
         let contact = first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0);
         match contact.filter(|_| self.wired.feels()) {
-            Some(fraction) => self.stop_on_contact(&path, fraction),
+            Some(fraction) => {
+                let late_s = (self.latch.delay_ms + share * self.latch.scan_ms) * 1e-3;
+                self.stop_on_contact(&path, path.ramp().later(fraction, late_s))
+            }
             None => {
                 let duration_s = path.ramp().duration_s();
                 self.arrive(&path, 1.0, duration_s);

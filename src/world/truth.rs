@@ -51,6 +51,8 @@ pub struct Truth {
     /// How motors and probe are connected.
     #[serde(skip_serializing_if = "Wiring::is_right")]
     pub wiring: Wiring,
+    /// How late a contact is noticed.
+    pub latch: Latch,
     /// What the control does wrong: the simulated control reads it, the world does not.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,
@@ -107,6 +109,17 @@ pub struct BallMove {
     /// Since the world was made.
     pub at_s: f64,
     pub by_mm: [f64; 3],
+}
+
+/// What lies between a contact and the position that is kept for it. The axes move on meanwhile, and
+/// brake only then.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Latch {
+    /// Always: the probe's filter and radio link, the control's own reaction.
+    pub delay_ms: f64,
+    /// A PLC looks at the probe once in so long; contact falls anywhere in between.
+    pub scan_ms: f64,
 }
 
 /// The table's displacement over the angle q of a tilt axis, machine frame, as it is at q = 90°.
