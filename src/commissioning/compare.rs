@@ -70,3 +70,54 @@ fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<(String, String)
     }
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::MachineFile;
+
+    fn introduction() -> (Machine, Introduction) {
+        let text = include_str!("../../config/simulated.toml").to_owned();
+        let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
+        let says = |spec: &AxisSpec| AxisSays {
+            min: Some(spec.min),
+            max: Some(spec.max),
+            rapid_per_min: Some(spec.rapid_per_min),
+            acceleration_per_s2: Some(spec.acceleration_per_s2),
+            ..AxisSays::default()
+        };
+        let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
+        let axes = axes.map(|(axis, spec)| (*axis, says(spec))).collect();
+        (machine, Introduction { axes, ..Introduction::default() })
+    }
+
+    #[test]
+    fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
+        let (machine, says) = introduction();
+        assert_eq!(differences(&machine, &says), []);
+        assert_eq!(differences(&machine, &Introduction::default()), [], "it tells nothing");
+
+        let told = |change: fn(&mut AxisSays)| {
+            let mut says = says.clone();
+            change(says.axes.get_mut(&Axis::X).unwrap());
+            let found = differences(&machine, &says);
+            found.into_iter().map(|(what, _)| what).collect::<Vec<_>>()
+        };
+        let beyond = "X travels beyond the control's limits: max = 250, there 200";
+        assert_eq!(told(|x| x.max = Some(200.0)), [beyond]);
+        assert!(told(|x| x.max = Some(300.0)).is_empty(), "it may have more");
+        let short = "X travels 500 in the machine file, but only 400 by the control's limits";
+        assert_eq!(told(|x| (x.min, x.max, x.travel) = (None, None, Some(400.0))), [short]);
+        let swift =
+            "the rapid speed of X is above the control's: rapid_per_min = 20000, there 5000";
+        assert_eq!(told(|x| x.rapid_per_min = Some(5000.0)), [swift]);
+        assert_eq!(told(|x| x.acceleration_per_s2 = Some(500.0)).len(), 1);
+
+        let mut less = says.clone();
+        less.axes.remove(&Axis::B);
+        let found = differences(&machine, &less);
+        let what =
+            "the machine file has an axis B that the control does not drive: it has X, Y, Z, C";
+        assert_eq!(found.iter().map(|(what, _)| what.as_str()).collect::<Vec<_>>(), [what]);
+    }
+}

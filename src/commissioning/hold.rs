@@ -43,16 +43,9 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         check.not_looked_at(Part::Hold, format!("no linear axis has {BY} mm of free travel"));
         return Ok(());
     };
-    match check.ask(Question::MayHold(jog)).await? {
-        Answer::Yes => {}
-        Answer::Nobody => {
-            check.not_looked_at(Part::Hold, "nobody is there to let an axis move");
-            return Ok(());
-        }
-        _ => {
-            check.not_looked_at(Part::Hold, "a person did not let it move");
-            return Ok(());
-        }
+    if check.ask(Question::MayHold(jog)).await? != Answer::Yes {
+        check.not_looked_at(Part::Hold, "nobody let an axis move");
+        return Ok(());
     }
     if check.site.bystander().is_some() {
         // In its own time, or there is nothing to hold.
@@ -68,8 +61,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     };
     let held = run(check, proven).await?;
     check.go_on()?;
-    judge(check, &jog, held, since).await?;
-    released(check).await
+    if judge(check, &jog, held, since).await? { released(check).await } else { Ok(()) }
 }
 
 /// Of the linear axis with the most room.
@@ -101,7 +93,13 @@ async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
     Ok(Held { before_s, took_s: halted.elapsed().as_secs_f64(), ended })
 }
 
-async fn judge(check: &mut Check<'_>, jog: &Jog, held: Held, since: Instant) -> Result<(), Ended> {
+/// Whether the control is held.
+async fn judge(
+    check: &mut Check<'_>,
+    jog: &Jog,
+    held: Held,
+    since: Instant,
+) -> Result<bool, Ended> {
     let axis = jog.axis;
     let before_s = match (&held.ended, held.before_s) {
         (Err(ControllerError::Halted), Some(before_s)) => before_s,
@@ -112,7 +110,7 @@ async fn judge(check: &mut Check<'_>, jog: &Jog, held: Held, since: Instant) -> 
                  machine needs --speed real)"
             );
             check.not_looked_at(Part::Hold, why);
-            return Ok(());
+            return Ok(held.before_s.is_some());
         }
         (Err(error), _) => {
             check.failed(Part::Hold, since, error.to_string(), error.remedy());
@@ -122,7 +120,7 @@ async fn judge(check: &mut Check<'_>, jog: &Jog, held: Held, since: Instant) -> 
     let now = check.controller()?.look().await;
     let (Ok(now), Some(before)) = (now, &check.stands) else {
         check.not_looked_at(Part::Hold, "where it stands after a halt is not told by the control");
-        return Ok(());
+        return Ok(true);
     };
     let gone = (now.stands.at(axis) - before.at(axis)).abs();
     let went_on = (gone - before_s * jog.feed_per_min / 60.0).max(0.0);
@@ -141,7 +139,7 @@ async fn judge(check: &mut Check<'_>, jog: &Jog, held: Held, since: Instant) -> 
         held.took_s
     );
     check.well(Part::Hold, since, what);
-    Ok(())
+    Ok(true)
 }
 
 /// Ready for what follows: a link that was held takes no line any more.

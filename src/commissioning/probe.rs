@@ -6,11 +6,9 @@ use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
 use super::{Check, Ended, Part, control};
+use crate::controllers::ControllerError;
 use crate::record::question::{Answer, Question, Stylus};
 
-/// A person needs so long for the stylus, the simulated bystander none.
-const PATIENCE: Duration = Duration::from_secs(20);
-const AT_ONCE: Duration = Duration::from_millis(300);
 const POLL: Duration = Duration::from_millis(20);
 
 /// What the input did.
@@ -78,16 +76,14 @@ fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool) {
     }
 }
 
-async fn reads(check: &Check<'_>) -> Result<bool, crate::controllers::ControllerError> {
-    let controller = check.controller();
-    let controller = controller.map_err(|_| crate::controllers::ControllerError::DriverGone)?;
+async fn reads(check: &Check<'_>) -> Result<bool, ControllerError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
     Ok(controller.look().await?.probe_closed)
 }
 
 /// Whether it reads so before long.
 async fn becomes(check: &Check<'_>, closed: bool) -> Result<bool, Ended> {
-    let patience = if check.site.bystander().is_some() { AT_ONCE } else { PATIENCE };
-    let deadline = Instant::now() + patience;
+    let deadline = Instant::now() + check.person.takes();
     loop {
         check.go_on()?;
         if reads(check).await.is_ok_and(|now| now == closed) {
