@@ -8,7 +8,7 @@ use std::thread;
 
 use bench::{against, checked, failures, machine, with_control};
 use mistakes::MISTAKES;
-use trued::commissioning::Verdict;
+use trued::commissioning::{Part, Verdict};
 use trued::setup::Pace;
 
 #[test]
@@ -60,7 +60,11 @@ fn a_sound_machine_passes_whatever_it_speaks() {
                 };
                 assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
             }
-            assert_eq!(summary.count(Verdict::NotLookedAt), 1, "{keys}\n{summary}");
+            let open = summary.findings.iter().filter(|finding| {
+                finding.verdict == Verdict::NotLookedAt && finding.part != Part::Latch
+            });
+            let open: Vec<_> = open.map(|finding| finding.what.as_str()).collect();
+            assert!(matches!(open[..], [what] if what.starts_with("S: ")), "{keys}\n{summary}");
         }
     });
 }

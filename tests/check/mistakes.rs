@@ -39,7 +39,7 @@ fn told(changes: &[(&str, &str)]) -> Summary {
 }
 
 /// Where the machine stands to begin with, at the top of Z.
-const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [10.0, -20.0, 320.0]\n\
+const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [5.5, -20.0, 320.0]\n\
                        max_mm = [50.0, 20.0, 340.0]\n\n[artefact]";
 
 pub const MISTAKES: &[Mistake] = &[
@@ -102,8 +102,8 @@ pub const MISTAKES: &[Mistake] = &[
         "the hold register elsewhere",
         || {
             let truth = with_control("speaks = \"modbus\"", &machine(&[]));
-            let hold = "\ndialect = \"grbl-m19\"\n[controller.registers.command]\nhold = { address = 105 }\n\
-                        chunk = { address = 6, registers = 90 }";
+            let hold = "\ndialect = \"grbl-m19\"\nregisters.command = { hold = { address = 105 }, \
+                        chunk = { address = 6, registers = 99 } }";
             against(&machine(&[]), &truth, Pace::Real, |keys| keys + hold)
         },
         "the hold has no effect",
