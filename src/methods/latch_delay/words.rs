@@ -3,22 +3,23 @@
 use super::fit::Fitted;
 use super::observe::Observed;
 use super::scan::{LEVEL, Latch, Scan, Time};
-use crate::estimation::coverage::{chi_square_bounds, coverage_factor};
+use crate::estimation::coverage::chi_square_bounds;
 
 /// Declared scatter counts as contradicted beyond the bounds that it meets with this probability.
 const DECLARED: f64 = 0.998;
 
-/// Scatter beyond what is declared: a factor, with the scatter itself in mm.
-fn too_good(observed: &Observed, fitted: &Fitted, scan: &Scan, declared_mm: f64) -> Option<f64> {
+/// Whether slow touches scatter more than `declared_mm` and a scan explain.
+fn too_good(observed: &Observed, fitted: &Fitted, scan: &Scan, declared_mm: f64) -> bool {
     let [slow, _] = fitted.scatter;
-    // A scan's own share of the scatter is no probe's.
-    let of_scan = match scan.latch {
-        Latch::Scan(Time { t_s, .. }) => (observed.speeds()[0] * t_s).powi(2) / 12.0,
-        _ => 0.0,
+    let explained = match scan.latch {
+        // As long as the scan may be.
+        Latch::Scan(time) => {
+            declared_mm.powi(2) + (observed.speeds()[0] * time.most_s()).powi(2) / 12.0
+        }
+        _ => declared_mm.powi(2),
     };
-    let own = slow.s_mm.powi(2) - of_scan;
-    let (_, upper) = chi_square_bounds(slow.dof, DECLARED)?;
-    (own * slow.dof > upper * declared_mm.powi(2)).then(|| own.sqrt())
+    let bounds = chi_square_bounds(slow.dof, DECLARED);
+    bounds.is_some_and(|(_, upper)| slow.s_mm.powi(2) * slow.dof > upper * explained)
 }
 
 pub fn warnings(
@@ -32,13 +33,13 @@ pub fn warnings(
     let test = test(scan);
     let mut lines = Vec::new();
     match scan.latch {
-        Latch::Scan(Time { t_s, u_s, dof }) => {
-            let (ms, expanded) = (t_s * 1e3, coverage_factor(dof) * u_s * 1e3);
+        Latch::Scan(time) => {
+            let (ms, expanded) = (time.t_s * 1e3, time.expanded_s() * 1e3);
             lines.push(format!(
                 "the latch is read by a scan of about {ms:.1} ms (U = {expanded:.1} ms), as by a PLC's \
                  program: touches scatter by {s_slow:.2} µm at {slow} mm/min and by {s_fast:.2} µm at \
                  {fast} mm/min ({test}); each touch at {slow} mm/min is off by anything from 0 to {:.2} µm",
-                observed.speeds()[0] * t_s * 1e3
+                observed.speeds()[0] * time.t_s * 1e3
             ));
         }
         Latch::Unsteady(Time { t_s, .. }) => lines.push(format!(
@@ -64,14 +65,11 @@ pub fn warnings(
             -delay_ms
         ));
     }
-    if let Some(declared_mm) = declared_mm
-        && let Some(own) = too_good(observed, fitted, scan, declared_mm)
-    {
+    if let Some(mm) = declared_mm.filter(|mm| too_good(observed, fitted, scan, *mm)) {
         lines.push(format!(
-            "touches scatter by {:.2} µm at {slow} mm/min; [probe] repeatability_um and the display's steps \
-             explain {:.2} µm: declare more, or look for dirt, a loose stylus or part",
-            own * 1e3,
-            declared_mm * 1e3
+            "touches scatter by {s_slow:.2} µm at {slow} mm/min; [probe] repeatability_um and the display's \
+             steps explain {:.2} µm: declare more, or look for dirt, a loose stylus or part",
+            mm * 1e3
         ));
     }
     if !observed.timed {
