@@ -6,6 +6,7 @@
 //! gap between ball and surface, plus both, falls to zero.
 
 mod balls;
+mod bystander;
 mod drawn;
 mod error;
 mod flank;
@@ -16,9 +17,11 @@ mod sag;
 mod scene;
 mod surface;
 mod truth;
+mod wiring;
 
 use std::collections::BTreeMap;
 
+pub use bystander::Bystander;
 pub use error::WorldError;
 pub use ramp::Speed;
 pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
@@ -29,6 +32,7 @@ use crate::record::machine::{AxisSpec, Machine, Probe};
 use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
+use wiring::Wired;
 
 /// What became of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -70,6 +74,7 @@ pub struct World {
     /// Commanded positions of all axes.
     command: Position,
     play: Play,
+    wired: Wired,
     /// Scatter of the touch in hand (of the last one between touches), mm.
     scatter_mm: f64,
     /// By a person's hand.
@@ -103,6 +108,7 @@ impl World {
             latch: truth.latch,
             t_s: 0.0,
             play: Play::new(&truth.backlash_um, &command),
+            wired: Wired::new(&truth.wiring, &command),
             command,
             scatter_mm: 0.0,
             deflected: false,
@@ -131,11 +137,22 @@ impl World {
 
     /// Whether the probe reads closed now.
     pub fn tripped(&self) -> bool {
+        self.wired.shows(self.touches())
+    }
+
+    /// Whether the probe is truly closed.
+    fn touches(&self) -> bool {
         if self.deflected {
             return true;
         }
-        let axes = self.play.follow(&self.command);
-        self.scene.margin(&axes, &self.command, self.t_s) + self.scatter_mm <= 0.0
+        let axes = self.true_axes();
+        let command = self.wired.truly(self.command.clone());
+        self.scene.margin(&axes, &command, self.t_s) + self.scatter_mm <= 0.0
+    }
+
+    /// Where the axes truly stand.
+    fn true_axes(&self) -> Position {
+        self.wired.truly(self.play.follow(&self.command))
     }
 
     /// Somebody deflects the stylus by hand, or lets it go.
@@ -174,7 +191,8 @@ impl World {
             let here = Contact { position: self.position(), t_s: self.t_s };
             return Probed { contact: self.tripped().then_some(here), ..Probed::default() };
         };
-        match first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0) {
+        let contact = first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0);
+        match contact.filter(|_| self.wired.feels()) {
             Some(fraction) => {
                 let late_s = (self.latch.delay_ms + share * self.latch.scan_ms) * 1e-3;
                 self.stop_on_contact(&path, path.ramp().later(fraction, late_s))
@@ -238,19 +256,26 @@ impl World {
     }
 
     fn path(&self, to: &Position, speed: Speed) -> Option<Path> {
-        let limits = Limits { axes: &self.axes, lever: &|axis, at| self.scene.lever(axis, at) };
+        let longest = self.wired.longest();
+        let lever = |axis, at: &Position| self.scene.lever(axis, at);
+        let limits = Limits { axes: &self.axes, lever: &lever, longest };
         Path::new(&self.command, to, speed, &self.play, &limits)
     }
 
     fn margin(&self, path: &Path, fraction: f64) -> f64 {
-        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        let (axes, command) = self.true_on(path, fraction);
         let t_s = self.t_s + path.ramp().time_s(fraction);
         self.scene.margin(&axes, &command, t_s) + self.scatter_mm
     }
 
     fn clearance(&self, path: &Path, fraction: f64) -> f64 {
-        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        let (axes, command) = self.true_on(path, fraction);
         self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
+    }
+
+    /// Where the axes truly stand, and where they would without lost motion.
+    fn true_on(&self, path: &Path, fraction: f64) -> (Position, Position) {
+        (self.wired.truly(path.axes(fraction)), self.wired.truly(path.command(fraction)))
     }
 
     fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {

@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
+use super::wiring::Wiring;
 use crate::base::Axis;
 use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
 use crate::record::artefact::Balls;
@@ -47,6 +48,9 @@ pub struct Truth {
     pub sag: Vec<SagTerm>,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
+    /// How motors and probe are connected.
+    #[serde(skip_serializing_if = "Wiring::is_right")]
+    pub wiring: Wiring,
     /// How late a contact is noticed.
     pub latch: Latch,
     /// What the control does wrong: the simulated control reads it, the world does not.

@@ -42,7 +42,7 @@ impl Grbl {
     }
 
     /// Who is there; axes and buffer from `$I`.
-    async fn identify(&mut self) -> Result<String, ControllerError> {
+    pub(super) async fn identify(&mut self) -> Result<String, ControllerError> {
         let mut version = "unknown version".to_owned();
         // Classic Grbl says nothing of its axes: it has these.
         let mut letters = "XYZ".to_owned();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use super::{LinuxCnc, Settings};
-use crate::controllers::{Controller, Named, Opening};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::HostPort;
 use crate::record::machine::Machine;
@@ -44,5 +44,14 @@ impl Named for Config {
             let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
             Ok(Controller::spawn(driver, halt))
         })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
     }
 }

@@ -12,7 +12,7 @@ use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use super::{state, watch};
 use crate::base::{Axis, Position};
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
 use crate::record::motion::{Block, Motion, Outcome};
@@ -291,6 +291,10 @@ impl Driver for LinuxCnc {
     }
 
     /// Every program restores the modal state itself; what is left is the probe and the mode.
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
+    }
+
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
         if self.dialect.switches_probe_off() {

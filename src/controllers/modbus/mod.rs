@@ -15,9 +15,11 @@
 
 mod config;
 mod crc;
+mod diagnose;
 mod driver;
 mod fault;
 pub mod firmware;
+mod introduce;
 mod map;
 mod prepare;
 mod status;

@@ -1,0 +1,8 @@
+//! Part.
+
+use super::{Check, Ended, Part};
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    check.not_looked_at(Part::Axes, "this version cannot");
+    Ok(())
+}

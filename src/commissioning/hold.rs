@@ -1,0 +1,8 @@
+//! Part.
+
+use super::{Check, Ended, Part};
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    check.not_looked_at(Part::Hold, "this version cannot");
+    Ok(())
+}

@@ -1,0 +1,8 @@
+//! Part 6: does the control itself keep the position of a contact?
+
+use super::{Check, Ended, Part};
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    check.not_looked_at(Part::Latch, "this version cannot");
+    Ok(())
+}

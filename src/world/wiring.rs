@@ -1,0 +1,115 @@
+//! How the machine is wired, which no control knows: which motor hangs at which drive, which way
+//! round, how far it goes, and how the probe is connected. The control believes its own positions;
+//! from where the machine stood at first, the world moves otherwise.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::{Axis, Position};
+
+/// `[simulated.wiring]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Wiring {
+    /// Pairs of axes that move in each other's stead (1 mm for 1°).
+    pub swapped: Vec<[Axis; 2]>,
+    pub reversed: Vec<Axis>,
+    /// How far an axis goes for each mm or degree that it is told.
+    pub gain: BTreeMap<Axis, f64>,
+    pub probe: ProbeWiring,
+}
+
+/// What the probe's input shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProbeWiring {
+    #[default]
+    Right,
+    /// Closed where the probe is open, and open where it is closed.
+    Inverted,
+    /// Always open.
+    Dead,
+    /// Always closed.
+    Stuck,
+}
+
+impl Wiring {
+    pub fn is_right(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// The wiring of a machine that stood at `origin` when it was built.
+#[derive(Debug, Clone)]
+pub(super) struct Wired {
+    /// `None`: all is right.
+    wrong: Option<(Wiring, Position)>,
+}
+
+impl Wired {
+    pub fn new(wiring: &Wiring, origin: &Position) -> Self {
+        let wrong = (!wiring.is_right()).then(|| (wiring.clone(), origin.clone()));
+        Self { wrong }
+    }
+
+    /// Where the axes truly stand that the control believes to stand at `believed`.
+    pub fn truly(&self, believed: Position) -> Position {
+        let Some((wiring, origin)) = &self.wrong else { return believed };
+        let mut stands = believed.clone();
+        for (drive, position) in believed.iter() {
+            let motor = wiring.motor(drive);
+            let gone = drive.to_edge(position - origin.at(drive)) * wiring.turns(motor);
+            if believed.get(motor).is_some() {
+                stands.set(motor, origin.at(motor) + motor.from_edge(gone));
+            }
+        }
+        stands
+    }
+
+    /// A bound on how much farther anything goes than the control believes.
+    pub fn longest(&self) -> f64 {
+        let Some((wiring, _)) = &self.wrong else { return 1.0 };
+        let mixed = |pair: &[Axis; 2]| pair[0].is_linear() != pair[1].is_linear();
+        // A degree in place of a millimetre, or the other way round; otherwise what stands elsewhere
+        // may be farther from the axis that turns.
+        let elsewhere = if wiring.swapped.iter().any(mixed) { 180.0 } else { 3.0 };
+        wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * elsewhere
+    }
+
+    /// What the probe's input shows of the truth.
+    pub fn shows(&self, closed: bool) -> bool {
+        match self.probe() {
+            ProbeWiring::Right => closed,
+            ProbeWiring::Inverted => !closed,
+            ProbeWiring::Dead => false,
+            ProbeWiring::Stuck => true,
+        }
+    }
+
+    /// Whether a contact gets through to the control at all.
+    pub fn feels(&self) -> bool {
+        matches!(self.probe(), ProbeWiring::Right | ProbeWiring::Inverted)
+    }
+
+    fn probe(&self) -> ProbeWiring {
+        self.wrong.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
+    }
+}
+
+impl Wiring {
+    /// The axis that moves when `drive` is told to.
+    fn motor(&self, drive: Axis) -> Axis {
+        let other = self.swapped.iter().find_map(|[one, other]| match drive {
+            axis if axis == *one => Some(*other),
+            axis if axis == *other => Some(*one),
+            _ => None,
+        });
+        other.unwrap_or(drive)
+    }
+
+    fn turns(&self, motor: Axis) -> f64 {
+        let sense = if self.reversed.contains(&motor) { -1.0 } else { 1.0 };
+        sense * self.gain.get(&motor).copied().unwrap_or(1.0)
+    }
+}
