@@ -166,12 +166,12 @@ fn judge(check: &mut Check<'_>, found: &Found, probe: &Probe, since: Instant) {
                 found.scatter_mm * 1e3
             ),
         ),
-        (None, Some(um)) => {
+        (None, Some(um)) if !matches!(found.latch, Latch::Scan(_)) => {
             let seen = found.scatter_mm * 1e3;
             let what = format!("a touch scatters by {seen:.2} µm; {um} µm are declared");
             check.well(Part::Latch, since, what);
         }
-        (None, None) => {}
+        _ => {}
     }
 }
 

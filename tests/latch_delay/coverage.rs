@@ -95,6 +95,8 @@ fn drift_is_taken_off() {
     let estimates = estimates(&world, 100);
     let delay = covered(&estimates, "t_latch", 1.0);
     assert!(may_be(COVERAGE_PROBABILITY, 100).contains(&delay), "{delay}");
+    let scatter: f64 = estimates.iter().map(|e| parameter(e, "s_30").value).sum();
+    assert!(scatter / 100.0 < 0.7, "{scatter}");
 }
 
 #[test]
