@@ -6,10 +6,11 @@
 //! A part that fails where going on would not be safe ends the check; otherwise the next one follows.
 
 mod axes;
+mod compare;
 mod control;
 mod finding;
 mod hold;
-
+mod jog;
 mod latch;
 mod links;
 mod person;
@@ -68,6 +69,8 @@ pub struct Check<'a> {
     devices: Option<Devices>,
     /// Where the machine stands, once part 2 is through.
     stands: Option<Position>,
+    /// How the sense of the probe's input is turned at the control, in its words.
+    polarity: Option<String>,
     /// An axis did not go as it was told to.
     strays: bool,
     summary: Summary,
@@ -83,8 +86,21 @@ impl<'a> Check<'a> {
         tell: &'a mut dyn FnMut(&Finding),
     ) -> Self {
         let summary = Summary::of(&file.machine.name);
-        let (devices, stands, strays) = (None, None, false);
-        Self { file, site, pace, journal, person, tell, stop, devices, stands, strays, summary }
+        let (devices, stands, polarity, strays) = (None, None, None, false);
+        Self {
+            file,
+            site,
+            pace,
+            journal,
+            person,
+            tell,
+            stop,
+            devices,
+            stands,
+            polarity,
+            strays,
+            summary,
+        }
     }
 
     /// All parts. Call inside a tokio runtime.

@@ -80,3 +80,29 @@ fn towards(way: [f64; 3]) -> String {
     largest
         .map_or(String::new(), |(axis, by)| format!("{}{axis}", if by < 0.0 { "−" } else { "+" }))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::MachineFile;
+
+    fn seen(change: (&str, &str), axis: Axis, by: f64) -> String {
+        let text = include_str!("../../config/simulated.toml").replacen(change.0, change.1, 1);
+        let file = MachineFile::parse("machine.toml", text).unwrap();
+        look_for(&file.machine, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
+    }
+
+    #[test]
+    fn what_will_be_seen_is_told_in_the_machines_directions() {
+        let plain = ("", "");
+        assert_eq!(seen(plain, Axis::X, 1.0), "the spindle goes 1 mm towards +X");
+        assert_eq!(seen(plain, Axis::Z, -1.0), "the spindle goes 1 mm towards −Z");
+        // As config/simulated.toml has it: seen from above, C+ turns an ISO table clockwise.
+        assert_eq!(seen(plain, Axis::C, 1.0), "the table turns 1 ° anticlockwise, seen from −Z");
+        let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+        assert_eq!(seen(reversed, Axis::C, 1.0), "the table turns 1 ° anticlockwise, seen from +Z");
+        // What carries the workpiece goes against the sign of its command.
+        let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
+        assert_eq!(seen(carried, Axis::Y, 1.0), "the table goes 1 mm towards −Y");
+    }
+}

@@ -113,3 +113,47 @@ impl Wiring {
         sense * self.gain.get(&motor).copied().unwrap_or(1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wired(wiring: Wiring) -> Wired {
+        Wired::new(
+            &wiring,
+            &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0),
+        )
+    }
+
+    #[test]
+    fn from_where_it_stood_the_machine_moves_otherwise_than_the_control_believes() {
+        let told = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
+        let truly = |wiring| wired(wiring).truly(told.clone());
+        assert_eq!(truly(Wiring::default()), told);
+        let swapped = Wiring { swapped: vec![[Axis::X, Axis::Y]], ..Wiring::default() };
+        assert_eq!(truly(swapped), told.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
+        let reversed = Wiring { reversed: vec![Axis::Z], ..Wiring::default() };
+        assert_eq!(truly(reversed), told.clone().with(Axis::Z, 460.0));
+        let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
+        assert_eq!(truly(gain), told.clone().with(Axis::X, 50.8));
+        // Both at once: X hangs at the drive of Y, and turns the other way.
+        let both = Wiring {
+            swapped: vec![[Axis::X, Axis::Y]],
+            reversed: vec![Axis::X],
+            ..Wiring::default()
+        };
+        assert_eq!(truly(both), told.with(Axis::X, 3.0).with(Axis::Y, 2.0));
+    }
+
+    #[test]
+    fn the_probe_shows_what_its_wires_let_through() {
+        let shown = |probe| {
+            let wired = wired(Wiring { probe, ..Wiring::default() });
+            ([wired.shows(false), wired.shows(true)], wired.feels())
+        };
+        assert_eq!(shown(ProbeWiring::Right), ([false, true], true));
+        assert_eq!(shown(ProbeWiring::Inverted), ([true, false], true));
+        assert_eq!(shown(ProbeWiring::Dead), ([false, false], false));
+        assert_eq!(shown(ProbeWiring::Stuck), ([true, true], false));
+    }
+}
