@@ -15,6 +15,7 @@ mod args;
 mod failure;
 mod files;
 mod identify;
+mod init;
 mod plan;
 mod progress;
 mod resume;
@@ -83,6 +84,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),
         Command::Identify(args) => identify::identify(&args, state),
+        Command::Init(args) => init::init(&args),
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),

@@ -81,7 +81,7 @@ pub fn bad_simulator(
 
 fn simulated(file: &MachineFile) -> Simulated {
     match &file.controller.control {
-        Control::Simulated(simulated) => *simulated,
+        Control::Simulated(simulated) => simulated.clone(),
         Control::Real(_) => Simulated::default(),
     }
 }

@@ -1,12 +1,14 @@
 //! Floor 6: from a machine file to the parts of a run.
 
 mod devices;
+mod draft;
 mod error;
 pub mod machine_file;
 
 use std::path::Path;
 
 pub use devices::{Devices, Past, bad_simulator, devices, simulator, world};
+pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 
