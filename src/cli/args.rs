@@ -21,6 +21,9 @@ pub enum Command {
     Run(RunArgs),
     /// Wait for triggers from the machine, as [serve] in the machine file allows; run, judge, wait.
     Serve(ServeArgs),
+    /// Does the machine do what its file says? Part by part, with a person beside it; the simulated
+    /// machine without one.
+    Check(CheckArgs),
     /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
@@ -80,6 +83,19 @@ pub struct OutputArgs {
     /// Write every byte of every link here, with its time.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
+    /// Pace of the simulated machine; a real one has its own.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The machine file; without one, the embedded simulated machine is checked.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    pub json: bool,
     /// Pace of the simulated machine; a real one has its own.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,

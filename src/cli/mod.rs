@@ -12,6 +12,7 @@ macro_rules! tell {
 }
 
 mod args;
+mod check;
 mod failure;
 mod files;
 mod identify;
@@ -26,6 +27,7 @@ mod show;
 mod signals;
 mod simulate;
 mod story;
+mod terminal;
 mod wires;
 
 use std::io::Write;
@@ -80,6 +82,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::run(&args, state),
+        Command::Check(args) => check::check(&args, state),
         Command::Serve(args) => serve::serve(&args, state),
         Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),

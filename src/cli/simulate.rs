@@ -7,7 +7,7 @@ use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
 use crate::base::Axis;
 use crate::link::faults::{BadWire, Planned};
-use crate::setup::{self, Pace};
+use crate::setup::{self, Pace, Rehearsal};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
@@ -20,11 +20,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
         .build()
         .map_err(Failure::plain)?;
     runtime.block_on(async {
+        let rehearsal = Rehearsal::of(&machine)?;
         let simulator = match args.faults {
-            None => setup::simulator(&machine, pace)?,
-            Some(seed) => {
-                setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?
-            }
+            None => rehearsal.serve(pace)?,
+            Some(seed) => rehearsal.serve_badly(pace, BadWire::to_rehearse(seed), planned)?,
         };
         say!("{simulator}");
         let orients = machine.machine.axes.contains_key(&Axis::S);

@@ -71,15 +71,15 @@ pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Su
             }
         }
     }
-    if known != linuxcnc::KIND {
-        if let Some(said) = greets_as_rsh(&address).await {
-            return Some(wrong_kind(known, linuxcnc::KIND, &format!("says `{said}`"), &keys));
-        }
+    if known != linuxcnc::KIND
+        && let Some(said) = greets_as_rsh(&address).await
+    {
+        return Some(wrong_kind(known, linuxcnc::KIND, &format!("says `{said}`"), &keys));
     }
-    if known != grbl::KIND {
-        if let Some(said) = greets_as_grbl(&address).await {
-            return Some(wrong_kind(known, grbl::KIND, &format!("answers `{said}`"), &keys));
-        }
+    if known != grbl::KIND
+        && let Some(said) = greets_as_grbl(&address).await
+    {
+        return Some(wrong_kind(known, grbl::KIND, &format!("answers `{said}`"), &keys));
     }
     None
 }

@@ -209,6 +209,11 @@ impl Driver for Grbl {
     }
 
     async fn look(&mut self) -> Result<Look, ControllerError> {
+        if self.axes.is_empty() {
+            // Not prepared yet: positions have no names.
+            self.wire.wake().await?;
+            self.identify().await?;
+        }
         let status = self.wire.status().await?;
         let probe_closed = status.probe_closed;
         self.stood = self.stands(status)?;

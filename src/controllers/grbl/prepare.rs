@@ -62,7 +62,7 @@ impl Grbl {
         Ok(built)
     }
 
-    async fn identify(&mut self) -> Result<String, ControllerError> {
+    pub(super) async fn identify(&mut self) -> Result<String, ControllerError> {
         let built = self.built().await?;
         let missing: Vec<String> = (self.wanted.iter())
             .filter(|axis| !self.axes.contains(&Some(**axis)))

@@ -41,7 +41,7 @@ impl Config {
                 | ModbusError::Lost { .. },
             )
             | E::NoAnswer { .. } => match leave {
-                Leave::Listen => vec![self.from_far(failed)],
+                Leave::Listen => vec![self.unasked(failed)],
                 Leave::Ask => self.elsewhere(failed).await,
             },
             _ => closed,
@@ -59,15 +59,10 @@ impl Config {
 
     async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Suspicion> {
         let Ok(modbus) = self.look().await else { return Vec::new() };
-        if let Some(block) = status(&modbus, &self.map).await {
-            if otherwise::is_status(&self.map, &block) {
-                let fits = otherwise::fits(&self.map, &block, machine);
-                return if fits {
-                    Vec::new()
-                } else {
-                    otherwise::suspects(&self.map, &block, machine)
-                };
-            }
+        let block = status(&modbus, &self.map).await;
+        if let Some(block) = block.filter(|block| otherwise::is_status(&self.map, block)) {
+            let fits = otherwise::fits(&self.map, &block, machine);
+            return if fits { Vec::new() } else { otherwise::suspects(&self.map, &block, machine) };
         }
         if leave == Leave::Listen {
             return vec![shifted()];
@@ -101,7 +96,7 @@ impl Config {
         }]
     }
 
-    fn from_far(&self, failed: &ControllerError) -> Suspicion {
+    fn unasked(&self, failed: &ControllerError) -> Suspicion {
         let (what, remedy) = match self.line.at {
             Named::Tcp(_) => (
                 format!("wrong unit ({}), wrong port, or another kind of control", self.unit),

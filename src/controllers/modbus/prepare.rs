@@ -92,13 +92,7 @@ impl ModbusControl {
 
 /// Before anything moves.
 fn probe_open(status: &Status) -> Result<(), ControllerError> {
-    if !status.probe_closed {
-        return Ok(());
-    }
-    Err(ControllerError::NotReady {
-        state: "the probe reads closed".to_owned(),
-        remedy: "free the stylus; check the probe's battery, cable and polarity".to_owned(),
-    })
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
 type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

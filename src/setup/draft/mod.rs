@@ -5,7 +5,6 @@ mod topology;
 
 use minijinja::Environment;
 use minijinja::value::Value;
-use serde::Serialize;
 
 use super::SetupError;
 use crate::base::Axis;
@@ -22,24 +21,6 @@ pub struct Draft {
     pub name: Option<String>,
     /// Where the person has said it.
     pub topology: Option<String>,
-}
-
-/// One axis as the template has it.
-#[derive(Serialize)]
-struct AxisLines {
-    letter: char,
-    turns: bool,
-    unit: &'static str,
-    /// Whether the control tells where its travel lies.
-    ends: bool,
-    travel: Option<f64>,
-    min: f64,
-    max: f64,
-    rapid: f64,
-    rapid_said: bool,
-    acceleration: f64,
-    acceleration_said: bool,
-    resolution: Option<f64>,
 }
 
 impl Draft {
@@ -91,7 +72,7 @@ impl Draft {
             return Err(SetupError::Draft { why });
         }
         let says = |axis: &Axis| lines(*axis, said.axes.get(axis).copied().unwrap_or_default());
-        let axes: Vec<AxisLines> = axes.iter().map(says).collect();
+        let axes: Vec<Value> = axes.iter().map(says).collect();
         let remarks = said.remarks.iter().map(|remark| {
             Value::from_pairs([
                 ("hinders", Value::from(remark.hinders)),
@@ -107,7 +88,7 @@ impl Draft {
             ("name", Value::from(quoted(&name))),
             ("in_words", Value::from(topology::in_words(&topology))),
             ("topology", Value::from(quoted(&topology))),
-            ("axes", Value::from_serialize(axes)),
+            ("axes", Value::from(axes)),
             ("controller", self.controller.iter().map(key_and_value).collect()),
         ]);
         let mut text = render(names)?;
@@ -137,7 +118,7 @@ fn one_line(text: &str) -> String {
 }
 
 /// A start where the control says nothing: short of anything that moves.
-fn lines(axis: Axis, says: AxisSays) -> AxisLines {
+fn lines(axis: Axis, says: AxisSays) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {
         Axis::C => 360.0,
@@ -147,21 +128,22 @@ fn lines(axis: Axis, says: AxisSays) -> AxisLines {
     let half = says.travel.map_or(half, |travel| travel / 2.0);
     let ends = says.min.zip(says.max);
     let (min, max) = ends.unwrap_or((-half, half));
-    AxisLines {
-        letter: axis.letter(),
-        turns,
-        unit: if turns { "degrees" } else { "mm" },
-        ends: ends.is_some(),
-        travel: says.travel,
-        min,
-        max,
-        rapid: says.rapid_per_min.unwrap_or(1_000.0),
-        rapid_said: says.rapid_per_min.is_some(),
-        acceleration: says.acceleration_per_s2.unwrap_or(100.0),
-        acceleration_said: says.acceleration_per_s2.is_some(),
-        // Steps are decimal fractions of a millimetre.
-        resolution: says.step.map(|step| (step * 1e6).round() / 1e3),
-    }
+    // Steps are decimal fractions of a millimetre.
+    let resolution = says.step.map(|step| (step * 1e6).round() / 1e3);
+    Value::from_pairs([
+        ("letter", Value::from(axis.letter())),
+        ("turns", Value::from(turns)),
+        ("unit", Value::from(if turns { "degrees" } else { "mm" })),
+        ("ends", Value::from(ends.is_some())),
+        ("travel", Value::from(says.travel)),
+        ("min", Value::from(min)),
+        ("max", Value::from(max)),
+        ("rapid", Value::from(says.rapid_per_min.unwrap_or(1_000.0))),
+        ("rapid_said", Value::from(says.rapid_per_min.is_some())),
+        ("acceleration", Value::from(says.acceleration_per_s2.unwrap_or(100.0))),
+        ("acceleration_said", Value::from(says.acceleration_per_s2.is_some())),
+        ("resolution", Value::from(resolution)),
+    ])
 }
 
 /// A machine of which nothing is known: nothing is asked of the control but who it is.

@@ -1,0 +1,54 @@
+//! Part 2: who is there, and does it say of itself what the machine file says of it?
+
+use std::time::Instant;
+
+use super::{Check, Ended, Part, compare, links};
+use crate::controllers::ControllerError;
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    introduce(check).await?;
+    prepare(check).await
+}
+
+/// What it says of itself. One that cannot is told by what follows.
+async fn introduce(check: &mut Check<'_>) -> Result<(), Ended> {
+    let since = Instant::now();
+    let Ok(says) = check.controller()?.introduce().await else { return check.go_on() };
+    check.summary.control = Some(says.identity.clone());
+    let differs = compare::differences(&check.file.machine, &says);
+    if differs.is_empty() && !says.axes.is_empty() {
+        let what = format!("{}: travel, speeds and axes suit the machine file", says.identity);
+        check.well(Part::Control, since, what);
+    }
+    for (what, remedy) in differs {
+        check.failed(Part::Control, since, what, remedy);
+    }
+    for remark in says.remarks {
+        if remark.hinders {
+            check.failed(Part::Control, since, remark.what, remark.remedy);
+        } else {
+            check.well(Part::Control, since, format!("{} ({})", remark.what, remark.remedy));
+        }
+    }
+    check.go_on()
+}
+
+/// Make it ready. A probe that reads closed is left to the next part.
+pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
+    let since = Instant::now();
+    match check.controller()?.prepare().await {
+        Ok(prepared) => {
+            let what = format!("ready; how it stops: {}", prepared.stop);
+            check.summary.control = Some(prepared.identity);
+            check.stands = Some(prepared.stands);
+            check.well(Part::Control, since, what);
+            Ok(())
+        }
+        Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),
+        Err(error) => {
+            check.go_on()?;
+            links::why(check, Part::Control, since, &error).await?;
+            Err(Ended::Unsafe)
+        }
+    }
+}

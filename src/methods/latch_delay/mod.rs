@@ -1,0 +1,80 @@
+//! How late a contact is latched, by two feeds: one place of the part is touched slowly and fast in
+//! turns. A latch that comes τ after contact finds the axes v·τ further on, so position along the touch
+//! over feed is a line, and its slope is τ. A PLC that looks at the probe once a scan of T comes late by
+//! anything from 0 to T: T/2 on average, and touches scatter by v·T/√12 (rectangular, GUM 4.3.7), which
+//! grows with the feed as no scatter of the probe does.
+
+mod feeds;
+mod fit;
+mod observe;
+mod outputs;
+mod plan;
+mod scan;
+mod settings;
+mod words;
+
+pub use settings::Settings;
+
+use self::feeds::Feeds;
+use self::plan::Place;
+use super::{IdentifyError, Method, Next, Refused, Source};
+use crate::artefact::uncertainty_mm;
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Stage};
+use crate::record::reading::Reading;
+
+pub const NAME: &str = "latch-delay";
+
+pub struct LatchDelay {
+    settings: Settings,
+}
+
+impl LatchDelay {
+    pub fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+
+    fn feeds(&self, plan: &Plan) -> Result<Feeds, Refused> {
+        let uncertainty = uncertainty_mm(&plan.artefact);
+        let length = |room_mm| plan::length_mm(uncertainty, room_mm);
+        Feeds::choose((&plan.machine, &plan.probe), &self.settings, length)
+    }
+}
+
+impl Method for LatchDelay {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        self.settings.check()?;
+        let feeds = self.feeds(plan)?;
+        let place = Place::choose(plan, &self.settings, &feeds)?;
+        let (id, name, new_steps) = match done.len() {
+            0 => (0, "search".to_owned(), vec![place.search(plan.probe.search_feed_mm_min)]),
+            1 => {
+                if let Source::Measured(readings) = source {
+                    observe::check_found(plan, &feeds, readings)?;
+                }
+                let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
+                (1, name, place.alternating(&feeds, self.settings.touches))
+            }
+            _ => return Ok(Next::Done),
+        };
+        let steps = new_steps.iter().map(|step| step.id).collect();
+        Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.check_priors(priors)?;
+        let observed = observe::observe(plan, readings)?;
+        let fitted = fit::fit(&observed)?;
+        let scan = scan::judge(&observed, &fitted);
+        Ok(outputs::estimate(plan, &observed, &fitted, &scan))
+    }
+}

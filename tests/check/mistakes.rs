@@ -1,0 +1,117 @@
+//! The table of planted mistakes: a name, how it is planted, and words that name this one alone.
+
+use trued::commissioning::Summary;
+use trued::setup::Pace;
+
+use super::bench::{against, checked, machine, with_control, with_truth};
+
+pub struct Mistake {
+    pub name: &'static str,
+    pub check: fn() -> Summary,
+    pub phrase: &'static str,
+}
+
+const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+    Mistake { name, check, phrase }
+}
+
+fn wired(lines: &str) -> Summary {
+    checked(&with_truth(&format!("[simulated.wiring]\n{lines}\n")))
+}
+
+fn faulty(lines: &str) -> Summary {
+    checked(&with_truth(&format!("[[simulated.fault]]\n{lines}\n")))
+}
+
+fn faulty_modbus(lines: &str) -> Summary {
+    let text = with_truth(&format!("[[simulated.fault]]\n{lines}\n"));
+    checked(&with_control("speaks = \"modbus\"", &text))
+}
+
+fn grbl(keys: String) -> String {
+    keys + "\ndialect = \"grbl-m19\""
+}
+
+/// The machine file says otherwise than a control that is right.
+fn told(changes: &[(&str, &str)]) -> Summary {
+    let truth = with_control("wire = \"pty\"", &machine(&[]));
+    against(&machine(changes), &truth, Pace::Fast, grbl)
+}
+
+/// Where the machine stands to begin with, at the top of Z.
+const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [10.0, -20.0, 320.0]\n\
+                       max_mm = [50.0, 20.0, 340.0]\n\n[artefact]";
+
+pub const MISTAKES: &[Mistake] = &[
+    row("X and Y swapped", || wired("swapped = [[\"X\", \"Y\"]]"), "X and Y are swapped"),
+    row("X and C swapped", || wired("swapped = [[\"C\", \"X\"]]"), "X and C are swapped"),
+    row("X the wrong way round", || wired("reversed = [\"X\"]"), "the sense of X is wrong"),
+    row("Z the wrong way round", || wired("reversed = [\"Z\"]"), "the sense of Z is wrong"),
+    row(
+        "C the wrong way round",
+        || wired("reversed = [\"C\"]"),
+        "write positive = \"reversed\" in [axes.C]",
+    ),
+    row(
+        "C said to be reversed",
+        || {
+            checked(
+                &(machine(&[(
+                    "[axes.C]\npositive = \"iso\"",
+                    "[axes.C]\npositive = \"reversed\"",
+                )]) + "\n[simulated.wiring]\nreversed = [\"C\"]\n"),
+            )
+        },
+        "write positive = \"iso\" in [axes.C]",
+    ),
+    row("X in inches", || wired("gain = { X = 25.4 }"), "the gain of X is 25.400: an inch"),
+    row("Y half as far", || wired("gain = { Y = 0.5 }"), "the gain of Y is 0.500"),
+    row("B ten times as far", || wired("gain = { B = 10.0 }"), "the gain of B is 10.000"),
+    row("Z unplugged", || wired("gain = { Z = 0.0 }"), "nothing was seen to move"),
+    row("probe inverted", || wired("probe = \"inverted\""), "the input is inverted"),
+    row("probe dead", || wired("probe = \"dead\""), "the probe is dead"),
+    row("probe stuck", || wired("probe = \"stuck\""), "closed whatever the stylus does"),
+    row(
+        "an axis too many",
+        || {
+            let three = [
+                ("V[w-C-B-b-Y-X-Z-(C)-t]", "V[w-C-b-Y-X-Z-(C)-t]"),
+                ("[axes.B]", "[axes.S]"),
+                (
+                    "[axes.S]\nmin = -360.0\nmax = 360.0\nrapid_per_min = 36000.0\nacceleration_per_s2 = 1000.0",
+                    "",
+                ),
+                ("on = \"B\"", "on = \"bed\""),
+            ];
+            let truth = with_control("wire = \"pty\"", &machine(&three));
+            against(&machine(&[]), &truth, Pace::Fast, grbl)
+        },
+        "but not B",
+    ),
+    row(
+        "not where the file has the axis",
+        || told(&[("min = -50.0\nmax = 450.0", "min = -50.0\nmax = 400.0")]),
+        "Z stands at 450.000, outside its travel",
+    ),
+    row(
+        "a fixture beside the stylus",
+        || checked(&machine(&[("[artefact]", KEEPOUT)])),
+        "would come within",
+    ),
+    row(
+        "the hold register elsewhere",
+        || {
+            let truth = with_control("speaks = \"modbus\"", &machine(&[]));
+            let hold = "\ndialect = \"grbl-m19\"\n[controller.registers.command]\nhold = { address = 105 }\n\
+                        chunk = { address = 6, registers = 90 }";
+            against(&machine(&[]), &truth, Pace::Real, |keys| keys + hold)
+        },
+        "the hold has no effect",
+    ),
+    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "alarm 99"),
+    row("door open", || faulty("kind = \"door\"\nat_line = 1"), "Door"),
+    row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "held at the machine"),
+    row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
+    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "emergency stop"),
+    row("a control that hangs", || faulty_modbus("kind = \"frozen\""), "has stopped working"),
+];
