@@ -3,6 +3,7 @@
 mod bench;
 mod mistakes;
 mod people;
+mod program;
 
 use std::thread;
 
