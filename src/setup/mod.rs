@@ -8,7 +8,7 @@ mod site;
 
 use std::path::Path;
 
-pub use devices::{Devices, Past, devices, world};
+pub use devices::{Devices, Past, devices, dialect, world};
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
