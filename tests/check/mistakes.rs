@@ -118,7 +118,7 @@ pub const MISTAKES: &[Mistake] = &[
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "Door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "held at the machine"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
-    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "emergency stop"),
+    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "alarm 10: emergency stop"),
     row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "by a scan of about"),
     row(
         "a latch in a PLC beside the control",
