@@ -109,7 +109,7 @@ async fn trouble(
 ) -> Result<(), Ended> {
     check.go_on()?;
     check.strays = true;
-    let reported = reported(check, jog).await;
+    let reported = if error.is_harmless() { None } else { reported(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, told(jog), reported.unwrap_or_default());
     check.failed(Part::Axes, since, what, error.remedy());
     if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) }
