@@ -16,6 +16,7 @@ mod check;
 mod failure;
 mod files;
 mod identify;
+mod init;
 mod plan;
 mod progress;
 mod resume;
@@ -86,6 +87,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),
         Command::Identify(args) => identify::identify(&args, state),
+        Command::Init(args) => init::init(&args),
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),

@@ -30,6 +30,9 @@ pub enum ControllerError {
     Late { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
+    /// Something answers, but not as this kind of control does.
+    #[error("the control is not ready: {state}")]
+    Strange { state: String, remedy: String },
     /// Before anything moves.
     #[error("the control is not ready: the probe reads closed")]
     ProbeClosed,
@@ -95,7 +98,9 @@ impl ControllerError {
         let text = match self {
             Self::Link(error) => return error.remedy(),
             Self::Modbus(error) => return error.remedy(),
-            Self::NotReady { remedy, .. } | Self::Unsupported { remedy, .. } => {
+            Self::NotReady { remedy, .. }
+            | Self::Strange { remedy, .. }
+            | Self::Unsupported { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }

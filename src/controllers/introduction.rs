@@ -14,6 +14,8 @@ pub struct Introduction {
     pub axes: BTreeMap<Axis, AxisSays>,
     /// Settings of it with which it cannot measure, or with which a person should reckon.
     pub remarks: Vec<Remark>,
+    /// How a person turns the sense of the probe's input there, where the control can do it.
+    pub polarity: Option<String>,
 }
 
 /// One axis, in the units of [`AxisSpec`](crate::record::machine::AxisSpec): mm, degrees, minutes and

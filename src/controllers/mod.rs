@@ -25,7 +25,9 @@ mod introduction;
 mod lines;
 pub mod linuxcnc;
 pub mod modbus;
+mod port;
 mod simulated;
+mod stranger;
 
 pub use error::ControllerError;
 pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};

@@ -12,6 +12,7 @@ mod lines;
 pub mod modbus;
 mod named;
 mod replay;
+mod speed;
 mod stream;
 #[cfg(test)]
 mod tests;
@@ -22,6 +23,7 @@ pub use capture::Capture;
 pub use lines::Received;
 pub use named::{HostPort, Named};
 pub use replay::{CaptureError, Replay};
+pub use speed::{heard, pty_at};
 pub use stream::{Link, Urgent};
 pub use wiring::Wiring;
 

@@ -1,6 +1,7 @@
 //! Floor 6: from a machine file to the parts of a run.
 
 mod devices;
+mod draft;
 mod error;
 pub mod machine_file;
 mod rehearsal;
@@ -9,6 +10,7 @@ mod site;
 use std::path::Path;
 
 pub use devices::{Devices, Past, devices, dialect, world};
+pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;

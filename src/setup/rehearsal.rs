@@ -23,7 +23,7 @@ impl<'a> Rehearsal<'a> {
     /// A world that cannot be built.
     pub fn of(file: &'a MachineFile) -> Result<Self, SetupError> {
         let control = match &file.controller.control {
-            Control::Simulated(simulated) => *simulated,
+            Control::Simulated(simulated) => simulated.clone(),
             Control::Real(_) => Simulated::default(),
         };
         Ok(Self { file, control, world: Arc::new(Mutex::new(world(file)?)) })

@@ -45,12 +45,11 @@ impl<'a> Site<'a> {
     /// # Errors
     /// What the dialect or opening says.
     pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
-        let file = self.file;
-        let dialect = dialect(file)?;
+        let dialect = dialect(self.file)?;
         match &self.machine {
             Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
             Behind::Real(control) => {
-                let controller = control.open(&file.machine, dialect.clone()).await?;
+                let controller = control.open(&self.file.machine, dialect.clone()).await?;
                 Ok(Devices::new(controller, dialect))
             }
         }

@@ -3,6 +3,7 @@
 mod bench;
 mod mistakes;
 mod people;
+mod program;
 
 use std::thread;
 
@@ -64,7 +65,10 @@ fn a_sound_machine_passes_whatever_it_speaks() {
                 };
                 assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
             }
-            assert_eq!(summary.count(Verdict::NotLookedAt), 1, "{keys}\n{summary}");
+            let open = summary.findings.iter();
+            let open = open.filter(|finding| finding.verdict == Verdict::NotLookedAt);
+            let open: Vec<_> = open.map(|finding| finding.what.as_str()).collect();
+            assert!(matches!(open[..], [what] if what.starts_with("S: ")), "{keys}\n{summary}");
         }
     });
 }

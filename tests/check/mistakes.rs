@@ -45,7 +45,7 @@ fn told(changes: &[(&str, &str)]) -> Summary {
 }
 
 /// Where the machine stands to begin with, at the top of Z.
-const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [10.0, -20.0, 320.0]\n\
+const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [5.5, -20.0, 320.0]\n\
                        max_mm = [50.0, 20.0, 340.0]\n\n[artefact]";
 
 pub const MISTAKES: &[Mistake] = &[
@@ -108,8 +108,8 @@ pub const MISTAKES: &[Mistake] = &[
         "the hold register elsewhere",
         || {
             let truth = with_control("speaks = \"modbus\"", &machine(&[]));
-            let hold = "\ndialect = \"grbl-m19\"\n[controller.registers.command]\nhold = { address = 105 }\n\
-                        chunk = { address = 6, registers = 90 }";
+            let hold = "\ndialect = \"grbl-m19\"\nregisters.command = { hold = { address = 105 }, \
+                        chunk = { address = 6, registers = 99 } }";
             against(&machine(&[]), &truth, Pace::Real, |keys| keys + hold)
         },
         "the hold has no effect",
@@ -118,7 +118,7 @@ pub const MISTAKES: &[Mistake] = &[
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "Door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "held at the machine"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
-    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "emergency stop"),
+    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "alarm 10: emergency stop"),
     row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "by a scan of about"),
     row(
         "a latch in a PLC beside the control",

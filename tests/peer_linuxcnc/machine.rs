@@ -30,6 +30,7 @@ pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Fail
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
+        ini: None,
     };
     Ok(LinuxCnc::open(settings, Dialect::named("linuxcnc")?).await?)
 }

@@ -30,7 +30,7 @@ fn dialect() -> String {
 #[derive(Debug, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    link: link::Named,
+    pub(super) link: link::Named,
     dialect: String,
 }
 

@@ -32,7 +32,7 @@ pub struct Grbl {
     /// Where the machine last stood still.
     pub(super) stood: Position,
     /// Prepared, and no fault since.
-    ready: bool,
+    pub(super) ready: bool,
     pub(super) stop: String,
     /// Axis words in the order of the control's reports; `None` for one that has no name here.
     pub(super) axes: Vec<Option<Axis>>,

@@ -31,12 +31,14 @@ pub struct Settings {
     pub directory: PathBuf,
     /// The machine's axes.
     pub axes: Vec<Axis>,
+    /// The INI file that it was started with, where it is known.
+    pub ini: Option<PathBuf>,
 }
 
 pub struct LinuxCnc {
-    settings: Settings,
+    pub(super) settings: Settings,
     dialect: Dialect,
-    rsh: Rsh,
+    pub(super) rsh: Rsh,
     /// Carries nothing but halts; kept open for them.
     halting: Rsh,
     halt: Halt,

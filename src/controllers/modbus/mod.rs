@@ -21,6 +21,7 @@ mod fault;
 pub mod firmware;
 mod introduce;
 mod map;
+mod otherwise;
 mod prepare;
 mod status;
 #[cfg(test)]

@@ -41,7 +41,7 @@ impl ModbusControl {
             let Some(value) = status.position.get(*axis) else { continue };
             let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
             if stands < spec.min - span || stands > spec.max + span {
-                return Err(ControllerError::NotReady {
+                return Err(ControllerError::Strange {
                     state: format!(
                         "it says that {axis} stands at {stands}, far beyond its travel from {} to {}",
                         spec.min, spec.max
