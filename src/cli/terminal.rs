@@ -33,7 +33,7 @@ impl Terminal {
             };
             match answer {
                 Some(answer) => return answer,
-                None => tell!("`{line}` is none of the answers; nothing has moved"),
+                None => tell!("`{line}` is none of the answers"),
             }
         }
     }

@@ -190,6 +190,8 @@ fn too_far(jog: &Jog, seen: f64) -> (String, String) {
     } else {
         ""
     };
+    // To a hundredth: nobody sees more.
+    let seen = (seen * 100.0).round() / 100.0;
     let turned = if seen * jog.by < 0.0 { ", and the other way round" } else { "" };
     let what = format!(
         "{axis} {}: it went {seen:+} {unit}{turned}: the gain of {axis} is {gain:.3}{inches}",

@@ -14,6 +14,8 @@ use crate::setup::MachineFile;
 
 /// Slow enough to be watched: a millimetre, or a degree, takes a second.
 const FEED_PER_MIN: f64 = 60.0;
+/// A homed axis may stand so far beyond its limit, mm or degrees.
+const AT_LIMIT: f64 = 0.01;
 /// In the N words.
 const STEP: u32 = 1;
 
@@ -49,7 +51,11 @@ pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
     let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
-    (up.max(down) >= by.abs() && up.min(down) >= 0.0).then_some(Jog { axis, by, feed_per_min })
+    (up.max(down) >= by.abs() && up.min(down) >= -AT_LIMIT).then_some(Jog {
+        axis,
+        by,
+        feed_per_min,
+    })
 }
 
 /// Its way back.

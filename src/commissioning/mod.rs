@@ -29,7 +29,7 @@ pub use words::of as words_of;
 use crate::base::Position;
 use crate::controllers::Controller;
 use crate::record::question::{Answer, Question};
-use crate::setup::{Devices, MachineFile, Pace, Site};
+use crate::setup::{Devices, MachineFile, Pace, SetupError, Site};
 use crate::store::Journal;
 
 /// Why the parts that follow are not looked at.
@@ -117,7 +117,17 @@ impl<'a> Check<'a> {
             }
         }
         self.summary.stopped = ended == Some(Ended::Stopped) || self.stop.is_asked();
+        self.leave_as_found().await;
         self.summary
+    }
+
+    /// Put the control's modes back. After a fault or a stop nothing more is sent.
+    async fn leave_as_found(&self) {
+        let sound = self.summary.count(Verdict::Failed) == 0 && !self.summary.stopped;
+        if let (Ok(controller), Some(_), true) = (self.controller(), &self.stands, sound) {
+            // Whatever it says: the check is over, and the next one sets them anew.
+            drop(controller.finish().await);
+        }
     }
 
     /// # Errors
@@ -139,7 +149,7 @@ impl<'a> Check<'a> {
     }
 
     /// Open the control, anew after a hold.
-    async fn open(&mut self, pace: Pace) -> Result<(), crate::setup::SetupError> {
+    async fn open(&mut self, pace: Pace) -> Result<(), SetupError> {
         // A port is open once.
         self.devices = None;
         let devices = self.site.open(pace).await?;

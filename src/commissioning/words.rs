@@ -16,8 +16,8 @@ pub fn of(question: &Question) -> String {
         ),
         Question::Jogged { jog, look_for } => format!(
             "{look_for}. Did it? Keep clear: it goes back once you have answered.\n\
-             y  as said            r  as far, the other way     n  nothing moved\n\
-             X, Y, .. C  another axis moved instead    25  {} moved by 25 {} instead    ?  once more",
+             y  as said      r  as far, the other way      n  nothing moved      ?  once more\n\
+             X, Y, .. C  that axis moved instead      25  {} went 25 {} (-25: the other way)",
             jog.axis,
             unit(jog.axis)
         ),

@@ -43,6 +43,12 @@ pub struct Past<'a> {
     pub elapsed_s: f64,
 }
 
+/// The language of the machine's control, with what the machine file adds to it.
+pub fn dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
+    let named = Dialect::named(file.controller.control.dialect())?;
+    Ok(named.with(&file.machine, &file.probe)?)
+}
+
 /// Open the machine's control. Call inside a tokio runtime.
 pub async fn devices(
     file: &MachineFile,

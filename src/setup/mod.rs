@@ -9,7 +9,7 @@ mod site;
 
 use std::path::Path;
 
-pub use devices::{Devices, Past, devices, world};
+pub use devices::{Devices, Past, devices, dialect, world};
 pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;

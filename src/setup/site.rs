@@ -4,9 +4,8 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, Pace, Past, Rehearsal, SetupError};
+use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect};
 use crate::controllers::Named;
-use crate::gcode::Dialect;
 use crate::world::Bystander;
 
 pub struct Site<'a> {
@@ -46,12 +45,11 @@ impl<'a> Site<'a> {
     /// # Errors
     /// What the dialect or opening says.
     pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
-        let (file, control) = (self.file, &self.file.controller.control);
-        let dialect = Dialect::named(control.dialect())?.with(&file.machine, &file.probe)?;
+        let dialect = dialect(self.file)?;
         match &self.machine {
             Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
             Behind::Real(control) => {
-                let controller = control.open(&file.machine, dialect.clone()).await?;
+                let controller = control.open(&self.file.machine, dialect.clone()).await?;
                 Ok(Devices::new(controller, dialect))
             }
         }

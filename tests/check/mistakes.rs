@@ -19,6 +19,12 @@ fn wired(lines: &str) -> Summary {
     checked(&with_truth(&format!("[simulated.wiring]\n{lines}\n")))
 }
 
+/// The part truly stands off by so much.
+fn part_off(by: &str) -> Summary {
+    let offset = format!("centre_offset_mm = {by}");
+    checked(&machine(&[("centre_offset_mm = [0.8, -0.5]", &offset)]))
+}
+
 fn faulty(lines: &str) -> Summary {
     checked(&with_truth(&format!("[[simulated.fault]]\n{lines}\n")))
 }
@@ -39,7 +45,7 @@ fn told(changes: &[(&str, &str)]) -> Summary {
 }
 
 /// Where the machine stands to begin with, at the top of Z.
-const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [10.0, -20.0, 320.0]\n\
+const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [5.5, -20.0, 320.0]\n\
                        max_mm = [50.0, 20.0, 340.0]\n\n[artefact]";
 
 pub const MISTAKES: &[Mistake] = &[
@@ -102,8 +108,8 @@ pub const MISTAKES: &[Mistake] = &[
         "the hold register elsewhere",
         || {
             let truth = with_control("speaks = \"modbus\"", &machine(&[]));
-            let hold = "\ndialect = \"grbl-m19\"\n[controller.registers.command]\nhold = { address = 105 }\n\
-                        chunk = { address = 6, registers = 90 }";
+            let hold = "\ndialect = \"grbl-m19\"\nregisters.command = { hold = { address = 105 }, \
+                        chunk = { address = 6, registers = 99 } }";
             against(&machine(&[]), &truth, Pace::Real, |keys| keys + hold)
         },
         "the hold has no effect",
@@ -112,6 +118,41 @@ pub const MISTAKES: &[Mistake] = &[
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "Door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "held at the machine"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
-    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "emergency stop"),
+    row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "alarm 10: emergency stop"),
+    row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "by a scan of about"),
+    row(
+        "a latch in a PLC beside the control",
+        || checked(&with_truth("[simulated.latch]\ndelay_ms = 1.0\nscan_ms = 10.0\n")),
+        "by a scan of about",
+    ),
+    row(
+        "touches that scatter more than declared",
+        || {
+            let scatters = machine(&[("repeatability_um = 0.5", "repeatability_um = 3.0")]);
+            let truth = with_control("wire = \"pty\"", &scatters);
+            against(&machine(&[]), &truth, Pace::Fast, grbl)
+        },
+        "[probe] repeatability_um and the display's steps explain",
+    ),
+    row(
+        "no part",
+        || part_off("[-20.0, 0.0]"),
+        "the part does not stand where the machine file says",
+    ),
+    row(
+        "a part too near",
+        || part_off("[3.5, 0.0]"),
+        "touched something during a move that should be free",
+    ),
+    row(
+        "two feeds that are one",
+        || checked(&machine(&[("search_feed_mm_min = 300.0", "search_feed_mm_min = 40.0")])),
+        "a fast feed of 40 mm/min beside a measuring feed of 30 mm/min",
+    ),
+    row(
+        "a part that may stand anywhere",
+        || checked(&machine(&[("uncertainty_mm = 2.0", "uncertainty_mm = 3.0")])),
+        "more than the overtravel of 6 mm",
+    ),
     row("a control that hangs", || faulty_modbus("kind = \"frozen\""), "has stopped working"),
 ];

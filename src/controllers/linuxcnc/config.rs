@@ -42,7 +42,8 @@ impl Named for Config {
         Box::pin(async move {
             let axes = machine.axes.keys().copied().collect();
             let directory = self.program_dir.clone();
-            let settings = Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
+            let settings =
+                Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
             let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
             Ok(Controller::spawn(driver, halt))
         })

@@ -39,7 +39,8 @@ impl Config {
                 vague: true,
                 what: "wrong port, or another kind of control".to_owned(),
                 because: failed.to_string(),
-                remedy: "compare [controller] tcp and kind with how the control was started".to_owned(),
+                remedy: "compare [controller] tcp and kind with how the control was started"
+                    .to_owned(),
             }],
             _ => Vec::new(),
         }

@@ -13,10 +13,14 @@ mod scan;
 mod settings;
 mod words;
 
+pub use scan::{Latch, Time};
 pub use settings::Settings;
 
 use self::feeds::Feeds;
+use self::fit::Fitted;
+use self::observe::Observed;
 use self::plan::Place;
+use self::scan::Scan;
 use super::{IdentifyError, Method, Next, Refused, Source};
 use crate::artefact::uncertainty_mm;
 use crate::record::estimate::Estimate;
@@ -72,9 +76,46 @@ impl Method for LatchDelay {
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
         self.check_priors(priors)?;
-        let observed = observe::observe(plan, readings)?;
-        let fitted = fit::fit(&observed)?;
-        let scan = scan::judge(&observed, &fitted);
+        let (observed, fitted, scan) = look(plan, readings)?;
         Ok(outputs::estimate(plan, &observed, &fitted, &scan))
+    }
+}
+
+fn look(plan: &Plan, readings: &[Reading]) -> Result<(Observed, Fitted, Scan), IdentifyError> {
+    let observed = observe::observe(plan, readings)?;
+    let fitted = fit::fit(&observed)?;
+    let scan = scan::judge(&observed, &fitted);
+    Ok((observed, fitted, scan))
+}
+
+/// What a run says of the machine, for whoever checks it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    pub latch: Latch,
+    pub latch_in_words: String,
+    /// Positive: late.
+    pub delay_s: f64,
+    /// Of a delay beyond its uncertainty.
+    pub delay_in_words: Option<String>,
+    /// Of slow touches that scatter more than declared.
+    pub scatter_in_words: Option<String>,
+    /// Standard deviation of a slow touch.
+    pub scatter_mm: f64,
+}
+
+impl Found {
+    /// # Errors
+    /// As [`Method::identify`].
+    pub fn of(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
+        let (observed, fitted, scan) = look(plan, readings)?;
+        let declared_mm = outputs::declared_mm(plan, &observed);
+        Ok(Self {
+            latch: scan.latch,
+            latch_in_words: words::of_latch(&observed, &fitted, &scan),
+            delay_s: fitted.delay_s,
+            delay_in_words: words::of_delay(&observed, &fitted),
+            scatter_in_words: words::of_scatter(&observed, &fitted, &scan, declared_mm),
+            scatter_mm: fitted.scatter[0].s_mm,
+        })
     }
 }

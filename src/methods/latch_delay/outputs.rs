@@ -48,7 +48,7 @@ pub fn estimate(plan: &Plan, observed: &Observed, fitted: &Fitted, scan: &Scan) 
 }
 
 /// Declared scatter of a touch, the display's steps with it, mm.
-fn declared_mm(plan: &Plan, observed: &Observed) -> Option<f64> {
+pub fn declared_mm(plan: &Plan, observed: &Observed) -> Option<f64> {
     let declared = plan.probe.repeatability_um?;
     Some((declared * 1e-3).hypot(observed.resolution_mm / 12f64.sqrt()))
 }

@@ -29,6 +29,17 @@ pub struct Time {
     pub dof: f64,
 }
 
+impl Time {
+    pub fn expanded_s(&self) -> f64 {
+        coverage_factor(self.dof) * self.u_s
+    }
+
+    /// The longest that it may be.
+    pub fn most_s(&self) -> f64 {
+        self.t_s + self.expanded_s()
+    }
+}
+
 pub struct Scan {
     pub latch: Latch,
     /// Variance at the fast feed over that at the slow one, and what it stays below with probability
