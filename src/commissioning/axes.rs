@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError};
-use super::words::{look_for, told, unit};
+use super::words::{amount, look_for, told, unit};
 use super::{Check, Ended, Part};
 use crate::base::Axis;
 use crate::record::machine::Sense;
@@ -128,7 +128,10 @@ async fn reported(check: &Check<'_>, jog: &Jog) -> Option<String> {
         return Some("; its reports show no motion".to_owned());
     }
     let of = if axis == jog.axis { "" } else { ", another axis" };
-    Some(format!("; its reports say that {axis} went {by:+.3} {}{of}", unit(axis)))
+    Some(format!(
+        "; its reports say that {axis} went {}{of}",
+        amount(axis, format_args!("{by:+.3}"))
+    ))
 }
 
 fn judge(check: &mut Check<'_>, jog: &Jog, seen: Seen, since: Instant, expected: &str) {
@@ -194,8 +197,9 @@ fn too_far(jog: &Jog, seen: f64) -> (String, String) {
     let seen = (seen * 100.0).round() / 100.0;
     let turned = if seen * jog.by < 0.0 { ", and the other way round" } else { "" };
     let what = format!(
-        "{axis} {}: it went {seen:+} {unit}{turned}: the gain of {axis} is {gain:.3}{inches}",
-        told(jog)
+        "{axis} {}: it went {}{turned}: the gain of {axis} is {gain:.3}{inches}",
+        told(jog),
+        amount(axis, format_args!("{seen:+}"))
     );
     let remedy = format!(
         "divide the steps per {unit} of {axis} at the control by {gain:.3} (grblHAL: $100 and on, in the \
