@@ -45,7 +45,8 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
         }
-        let expected = look_for(&check.file.machine, &jog).unwrap_or_default();
+        let stands = check.stands.clone().unwrap_or_default();
+        let expected = look_for(&check.file.machine, &stands, &jog).unwrap_or_default();
         let may = Question::MayJog { jog, look_for: expected.clone() };
         match check.ask(may).await? {
             Answer::Yes => {}

@@ -1,6 +1,6 @@
 //! What a person is asked, in words; and what will be seen of a jog, from the machine's chain.
 
-use crate::base::Axis;
+use crate::base::{Axis, Position};
 use crate::kinematics::{Chain, Side};
 use crate::record::machine::{Carrier, Machine};
 use crate::record::question::{Jog, Question, Stylus};
@@ -61,12 +61,13 @@ pub(super) fn told(jog: &Jog) -> String {
     amount(jog.axis, format_args!("{:+}", jog.by))
 }
 
-/// What moves, and whereto, if the machine file is right; `None` for a chain that cannot be built.
-pub(super) fn look_for(machine: &Machine, jog: &Jog) -> Option<String> {
+/// What moves, and whereto, if the machine file is right and the machine stands at `stands`; `None`
+/// for a chain that cannot be built.
+pub(super) fn look_for(machine: &Machine, stands: &Position, jog: &Jog) -> Option<String> {
     let carried = Chain::new(machine).ok()?.carried(Carrier::Axis(jog.axis))?;
-    let mut commands = [0.0; Axis::ALL.len()];
+    let mut commands = Axis::ALL.map(|axis| stands.at(axis));
     let still = carried.pose(&commands);
-    *commands.get_mut(jog.axis as usize)? = jog.axis.from_edge(jog.by);
+    *commands.get_mut(jog.axis as usize)? += jog.axis.from_edge(jog.by);
     let moved = carried.pose(&commands) * still.inverse();
     let what = if carried.side() == Side::Tool { "the spindle" } else { "the table" };
     let by = amount(jog.axis, jog.by.abs());
@@ -94,9 +95,13 @@ mod tests {
     use crate::setup::MachineFile;
 
     fn seen(change: (&str, &str), axis: Axis, by: f64) -> String {
+        seen_at(&Position::new(), change, axis, by)
+    }
+
+    fn seen_at(stands: &Position, change: (&str, &str), axis: Axis, by: f64) -> String {
         let text = include_str!("../../config/simulated.toml").replacen(change.0, change.1, 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
-        look_for(&file.machine, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
+        look_for(&file.machine, stands, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
     }
 
     #[test]
@@ -108,6 +113,10 @@ mod tests {
         assert_eq!(seen(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
         let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
         assert_eq!(seen(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
+        // With the cradle swung by a quarter turn the table faces sideways.
+        let swung = Position::new().with(Axis::B, Axis::B.from_edge(90.0));
+        let turned = seen_at(&swung, plain, Axis::C, 1.0);
+        assert_eq!(turned, "the table turns 1° anticlockwise, seen from +X");
         // What carries the workpiece goes against the sign of its command.
         let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
         assert_eq!(seen(carried, Axis::Y, 1.0), "the table goes 1 mm towards −Y");
