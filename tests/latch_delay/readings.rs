@@ -152,7 +152,7 @@ fn an_interruption_may_have_moved_the_part() {
     let is_reference = |reading: &&Reading| {
         plan.steps.iter().any(|step| step.id == reading.step && step.kind == StepKind::Reference)
     };
-    let last = readings.iter().filter(is_reference).next_back().unwrap().clone();
+    let last = readings.iter().rfind(is_reference).unwrap().clone();
     readings.push(Reading { repeat: 1000, t_s: last.t_s + 10.0, ..last });
     let estimate = identified(&plan, &readings).unwrap();
     assert!(covers(&estimate, "t_latch", 2.0), "{:?}", estimate.parameters[0]);

@@ -77,7 +77,7 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
         };
         let solution = linear::solve(&problem).map_err(refused)?;
         scatter = [0, 1].map(|feed| judged(touches, &a, &solution, feed, least));
-        if let Some(feed) = (0..2).find(|feed| !(scatter[*feed].s_mm > 0.0)) {
+        if let Some(feed) = (0..2).find(|feed| scatter[*feed].s_mm <= 0.0) {
             return Err(alike(observed.feeds_mm_min[feed]));
         }
         solved = Some(solution);

@@ -42,7 +42,7 @@ impl Settings {
                 "leave touches out (12)",
             );
         }
-        if self.direction_deg.is_some_and(|degrees| !(degrees.abs() <= 360.0)) {
+        if self.direction_deg.is_some_and(|degrees| !(-360.0..=360.0).contains(&degrees)) {
             return refused(
                 "direction_deg is no angle within a turn".to_owned(),
                 "leave it out, or choose e.g. 90",
