@@ -97,6 +97,8 @@ fn a_window_of_registers_tells_less_and_that_is_said() {
     let drafted = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     assert_eq!(drafted.machine.name, "a \"mill\"");
     assert_eq!(drafted.machine.axes[&Axis::X].resolution_um, 1.0);
-    assert!(text.contains("YOURS: its travel in machine coordinates; the control does not tell it"));
+    assert!(
+        text.contains("YOURS: its travel in machine coordinates; the control does not tell it")
+    );
     assert!(text.contains(&format!("tcp = \"{}\"", simulator.at)));
 }

@@ -64,7 +64,13 @@ fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
             "compare [controller] tcp and kind with the control's manual, or let others be tried",
         ),
     };
-    vec![Suspicion { seen: false, vague: true, what, because: heard.to_owned(), remedy: remedy.to_owned() }]
+    vec![Suspicion {
+        seen: false,
+        vague: true,
+        what,
+        because: heard.to_owned(),
+        remedy: remedy.to_owned(),
+    }]
 }
 
 fn wrong_speed(baud: u32, right: u32, said: &str) -> Suspicion {

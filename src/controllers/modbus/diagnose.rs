@@ -111,7 +111,13 @@ impl Config {
                  be tried",
             ),
         };
-        Suspicion { seen: false, vague: true, what, because: failed.to_string(), remedy: remedy.to_owned() }
+        Suspicion {
+            seen: false,
+            vague: true,
+            what,
+            because: failed.to_string(),
+            remedy: remedy.to_owned(),
+        }
     }
 
     /// Who else answers, and how.

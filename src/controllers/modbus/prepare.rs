@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::driver::ModbusControl;
-use super::otherwise;
 use super::fault::not_ready;
+use super::otherwise;
 use super::status::Status;
 use crate::controllers::{ControllerError, Prepared, arrival};
 use crate::gcode::{Dialect, Program, RenderError};
