@@ -169,5 +169,4 @@ pub const MISTAKES: &[Mistake] = &[
         || checked(&machine(&[("uncertainty_mm = 2.0", "uncertainty_mm = 3.0")])),
         "more than the overtravel of 6 mm",
     ),
-    row("a control that hangs", || faulty_modbus("kind = \"frozen\""), "has stopped working"),
 ];

@@ -46,7 +46,7 @@ impl Change {
                 let what = if signs { "wrong signedness" } else { "wrong type" };
                 (what.to_owned(), small(format!("type = \"{kind:?}\"")))
             }
-            Self::Scale(scale) => ("wrong scale".to_owned(), format!("scale = {scale}")),
+            Self::Scale(scale) => ("wrong scale".to_owned(), format!("scale = {scale} or less")),
         }
     }
 }
@@ -71,13 +71,19 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspi
     let orders = ORDERS.into_iter().filter(|order| *order != number.order).map(Change::Order);
     let scales = SCALES.into_iter().filter(|scale| *scale != number.scale).map(Change::Scale);
     let changes = orders.chain(kinds.iter().copied().map(Change::Kind)).chain(scales);
-    let says = |change: Change| {
-        let positions = positions(&map.status, block, machine, Some(change))?;
+    let mut told: Vec<(Change, Vec<(Axis, f64)>)> = Vec::new();
+    for change in changes {
+        let Some(positions) = positions(&map.status, block, machine, Some(change)) else { continue };
         let real = positions.iter().any(|(_, value)| value.abs() >= LEAST)
             && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= LEAST);
-        (real && within(&positions, machine)).then(|| suspicion(change, number, &positions))
-    };
-    changes.filter_map(says).collect()
+        // Of scales that fit the largest stands for the rest; of types with one answer the first.
+        let scaled = |other: &Change| matches!((other, change), (Change::Scale(_), Change::Scale(_)));
+        let known = told.iter().any(|(other, same)| scaled(other) || *same == positions);
+        if real && !known && within(&positions, machine) {
+            told.push((change, positions));
+        }
+    }
+    told.iter().map(|(change, positions)| suspicion(*change, number, positions)).collect()
 }
 
 fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Suspicion {

@@ -42,10 +42,12 @@ impl ModbusControl {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
-            if otherwise::is_no_position(stands)
+            let tiny = otherwise::is_no_position(stands);
+            if tiny
                 || stands < spec.min - span
                 || stands > spec.max + span
             {
+                let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
                 return Err(ControllerError::Strange {
                     state: format!(
                         "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
