@@ -6,6 +6,7 @@ mod faults;
 mod hazard;
 mod schedules;
 mod server;
+mod window;
 mod words;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
@@ -35,6 +36,10 @@ fn main() {
         trial("pymodbus_spaces", faults::spaces),
         trial("pymodbus_hold_overtakes", faults::a_hold_overtakes),
         trial("pymodbus_lost_server", faults::a_server_that_goes_and_comes_back),
+        trial("pymodbus_plays_the_line_window", window::lines),
+        trial("pymodbus_is_refused_what_the_window_refuses", window::refusals),
+        trial("pymodbus_holds_through_the_window", window::hold),
+        trial("pymodbus_whose_heart_stops_is_held", window::heartbeat),
         trial("pymodbus_fault_schedules_rtu", schedules::rtu),
         trial("pymodbus_fault_schedules_tcp", schedules::tcp),
     ];

@@ -36,6 +36,7 @@ fn alone(name: &str, run: fn()) -> Trial {
 fn main() {
     let trials = vec![
         pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
+        pymodbus("each_run_is_captured_by_itself", starts::captures),
         pymodbus("each_refusal_has_its_reason", starts::refusals),
         pymodbus("a_sign_of_life_that_stops_takes_the_enable_with_it", starts::stale),
         pymodbus("nonsense_floods_and_half_open_lines_disturb_nothing", abuse::of_all_kinds),

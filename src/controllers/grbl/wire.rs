@@ -257,19 +257,24 @@ impl Wire {
     /// What was said while nobody asked: a reset or an alarm ends the job, and so does an answer
     /// too many, which could be taken for the next line's. A report that is asked for comes after it.
     async fn catch_up(&mut self) -> Result<(), ControllerError> {
-        if self.unsure {
+        if self.unsure && !self.halt.is_halted() {
             let status = self.status().await?;
-            self.check(&status).await?;
+            self.unless_halted(&status).await?;
         }
         while let Some(received) = self.link.received()? {
             let message = understood(received);
             match self.unless_it_ends_the_job(message).await? {
-                Message::Status(status) => self.check(&status).await?,
+                Message::Status(status) => self.unless_halted(&status).await?,
                 Message::Other(_) => {}
                 other => return Err(out_of_step(&other)),
             }
         }
         Ok(())
+    }
+
+    /// As `check`; after a halt the hold that it shows is ours.
+    async fn unless_halted(&mut self, status: &Status) -> Result<(), ControllerError> {
+        if self.halt.is_halted() { Ok(()) } else { self.check(status).await }
     }
 
     async fn next(&mut self, deadline: Instant) -> Result<Option<Message>, LinkError> {
