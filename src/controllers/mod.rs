@@ -137,7 +137,7 @@ impl Controller {
     /// Start the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        tokio::spawn(serve(driver, inbox));
+        tokio::spawn(serve(driver, inbox, halt.clone()));
         Self { requests, halt }
     }
 
@@ -173,10 +173,14 @@ impl Controller {
 
 /// The driver's task: requests one after the other until the handle is dropped. An answer nobody
 /// waits for any more is dropped; the work it stands for was still done to its end.
-async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
+async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt: Halt) {
     while let Some(request) = inbox.recv().await {
         match request {
-            Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
+            Request::Prepare(answer) => {
+                // A control that was held meanwhile is not ready: that is no fault of its own.
+                let held = |error| if halt.is_halted() { ControllerError::Halted } else { error };
+                drop(answer.send(driver.prepare().await.map_err(held)));
+            }
             Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
             Request::Look(answer) => drop(answer.send(driver.look().await)),
             Request::Finish(answer) => drop(answer.send(driver.finish().await)),

@@ -15,6 +15,7 @@ mod timeline;
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
 pub use resume::{Interrupted, can_resume};
+pub use stage::rehearse;
 
 use self::timeline::Timeline;
 use crate::base::Position;
@@ -99,7 +100,7 @@ impl<'a> Run<'a> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let stage_s = self.rehearse().await?;
+        let stage_s = rehearse(self.method, &self.plan, &self.devices.dialect).await?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
         let stands = self.prepare().await?;

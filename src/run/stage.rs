@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
-use crate::methods::{Next, Source};
+use crate::methods::{Method, Next, Source};
 use crate::planning::{Clearance, Start, end_of, machine_time_s, touch_block};
 use crate::proof::{self, Request, Staged};
 use crate::record::artefact::Artefact;
@@ -44,7 +44,7 @@ impl Run<'_> {
         later_s: f64,
     ) -> Result<Option<Position>, RunError> {
         let begin = Begin { stands: stands.clone(), first: !self.approached };
-        let (tasks, proof) = self.prove(&self.plan, done, stage, begin).await?;
+        let (tasks, proof) = prove(&self.plan, &self.devices.dialect, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
@@ -70,42 +70,6 @@ impl Run<'_> {
         Ok(stands)
     }
 
-    /// Go through the whole run from nominal positions: what any stage would be refused for is
-    /// known before the first move. Returns the machine time of each stage, s.
-    pub(super) async fn rehearse(&self) -> Result<Vec<f64>, RunError> {
-        let mut plan = self.plan.clone();
-        let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
-        while let Next::Stage { stage, new_steps } =
-            self.method.next(&plan, &done, Source::Nominal)?
-        {
-            plan.steps.extend(new_steps);
-            let begin = Begin { stands: stands.clone(), first: done.is_empty() };
-            let (tasks, _) = self.prove(&plan, &done, &stage, begin).await?;
-            stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
-            stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
-            done.push(stage);
-        }
-        Ok(stage_s)
-    }
-
-    /// Plan and prove beside the runtime: a halt must not wait for it.
-    async fn prove(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        stage: &Stage,
-        begin: Begin,
-    ) -> Result<(Vec<Task>, Proof), RunError> {
-        let (answer, result) = oneshot::channel();
-        let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
-        let (plan, dialect) = (plan.clone(), self.devices.dialect.clone());
-        let (stage, name) = (stage.clone(), stage.name.clone());
-        std::thread::spawn(move || {
-            drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, &dialect)));
-        });
-        result.await.map_err(|_| RunError::ProofGone { stage: name })?
-    }
-
     fn reading(&mut self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
         Ok(Reading {
             step: step.id,
@@ -118,6 +82,47 @@ impl Run<'_> {
             temperatures_c: Default::default(),
         })
     }
+}
+
+/// Go through a whole run from nominal positions: what any stage would be refused for is known
+/// before the first move. Returns the machine time of each stage, s.
+///
+/// # Errors
+/// What the first stage that cannot be measured is refused for.
+pub async fn rehearse(
+    method: &dyn Method,
+    plan: &Plan,
+    dialect: &Dialect,
+) -> Result<Vec<f64>, RunError> {
+    let mut plan = plan.clone();
+    let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+        plan.steps.extend(new_steps);
+        let begin = Begin { stands: stands.clone(), first: done.is_empty() };
+        let (tasks, _) = prove(&plan, dialect, &done, &stage, begin).await?;
+        stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
+        stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
+        done.push(stage);
+    }
+    Ok(stage_s)
+}
+
+/// Plan and prove beside the runtime: a halt must not wait for it.
+async fn prove(
+    plan: &Plan,
+    dialect: &Dialect,
+    done: &[Stage],
+    stage: &Stage,
+    begin: Begin,
+) -> Result<(Vec<Task>, Proof), RunError> {
+    let (answer, result) = oneshot::channel();
+    let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
+    let (plan, dialect) = (plan.clone(), dialect.clone());
+    let (stage, name) = (stage.clone(), stage.name.clone());
+    std::thread::spawn(move || {
+        drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, &dialect)));
+    });
+    result.await.map_err(|_| RunError::ProofGone { stage: name })?
 }
 
 /// The blocks of a stage, and the proof of the text that they become for this control.

@@ -35,6 +35,7 @@ impl Service {
     pub async fn serve(mut self) -> Result<Ended, ServeError> {
         let journal = Journal::open(&self.folder)?;
         let mut lock = Some(self.lock(&journal).await?);
+        self.rehearse().await?;
         triggers::start(&self.config, &self.desk, &self.log)?;
         match unfinished(&journal, self.name())? {
             Some(before) => {
@@ -63,6 +64,22 @@ impl Service {
             }
         }
         Ok(Ended::Waiting)
+    }
+
+    /// What any cycle would be refused for is told now, not when the operator presses the button.
+    async fn rehearse(&self) -> Result<(), ServeError> {
+        let dialect = setup::dialect(&self.machine)?;
+        for Cycle { number, method, repeat } in &self.config.cycle {
+            let (method, plan) = setup::header(&self.machine, method, *repeat)?;
+            let stage_s = run::rehearse(method.as_ref(), &plan, &dialect).await;
+            let stage_s = stage_s.map_err(|error| {
+                let (number, error) = (*number, Box::new(error));
+                ServeError::Cycle { number, error }
+            })?;
+            let minutes = stage_s.iter().sum::<f64>() / 60.0;
+            (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min"));
+        }
+        Ok(())
     }
 
     fn name(&self) -> &str {

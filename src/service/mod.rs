@@ -21,6 +21,7 @@ use self::captures::Captures;
 pub use self::config::Config;
 use self::desk::{Ask, Desk};
 use crate::controllers::Halt;
+use crate::run::RunError;
 use crate::setup::{MachineFile, Pace, SetupError};
 use crate::store::{LockError, StoreError};
 
@@ -36,6 +37,8 @@ pub enum ServeError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Lock(#[from] LockError),
+    #[error("cycle {number} cannot be measured: {error}")]
+    Cycle { number: u16, error: Box<RunError> },
     #[error("the server cannot listen on {listen}: {source}")]
     Listen { listen: std::net::SocketAddr, source: std::io::Error },
     #[error("a thread cannot be started: {0}")]
@@ -49,6 +52,7 @@ impl ServeError {
             Self::Setup(error) => error.remedy(),
             Self::Store(error) => Some(error.remedy().to_owned()),
             Self::Lock(error) => Some(error.remedy().to_owned()),
+            Self::Cycle { error, .. } => Some(error.remedy()),
             Self::Listen { .. } => Some(
                 "[serve.modbus] listen is an address of this computer and a port that nobody else \
                  has; ports below 1024 need a right of their own"
@@ -84,7 +88,7 @@ impl Service {
     /// `folder`: where journal and locks are. Nothing is opened yet.
     ///
     /// # Errors
-    /// A cycle that the machine file cannot measure.
+    /// A cycle of a method or with settings that there are not.
     pub fn new(
         machine: MachineFile,
         config: Config,

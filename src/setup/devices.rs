@@ -40,15 +40,20 @@ pub struct Past<'a> {
     pub elapsed_s: f64,
 }
 
+/// The language of the machine's control, with what the machine file adds to it.
+pub fn dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
+    let named = Dialect::named(file.controller.control.dialect())?;
+    Ok(named.with(&file.machine, &file.probe)?)
+}
+
 /// Open the machine's control. Call inside a tokio runtime.
 pub async fn devices(
     file: &MachineFile,
     pace: Pace,
     past: Past<'_>,
 ) -> Result<Devices, SetupError> {
-    let control = &file.controller.control;
-    let dialect = Dialect::named(control.dialect())?.with(&file.machine, &file.probe)?;
-    match control {
+    let dialect = dialect(file)?;
+    match &file.controller.control {
         Control::Simulated(simulated) => {
             let bench = bench(file, simulated, pace, past)?;
             let (controller, served) = simulated.open(bench, dialect.clone()).await?;

@@ -6,7 +6,7 @@ pub mod machine_file;
 
 use std::path::Path;
 
-pub use devices::{Devices, Past, bad_simulator, devices, simulator, world};
+pub use devices::{Devices, Past, bad_simulator, devices, dialect, simulator, world};
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 

@@ -105,3 +105,32 @@ pub fn strangers() {
     assert_eq!(known.numbers("bits 11 1")[0], 0);
     assert!(daemon.log.lock().unwrap().contains("127.0.0.1 may not connect"));
 }
+
+/// A control that was switched off again and again: as many connections as there are places, each with
+/// its last request answered, none closed. The next one gets a place all the same, and who goes on
+/// asking keeps his.
+pub fn left_behind() {
+    let shop = Shop::new(MODBUS);
+    let daemon = shop.serve("fast");
+    let mut busy = Client::new(daemon.port);
+    let left: Vec<TcpStream> = (0..15)
+        .map(|_| {
+            let mut stream = TcpStream::connect(("127.0.0.1", daemon.port)).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+            stream.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]).unwrap();
+            stream.read_exact(&mut [0; 11]).unwrap();
+            stream
+        })
+        .collect();
+    // All are fresh: no place.
+    let mut early = Client::new(daemon.port);
+    assert_eq!(early.ask("input 0 1"), "lost");
+    for _ in 0..25 {
+        std::thread::sleep(Duration::from_millis(100));
+        assert_eq!(busy.status()[STATE], 1);
+    }
+    let mut next = Client::new(daemon.port);
+    assert_eq!(next.status()[STATE], 1);
+    assert_eq!(busy.status()[STATE], 1);
+    drop(left);
+}

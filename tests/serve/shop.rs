@@ -59,7 +59,7 @@ impl Shop {
         self.folder.path().join("machine.toml").display().to_string()
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).arg("--state").arg(self.folder.path().join("state"));
         command
@@ -128,6 +128,9 @@ pub fn bad_sections() {
         ("\"self-calibration\"\n[serve.", "\"sorcery\"\n[serve.", "no method `sorcery`"),
         ("allow = ", "alow = ", "allow"),
         (MODBUS, "", "nothing could start a cycle"),
+        // What the cycle itself is refused for is told now, not at the first start.
+        ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),
+        ("centre_mm = [0.0, 0.0, 0.0]", "centre_mm = [0.0, 0.0, 900.0]", "cycle 1 cannot be"),
     ];
     for (from, to, words) in cases {
         let shop = Shop::new(MODBUS);

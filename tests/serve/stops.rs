@@ -1,5 +1,10 @@
 //! A run that is stopped holds, and so does the service, until somebody has been there.
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::Duration;
+
 use super::client::{ACCEPTED, Client, PROGRESS, REFUSAL, RUN, STATE};
 use super::shop::{MODBUS, Shop};
 
@@ -69,4 +74,78 @@ pub fn by_sigterm() {
     let next = shop.serve("fast");
     let mut client = Client::new(next.port);
     assert_eq!((client.status()[STATE], client.status()[REFUSAL]), (3, 0));
+}
+
+/// With this fault at the simulated control.
+fn faulty(fault: &str) -> Shop {
+    let shop = short();
+    shop.change("[serve]", &format!("[[simulated.fault]]\n{fault}\n[serve]"));
+    shop
+}
+
+/// Refused before anything moved: nothing of it is unfinished, but somebody must have seen it.
+pub fn by_a_fault() {
+    let shop = faulty("kind = \"probe-stuck\"");
+    let daemon = shop.serve("fast");
+    let mut client = Client::new(daemon.port);
+    client.enable();
+    client.press(11);
+    client.until(|status| status[STATE] == 4);
+    assert_eq!(shop.states(), ["failed"]);
+    assert_eq!(client.refused(11), 3);
+    client.press(4);
+    client.until(|status| status[STATE] == 1);
+    assert!(daemon.log.lock().unwrap().contains("the probe reads closed"));
+}
+
+/// The control restarts on the way: a button cannot say that the axes were homed.
+pub fn position_lost() {
+    let shop = faulty("kind = \"reset\"\nafter_touch = 3");
+    let daemon = shop.serve("fast");
+    let mut client = Client::new(daemon.port);
+    client.enable();
+    client.press(11);
+    client.until(|status| status[STATE] == 3);
+    client.press(4);
+    let status = client.until(|status| status[REFUSAL] == 13);
+    assert_eq!(status.last().unwrap()[STATE], 3);
+    assert_eq!(client.refused(11), 2);
+}
+
+/// While a person measures by hand, the button at the machine gets it for nobody.
+pub fn elsewhere() {
+    let shop = short();
+    let daemon = shop.serve("real");
+    let mut client = Client::new(daemon.port);
+    under_way(&mut client);
+    client.press(3);
+    client.until(|status| status[STATE] == 3);
+    let machine = shop.machine();
+    let mut run =
+        shop.command(&["run", "self-calibration", "--machine", &machine, "--speed", "real"]);
+    let mut run = run.stderr(Stdio::piped()).spawn().unwrap();
+    // Its first word comes when it has the machine.
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    assert!(told.read_line(&mut String::new()).unwrap() > 0);
+    client.press(4);
+    let status = client.until(|status| status[REFUSAL] == 14);
+    assert_eq!(status.last().unwrap()[STATE], 3);
+    run.kill().unwrap();
+    run.wait().unwrap();
+}
+
+/// Whatever it was about to do: opening, preparing, proving.
+pub fn at_once() {
+    for ms in [0, 30, 300] {
+        let shop = short();
+        let daemon = shop.serve("real");
+        let mut client = Client::new(daemon.port);
+        client.enable();
+        assert_eq!(client.ask("coil 11 1"), "ok");
+        sleep(Duration::from_millis(ms));
+        drop(client);
+        let log = daemon.log.clone();
+        assert_eq!(daemon.terminate(), 5, "after {ms} ms: {}", log.lock().unwrap());
+        assert_eq!(shop.states(), ["held"], "after {ms} ms: {}", log.lock().unwrap());
+    }
 }

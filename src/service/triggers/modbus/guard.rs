@@ -3,30 +3,83 @@
 use std::future::Future as _;
 use std::io;
 use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
-use tokio::sync::OwnedSemaphorePermit;
+use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep, sleep};
 
 /// Half-open connections end as well.
 const IDLE: Duration = Duration::from_secs(30);
 
+/// From then on it may have to make room for another: a control that was switched off leaves a
+/// connection behind that nobody closes.
+const QUIET: Duration = Duration::from_secs(2);
+
+/// The connections that there may be.
+pub struct Places {
+    size: usize,
+    taken: Mutex<Vec<Place>>,
+}
+
+struct Place {
+    heard: Arc<Mutex<Instant>>,
+    /// Dropped, it asks the connection to leave; closed by one that has left.
+    leave: oneshot::Sender<()>,
+}
+
+impl Places {
+    pub fn new(size: usize) -> Self {
+        Self { size, taken: Mutex::default() }
+    }
+
+    /// A place for `stream`. If all are taken, the connection that was quiet for longest makes room;
+    /// `None` if none was quiet.
+    pub fn seat(&self, stream: TcpStream) -> Option<Guarded> {
+        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        taken.retain(|place| !place.leave.is_closed());
+        if taken.len() >= self.size {
+            let heard = |place: &Place| at(&place.heard);
+            let quietest = taken.iter().enumerate().min_by_key(|(_, place)| heard(place))?.0;
+            if heard(taken.get(quietest)?).elapsed() < QUIET {
+                return None;
+            }
+            taken.swap_remove(quietest);
+        }
+        let heard = Arc::new(Mutex::new(Instant::now()));
+        let (leave, asked_to_leave) = oneshot::channel();
+        taken.push(Place { heard: heard.clone(), leave });
+        Some(Guarded {
+            stream,
+            idle: Box::pin(sleep(IDLE)),
+            heard,
+            asked_to_leave: Some(asked_to_leave),
+        })
+    }
+}
+
+fn at(heard: &Mutex<Instant>) -> Instant {
+    *heard.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 pub struct Guarded {
     stream: TcpStream,
     idle: Pin<Box<Sleep>>,
-    /// Its place among the connections.
-    _place: OwnedSemaphorePermit,
+    heard: Arc<Mutex<Instant>>,
+    asked_to_leave: Option<oneshot::Receiver<()>>,
 }
 
 impl Guarded {
-    pub fn new(stream: TcpStream, place: OwnedSemaphorePermit) -> Self {
-        Self { stream, idle: Box::pin(sleep(IDLE)), _place: place }
-    }
-
     fn idle(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
+        let asked = self.asked_to_leave.as_mut();
+        if asked.is_none_or(|asked| Pin::new(asked).poll(context).is_ready()) {
+            // It may not be asked again.
+            self.asked_to_leave = None;
+            return Poll::Ready(io::ErrorKind::ConnectionAborted.into());
+        }
         self.idle.as_mut().poll(context).map(|()| io::ErrorKind::TimedOut.into())
     }
 }
@@ -40,7 +93,9 @@ impl AsyncRead for Guarded {
         match Pin::new(&mut self.stream).poll_read(context, buffer) {
             Poll::Pending => self.idle(context).map(Err),
             ready => {
-                self.idle.as_mut().reset(Instant::now() + IDLE);
+                let now = Instant::now();
+                self.idle.as_mut().reset(now + IDLE);
+                *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = now;
                 ready
             }
         }

@@ -13,12 +13,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
 use tokio_modbus::prelude::{ExceptionCode, Request, Response};
 use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::Server;
 
-use self::guard::Guarded;
+use self::guard::{Guarded, Places};
 use self::inputs::{Inputs, Wish};
 use self::map::{COILS, HOLDINGS, INPUTS};
 use crate::service::config::Modbus;
@@ -46,7 +45,7 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
     log(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
     let door = Door {
         allow: config.allow.clone().into(),
-        places: Arc::new(Semaphore::new(PLACES)),
+        places: Places::new(PLACES),
         shared: Arc::new(Shared {
             desk: desk.clone(),
             inputs: Mutex::new(Inputs::new(Duration::from_secs_f64(config.fresh_s))),
@@ -82,7 +81,7 @@ fn serve(listener: std::net::TcpListener, door: &Door) -> io::Result<()> {
 
 struct Door {
     allow: Arc<[IpAddr]>,
-    places: Arc<Semaphore>,
+    places: Places,
     shared: Arc<Shared>,
     log: Log,
     /// The last one that was turned away: it is told once.
@@ -99,11 +98,10 @@ impl Door {
             }
             return None;
         }
-        let place = self.places.clone().try_acquire_owned().ok()?;
         // Small answers, at once. Where it cannot be had they come a little later.
         let _ = stream.set_nodelay(true);
         let client = Client { shared: self.shared.clone(), by: format!("Modbus client {by}") };
-        Some((client, Guarded::new(stream, place)))
+        Some((client, self.places.seat(stream)?))
     }
 }
 
