@@ -4,17 +4,18 @@
 
 mod faults;
 mod hazard;
+#[path = "../support/pymodbus.rs"]
+mod pymodbus;
 mod schedules;
 mod server;
 mod window;
 mod words;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
-
-const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+use pymodbus::{MISSING, python};
 
 fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
-    Trial::ignorable_test(name, move || match server::python() {
+    Trial::ignorable_test(name, move || match python() {
         Some(_) => run().map(|()| Completion::Completed),
         None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
             Err(MISSING.into())

@@ -10,7 +10,8 @@ use trued::base::{Axis, Position};
 use trued::setup::{self, MachineFile};
 use trued::world::Speed;
 
-use super::server::{python, script};
+use super::pymodbus::python;
+use super::server::script;
 
 const MACHINE: &str = include_str!("../../config/simulated.toml");
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
