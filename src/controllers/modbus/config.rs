@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::{Map, ModbusControl};
-use crate::controllers::{Controller, Named, Opening};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::modbus::{Framing, Line, Parity};
 use crate::link::{self, HostPort};
@@ -121,5 +121,14 @@ impl Named for Config {
             let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
             Ok(Controller::spawn(driver, halt))
         })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
     }
 }

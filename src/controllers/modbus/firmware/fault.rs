@@ -6,6 +6,7 @@ use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::{Entry, Firmware, Mode};
+use crate::world::Latch;
 use crate::world::interpreter::Sham;
 
 const E_STOP: u16 = 10;
@@ -201,7 +202,10 @@ impl Firmware {
             FaultKind::ProbeDead => self.sham = Sham::Open,
             FaultKind::ForeignBody => self.sham = Sham::Early,
             FaultKind::RapidContact => self.sham = Sham::Brush,
-            FaultKind::SlowLatch => self.scan_s = Some(fault.scan_s.unwrap_or(USUAL_SCAN_S)),
+            FaultKind::SlowLatch => {
+                let scan_ms = fault.scan_s.unwrap_or(USUAL_SCAN_S) * 1e3;
+                self.with_world(|world| world.latch_by(Latch { scan_ms, ..Latch::default() }));
+            }
             _ => {}
         }
     }

@@ -81,14 +81,6 @@ enum Mode {
     Alarm(u16),
 }
 
-/// The probing move under way.
-#[derive(Debug, Clone)]
-struct Probing {
-    from: Position,
-    to: Position,
-    feed_mm_min: f64,
-}
-
 /// The control.
 pub struct Firmware {
     options: Options,
@@ -99,7 +91,6 @@ pub struct Firmware {
     /// Of the chunk in hand, those that are not begun.
     lines: VecDeque<String>,
     active: Option<Active>,
-    probing: Option<Probing>,
     accepted: u16,
     executed: u16,
     error: u16,
@@ -113,8 +104,6 @@ pub struct Firmware {
     beat: Option<Duration>,
     requests: u64,
     taken: u64,
-    /// A latch by the scan of a PLC, s.
-    scan_s: Option<f64>,
     /// It takes nothing, and its status stays as it was.
     frozen: Option<Vec<u16>>,
     /// The block before.
@@ -135,7 +124,6 @@ impl Firmware {
             command: vec![0; registers::COMMAND],
             lines: VecDeque::new(),
             active: None,
-            probing: None,
             accepted: 0,
             executed: 0,
             error: 0,
@@ -147,7 +135,6 @@ impl Firmware {
             beat: None,
             requests: 0,
             taken: 0,
-            scan_s: None,
             frozen: None,
             shown: Vec::new(),
             hung: false,
