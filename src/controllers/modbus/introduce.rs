@@ -1,6 +1,7 @@
 //! What it says of itself: the registers of its status, once.
 
 use super::driver::ModbusControl;
+use super::otherwise::BEYOND;
 use super::status::Status;
 use crate::base::Axis;
 use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
@@ -27,7 +28,7 @@ impl ModbusControl {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let stands = axis.to_edge(value);
-            if stands < spec.min || stands > spec.max {
+            if stands < spec.min - BEYOND || stands > spec.max + BEYOND {
                 let what = format!(
                     "{axis} is read as {stands}, outside its travel from {} to {}: suspected: wrong scale or \
                      type of its position, or a travel that is not the machine's",

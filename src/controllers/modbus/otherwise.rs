@@ -12,7 +12,7 @@ use crate::record::machine::Machine;
 const ORDERS: [Order; 4] = [Order::Abcd, Order::Cdab, Order::Badc, Order::Dcba];
 const SCALES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
 /// An axis may stand a little beyond the travel that the machine file states, mm or degrees.
-const BEYOND: f64 = 1.0;
+pub(super) const BEYOND: f64 = 1.0;
 /// Of positions that could be meant, mm or degrees.
 const LEAST: f64 = 1e-4;
 const NOTHING: f64 = 1e-20;
