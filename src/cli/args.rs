@@ -108,6 +108,10 @@ pub struct ServeArgs {
     pub machine: PathBuf,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
+    /// Keep every byte of each run's links in a file of its own: FILE, with the run's number before its
+    /// ending.
+    #[arg(long, value_name = "FILE")]
+    pub capture: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -75,12 +75,16 @@ pub fn tell_result(
 
 /// A report that cannot be written is told before the measurement.
 pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
-    let Some(file) = &output.report else { return Ok(()) };
+    output.report.as_ref().map_or(Ok(()), |file| check_folder(file, "the report", "--report"))
+}
+
+/// The folder of `file` is there.
+pub fn check_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {
         Some(folder) if !folder.is_dir() => Err(Failure::new(
-            format!("{}: there is no such folder for the report", folder.display()),
-            "make it, or choose another place with --report",
+            format!("{}: there is no such folder for {what}", folder.display()),
+            format!("make it, or choose another place with {option}"),
         )),
         _ => Ok(()),
     }

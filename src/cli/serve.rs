@@ -7,7 +7,7 @@ use super::Exit;
 use super::args::ServeArgs;
 use super::failure::Failure;
 use super::files::state_folder;
-use super::run::runtime;
+use super::run::{check_folder, runtime};
 use super::signals::stop_on_signals;
 use crate::methods;
 use crate::service::{Config, Ended, Service};
@@ -25,6 +25,13 @@ pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     })?;
     let log = Arc::new(|words: &str| tell!("{words}"));
     let service = Service::new(machine, config, state_folder(state)?, args.speed.into(), log)?;
+    let service = match &args.capture {
+        Some(file) => {
+            check_folder(file, "the captures", "--capture")?;
+            service.capturing(file.clone())
+        }
+        None => service,
+    };
     stop_on_signals(service.halt())?;
     match runtime()?.block_on(service.serve())? {
         Ended::Waiting => Ok(Exit::Pass),

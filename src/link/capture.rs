@@ -8,9 +8,10 @@
 //! ```
 //!
 //! A line is: seconds since the beginning, the link's number, a mark, the rest. `=` opens the link (once
-//! more after it was lost): how it speaks (`lines`, `modbus-rtu`, `modbus-tcp`) and its name; `>` is what
-//! was sent, `<` what came, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for what is not printable.
-//! Lines that begin with `#` are comments.
+//! more after it was lost): how it speaks (`lines`, `modbus-rtu`, `modbus-tcp`, `files`) and its name; `>` is
+//! what was sent, `<` what came, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for what is not printable.
+//! Of shared files each is a file's name and, behind a line feed, its text; a name alone is one that is not
+//! there. What is read stands there when it has changed. Lines that begin with `#` are comments.
 
 use std::fmt;
 use std::fs::File;
@@ -31,16 +32,18 @@ pub(super) enum Speech {
     Lines,
     ModbusRtu,
     ModbusTcp,
+    Files,
 }
 
 impl Speech {
-    pub(super) const ALL: [Self; 3] = [Self::Lines, Self::ModbusRtu, Self::ModbusTcp];
+    pub(super) const ALL: [Self; 4] = [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files];
 
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Lines => "lines",
             Self::ModbusRtu => "modbus-rtu",
             Self::ModbusTcp => "modbus-tcp",
+            Self::Files => "files",
         }
     }
 }
@@ -110,22 +113,24 @@ pub(super) struct Tap {
 impl Tap {
     /// `stream`, listened to.
     pub(super) fn on<S: AsyncRead + AsyncWrite>(&self, stream: S) -> Tapped<S> {
-        self.capture.write(self.link, '=', &self.opening);
+        self.opened();
         Tapped { stream: Box::pin(stream), tap: self.clone() }
+    }
+
+    pub(super) fn opened(&self) {
+        self.capture.write(self.link, '=', &self.opening);
+    }
+
+    pub(super) fn note(&self, mark: char, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.capture.write(self.link, mark, bytes.escape_ascii());
+        }
     }
 }
 
 pub(super) struct Tapped<S> {
     stream: Pin<Box<S>>,
     tap: Tap,
-}
-
-impl<S> Tapped<S> {
-    fn note(&self, mark: char, bytes: &[u8]) {
-        if !bytes.is_empty() {
-            self.tap.capture.write(self.tap.link, mark, bytes.escape_ascii());
-        }
-    }
 }
 
 impl<S: AsyncRead> AsyncRead for Tapped<S> {
@@ -136,7 +141,7 @@ impl<S: AsyncRead> AsyncRead for Tapped<S> {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         ready!(self.stream.as_mut().poll_read(context, buffer))?;
-        self.note('<', buffer.filled().get(before..).unwrap_or_default());
+        self.tap.note('<', buffer.filled().get(before..).unwrap_or_default());
         Poll::Ready(Ok(()))
     }
 }
@@ -148,7 +153,7 @@ impl<S: AsyncWrite> AsyncWrite for Tapped<S> {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let count = ready!(self.stream.as_mut().poll_write(context, bytes))?;
-        self.note('>', bytes.get(..count).unwrap_or_default());
+        self.tap.note('>', bytes.get(..count).unwrap_or_default());
         Poll::Ready(Ok(count))
     }
 

@@ -32,7 +32,8 @@ fn the_line_assembler_bears_anything() {
 
 const CAPTURE: &[u8] = b"# trued-capture 1\n0.1 1 = lines a\n0.2 1 > $I\\n\n0.3 1 < ok\\r\\n\n0.4 1 > ?\n\
 0.5 1 < <Idle>\\n\n0.6 2 = modbus-tcp b\n0.7 2 > \\x00\\x01\\x00\\x00\\x00\\x06\\x01\\x03\\x00\\x00\\x00\\x01\n\
-0.8 3 = modbus-rtu c\n0.9 3 > \\x01\\x03\\x00\\x00\\x00\\x01\\x84\\x0a\n";
+0.8 3 = modbus-rtu c\n0.9 3 > \\x01\\x03\\x00\\x00\\x00\\x01\\x84\\x0a\n\
+1.0 4 = files d\n1.1 4 > a.ngc\\nG0\n1.2 4 < a.log\n1.3 4 < a.log\\nEND\\n\n";
 
 #[test]
 fn the_capture_reader_bears_anything() {

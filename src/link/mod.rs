@@ -1,11 +1,12 @@
-//! Floor 2: ports. The byte stream (serial, TCP, pty, in-process) and Modbus registers; capture and replay
-//! of both; a bad wire to test with. Knows no device.
+//! Floor 2: ports. The byte stream (serial, TCP, pty, in-process), Modbus registers and shared files;
+//! capture and replay of them; a bad wire to test with. Knows no device.
 
 use std::io;
 
 mod address;
 mod capture;
 pub mod faults;
+mod folder;
 #[cfg(test)]
 mod fuzz;
 mod lines;
@@ -20,6 +21,7 @@ mod wiring;
 
 pub use address::{Address, BY_ID, Pty, by_id, open, pty};
 pub use capture::Capture;
+pub use folder::Folder;
 pub use lines::Received;
 pub use named::{HostPort, Named};
 pub use replay::{CaptureError, Replay};

@@ -8,6 +8,7 @@ use std::io;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
+use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout, timeout_at};
 
@@ -113,6 +114,20 @@ impl Link {
                 Err(self.gone())
             }
             None => Err(self.gone()),
+        }
+    }
+
+    /// What has come already, without waiting; `None`: nothing. (A deadline of now is rounded up to the
+    /// timer's next millisecond.)
+    pub fn received(&mut self) -> Result<Option<Received>, LinkError> {
+        match self.incoming.try_recv() {
+            Ok(Ok(received)) => Ok(Some(received)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Ok(Err(why)) => {
+                self.lost = Some(why);
+                Err(self.gone())
+            }
+            Err(TryRecvError::Disconnected) => Err(self.gone()),
         }
     }
 

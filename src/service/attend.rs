@@ -1,9 +1,11 @@
 //! Waiting, and doing what the desk has accepted, one thing at a time.
 
+use super::captures::Begun;
 use super::config::Cycle;
 use super::desk::{Ask, Board, Refusal, State};
 use super::past::unfinished;
 use super::{Ended, ServeError, Service, triggers};
+use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{self, CycleError};
@@ -155,17 +157,23 @@ impl Service {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
         let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-        let devices = setup::devices(&self.machine, self.pace, Past::default()).await?;
+        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
+        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
+        let opening = setup::devices(&self.machine, self.pace, Past::default());
+        let devices = wiring.during(opening).await?;
         self.desk.under_way(&devices.controller.halt());
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         let begun = |id: RunId| {
             (self.log)(&format!("run {id} begins"));
+            capture.iter().for_each(|capture| capture.is_of(id));
             self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
         let (machine, priors) = (&self.machine, Vec::new());
         let cycle = run::Cycle { machine, method: method.into(), plan, priors };
-        Ok(cycle.run(&devices, journal, begun, &mut tell).await?)
+        let ended = cycle.run(&devices, journal, begun, &mut tell).await;
+        capture.into_iter().for_each(Begun::finish);
+        Ok(ended?)
     }
 
     fn tell(&self, event: &Event, progress: &mut Progress) {

@@ -6,6 +6,7 @@
 //! somebody has acknowledged.
 
 mod attend;
+mod captures;
 pub mod config;
 pub mod desk;
 mod past;
@@ -16,6 +17,7 @@ use std::sync::Arc;
 
 use tokio::sync::mpsc;
 
+use self::captures::Captures;
 pub use self::config::Config;
 use self::desk::{Ask, Desk};
 use crate::controllers::Halt;
@@ -79,6 +81,7 @@ pub struct Service {
     desk: Desk,
     asks: mpsc::Receiver<Ask>,
     log: Log,
+    captures: Option<Captures>,
 }
 
 impl Service {
@@ -97,7 +100,13 @@ impl Service {
             crate::setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
         let (desk, asks) = Desk::new(&config, log.clone());
-        Ok(Self { machine, config, folder, pace, desk, asks, log })
+        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None })
+    }
+
+    /// With every byte of each run's links in a file: `file` with the run's number before its ending.
+    pub fn capturing(mut self, file: PathBuf) -> Self {
+        self.captures = Some(Captures::new(file));
+        self
     }
 
     /// Ends the service: holds the machine if a run is on.

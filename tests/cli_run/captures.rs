@@ -1,5 +1,7 @@
 //! A run captured, and replayed without its machine.
 
+use serde_json::Value;
+
 use super::{Shop, changed, estimate, machine, said};
 
 /// `trued run` with these, and its standard output as JSON.
@@ -70,4 +72,55 @@ fn a_capture_that_does_not_fit_is_told_in_words() {
     refused(&text.replacen(" 1 < ok", " 1 < \\ok", 1), &["b.capture, line", "unknown escape"]);
     let none = run(&shop, &["--replay", &shop.file("none")]);
     assert!(said(&none).contains("No such file"), "{}", said(&none));
+}
+
+/// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of
+/// `tests/peers/linuxcnc`, its estimate as it was printed then, and the machine file. The true axis stood at
+/// 50 and -30 µm.
+#[test]
+fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
+    let data = |name: &str| {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
+        std::fs::read_to_string(format!("{folder}{name}")).unwrap()
+    };
+    let shop = Shop::new(&data("machine.toml"));
+    let replay = |talk: &str| {
+        let capture = shop.file("a.capture");
+        std::fs::write(&capture, talk).unwrap();
+        run(&shop, &["--replay", &capture])
+    };
+    let talk = data("self-calibration.capture");
+    let replayed = replay(&talk);
+    assert_eq!(replayed.status.code(), Some(0), "{}", said(&replayed));
+    let parameters = |estimate: &Value| -> Vec<(String, f64)> {
+        let all = estimate["parameters"].as_array().unwrap().iter();
+        let one = |one: &Value| {
+            (one["symbol"].as_str().unwrap().to_owned(), one["value"].as_f64().unwrap())
+        };
+        all.map(one).collect()
+    };
+    let (then, now) = (serde_json::from_str(&data("estimate.json")).unwrap(), estimate(&replayed));
+    let (then, now) = (parameters(&then), parameters(&now));
+    assert_eq!(then.len(), now.len());
+    for ((symbol, then), (same, now)) in then.iter().zip(&now) {
+        assert_eq!(symbol, same);
+        // The touches carry the time of the capture instead of the computer's: the drift is another, by
+        // milliseconds.
+        assert!((then - now).abs() < 1e-4, "{symbol}: {then}, now {now}");
+    }
+    assert_eq!((&*then[0].0, &*then[1].0), ("EX0C", "EY0C"));
+    assert!((then[0].1 - 50.0).abs() < 1.0 && (then[1].1 + 30.0).abs() < 1.0, "{then:?}");
+
+    // A program or an answer that is another one is seen.
+    let refused = |from: &str, to: &str, words: &str| {
+        let spoilt = talk.replacen(from, to, 1);
+        assert_ne!(spoilt, talk, "{from}");
+        let ended = replay(&spoilt);
+        assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
+        assert!(said(&ended).contains(words), "{words}: {}", said(&ended));
+    };
+    refused("(step 3 repeat 0)", "(step 3 repeat 1)", "then it was `(step 3 repeat 1)`");
+    refused("set run", "set walk", "then it was `set walk`");
+    refused("PROBE_VALUE 0", "PROBE_VALUE 1", "step");
+    refused("ntouch 3 2 1.000000", "ntouch 3 2 0.000000", "step");
 }

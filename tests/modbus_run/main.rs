@@ -4,7 +4,6 @@
 //! lines must come back the same.
 
 mod bench;
-mod overhead;
 mod schedules;
 
 use bench::Bench;

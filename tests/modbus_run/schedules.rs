@@ -12,23 +12,43 @@ use tokio::net::TcpListener;
 use trued::base::Axis;
 use trued::base::random::stream;
 use trued::controllers::Controller;
-use trued::controllers::modbus::firmware::{Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use trued::controllers::modbus::firmware::{
+    Entry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
+};
 use trued::controllers::modbus::{Config, ModbusControl, Patience};
 use trued::gcode::Dialect;
+use trued::link::{Pty, pty};
 use trued::record::reading::Reading;
 use trued::setup::{self, Devices, MachineFile, Pace};
 
 use super::bench::{Bench, Measured, machine};
 
 const SCHEDULES: u64 = 72;
+/// Over RTU the silences between the frames make a run slower.
+const SCHEDULES_RTU: u64 = 34;
 /// Chunks and requests of a short run, about.
 const LINES: u64 = 200;
 const REQUESTS: u64 = 700;
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wire {
+    Tcp,
+    Rtu,
+}
+
+impl Wire {
+    /// A serial line has no connection that could be cut.
+    fn kinds(self) -> Vec<FaultKind> {
+        let kinds = FaultKind::ALL.into_iter();
+        kinds.filter(|kind| self == Self::Tcp || *kind != FaultKind::Cut).collect()
+    }
+}
+
 /// A fault of the wire that a run survives, and one of any kind.
-fn faults(seed: u64) -> Vec<Fault> {
+fn faults(wire: Wire, seed: u64) -> Vec<Fault> {
     let mut draw = stream(seed, &[78]);
-    let kind = FaultKind::ALL[seed as usize % FaultKind::ALL.len()];
+    let kinds = wire.kinds();
+    let kind = kinds[seed as usize % kinds.len()];
     let fault = |kind, at_request, at_line, after_touch| Fault {
         kind,
         at_request,
@@ -86,12 +106,34 @@ fn file() -> String {
 }
 
 /// Short, so that many schedules pass quickly.
-fn patience() -> Patience {
+fn patience(wire: Wire) -> Patience {
     let ms = Duration::from_millis;
-    Patience { answer: ms(600), poll: ms(10), stall: ms(600), heartbeat: ms(500) }
+    // On a serial line a lost reply is waited for, and then asked whether it still comes.
+    let answer = if wire == Wire::Tcp { ms(600) } else { ms(1500) };
+    Patience { answer, poll: ms(10), stall: ms(600), heartbeat: ms(500) }
 }
 
-fn run(faults: Vec<Fault>) -> Ended {
+/// Serve it; where it is, as `[controller]` names it.
+async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHandle<()>) {
+    match wire {
+        Wire::Tcp => {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let at = format!("tcp = \"{}\"", listener.local_addr().unwrap());
+            (at, tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() }))
+        }
+        Wire::Rtu => {
+            let Pty { device, path, client_side } = pty().unwrap();
+            let at = format!("serial = \"{path}\"\nbaud = 115200\nparity = \"none\"");
+            let served = async move {
+                let _client_side = client_side;
+                let _ = serve_rtu(firmware, device).await;
+            };
+            (at, tokio::spawn(served))
+        }
+    }
+}
+
+fn run(wire: Wire, faults: Vec<Fault>) -> Ended {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let file = MachineFile::parse("machine.toml", self::file()).unwrap();
@@ -99,14 +141,12 @@ fn run(faults: Vec<Fault>) -> Ended {
         let options = Options { faults, ..Options::of(&file.machine, Pace::Fast) };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let at = listener.local_addr().unwrap();
-        let served = tokio::spawn(serve_tcp(firmware, listener));
-        let config: Config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.1")).unwrap();
+        let (at, served) = serve(firmware, wire).await;
+        let config: Config = toml::from_str(&format!("{at}\ntimeout_s = 0.1")).unwrap();
         let dialect = Dialect::named("grbl-m19").unwrap();
         let opened = ModbusControl::open(&config, &file.machine, dialect.clone()).await;
         let (driver, halt) = opened.unwrap();
-        let controller = Controller::spawn(driver.with_patience(patience()), halt);
+        let controller = Controller::spawn(driver.with_patience(patience(wire)), halt);
         let devices = Devices::new(controller, dialect);
         let measured = Bench::of(self::file()).measure_with(&devices).await;
         let mark = diary.lock().unwrap().len();
@@ -212,10 +252,19 @@ fn ending(ended: &Ended) -> String {
 
 #[test]
 fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
-    let clean = run(Vec::new());
+    hold(Wire::Tcp, SCHEDULES);
+}
+
+#[test]
+fn nor_over_rtu() {
+    hold(Wire::Rtu, SCHEDULES_RTU);
+}
+
+fn hold(wire: Wire, schedules: u64) {
+    let clean = run(wire, Vec::new());
     assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
-        let ended = run(faults(seed.parse().unwrap()));
+        let ended = run(wire, faults(wire, seed.parse().unwrap()));
         ended.diary.iter().for_each(|entry| println!("{entry:?}"));
         println!("{:?}", ended.measured.result);
         assert_eq!(breaches(&ended, &clean), Vec::<String>::new());
@@ -228,10 +277,10 @@ fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after
             scope.spawn(|| {
                 loop {
                     let seed = next.fetch_add(1, Ordering::SeqCst);
-                    if seed >= SCHEDULES {
+                    if seed >= schedules {
                         return;
                     }
-                    let ended = run(faults(seed));
+                    let ended = run(wire, faults(wire, seed));
                     let breaches = breaches(&ended, &clean);
                     all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
                 }
@@ -245,11 +294,11 @@ fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after
         *endings.entry(ending).or_default() += 1;
         wrong.iter().for_each(|kind| *kinds.entry(*kind).or_default() += 1);
     }
-    println!("endings {endings:?}\nfaults {kinds:?}");
+    println!("{wire:?}: endings {endings:?}\nfaults {kinds:?}");
     let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
     assert!(breached.is_empty(), "{breached:#?}");
     // The mix is what it claims to be: each of them came about.
-    assert_eq!(kinds.len(), FaultKind::ALL.len());
+    assert_eq!(kinds.len(), wire.kinds().len());
     for ending in ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"] {
         assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");
     }

@@ -84,6 +84,32 @@ pub fn a_stop_holds_and_keeps_what_was_read() -> Result<(), Failed> {
     if (10..69).contains(&kept) { Ok(()) } else { Err(format!("{kept} readings").into()) }
 }
 
+/// The talk and the files of a run, and the run from them. (`tests/peers/linuxcnc/thin.py` makes such a capture
+/// small: so came `tests/data/linuxcnc/` about.)
+pub fn a_capture_replays() -> Result<(), Failed> {
+    let rig = rig()?;
+    let desk = Desk::in_a_hurry(&rig)?;
+    let machine = desk.machine();
+    let capture = machine.with_file_name("a.capture").display().to_string();
+    let machine = machine.display().to_string();
+    let run = |how: &str| -> Result<Estimate, Failed> {
+        let said = ["run", "self-calibration", "--json", "--machine", &machine, how, &capture];
+        Ok(serde_json::from_str(&desk.said(&said)?)?)
+    };
+    let (measured, touches) = (run("--capture")?, rig.touches()?);
+    let replayed = run("--replay")?;
+    if rig.touches()? != touches {
+        return Err("the replay moved the machine".into());
+    }
+    for parameter in &measured.parameters {
+        let (again, _) = result(&replayed, &parameter.symbol)?;
+        if (again - parameter.value).abs() > 1e-4 {
+            return Err(format!("{} was {}, is {again}", parameter.symbol, parameter.value).into());
+        }
+    }
+    Ok(())
+}
+
 fn joints(rig: &Rig) -> Result<Vec<f64>, Failed> {
     (0..5).map(|joint| rig.joint(joint)).collect()
 }

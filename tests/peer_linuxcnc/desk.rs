@@ -90,7 +90,7 @@ impl Desk {
         Ok(desk)
     }
 
-    fn machine(&self) -> PathBuf {
+    pub fn machine(&self) -> PathBuf {
         self.0.path().join("machine.toml")
     }
 

@@ -4,16 +4,18 @@
 
 mod faults;
 mod hazard;
+#[path = "../support/pymodbus.rs"]
+mod pymodbus;
 mod schedules;
 mod server;
+mod window;
 mod words;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
-
-const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+use pymodbus::{MISSING, python};
 
 fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
-    Trial::ignorable_test(name, move || match server::python() {
+    Trial::ignorable_test(name, move || match python() {
         Some(_) => run().map(|()| Completion::Completed),
         None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
             Err(MISSING.into())
@@ -35,6 +37,10 @@ fn main() {
         trial("pymodbus_spaces", faults::spaces),
         trial("pymodbus_hold_overtakes", faults::a_hold_overtakes),
         trial("pymodbus_lost_server", faults::a_server_that_goes_and_comes_back),
+        trial("pymodbus_plays_the_line_window", window::lines),
+        trial("pymodbus_is_refused_what_the_window_refuses", window::refusals),
+        trial("pymodbus_holds_through_the_window", window::hold),
+        trial("pymodbus_whose_heart_stops_is_held", window::heartbeat),
         trial("pymodbus_fault_schedules_rtu", schedules::rtu),
         trial("pymodbus_fault_schedules_tcp", schedules::tcp),
     ];

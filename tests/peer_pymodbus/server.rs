@@ -5,18 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
+use super::pymodbus::python;
 use trued::link::modbus::{Allowed, Framing, Line, Modbus, Range, Settings, Space};
 use trued::link::{HostPort, Named, Pty, pty};
-
-/// Python with pymodbus, if there is one.
-pub fn python() -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
-        return Some(named.into());
-    }
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
-    let python = target.join("peers/pymodbus-3.8.6/bin/python");
-    python.is_file().then_some(python)
-}
 
 pub fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)

@@ -6,7 +6,8 @@ use std::process::Command;
 use libtest_mimic::Failed;
 use trued::link::modbus::value::Number;
 
-use super::server::{python, script};
+use super::pymodbus::python;
+use super::server::script;
 
 type Words = BTreeMap<String, BTreeMap<String, Vec<(f64, Vec<u16>)>>>;
 

@@ -1,10 +1,11 @@
 //! pymodbus at the other end.
 
 use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+
+use super::pymodbus::python;
 
 /// Where to find what; written down here once more, from docs/modbus.md.
 pub const STATE: usize = 1;
@@ -15,15 +16,6 @@ pub const ACCEPTED: usize = 7;
 pub const REFUSED: usize = 8;
 pub const REFUSAL: usize = 9;
 const PATIENCE: Duration = Duration::from_secs(60);
-
-pub fn python() -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
-        return Some(named.into());
-    }
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
-    let python = target.join("peers/pymodbus-3.8.6/bin/python");
-    python.is_file().then_some(python)
-}
 
 pub struct Client {
     child: Child,

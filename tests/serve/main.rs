@@ -5,16 +5,17 @@
 mod abuse;
 mod client;
 mod line;
+#[path = "../support/pymodbus.rs"]
+mod pymodbus;
 mod shop;
 mod starts;
 mod stops;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
+use pymodbus::{MISSING, python};
 
-const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
-
-fn pymodbus(name: &str, run: fn()) -> Trial {
-    Trial::ignorable_test(name, move || match client::python() {
+fn with_pymodbus(name: &str, run: fn()) -> Trial {
+    Trial::ignorable_test(name, move || match python() {
         Some(_) => {
             run();
             Ok(Completion::Completed)
@@ -35,18 +36,19 @@ fn alone(name: &str, run: fn()) -> Trial {
 
 fn main() {
     let trials = vec![
-        pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
-        pymodbus("each_refusal_has_its_reason", starts::refusals),
-        pymodbus("a_sign_of_life_that_stops_takes_the_enable_with_it", starts::stale),
-        pymodbus("nonsense_floods_and_half_open_lines_disturb_nothing", abuse::of_all_kinds),
-        pymodbus("connections_left_behind_make_room", abuse::left_behind),
-        pymodbus("only_who_is_allowed_may_connect", abuse::strangers),
-        pymodbus("a_stop_holds_until_somebody_acknowledges", stops::by_a_coil),
-        pymodbus("a_cycle_that_fails_waits_for_an_acknowledgement", stops::by_a_fault),
-        pymodbus("a_lost_position_is_not_acknowledged_away", stops::position_lost),
-        pymodbus("a_person_who_resumes_has_the_machine", stops::elsewhere),
-        pymodbus("sigterm_just_after_a_start_is_a_stop", stops::at_once),
-        pymodbus("sigterm_holds_and_the_next_service_waits", stops::by_sigterm),
+        with_pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
+        with_pymodbus("each_run_is_captured_by_itself", starts::captures),
+        with_pymodbus("each_refusal_has_its_reason", starts::refusals),
+        with_pymodbus("a_sign_of_life_that_stops_takes_the_enable_with_it", starts::stale),
+        with_pymodbus("nonsense_floods_and_half_open_lines_disturb_nothing", abuse::of_all_kinds),
+        with_pymodbus("connections_left_behind_make_room", abuse::left_behind),
+        with_pymodbus("only_who_is_allowed_may_connect", abuse::strangers),
+        with_pymodbus("a_stop_holds_until_somebody_acknowledges", stops::by_a_coil),
+        with_pymodbus("a_cycle_that_fails_waits_for_an_acknowledgement", stops::by_a_fault),
+        with_pymodbus("a_lost_position_is_not_acknowledged_away", stops::position_lost),
+        with_pymodbus("a_person_who_resumes_has_the_machine", stops::elsewhere),
+        with_pymodbus("sigterm_just_after_a_start_is_a_stop", stops::at_once),
+        with_pymodbus("sigterm_holds_and_the_next_service_waits", stops::by_sigterm),
         alone("a_line_of_text_starts_a_cycle", line::starts),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];

@@ -84,8 +84,17 @@ impl Shop {
 
     /// Until it is ready. `speed`: of the simulated machine.
     pub fn serve(&self, speed: &str) -> Daemon {
+        self.serve_with(&["--speed", speed])
+    }
+
+    pub fn file(&self, name: &str) -> String {
+        self.folder.path().join(name).display().to_string()
+    }
+
+    pub fn serve_with(&self, more: &[&str]) -> Daemon {
         let machine = self.machine();
-        let mut command = self.command(&["serve", "--machine", &machine, "--speed", speed]);
+        let mut command = self.command(&["serve", "--machine", &machine]);
+        command.args(more);
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());

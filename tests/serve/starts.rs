@@ -131,3 +131,28 @@ pub fn stale() {
     sleep(Duration::from_millis(1000));
     assert!(client.status()[0].wrapping_sub(beat) >= 2);
 }
+
+/// Each run in a file of its own, from which it can be replayed.
+pub fn captures() {
+    let shop = Shop::new(MODBUS);
+    let daemon = shop.serve_with(&["--capture", &shop.file("talk.capture")]);
+    let mut client = Client::new(daemon.port);
+    client.enable();
+    for run in 1..3 {
+        client.press(11);
+        client.until(|status| status[STATE] == 1 && status[RUN] == run);
+    }
+    drop(client);
+    assert_eq!(daemon.terminate(), 0);
+    assert!(!std::path::Path::new(&shop.file("talk-begun.capture")).exists());
+    for run in ["1", "2"] {
+        let capture = shop.file(&format!("talk-{run}.capture"));
+        let method = "self-calibration";
+        let replay = ["run", method, "--json", "--machine", &shop.machine(), "--replay", &capture];
+        let (replayed, measured) = (shop.json(&replay), shop.json(&["show", run, "--json"]));
+        assert_eq!(
+            Some(&replayed["parameters"]),
+            parameters(&measured).map(|list| Value::from(list.clone())).as_ref()
+        );
+    }
+}

@@ -39,6 +39,8 @@ pub(super) struct Wire {
     halt: Halt,
     /// A line was sent whose answer has not come.
     asked: bool,
+    /// No report has come since the last answer.
+    unsure: bool,
     /// The step whose positioning move is under way: the probe touches nothing meanwhile.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
@@ -51,7 +53,18 @@ impl Wire {
         let hold = urgent.clone();
         let halt = Halt::new(move || hold.send_and_close(b"!"));
         let patience = Patience::default();
-        (Self { link, urgent, halt: halt.clone(), asked: false, free: None, patience }, halt)
+        (
+            Self {
+                link,
+                urgent,
+                halt: halt.clone(),
+                asked: false,
+                unsure: false,
+                free: None,
+                patience,
+            },
+            halt,
+        )
     }
 
     pub(super) fn is_halted(&self) -> bool {
@@ -89,7 +102,7 @@ impl Wire {
         loop {
             match self.next(Instant::now() + self.patience.poll).await? {
                 Some(Message::Ok) => {
-                    self.asked = false;
+                    (self.asked, self.unsure) = (false, true);
                     return Ok(said);
                 }
                 Some(Message::Error(code)) => return Err(refused(line, code)),
@@ -121,7 +134,10 @@ impl Wire {
             let again = deadline.min(Instant::now() + self.patience.poll);
             while let Some(message) = self.next(again).await? {
                 match self.unless_it_ends_the_job(message).await? {
-                    Message::Status(status) => return Ok(status),
+                    Message::Status(status) => {
+                        self.unsure = false;
+                        return Ok(status);
+                    }
                     Message::Other(_) => {}
                     // A line may be under way when a halt comes.
                     Message::Ok | Message::Error(_) if self.asked => self.asked = false,
@@ -239,24 +255,30 @@ impl Wire {
     }
 
     /// What was said while nobody asked: a reset or an alarm ends the job, and so does an answer
-    /// too many, which could be taken for the next line's.
+    /// too many, which could be taken for the next line's. A report that is asked for comes after it.
     async fn catch_up(&mut self) -> Result<(), ControllerError> {
-        while let Some(message) = self.next(Instant::now()).await? {
+        if self.unsure && !self.halt.is_halted() {
+            let status = self.status().await?;
+            self.unless_halted(&status).await?;
+        }
+        while let Some(received) = self.link.received()? {
+            let message = understood(received);
             match self.unless_it_ends_the_job(message).await? {
-                Message::Status(_) | Message::Other(_) => {}
+                Message::Status(status) => self.unless_halted(&status).await?,
+                Message::Other(_) => {}
                 other => return Err(out_of_step(&other)),
             }
         }
         Ok(())
     }
 
+    /// As `check`; after a halt the hold that it shows is ours.
+    async fn unless_halted(&mut self, status: &Status) -> Result<(), ControllerError> {
+        if self.halt.is_halted() { Ok(()) } else { self.check(status).await }
+    }
+
     async fn next(&mut self, deadline: Instant) -> Result<Option<Message>, LinkError> {
-        Ok(match self.link.recv_deadline(deadline).await? {
-            Some(Received::Line(line)) => Some(Message::parse(&line)),
-            // If noise swallowed an answer, the silence that follows is told.
-            Some(Received::Noise { bytes }) => Some(Message::Other(format!("{bytes} bytes"))),
-            None => None,
-        })
+        Ok(self.link.recv_deadline(deadline).await?.map(understood))
     }
 
     /// An alarm is followed by the line's answer, or by a banner if the control was reset.
@@ -285,6 +307,14 @@ impl Wire {
             }
         }
         ControllerError::Halted
+    }
+}
+
+fn understood(received: Received) -> Message {
+    match received {
+        Received::Line(line) => Message::parse(&line),
+        // If noise swallowed an answer, the silence that follows is told.
+        Received::Noise { bytes } => Message::Other(format!("{bytes} bytes")),
     }
 }
 

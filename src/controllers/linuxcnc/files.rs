@@ -1,71 +1,68 @@
 //! The two files that trued and LinuxCNC share.
 
 use std::io::{Error, ErrorKind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::prepare::not_ready;
 use super::result::Log;
 use crate::controllers::ControllerError;
+use crate::link::Folder;
 
 /// linuxcncrsh cuts off lines of 250 characters, `set open` included.
 const LONGEST_NAME: usize = 230;
+const PROGRAM: &str = "trued.ngc";
+const LOG: &str = "trued.log";
 
-pub(super) struct Files {
-    program: PathBuf,
-    log: PathBuf,
-}
+pub(super) struct Files(Folder);
 
 impl Files {
     /// # Errors
     /// A directory whose name LinuxCNC cannot take, or that cannot be made.
     pub fn within(directory: &Path) -> Result<Self, ControllerError> {
-        let files = Self { program: directory.join("trued.ngc"), log: directory.join("trued.log") };
-        let name = files.program_name();
+        let name = directory.join(PROGRAM).to_string_lossy().into_owned();
         if !directory.is_absolute() || name.len() > LONGEST_NAME || name.contains(['(', ')', ' ']) {
             return Err(not_ready(
                 &format!("LinuxCNC cannot open {name}"),
                 "give [controller] a directory with a short absolute name without blanks and brackets",
             ));
         }
-        std::fs::create_dir_all(directory).map_err(|error| unusable(directory, &error))?;
-        Ok(files)
+        Folder::open(directory).map(Self).map_err(|error| unusable(directory, &error))
     }
 
     pub fn program_name(&self) -> String {
-        self.program.to_string_lossy().into_owned()
+        self.0.at(PROGRAM).to_string_lossy().into_owned()
     }
 
     pub fn log_name(&self) -> String {
-        self.log.to_string_lossy().into_owned()
+        self.0.at(LOG).to_string_lossy().into_owned()
     }
 
     /// Replace the program whole, and take away the last log.
     pub fn write(&self, text: &str) -> Result<(), ControllerError> {
-        let fresh = self.program.with_extension("new");
-        std::fs::write(&fresh, text)
-            .and_then(|()| std::fs::rename(&fresh, &self.program))
-            .map_err(|error| unusable(&self.program, &error))?;
-        match std::fs::remove_file(&self.log) {
-            Err(error) if error.kind() != ErrorKind::NotFound => Err(unusable(&self.log, &error)),
-            _ => Ok(()),
-        }
+        self.0.write(PROGRAM, text).map_err(|error| self.unusable(PROGRAM, &error))?;
+        self.0.remove(LOG).map_err(|error| self.unusable(LOG, &error))
     }
 
     /// What the program of `step` has written so far.
     pub fn log(&self, step: u32) -> Result<Log, ControllerError> {
-        match std::fs::read_to_string(&self.log) {
-            Ok(text) => Log::parse(&text, step),
-            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Log::default()),
-            Err(error) => Err(unusable(&self.log, &error)),
+        match self.0.read(LOG) {
+            Ok(Some(text)) => Log::parse(&text, step),
+            Ok(None) => Ok(Log::default()),
+            Err(error) => Err(self.unusable(LOG, &error)),
         }
     }
 
     /// After a program that should have opened its log.
     pub fn expect_log(&self) -> Result<(), ControllerError> {
-        if self.log.exists() {
-            return Ok(());
+        match self.0.read(LOG) {
+            Ok(Some(_)) => Ok(()),
+            Ok(None) => Err(self.unusable(LOG, &ErrorKind::NotFound.into())),
+            Err(error) => Err(self.unusable(LOG, &error)),
         }
-        Err(unusable(&self.log, &ErrorKind::NotFound.into()))
+    }
+
+    fn unusable(&self, name: &str, error: &Error) -> ControllerError {
+        unusable(&self.0.at(name), error)
     }
 }
 

@@ -244,7 +244,8 @@ impl Window {
     ) -> Result<Status, ControllerError> {
         let begun = Instant::now();
         let mut watch = Watch::default();
-        let mut pause = Duration::from_micros(250);
+        // Asked again at once: what takes no time, as a modal word, is done by then.
+        let mut pause = Duration::ZERO;
         loop {
             let status = self.status().await?;
             if self.halt.is_halted() {
@@ -277,8 +278,10 @@ impl Window {
                 _ => return Err(out_of_step(&status, sequence)),
             }
             watch.look(&status, &self.patience, still, line)?;
-            sleep(pause).await;
-            pause = (pause * 2).min(self.patience.poll);
+            if !pause.is_zero() {
+                sleep(pause).await;
+            }
+            pause = (pause * 2).max(Duration::from_millis(1)).min(self.patience.poll);
         }
     }
 

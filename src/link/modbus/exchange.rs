@@ -70,11 +70,11 @@ impl Exchange {
     /// Open the connection if need be, and let the line fall silent.
     async fn quieten(&mut self) -> Result<(), ModbusError> {
         if let Some(wire) = &mut self.wire {
-            let silence = match self.line.framing {
-                Framing::Rtu => self.line.silence(),
-                Framing::Tcp => Duration::ZERO,
+            let drained = match self.line.framing {
+                Framing::Rtu => wire.drain(self.line.silence()).await,
+                Framing::Tcp => wire.skim().await,
             };
-            match (wire.drain(silence).await, self.line.framing) {
+            match (drained, self.line.framing) {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Somebody spoke unasked: perhaps the last reply came twice.
@@ -238,7 +238,7 @@ impl Exchange {
     /// tokio-modbus says of a closed stream what the system happened to say last.
     async fn why_lost(&mut self, error: std::io::Error) -> String {
         let Some(wire) = &mut self.wire else { return error.to_string() };
-        match wire.drain(Duration::ZERO).await {
+        match wire.skim().await {
             Err(closed) => closed.to_string(),
             Ok(_) => error.to_string(),
         }

@@ -2,6 +2,7 @@
 //! drained.
 
 use std::fmt;
+use std::future::poll_fn;
 use std::io;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -40,6 +41,31 @@ impl Wire {
         self.inner().last = Instant::now();
     }
 
+    /// Throw away what has come already, without waiting; how much it was. (A timer's shortest wait is
+    /// a millisecond.)
+    ///
+    /// # Errors
+    /// The stream ended, or there is no end of it.
+    pub(super) async fn skim(&mut self) -> io::Result<usize> {
+        let mut dropped = 0;
+        let mut buffer = [0; 256];
+        // What has come already is known to the runtime only after it has looked.
+        tokio::task::yield_now().await;
+        loop {
+            let looked = poll_fn(|context| {
+                let mut into = ReadBuf::new(&mut buffer);
+                Poll::Ready(match Pin::new(&mut *self).poll_read(context, &mut into) {
+                    Poll::Ready(read) => Some(read.map(|()| into.filled().len())),
+                    Poll::Pending => None,
+                })
+            });
+            match looked.await {
+                None => return Ok(dropped),
+                Some(read) => dropped = counted(dropped, read)?,
+            }
+        }
+    }
+
     /// Throw away what comes until nothing has gone either way for `silence`; how much it was.
     ///
     /// # Errors
@@ -53,14 +79,18 @@ impl Wire {
             let due = self.inner().last + silence;
             match timeout_at(due, self.read(&mut buffer)).await {
                 Err(_) => return Ok(dropped),
-                Ok(Ok(0)) => return Err(io::Error::other("the other side closed it")),
-                Ok(Ok(count)) => dropped += count,
-                Ok(Err(error)) => return Err(error),
-            }
-            if dropped > FLOOD_BYTES {
-                return Err(io::Error::other("it never falls silent"));
+                Ok(read) => dropped = counted(dropped, read)?,
             }
         }
+    }
+}
+
+/// `dropped` and what was `read`.
+fn counted(dropped: usize, read: io::Result<usize>) -> io::Result<usize> {
+    match read? {
+        0 => Err(io::Error::other("the other side closed it")),
+        count if dropped + count > FLOOD_BYTES => Err(io::Error::other("it never falls silent")),
+        count => Ok(dropped + count),
     }
 }
 

@@ -1,17 +1,22 @@
 //! A conversation in lines. What is sent outside of lines are single bytes; `?` asks for a status
-//! report, a line in `<` and `>` that comes when it likes.
+//! report, a line in `<` and `>` that comes when it likes. A line that begins with `get ` asks as well; its
+//! answer comes before anything else does.
+
+use std::collections::BTreeMap;
 
 use super::read::{Passed, Track};
 use super::{Said, Script};
 
-const POLL: u8 = b'?';
+const POLL: &[u8] = b"?";
+const QUESTION: &[u8] = b"get ";
 
 /// A command, and what came until the next one.
 #[derive(Default)]
 struct Exchange {
     command: Vec<u8>,
     replies: Vec<Said>,
-    reports: Vec<Said>,
+    /// The answers to each question; to a poll, the reports.
+    asked: BTreeMap<Vec<u8>, Vec<Vec<Said>>>,
 }
 
 pub(super) struct Lines {
@@ -19,45 +24,47 @@ pub(super) struct Lines {
     exchanges: Vec<Exchange>,
     /// The exchange under way; `None` before the first.
     at: Option<usize>,
-    /// How many of its reports were given.
-    given: usize,
+    /// How many answers each question was given in it.
+    given: BTreeMap<Vec<u8>, usize>,
     cutter: Cutter,
 }
 
 impl Lines {
     pub(super) fn new(track: &Track) -> Self {
         let mut exchanges = vec![Exchange::default()];
-        let (mut cutter, mut coming) = (Cutter::default(), Vec::new());
+        let (mut cutter, mut coming, mut question) = (Cutter::default(), Vec::new(), None);
         for passed in &track.passed {
             match passed {
                 Passed::Sent(bytes) => {
-                    let commands = cutter.cut(bytes).into_iter().filter(|cut| *cut != [POLL]);
-                    exchanges.extend(
-                        commands.map(|command| Exchange { command, ..Exchange::default() }),
-                    );
+                    for command in cutter.cut(bytes).into_iter().filter(|cut| *cut != POLL) {
+                        if let (true, Some(exchange)) = (only_asks(&command), exchanges.last_mut())
+                        {
+                            exchange.asked.entry(command.clone()).or_default().push(Vec::new());
+                            question = Some(command);
+                        } else {
+                            exchanges.push(Exchange { command, ..Exchange::default() });
+                            question = None;
+                        }
+                    }
                 }
                 Passed::Came(said) => {
                     coming.extend(&said.bytes);
                     let Some(exchange) = exchanges.last_mut() else { continue };
                     while let Some(end) = coming.iter().position(|byte| *byte == b'\n') {
                         let bytes: Vec<u8> = coming.drain(..=end).collect();
-                        let is_report =
-                            bytes.starts_with(b"<") && bytes.trim_ascii_end().ends_with(b">");
-                        let kind =
-                            if is_report { &mut exchange.reports } else { &mut exchange.replies };
-                        kind.push(Said { at_s: said.at_s, bytes });
+                        exchange.keep(question.as_deref(), Said { at_s: said.at_s, bytes });
                     }
                 }
             }
         }
-        Self { exchanges, at: None, given: 0, cutter: Cutter::default() }
+        Self { exchanges, at: None, given: BTreeMap::new(), cutter: Cutter::default() }
     }
 
     fn answer(&mut self, command: &[u8]) -> Result<Vec<Said>, String> {
         let next = self.at.map_or(0, |at| at + 1);
         match self.exchanges.get(next) {
             Some(exchange) if exchange.command == command => {
-                (self.at, self.given) = (Some(next), 0);
+                (self.at, self.given) = (Some(next), BTreeMap::new());
                 Ok(exchange.replies.clone())
             }
             expected => {
@@ -70,17 +77,34 @@ impl Lines {
         }
     }
 
-    /// The next report of this exchange, or the last there was.
-    fn report(&mut self) -> Option<Said> {
+    /// The next answer of this exchange to `question`, or the last there was.
+    fn told(&mut self, question: &[u8]) -> Option<Vec<Said>> {
         let at = self.at?;
-        let here = &self.exchanges.get(at)?.reports;
-        let report = here.get(self.given).or(here.last()).or_else(|| {
-            let before = self.exchanges.iter().take(at).rev();
-            before.filter_map(|exchange| exchange.reports.last()).next()
-        });
-        self.given += 1;
-        report.cloned()
+        let given = self.given.entry(question.to_owned()).or_default();
+        let here = self.exchanges.get(at)?.asked.get(question);
+        let now = here.and_then(|answers| answers.get(*given).or(answers.last()));
+        *given += 1;
+        let before = || {
+            let earlier = self.exchanges.iter().take(at).rev();
+            earlier.filter_map(|exchange| exchange.asked.get(question)?.last()).next()
+        };
+        now.or_else(before).cloned()
     }
+}
+
+impl Exchange {
+    fn keep(&mut self, question: Option<&[u8]>, said: Said) {
+        let is_report = said.bytes.starts_with(b"<") && said.bytes.trim_ascii_end().ends_with(b">");
+        if is_report {
+            return self.asked.entry(POLL.to_owned()).or_default().push(vec![said]);
+        }
+        let answers = question.and_then(|question| self.asked.get_mut(question)?.last_mut());
+        answers.unwrap_or(&mut self.replies).push(said);
+    }
+}
+
+fn only_asks(command: &[u8]) -> bool {
+    command.starts_with(QUESTION)
 }
 
 impl Script for Lines {
@@ -90,11 +114,14 @@ impl Script for Lines {
             said.extend(self.answer(&[])?);
         }
         for command in self.cutter.cut(bytes) {
-            if command == [POLL] {
-                said.extend(self.report());
-            } else {
-                said.extend(self.answer(&command)?);
-            }
+            said.extend(match () {
+                // A control that has said nothing of itself so far.
+                () if command == POLL => self.told(POLL).unwrap_or_default(),
+                () if only_asks(&command) => self
+                    .told(&command)
+                    .ok_or_else(|| format!("the capture does not know {}", words(&command)))?,
+                () => self.answer(&command)?,
+            });
         }
         Ok(said)
     }

@@ -2,7 +2,7 @@
 //!
 //! Replies are matched by command, not by time. Commands must come as they were captured, in their
 //! order; one that the capture does not know ends the link with words that name it. What only asks
-//! (a status report, a Modbus read) may be asked more or less often than then: it is answered from what
+//! (a status report, a line that begins with `get `, a Modbus read, reading a file) may be asked more or less often than then: it is answered from what
 //! came between the same two commands, and beyond that with the last of its kind.
 
 use std::collections::VecDeque;
@@ -15,6 +15,7 @@ use std::task::{Context, Poll, Waker};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+mod files;
 mod frames;
 mod lines;
 mod read;
@@ -104,6 +105,7 @@ fn script(track: &Track) -> Box<dyn Script> {
         Speech::Lines => Box::new(lines::Lines::new(track)),
         Speech::ModbusRtu => Box::new(registers::Registers::new(track, frames::Frames::Rtu)),
         Speech::ModbusTcp => Box::new(registers::Registers::new(track, frames::Frames::Tcp)),
+        Speech::Files => Box::new(files::Files::new(track)),
     }
 }
 
@@ -129,6 +131,19 @@ struct Playing {
 impl Player {
     pub(super) fn stream(&self) -> impl AsyncRead + AsyncWrite + Send + use<> {
         Played(self.clone())
+    }
+
+    /// What is sent to the device, and all that it says to it.
+    ///
+    /// # Errors
+    /// The command that the capture does not know.
+    pub(super) fn ask(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
+        self.hear(bytes);
+        let mut playing = locked(&self.playing);
+        match &playing.failed {
+            Some(why) => Err(io::Error::other(why.clone())),
+            None => Ok(playing.coming.drain(..).collect()),
+        }
     }
 
     /// What is sent to the device.

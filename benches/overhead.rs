@@ -1,0 +1,83 @@
+//! What the daemon adds to a touch: planned, proven, rendered, sent, answered, checked and in the journal,
+//! against controls that answer at once, compute nothing and move in no time.
+//!
+//! `cargo bench --bench overhead`, alone on the computer. The journal lies in memory (`/dev/shm`): what the
+//! disk's sync adds is told apart. Measured in rounds; the middle one must keep what is asked for.
+
+#[path = "../tests/overhead/controls.rs"]
+mod controls;
+#[path = "../tests/overhead/measure.rs"]
+mod measure;
+#[path = "../tests/overhead/tape.rs"]
+mod tape;
+
+use std::error::Error;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use measure::{Prepared, Wire, in_memory, quantile};
+use trued::methods::NAMES;
+use trued::record::reading::Reading;
+use trued::setup;
+use trued::store::{Journal, NewRun};
+
+const ROUNDS: usize = 8;
+/// What is asked for, at the 99th percentile.
+const MOST: Duration = Duration::from_millis(5);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut slow = Vec::new();
+    for wire in Wire::ALL {
+        let prepared = Prepared::of(wire);
+        let rounds: Vec<_> = (0..ROUNDS).map(|_| prepared.round(&in_memory())).collect();
+        let touches: Vec<_> = rounds.iter().flat_map(|round| round.touches.clone()).collect();
+        let stages: Vec<_> = rounds.iter().flat_map(|round| round.stages.clone()).collect();
+        let each: Vec<_> = rounds.iter().map(|round| quantile(&round.touches, 0.99)).collect();
+        let (median, p99) = (quantile(&touches, 0.5), quantile(&each, 0.5));
+        println!(
+            "{}: {} touches, median {:.2} ms, 99 % within {:.2} ms (the middle of {ROUNDS} rounds), longest {:.2} ms; between two \
+             stages {:.1} ms",
+            wire.name(),
+            touches.len(),
+            ms(median),
+            ms(p99),
+            ms(quantile(&touches, 1.0)),
+            ms(quantile(&stages, 0.5)),
+        );
+        slow.extend((p99 > MOST).then(|| format!("{}: {:.2} ms", wire.name(), ms(p99))));
+        if wire == Wire::GrblMemory {
+            let readings = &rounds[0].readings;
+            let disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
+            for (name, folder) in [("memory", &*in_memory()), ("the target folder's disk", disk)] {
+                let times = journal(readings, folder)?;
+                let (median, p99) = (quantile(&times, 0.5), quantile(&times, 0.99));
+                println!(
+                    "  of it the journal in {name}: median {:.2} ms, 99 % within {:.2} ms",
+                    ms(median),
+                    ms(p99)
+                );
+            }
+        }
+    }
+    if slow.is_empty() { Ok(()) } else { Err(format!("above {MOST:?}: {slow:?}").into()) }
+}
+
+/// How long a reading takes to its place in the journal, by itself.
+fn journal(readings: &[Reading], folder: &Path) -> Result<Vec<Duration>, Box<dyn Error>> {
+    let folder = tempfile::tempdir_in(folder)?;
+    let journal = Journal::open(folder.path())?;
+    let method = NAMES[0];
+    let (_, plan) = setup::header(&setup::load(None, method)?, method, None)?;
+    let id = journal.begin(&NewRun { config: String::new(), plan }).wait()?;
+    let mut times = Vec::new();
+    for reading in readings {
+        let begun = Instant::now();
+        journal.reading(id, reading).wait()?;
+        times.push(begun.elapsed());
+    }
+    Ok(times)
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}

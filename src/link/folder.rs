@@ -1,0 +1,98 @@
+//! Text files that a device and the daemon share, as a port: what is written and what is read goes into a
+//! capture, and comes from one.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use super::capture::Speech;
+use super::wiring::{Wired, Wiring};
+
+/// A folder that both sides see.
+pub struct Folder {
+    path: PathBuf,
+    wired: Wired,
+    /// What was read last: a capture holds what has changed.
+    seen: Mutex<BTreeMap<String, Option<String>>>,
+}
+
+impl Folder {
+    /// The folder at `path`, made if it is missing.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let wired = Wiring::current().of(&path.display().to_string(), Speech::Files);
+        match &wired {
+            Wired::Played(_) => {}
+            Wired::Plain => fs::create_dir_all(path)?,
+            Wired::Tapped(tap) => {
+                fs::create_dir_all(path)?;
+                tap.opened();
+            }
+        }
+        Ok(Self { path: path.to_owned(), wired, seen: Mutex::default() })
+    }
+
+    /// Where the file `name` is.
+    pub fn at(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Replace the file `name` whole: nobody sees a part of it.
+    ///
+    /// # Errors
+    /// It cannot be written; a capture that knows another text here.
+    pub fn write(&self, name: &str, text: &str) -> io::Result<()> {
+        let told = format!("{name}\n{text}");
+        match &self.wired {
+            Wired::Played(player) => return player.ask(told.as_bytes()).map(drop),
+            Wired::Tapped(tap) => tap.note('>', told.as_bytes()),
+            Wired::Plain => {}
+        }
+        let fresh = self.at(&format!("{name}.new"));
+        fs::write(&fresh, text)?;
+        fs::rename(&fresh, self.at(name))
+    }
+
+    /// Take the file `name` away, if it is there.
+    ///
+    /// # Errors
+    /// It cannot be taken away.
+    pub fn remove(&self, name: &str) -> io::Result<()> {
+        if matches!(self.wired, Wired::Played(_)) {
+            return Ok(());
+        }
+        match fs::remove_file(self.at(name)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// What the file `name` holds now; `None`: it is not there.
+    ///
+    /// # Errors
+    /// It cannot be read, or is no text.
+    pub fn read(&self, name: &str) -> io::Result<Option<String>> {
+        if let Wired::Played(player) = &self.wired {
+            let said = String::from_utf8(player.ask(name.as_bytes())?).map_err(io::Error::other)?;
+            return Ok(said.split_once('\n').map(|(_, text)| text.to_owned()));
+        }
+        let text = match fs::read_to_string(self.at(name)) {
+            Ok(text) => Some(text),
+            Err(error) if error.kind() == ErrorKind::NotFound => None,
+            Err(error) => return Err(error),
+        };
+        if let Wired::Tapped(tap) = &self.wired {
+            let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+            if seen.get(name) != Some(&text) {
+                let told = text.as_ref().map_or(name.to_owned(), |text| format!("{name}\n{text}"));
+                tap.note('<', told.as_bytes());
+                seen.insert(name.to_owned(), text.clone());
+            }
+        }
+        Ok(text)
+    }
+}

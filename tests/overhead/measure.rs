@@ -1,0 +1,174 @@
+//! Runs of the real daemon (plan, proof, rendering, driver, link, journal) on such a control, and how
+//! long each touch takes: from the start of its step until its reading is in the journal.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use trued::controllers::Controller;
+use trued::controllers::grbl::Grbl;
+use trued::controllers::modbus::{Config, ModbusControl};
+use trued::gcode::Dialect;
+use trued::link::{self, Address, Capture, Link, Wiring};
+use trued::record::event::Event;
+use trued::record::reading::Reading;
+use trued::run::Run;
+use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun};
+
+use super::{controls, tape};
+
+const MACHINE: &str = include_str!("../../config/simulated.toml");
+const METHOD: &str = "self-calibration";
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wire {
+    GrblMemory,
+    GrblPty,
+    ModbusTcp,
+}
+
+impl Wire {
+    pub const ALL: [Self; 3] = [Self::GrblMemory, Self::GrblPty, Self::ModbusTcp];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GrblMemory => "grbl in memory",
+            Self::GrblPty => "grbl over a pseudo-terminal",
+            Self::ModbusTcp => "Modbus TCP",
+        }
+    }
+
+    fn machine(self) -> MachineFile {
+        let keys = match self {
+            Self::GrblMemory | Self::GrblPty => "wire = \"memory\"\n",
+            Self::ModbusTcp => "speaks = \"modbus\"\nwire = \"tcp\"\n",
+        };
+        assert!(MACHINE.contains("wire = \"memory\"\n"));
+        let text = MACHINE.replace("wire = \"memory\"\n", keys);
+        let text = text + "\n[method.self-calibration]\nrepeats = 4\n";
+        MachineFile::parse("machine.toml", text).unwrap()
+    }
+}
+
+/// A control with answers for one method, over one wire.
+pub struct Prepared {
+    wire: Wire,
+    file: MachineFile,
+    capture: String,
+}
+
+/// Each touch in its order, and the pauses between stages, in which the next one is planned and proven.
+pub struct Round {
+    pub touches: Vec<Duration>,
+    pub stages: Vec<Duration>,
+    pub readings: Vec<Reading>,
+}
+
+/// Without a disk, where the system has such a folder.
+pub fn in_memory() -> PathBuf {
+    let shared = PathBuf::from("/dev/shm");
+    if shared.is_dir() { shared } else { std::env::temp_dir() }
+}
+
+impl Prepared {
+    /// Has the simulated control measure once, and keeps what it says.
+    pub fn of(wire: Wire) -> Self {
+        let (file, folder) = (wire.machine(), tempfile::tempdir().unwrap());
+        let path = folder.path().join("a.capture");
+        on_a_runtime(async {
+            let capture = Capture::create(&path).unwrap();
+            let wiring = Wiring::Captured(capture.clone());
+            let opening = setup::devices(&file, Pace::Fast, Past::default());
+            let devices = wiring.during(opening).await.unwrap();
+            run(&file, &devices, &in_memory()).await;
+            drop(devices);
+            capture.finish().unwrap();
+        });
+        let capture = std::fs::read_to_string(&path).unwrap();
+        Self { wire, file, capture }
+    }
+
+    /// The whole method once more, from the prepared answers; the journal in `folder`.
+    pub fn round(&self, folder: &Path) -> Round {
+        on_a_runtime(async {
+            let devices = self.devices().await;
+            run(&self.file, &devices, folder).await
+        })
+    }
+
+    async fn devices(&self) -> Devices {
+        let machine = &self.file.machine;
+        let dialect = Dialect::named("grbl-m19").unwrap();
+        let dialect = dialect.with(machine, &self.file.probe).unwrap();
+        let link = match self.wire {
+            Wire::GrblMemory => {
+                let (near, far) = tokio::io::duplex(4096);
+                controls::grbl(tape::grbl(&self.capture), move || far);
+                Link::over("the control", near)
+            }
+            Wire::GrblPty => {
+                let (tell, told) = std::sync::mpsc::channel();
+                controls::grbl(tape::grbl(&self.capture), move || {
+                    let pty = link::pty().unwrap();
+                    tell.send((pty.path, pty.client_side)).unwrap();
+                    pty.device
+                });
+                let (path, client_side) = told.recv().unwrap();
+                // Held open as long as the test runs.
+                std::mem::forget(client_side);
+                link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap()
+            }
+            Wire::ModbusTcp => {
+                let port = controls::modbus(tape::modbus(&self.capture));
+                let config: Config =
+                    toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
+                let opened = ModbusControl::open(&config, machine, dialect.clone()).await;
+                let (driver, halt) = opened.unwrap();
+                return Devices::new(Controller::spawn(driver, halt), dialect);
+            }
+        };
+        let (driver, halt) = Grbl::new(link, machine, dialect.clone());
+        Devices::new(Controller::spawn(driver, halt), dialect)
+    }
+}
+
+fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
+}
+
+async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
+    let folder = tempfile::tempdir_in(folder).unwrap();
+    let journal = Journal::open(folder.path()).unwrap();
+    let (method, plan) = setup::header(file, METHOD, None).unwrap();
+    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let id = journal.begin(&new).await.unwrap();
+    let (mut touches, mut stages) = (Vec::new(), Vec::new());
+    let (mut begun, mut ended, mut between) = (None::<Instant>, None::<Instant>, false);
+    let mut tell = |event: &Event| match event {
+        Event::StageStarted { .. } => between = true,
+        Event::StepStarted { .. } => {
+            let now = Instant::now();
+            if std::mem::take(&mut between) {
+                stages.extend(ended.map(|ended| now - ended));
+            }
+            begun = Some(now);
+        }
+        // Told once it is stored.
+        Event::ReadingStored { .. } => {
+            touches.extend(begun.take().map(|begun| begun.elapsed()));
+            ended = Some(Instant::now());
+        }
+        _ => {}
+    };
+    let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut tell);
+    run.execute().await.unwrap();
+    let readings = run.readings;
+    Round { touches, stages, readings }
+}
+
+/// So that `share` of the times are not above it.
+pub fn quantile(times: &[Duration], share: f64) -> Duration {
+    let mut sorted = times.to_vec();
+    sorted.sort();
+    sorted[((sorted.len() - 1) as f64 * share).ceil() as usize]
+}

@@ -1,0 +1,119 @@
+//! What a control said, from a capture of a run: prepared answers for one that computes nothing.
+
+use std::collections::BTreeMap;
+
+/// First register of the status block, its length, and the place of the heartbeat in it; the chunk's
+/// sequence in the command block (docs/line-window.md).
+pub const STATUS: usize = 45;
+const SEQUENCE: usize = 1;
+
+/// Bytes with the way they went: `>` to the control, `<` from it.
+fn passed(capture: &str) -> Vec<(char, Vec<u8>)> {
+    let lines = capture.lines().filter(|line| !line.starts_with('#'));
+    let cut = lines.filter_map(|line| {
+        let mut parts = line.splitn(4, ' ').skip(2);
+        let mark = parts.next()?.chars().next()?;
+        Some((mark, bytes(parts.next()?)))
+    });
+    cut.filter(|(mark, _)| *mark != '=').collect()
+}
+
+/// As `u8::escape_ascii` wrote them.
+fn bytes(text: &str) -> Vec<u8> {
+    let mut rest = text.bytes();
+    let mut found = Vec::new();
+    while let Some(byte) = rest.next() {
+        found.push(match byte {
+            b'\\' => match rest.next().expect("an escape") {
+                b'n' => b'\n',
+                b'r' => b'\r',
+                b't' => b'\t',
+                b'x' => {
+                    let digits = [rest.next().unwrap(), rest.next().unwrap()];
+                    u8::from_str_radix(std::str::from_utf8(&digits).unwrap(), 16).unwrap()
+                }
+                other => other,
+            },
+            other => other,
+        });
+    }
+    found
+}
+
+/// A line to a grbl control and what it said to it; then where it stands, which `?` asks.
+#[derive(Clone, Default)]
+pub struct Exchange {
+    pub line: Vec<u8>,
+    pub replies: Vec<u8>,
+    pub report: Vec<u8>,
+}
+
+/// The first has no line: it is what the control says of itself.
+pub fn grbl(capture: &str) -> Vec<Exchange> {
+    let mut all = vec![Exchange::default()];
+    let (mut sent, mut came) = (Vec::new(), Vec::new());
+    for (mark, bytes) in passed(capture) {
+        if mark == '>' {
+            for byte in bytes {
+                if byte == b'?' && sent.is_empty() {
+                    continue;
+                }
+                sent.push(byte);
+                if byte == b'\n' {
+                    let report = all.last().unwrap().report.clone();
+                    let line = std::mem::take(&mut sent);
+                    all.push(Exchange { line, replies: Vec::new(), report });
+                }
+            }
+            continue;
+        }
+        came.extend(bytes);
+        while let Some(end) = came.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = came.drain(..=end).collect();
+            let exchange = all.last_mut().unwrap();
+            if line.starts_with(b"<") {
+                exchange.report = line;
+            } else {
+                exchange.replies.extend(line);
+            }
+        }
+    }
+    all
+}
+
+/// The status of a Modbus control once each chunk is done; of 0, before the first.
+pub fn modbus(capture: &str) -> BTreeMap<u16, Vec<u16>> {
+    let (mut sent, mut came) = (Vec::new(), Vec::new());
+    let (mut sequence, mut found) = (0, BTreeMap::new());
+    for (mark, bytes) in passed(capture) {
+        if mark == '>' {
+            sent.extend(bytes);
+            while let Some(frame) = frame(&mut sent) {
+                let values = frame.get(13..).unwrap_or_default();
+                if frame[7] == 16 && word(&frame, 8) == SEQUENCE as u16 && values.len() == 2 {
+                    sequence = word(values, 0);
+                }
+            }
+            continue;
+        }
+        came.extend(bytes);
+        while let Some(frame) = frame(&mut came) {
+            if frame[7] == 4 && usize::from(frame[8]) == 2 * STATUS {
+                let words = frame[9..].chunks(2).map(|pair| word(pair, 0));
+                found.insert(sequence, words.collect());
+            }
+        }
+    }
+    found
+}
+
+/// A whole Modbus TCP frame from the beginning of `bytes`: six bytes of head, of which the last two say
+/// how many follow.
+pub fn frame(bytes: &mut Vec<u8>) -> Option<Vec<u8>> {
+    let end = 6 + usize::from(u16::from_be_bytes([*bytes.get(4)?, *bytes.get(5)?]));
+    (bytes.len() >= end).then(|| bytes.drain(..end).collect())
+}
+
+pub fn word(bytes: &[u8], at: usize) -> u16 {
+    u16::from_be_bytes([bytes[at], bytes[at + 1]])
+}

@@ -1,0 +1,15 @@
+//! Where pymodbus is, the peer of all that speaks Modbus.
+
+use std::path::{Path, PathBuf};
+
+pub const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+
+/// A python that has it: `TRUED_PYMODBUS`, or the one that `tests/peers/pymodbus/install` has made.
+pub fn python() -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
+        return Some(named.into());
+    }
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let python = target.join("peers/pymodbus-3.8.6/bin/python");
+    python.is_file().then_some(python)
+}
