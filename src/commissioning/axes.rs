@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError};
-use super::words::{look_for, told, unit};
+use super::words::{amount, look_for, told, unit};
 use super::{Check, Ended, Part};
 use crate::base::Axis;
 use crate::record::machine::Sense;
@@ -45,7 +45,8 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
         }
-        let expected = look_for(&check.file.machine, &jog).unwrap_or_default();
+        let stands = check.stands.clone().unwrap_or_default();
+        let expected = look_for(&check.file.machine, &stands, &jog).unwrap_or_default();
         let may = Question::MayJog { jog, look_for: expected.clone() };
         match check.ask(may).await? {
             Answer::Yes => {}
@@ -109,7 +110,7 @@ async fn trouble(
 ) -> Result<(), Ended> {
     check.go_on()?;
     check.strays = true;
-    let reported = reported(check, jog).await;
+    let reported = if error.is_harmless() { None } else { reported(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, told(jog), reported.unwrap_or_default());
     check.failed(Part::Axes, since, what, error.remedy());
     if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) }
@@ -128,7 +129,10 @@ async fn reported(check: &Check<'_>, jog: &Jog) -> Option<String> {
         return Some("; its reports show no motion".to_owned());
     }
     let of = if axis == jog.axis { "" } else { ", another axis" };
-    Some(format!("; its reports say that {axis} went {by:+.3} {}{of}", unit(axis)))
+    Some(format!(
+        "; its reports say that {axis} went {}{of}",
+        amount(axis, format_args!("{by:+.3}"))
+    ))
 }
 
 fn judge(check: &mut Check<'_>, jog: &Jog, seen: Seen, since: Instant, expected: &str) {
@@ -194,8 +198,9 @@ fn too_far(jog: &Jog, seen: f64) -> (String, String) {
     let seen = (seen * 100.0).round() / 100.0;
     let turned = if seen * jog.by < 0.0 { ", and the other way round" } else { "" };
     let what = format!(
-        "{axis} {}: it went {seen:+} {unit}{turned}: the gain of {axis} is {gain:.3}{inches}",
-        told(jog)
+        "{axis} {}: it went {}{turned}: the gain of {axis} is {gain:.3}{inches}",
+        told(jog),
+        amount(axis, format_args!("{seen:+}"))
     );
     let remedy = format!(
         "divide the steps per {unit} of {axis} at the control by {gain:.3} (grblHAL: $100 and on, in the \

@@ -6,15 +6,21 @@ use super::{Check, Ended, Part, compare, links};
 use crate::controllers::ControllerError;
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    introduce(check).await?;
-    prepare(check).await
+    let may_move = introduce(check).await?;
+    prepare(check).await?;
+    // Where its positions are not what they seem, a small jog may go anywhere.
+    if may_move { Ok(()) } else { Err(Ended::Unsafe) }
 }
 
-/// What it says of itself. One that cannot is told by what follows.
-async fn introduce(check: &mut Check<'_>) -> Result<(), Ended> {
+/// What it says of itself, and whether it may move so. One that says nothing is told by what follows.
+async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
     let since = Instant::now();
-    let Ok(says) = check.controller()?.introduce().await else { return check.go_on() };
+    let Ok(says) = check.controller()?.introduce().await else {
+        check.go_on()?;
+        return Ok(true);
+    };
     check.summary.control = Some(says.identity.clone());
+    check.polarity.clone_from(&says.polarity);
     let differs = compare::differences(&check.file.machine, &says);
     if differs.is_empty() && !says.axes.is_empty() {
         let what = format!("{}: travel, speeds and axes suit the machine file", says.identity);
@@ -23,6 +29,7 @@ async fn introduce(check: &mut Check<'_>) -> Result<(), Ended> {
     for (what, remedy) in differs {
         check.failed(Part::Control, since, what, remedy);
     }
+    let may_move = !says.remarks.iter().any(|remark| remark.hinders);
     for remark in says.remarks {
         if remark.hinders {
             check.failed(Part::Control, since, remark.what, remark.remedy);
@@ -30,7 +37,8 @@ async fn introduce(check: &mut Check<'_>) -> Result<(), Ended> {
             check.well(Part::Control, since, format!("{} ({})", remark.what, remark.remedy));
         }
     }
-    check.go_on()
+    check.go_on()?;
+    Ok(may_move)
 }
 
 /// Make it ready. A probe that reads closed is left to the next part.
@@ -38,7 +46,13 @@ pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
-            let what = format!("ready; how it stops: {}", prepared.stop);
+            let stands = prepared.stands.iter();
+            let stands = stands.map(|(axis, at)| format!("{axis} {:.3}", axis.to_edge(at)));
+            let stands = stands.collect::<Vec<_>>().join(" ");
+            let what = format!(
+                "ready; it stands at {stands} (its display must show the same); how it stops: {}",
+                prepared.stop
+            );
             check.summary.control = Some(prepared.identity);
             check.stands = Some(prepared.stands);
             check.well(Part::Control, since, what);

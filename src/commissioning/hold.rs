@@ -11,7 +11,7 @@ use crate::base::Axis;
 use crate::controllers::ControllerError;
 use crate::record::motion::Outcome;
 use crate::record::question::{Answer, Jog, Question};
-use crate::setup::Pace;
+use crate::setup::{Pace, SetupError};
 
 /// Length of the way that is held, mm.
 const BY: f64 = 5.0;
@@ -19,6 +19,8 @@ const BY: f64 = 5.0;
 const AFTER: Duration = Duration::from_millis(1500);
 /// Farther than this it may not go on, mm; at the slow feed of a jog that is a second.
 const GOES_ON: f64 = 1.0;
+/// A person may be too early so often.
+const TRIES: usize = 3;
 /// What stands so near to the end has reached it, mm.
 const AT_END: f64 = 0.05;
 
@@ -47,11 +49,14 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         check.not_looked_at(Part::Hold, "nobody let an axis move");
         return Ok(());
     }
+    let since = Instant::now();
     if check.site.bystander().is_some() {
         // In its own time, or there is nothing to hold.
-        reopen(check, Pace::Real).await?;
+        if let Err(error) = ready(check, Pace::Real).await {
+            check.failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
+            return Err(Ended::Unsafe);
+        }
     }
-    let since = Instant::now();
     let proven = match jog::proven(check, &jog) {
         Ok(proven) => proven,
         Err(error) => {
@@ -142,32 +147,29 @@ async fn judge(
     Ok(true)
 }
 
-/// Ready for what follows: a link that was held takes no line any more.
+/// Ready for what follows: a link that was held takes no line any more. A person may be too early.
 async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
-    match check.ask(Question::Released).await? {
-        Answer::Yes => reopen(check, check.pace).await,
-        _ => {
-            check.devices = None;
-            check.stands = None;
-            Ok(())
+    let mut not_yet = None;
+    for _ in 0..TRIES {
+        check.devices = None;
+        check.stands = None;
+        if check.ask(Question::Released { not_yet }).await? != Answer::Yes {
+            return Ok(());
+        }
+        match ready(check, check.pace).await {
+            Ok(()) => return check.go_on(),
+            Err(error) => not_yet = Some(error.to_string()),
         }
     }
+    let what = format!("it is not ready after the hold: {}", not_yet.unwrap_or_default());
+    check.not_looked_at(Part::Hold, what);
+    Ok(())
 }
 
-async fn reopen(check: &mut Check<'_>, pace: Pace) -> Result<(), Ended> {
-    let since = Instant::now();
-    if let Err(error) = check.open(pace).await {
-        check.failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
-        return Err(Ended::Unsafe);
-    }
-    match check.controller()?.prepare().await {
-        Ok(prepared) => {
-            check.stands = Some(prepared.stands);
-            check.go_on()
-        }
-        Err(error) => {
-            check.failed(Part::Hold, since, error.to_string(), error.remedy());
-            Err(Ended::Unsafe)
-        }
-    }
+/// Opened anew and prepared.
+async fn ready(check: &mut Check<'_>, pace: Pace) -> Result<(), SetupError> {
+    check.open(pace).await?;
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    check.stands = Some(controller.prepare().await?.stands);
+    Ok(())
 }

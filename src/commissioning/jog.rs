@@ -1,7 +1,6 @@
 //! One small move: planned, written, read back and proven; only then sent.
 
 use super::Check;
-use super::words::unit;
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
 use crate::gcode::{Program, RenderError};
@@ -80,7 +79,7 @@ pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
     let block = Block { step: STEP, repeat: 0, motions: vec![motion(check.file, jog, to)] };
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
-    let title = format!("jog {axis} {:+} {}", jog.by, unit(axis));
+    let title = format!("jog {axis} {:+}", jog.by);
     let program = Program { title: &title, axes: &axes, log: None };
     let text = dialect.program(&program, std::slice::from_ref(&block))?;
     let (plan, feed_at_most) = (plan(check.file), FEED_PER_MIN);

@@ -39,7 +39,8 @@ pub(super) async fn why(
     let Control::Real(control) = &check.file.controller.control else { return check.go_on() };
     let machine = &check.file.machine;
     let mut found = control.diagnose(machine, error, Leave::Listen).await;
-    if found.is_empty() && check.ask(may_ask()).await? == Answer::Yes {
+    let more = found.is_empty() || found.iter().any(|suspicion| suspicion.vague);
+    if more && check.ask(may_ask()).await? == Answer::Yes {
         found = control.diagnose(machine, error, Leave::Ask).await;
     }
     for suspicion in found {
@@ -50,7 +51,7 @@ pub(super) async fn why(
 }
 
 fn may_ask() -> Question {
-    let what = "Nothing says why. The device can be asked at other speeds, in the languages of other \
+    let what = "It is not clear why. The device can be asked at other speeds, in the languages of other \
                 controls and under other unit numbers. These are no commands to them; if another device \
                 hangs there, nobody knows what it makes of it. May it be asked so?";
     Question::May { what: what.to_owned() }

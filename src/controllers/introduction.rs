@@ -36,7 +36,7 @@ pub struct AxisSays {
 /// Something about a control's settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Remark {
-    /// With it no measurement comes right; otherwise it is good to know.
+    /// It must not measure so; otherwise it is good to know.
     pub hinders: bool,
     pub what: String,
     pub remedy: String,
@@ -68,6 +68,8 @@ pub enum Leave {
 pub struct Suspicion {
     /// Seen to be so; otherwise suspected.
     pub seen: bool,
+    /// With leave to ask, more could be found out.
+    pub vague: bool,
     /// The mistake, in words.
     pub what: String,
     /// What speaks for it.

@@ -31,7 +31,7 @@ pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> 
 }
 
 fn seen(what: String, because: String, remedy: &str) -> Suspicion {
-    Suspicion { seen: true, what, because, remedy: remedy.to_owned() }
+    Suspicion { seen: true, vague: false, what, because, remedy: remedy.to_owned() }
 }
 
 fn nobody_listens(address: &str) -> Suspicion {

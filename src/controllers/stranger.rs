@@ -87,6 +87,7 @@ pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Su
 fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Suspicion {
     Suspicion {
         seen: true,
+        vague: false,
         what: format!("wrong kind of control: what answers is of kind `{kind}`, not `{known}`"),
         because: format!("in the language of `{kind}` it {said}"),
         remedy: format!("in the machine file: [controller] kind = \"{kind}\" with {keys}"),
@@ -97,6 +98,7 @@ fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Suspicion {
 pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Suspicion {
     Suspicion {
         seen: false,
+        vague: false,
         what: format!("wrong port, or what is at {at} is off, not wired, or no control that is known"),
         because: because.to_owned(),
         remedy: "switch it on, look at the cable; unplug it and see which name goes (`ls \

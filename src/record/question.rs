@@ -34,8 +34,9 @@ pub enum Question {
     Stylus(Stylus),
     /// May the machine move so, to be held on its way? Yes or no.
     MayHold(Jog),
-    /// The control was held. Is it released there, and ready again? Yes or no.
-    Released,
+    /// The control was held. Is it released there, and ready again? `not_yet`: why it was not when it
+    /// was last tried. Yes or no.
+    Released { not_yet: Option<String> },
     /// May this be done? Yes or no.
     May { what: String },
 }

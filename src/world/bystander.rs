@@ -35,7 +35,7 @@ impl Bystander {
                 self.world().deflect(*stylus == Stylus::Deflected);
                 Answer::Yes
             }
-            Question::Released | Question::May { .. } => Answer::Yes,
+            Question::Released { .. } | Question::May { .. } => Answer::Yes,
         }
     }
 

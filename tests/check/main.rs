@@ -1,6 +1,7 @@
 //! `trued check` names the mistake: each that is planted, in words that come up for no other.
 
 mod bench;
+mod links;
 mod mistakes;
 mod people;
 mod program;
@@ -8,14 +9,18 @@ mod program;
 use std::thread;
 
 use bench::{against, checked, failures, machine, with_control};
-use mistakes::MISTAKES;
+use mistakes::{MISTAKES, Mistake};
 use trued::commissioning::Verdict;
 use trued::setup::Pace;
+
+fn all() -> impl Iterator<Item = &'static Mistake> {
+    MISTAKES.iter().chain(links::MISTAKES)
+}
 
 #[test]
 fn each_planted_mistake_is_named_and_no_other() {
     thread::scope(|scope| {
-        let rows = MISTAKES.iter().map(|row| (row, scope.spawn(move || (row.check)())));
+        let rows = all().map(|row| (row, scope.spawn(move || (row.check)())));
         let rows: Vec<_> = rows.collect();
         let mut wrong = Vec::new();
         for (row, checked) in rows {
@@ -25,7 +30,7 @@ fn each_planted_mistake_is_named_and_no_other() {
             if !failed.contains(row.phrase) {
                 wrong.push(format!("{}: not named (`{}`):\n{summary}", row.name, row.phrase));
             }
-            for other in MISTAKES.iter().filter(|other| other.phrase != row.phrase) {
+            for other in all().filter(|other| other.phrase != row.phrase) {
                 if failed.contains(other.phrase) {
                     wrong.push(format!("{}: `{}` is said:\n{summary}", row.name, other.phrase));
                 }

@@ -95,6 +95,16 @@ pub const MISTAKES: &[Mistake] = &[
         "but not B",
     ),
     row(
+        "faster than the control",
+        || told(&[("rapid_per_min = 20000.0", "rapid_per_min = 40000.0")]),
+        "the rapid speed of X is above the control's",
+    ),
+    row(
+        "brisker than the control",
+        || told(&[("acceleration_per_s2 = 2000.0", "acceleration_per_s2 = 4000.0")]),
+        "the acceleration of X is above the control's",
+    ),
+    row(
         "not where the file has the axis",
         || told(&[("min = -50.0\nmax = 450.0", "min = -50.0\nmax = 400.0")]),
         "Z stands at 450.000, outside its travel",
@@ -114,9 +124,9 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "the hold has no effect",
     ),
-    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "alarm 99"),
-    row("door open", || faulty("kind = \"door\"\nat_line = 1"), "Door"),
-    row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "held at the machine"),
+    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "or unlock it ($X)"),
+    row("door open", || faulty("kind = \"door\"\nat_line = 1"), "close the door"),
+    row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "a move is held"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
     row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "alarm 10: emergency stop"),
     row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "by a scan of about"),
@@ -154,5 +164,4 @@ pub const MISTAKES: &[Mistake] = &[
         || checked(&machine(&[("uncertainty_mm = 2.0", "uncertainty_mm = 3.0")])),
         "more than the overtravel of 6 mm",
     ),
-    row("a control that hangs", || faulty_modbus("kind = \"frozen\""), "has stopped working"),
 ];

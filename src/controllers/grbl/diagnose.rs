@@ -64,12 +64,19 @@ fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
             "compare [controller] tcp and kind with the control's manual, or let others be tried",
         ),
     };
-    vec![Suspicion { seen: false, what, because: heard.to_owned(), remedy: remedy.to_owned() }]
+    vec![Suspicion {
+        seen: false,
+        vague: true,
+        what,
+        because: heard.to_owned(),
+        remedy: remedy.to_owned(),
+    }]
 }
 
 fn wrong_speed(baud: u32, right: u32, said: &str) -> Suspicion {
     Suspicion {
         seen: true,
+        vague: false,
         what: format!("wrong baud rate: the control speaks at {right} baud, not at {baud}"),
         because: format!("at {right} baud it answers `{said}`"),
         remedy: format!("in the machine file: [controller] baud = {right}"),

@@ -120,7 +120,7 @@ fn remarks(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Rema
     }
     if settings.value(20) == Some(0.0) {
         let what = "its soft limits are off ($20=0): the control refuses no move beyond its travel";
-        remarks.push(Remark::note(what, "enter $20=1 once the axes are homed"));
+        hinders(what.to_owned(), "enter $20=1 once the axes are homed");
     }
     remarks.extend(not_homed(settings, axes));
     remarks
@@ -211,7 +211,7 @@ mod tests {
             assert!(said.remarks[0].hinders && said.remarks[0].what.contains(named), "{said:?}");
         }
         let said = says("XYZ", false, &FIVE.replace("$20=1", "$20=0"));
-        assert!(!said.remarks[0].hinders && said.remarks[0].what.contains("soft limits"));
+        assert!(said.remarks[0].hinders && said.remarks[0].what.contains("soft limits"));
         let said = says("XYZBC", false, FIVE);
         assert!(said.remarks[0].what.contains("does not home B, C"), "{said:?}");
         assert_eq!(says("XYZBC", false, &FIVE.replace("$22=1\n", "$22=33\n")).remarks, []);

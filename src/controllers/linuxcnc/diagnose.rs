@@ -36,6 +36,7 @@ impl Config {
             }
             Leave::Listen if strange => vec![Suspicion {
                 seen: false,
+                vague: true,
                 what: "wrong port, or another kind of control".to_owned(),
                 because: failed.to_string(),
                 remedy: "compare [controller] tcp and kind with how the control was started"
@@ -55,6 +56,7 @@ impl Config {
         let said = stranger::greets_as_rsh(&usual).await?;
         Some(Suspicion {
             seen: true,
+            vague: false,
             what: format!("wrong port: linuxcncrsh listens at {usual}, not at {address}"),
             because: format!("it says `{said}`"),
             remedy: format!("in the machine file: [controller] tcp = \"{usual}\""),

@@ -65,7 +65,7 @@ impl Config {
             return if fits { Vec::new() } else { otherwise::suspects(&self.map, &block, machine) };
         }
         if leave == Leave::Listen {
-            return vec![shifted()];
+            return vec![Suspicion { vague: true, ..shifted() }];
         }
         for (by, other) in otherwise::OFF {
             let Some(map) = otherwise::moved(&self.map, by, other) else { continue };
@@ -111,7 +111,13 @@ impl Config {
                  be tried",
             ),
         };
-        Suspicion { seen: false, what, because: failed.to_string(), remedy: remedy.to_owned() }
+        Suspicion {
+            seen: false,
+            vague: true,
+            what,
+            because: failed.to_string(),
+            remedy: remedy.to_owned(),
+        }
     }
 
     /// Who else answers, and how.
@@ -182,6 +188,7 @@ async fn status(modbus: &Modbus, map: &Map) -> Option<Vec<u16>> {
 fn wrong_unit(wrong: u8, right: u8) -> Suspicion {
     Suspicion {
         seen: true,
+        vague: false,
         what: format!("wrong unit: a device answers as unit {right}, none as {wrong}"),
         because: format!("a read of one register as unit {right} was answered"),
         remedy: format!("if that device is the control: [controller] unit = {right}"),
@@ -191,6 +198,7 @@ fn wrong_unit(wrong: u8, right: u8) -> Suspicion {
 fn wrong_line(what: &str, keys: &str) -> Suspicion {
     Suspicion {
         seen: true,
+        vague: false,
         what: what.to_owned(),
         because: format!("with {keys} it answers"),
         remedy: format!("in the machine file: [controller] {keys}"),
@@ -200,6 +208,7 @@ fn wrong_line(what: &str, keys: &str) -> Suspicion {
 fn shifted() -> Suspicion {
     Suspicion {
         seen: false,
+        vague: false,
         what: "wrong addresses, wrong space, or a program in the control that serves another window".to_owned(),
         because: "what is read there is no status: head and tail, version or state do not agree".to_owned(),
         remedy: "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
@@ -211,6 +220,7 @@ fn shifted() -> Suspicion {
 fn stopped(own: u16) -> Suspicion {
     Suspicion {
         seen: true,
+        vague: false,
         what: "the control's program is stopped: what answers is only its Modbus server".to_owned(),
         because: format!(
             "nothing in its status changes, and its heartbeat (register {own}) stands"
@@ -224,6 +234,7 @@ fn other_heart(own: u16, changed: &[u16]) -> Suspicion {
     let list = list.join(", ");
     Suspicion {
         seen: false,
+        vague: false,
         what: format!("wrong address of the heartbeat: register {own} stands, the control lives"),
         because: format!("register {list} changes by itself"),
         remedy: format!(

@@ -13,8 +13,9 @@ const ORDERS: [Order; 4] = [Order::Abcd, Order::Cdab, Order::Badc, Order::Dcba];
 const SCALES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
 /// An axis may stand a little beyond the travel that the machine file states, mm or degrees.
 const BEYOND: f64 = 1.0;
-/// Registers read as floating point by mistake hold next to nothing.
+/// Of positions that could be meant, mm or degrees.
 const LEAST: f64 = 1e-4;
+const NOTHING: f64 = 1e-20;
 
 /// Another way in which the positions may lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,9 +46,14 @@ impl Change {
                 let what = if signs { "wrong signedness" } else { "wrong type" };
                 (what.to_owned(), small(format!("type = \"{kind:?}\"")))
             }
-            Self::Scale(scale) => ("wrong scale".to_owned(), format!("scale = {scale}")),
+            Self::Scale(scale) => ("wrong scale".to_owned(), format!("scale = {scale} or less")),
         }
     }
+}
+
+/// Small whole numbers, read as floating ones: far less than any axis can stand from zero.
+pub(super) fn is_no_position(value: f64) -> bool {
+    value != 0.0 && value.abs() < NOTHING
 }
 
 /// Whether the positions in `block` can be those of `machine`: each within its travel.
@@ -65,13 +71,22 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspi
     let orders = ORDERS.into_iter().filter(|order| *order != number.order).map(Change::Order);
     let scales = SCALES.into_iter().filter(|scale| *scale != number.scale).map(Change::Scale);
     let changes = orders.chain(kinds.iter().copied().map(Change::Kind)).chain(scales);
-    let says = |change: Change| {
-        let positions = positions(&map.status, block, machine, Some(change))?;
+    let mut told: Vec<(Change, Vec<(Axis, f64)>)> = Vec::new();
+    for change in changes {
+        let Some(positions) = positions(&map.status, block, machine, Some(change)) else {
+            continue;
+        };
         let real = positions.iter().any(|(_, value)| value.abs() >= LEAST)
             && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= LEAST);
-        (real && within(&positions, machine)).then(|| suspicion(change, number, &positions))
-    };
-    changes.filter_map(says).collect()
+        // Of scales that fit the largest stands for the rest; of types with one answer the first.
+        let scaled =
+            |other: &Change| matches!((other, change), (Change::Scale(_), Change::Scale(_)));
+        let known = told.iter().any(|(other, same)| scaled(other) || *same == positions);
+        if real && !known && within(&positions, machine) {
+            told.push((change, positions));
+        }
+    }
+    told.iter().map(|(change, positions)| suspicion(*change, number, positions)).collect()
 }
 
 fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Suspicion {
@@ -80,6 +95,7 @@ fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Suspi
         positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
     Suspicion {
         seen: false,
+        vague: false,
         what: format!("{what} of the positions"),
         because: format!("with {key} every axis stands within its travel: {}", stands.join(", ")),
         remedy: format!(
@@ -109,6 +125,9 @@ fn positions(
 
 fn within(positions: &[(Axis, f64)], machine: &Machine) -> bool {
     positions.iter().all(|(axis, value)| {
+        if is_no_position(*value) {
+            return false;
+        }
         let travel = machine.axes.get(axis);
         travel.is_none_or(|spec| (spec.min - BEYOND..=spec.max + BEYOND).contains(value))
     })
@@ -174,6 +193,7 @@ pub(super) fn elsewhere(map: &Map, by: i16, other: bool) -> Suspicion {
     };
     Suspicion {
         seen: true,
+        vague: false,
         what,
         because: format!(
             "read from {space} register {first} on, head, tail, version and state agree"

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::driver::ModbusControl;
 use super::fault::not_ready;
+use super::otherwise;
 use super::status::Status;
 use crate::controllers::{ControllerError, Prepared, arrival};
 use crate::gcode::{Dialect, Program, RenderError};
@@ -35,15 +36,18 @@ impl ModbusControl {
         Ok(Prepared { identity, stop, stands: self.stood.clone() })
     }
 
-    /// Numbers in the wrong order of words are far beyond any travel.
+    /// Numbers in the wrong order of words are far beyond any travel, whole ones read as floating next to
+    /// nothing.
     fn plausible(&self, status: &Status) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
-            if stands < spec.min - span || stands > spec.max + span {
+            let tiny = otherwise::is_no_position(stands);
+            if tiny || stands < spec.min - span || stands > spec.max + span {
+                let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
                 return Err(ControllerError::Strange {
                     state: format!(
-                        "it says that {axis} stands at {stands}, far beyond its travel from {} to {}",
+                        "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
                         spec.min, spec.max
                     ),
                     remedy: "compare `type`, `order` and `scale` of [controller.registers.status] \

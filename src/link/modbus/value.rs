@@ -84,16 +84,16 @@ impl Kind {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The other types of the same count of registers.
+    /// The other types of the same count of registers, the likelier first.
     pub fn others(self) -> Vec<Self> {
         let all = [
-            Self::U16,
             Self::I16,
-            Self::U32,
+            Self::U16,
             Self::I32,
+            Self::U32,
             Self::F32,
-            Self::U64,
             Self::I64,
+            Self::U64,
             Self::F64,
         ];
         let alike = |kind: &Self| *kind != self && kind.registers() == self.registers();
