@@ -95,11 +95,6 @@ pub const MISTAKES: &[Mistake] = &[
         "but not B",
     ),
     row(
-        "travel beyond the control's",
-        || told(&[("min = -250.0\nmax = 250.0", "min = -250.0\nmax = 300.0")]),
-        "X travels ",
-    ),
-    row(
         "faster than the control",
         || told(&[("rapid_per_min = 20000.0", "rapid_per_min = 40000.0")]),
         "the rapid speed of X is above the control's",

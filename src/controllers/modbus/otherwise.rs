@@ -73,11 +73,14 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspi
     let changes = orders.chain(kinds.iter().copied().map(Change::Kind)).chain(scales);
     let mut told: Vec<(Change, Vec<(Axis, f64)>)> = Vec::new();
     for change in changes {
-        let Some(positions) = positions(&map.status, block, machine, Some(change)) else { continue };
+        let Some(positions) = positions(&map.status, block, machine, Some(change)) else {
+            continue;
+        };
         let real = positions.iter().any(|(_, value)| value.abs() >= LEAST)
             && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= LEAST);
         // Of scales that fit the largest stands for the rest; of types with one answer the first.
-        let scaled = |other: &Change| matches!((other, change), (Change::Scale(_), Change::Scale(_)));
+        let scaled =
+            |other: &Change| matches!((other, change), (Change::Scale(_), Change::Scale(_)));
         let known = told.iter().any(|(other, same)| scaled(other) || *same == positions);
         if real && !known && within(&positions, machine) {
             told.push((change, positions));

@@ -43,10 +43,7 @@ impl ModbusControl {
             let Some(value) = status.position.get(*axis) else { continue };
             let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
             let tiny = otherwise::is_no_position(stands);
-            if tiny
-                || stands < spec.min - span
-                || stands > spec.max + span
-            {
+            if tiny || stands < spec.min - span || stands > spec.max + span {
                 let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
                 return Err(ControllerError::Strange {
                     state: format!(

@@ -86,8 +86,16 @@ impl Kind {
 
     /// The other types of the same count of registers, the likelier first.
     pub fn others(self) -> Vec<Self> {
-        let all =
-            [Self::I16, Self::U16, Self::I32, Self::U32, Self::F32, Self::I64, Self::U64, Self::F64];
+        let all = [
+            Self::I16,
+            Self::U16,
+            Self::I32,
+            Self::U32,
+            Self::F32,
+            Self::I64,
+            Self::U64,
+            Self::F64,
+        ];
         let alike = |kind: &Self| *kind != self && kind.registers() == self.registers();
         all.into_iter().filter(alike).collect()
     }
