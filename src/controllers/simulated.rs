@@ -6,6 +6,7 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
@@ -42,11 +43,13 @@ struct Keys {
 
 /// The list: a new simulated control is a line here and in the matches below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 enum Speaks {
     #[default]
     Grbl,
     Modbus,
+    /// A resident program behind it.
+    ModbusProgram,
 }
 
 /// What stands between the daemon and the simulated firmware.
@@ -109,12 +112,18 @@ impl Served {
         };
         match self.speaks {
             Speaks::Grbl => format!("kind = \"{}\"\n{link}", grbl::KIND),
-            Speaks::Modbus if matches!(self.at, link::Named::Tcp(_)) => {
-                format!("kind = \"{}\"\n{link}", modbus::KIND)
+            Speaks::Modbus => format!("kind = \"{}\"\n{link}{}", modbus::KIND, self.line()),
+            Speaks::ModbusProgram => {
+                let program = "program = { number = 1 }";
+                format!("kind = \"{}\"\n{link}{}\n{program}", modbus::KIND, self.line())
             }
-            Speaks::Modbus => {
-                format!("kind = \"{}\"\n{link}\nbaud = {BAUD}\nparity = \"none\"", modbus::KIND)
-            }
+        }
+    }
+
+    fn line(&self) -> String {
+        match &self.at {
+            link::Named::Tcp(_) => String::new(),
+            _ => format!("\nbaud = {BAUD}\nparity = \"none\""),
         }
     }
 
@@ -123,6 +132,7 @@ impl Served {
         match self.speaks {
             Speaks::Grbl => "grblHAL machine",
             Speaks::Modbus => "machine behind a window of Modbus registers",
+            Speaks::ModbusProgram => "machine with a resident program behind Modbus registers",
         }
     }
 }
@@ -138,7 +148,7 @@ impl TryFrom<Keys> for Simulated {
     fn try_from(Keys { speaks, wire }: Keys) -> Result<Self, String> {
         let (usual, known) = match speaks {
             Speaks::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
-            Speaks::Modbus => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
+            Speaks::Modbus | Speaks::ModbusProgram => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
         };
         let wire = wire.unwrap_or(usual);
         if known.contains(&wire) {
@@ -162,7 +172,16 @@ impl Simulated {
     pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<Faults, D::Error> {
         Ok(Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Deserialize::deserialize(list)?),
-            Speaks::Modbus => Kind::Modbus(Deserialize::deserialize(list)?),
+            Speaks::Modbus | Speaks::ModbusProgram => {
+                let faults: Vec<modbus::firmware::Fault> = Deserialize::deserialize(list)?;
+                let lines = self.speaks == Speaks::Modbus;
+                if let Some(fault) = faults.iter().find(|fault| lines && fault.kind.of_program()) {
+                    let kind = fault.kind;
+                    let why = format!("{kind:?} happens to a resident program (`modbus-program`)");
+                    return Err(D::Error::custom(why));
+                }
+                Kind::Modbus(faults)
+            }
         }))
     }
 
@@ -170,7 +189,7 @@ impl Simulated {
     pub fn no_faults(&self) -> Faults {
         Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Vec::new()),
-            Speaks::Modbus => Kind::Modbus(Vec::new()),
+            Speaks::Modbus | Speaks::ModbusProgram => Kind::Modbus(Vec::new()),
         })
     }
 
@@ -199,8 +218,9 @@ impl Simulated {
                 let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
                 Controller::spawn(driver, halt)
             }
-            Speaks::Modbus => {
-                let config = modbus::Config::local(served.at.clone());
+            Speaks::Modbus | Speaks::ModbusProgram => {
+                let resident = self.speaks == Speaks::ModbusProgram;
+                let config = modbus::Config::local(served.at.clone(), resident);
                 let config = config.map_err(|text| ControllerError::Garbled { text })?;
                 config.open(machine, dialect).await?
             }
@@ -225,7 +245,8 @@ impl Simulated {
                 })
             }
             Kind::Modbus(faults) => {
-                let firmware = modbus_firmware(&bench, faults);
+                let resident = speaks == Speaks::ModbusProgram;
+                let firmware = modbus_firmware(&bench, faults, resident);
                 if self.wire != Wire::Pty {
                     return on_tcp(speaks, firmware);
                 }
@@ -303,8 +324,10 @@ fn grbl_firmware(bench: &Bench<'_>, faults: &[grbl::firmware::Fault]) -> grbl::f
 fn modbus_firmware(
     bench: &Bench<'_>,
     faults: &[modbus::firmware::Fault],
+    resident: bool,
 ) -> modbus::firmware::Firmware {
     use modbus::firmware::{Firmware, Options};
-    let options = Options { faults: faults.to_vec(), ..Options::of(bench.machine, bench.pace) };
+    let options =
+        Options { faults: faults.to_vec(), resident, ..Options::of(bench.machine, bench.pace) };
     Firmware::new(bench.world.clone(), options)
 }

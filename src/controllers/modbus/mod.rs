@@ -20,6 +20,8 @@ mod fault;
 pub mod firmware;
 mod map;
 mod prepare;
+mod program;
+mod start;
 mod status;
 #[cfg(test)]
 mod tests;
@@ -28,7 +30,7 @@ mod window;
 
 pub use config::Config;
 pub use driver::ModbusControl;
-pub use map::Map;
+use map::Map;
 pub use window::Patience;
 
 pub const KIND: &str = "modbus";

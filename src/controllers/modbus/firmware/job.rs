@@ -37,7 +37,7 @@ impl Firmware {
                 break;
             } else if let Some(line) = self.lines.pop_front() {
                 self.line(&line);
-            } else {
+            } else if !self.next_row() {
                 break;
             }
         }
@@ -61,7 +61,7 @@ impl Firmware {
         }
     }
 
-    fn start(&mut self, job: Job, here: Position) {
+    pub(super) fn start(&mut self, job: Job, here: Position) {
         if matches!(job, Job::Probe { .. }) && self.tripped() {
             return self.alarm(PROBE_CLOSED);
         }
@@ -82,9 +82,13 @@ impl Firmware {
         let Some(active) = self.active.take() else { return };
         let sham = self.sham;
         match self.with_world(|world| active.finish(world, sham)) {
-            Done::Waited => {}
-            Done::Moved { crashed } => self.crash_if(crashed),
+            Done::Waited => self.row_done(None),
+            Done::Moved { crashed } => {
+                self.row_done(None);
+                self.crash_if(crashed);
+            }
             Done::Probed { contact, crashed, strict } => {
+                let met = contact.is_some();
                 if contact.is_none() && strict {
                     self.alarm(NO_CONTACT);
                 }
@@ -95,6 +99,7 @@ impl Firmware {
                     self.sham = Sham::No;
                     self.note(Entry::Wrong(FaultKind::ForeignBody));
                 }
+                self.row_done(Some(met));
                 self.crash_if(crashed);
             }
         }
@@ -102,6 +107,7 @@ impl Firmware {
 
     fn latch(&mut self, contact: Contact) {
         self.latches = self.latches.wrapping_add(1);
+        self.touches += 1;
         self.latch = match (self.scan_s, self.probing.take()) {
             (Some(scan_s), Some(probing)) => self.late(&contact.position, &probing, scan_s),
             _ => contact.position,
@@ -160,6 +166,9 @@ impl Firmware {
 
     pub(super) fn stop_here(&mut self) {
         self.lines.clear();
+        if let Some(resident) = &mut self.resident {
+            resident.stop();
+        }
         let now = self.now;
         if let Some(active) = self.active.take() {
             self.with_world(|world| drop(active.hold(world, now)));
