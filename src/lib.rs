@@ -8,6 +8,7 @@
 pub mod artefact;
 pub mod base;
 pub mod cli;
+pub mod commissioning;
 pub mod controllers;
 pub mod decision;
 pub mod estimation;

@@ -21,12 +21,17 @@ pub enum Command {
     Run(RunArgs),
     /// Wait for triggers from the machine, as [serve] in the machine file allows; run, judge, wait.
     Serve(ServeArgs),
+    /// Does the machine do what its file says? Part by part, with a person beside it; the simulated
+    /// machine without one.
+    Check(CheckArgs),
     /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
     Plan(PlanArgs),
     /// Turn readings into an estimate.
     Identify(IdentifyArgs),
+    /// Write a commented machine file from what the control says of itself; nothing moves.
+    Init(InitArgs),
     /// Serve the simulated machine on a pseudo-terminal, for any program to drive.
     Simulate(SimulateArgs),
     /// List the stored runs.
@@ -78,6 +83,19 @@ pub struct OutputArgs {
     /// Write every byte of every link here, with its time.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
+    /// Pace of the simulated machine; a real one has its own.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub speed: Speed,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The machine file; without one, the embedded simulated machine is checked.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    pub json: bool,
     /// Pace of the simulated machine; a real one has its own.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
@@ -145,6 +163,50 @@ pub struct IdentifyArgs {
     pub with: Vec<PathBuf>,
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(group = clap::ArgGroup::new("link").required(true).args(["serial", "serial_id", "tcp"]))]
+pub struct InitArgs {
+    /// grbl, linuxcnc or modbus
+    #[arg(long)]
+    pub kind: String,
+    #[arg(long, value_name = "/dev/...")]
+    pub serial: Option<String>,
+    /// A port by its name in /dev/serial/by-id, or a part of it.
+    #[arg(long, value_name = "NAME")]
+    pub serial_id: Option<String>,
+    #[arg(long, value_name = "N", conflicts_with = "tcp")]
+    pub baud: Option<u32>,
+    /// none, even or odd (Modbus)
+    #[arg(long, conflicts_with = "tcp")]
+    pub parity: Option<String>,
+    #[arg(long, value_name = "HOST:PORT")]
+    pub tcp: Option<String>,
+    /// Number of the device (Modbus).
+    #[arg(long, value_name = "N")]
+    pub unit: Option<u8>,
+    /// A folder that this program and the control both see (LinuxCNC).
+    #[arg(long, value_name = "DIR")]
+    pub program_dir: Option<PathBuf>,
+    /// The INI file that the control was started with (LinuxCNC).
+    #[arg(long, value_name = "FILE")]
+    pub ini: Option<PathBuf>,
+    /// The language that the control understands, where it is not the usual one of its kind.
+    #[arg(long)]
+    pub dialect: Option<String>,
+    /// Which axis stands on which, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual for its axes.
+    #[arg(long)]
+    pub topology: Option<String>,
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Where nothing answers: ask at other speeds, under other numbers and in the languages of other
+    /// controls. What another device takes that for, nobody knows: see that nothing can move.
+    #[arg(long)]
+    pub search: bool,
+    /// Write it here; never over a file that is there. Without it, to standard output.
+    #[arg(long, value_name = "FILE")]
+    pub to: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -12,9 +12,11 @@ macro_rules! tell {
 }
 
 mod args;
+mod check;
 mod failure;
 mod files;
 mod identify;
+mod init;
 mod plan;
 mod progress;
 mod resume;
@@ -25,6 +27,7 @@ mod show;
 mod signals;
 mod simulate;
 mod story;
+mod terminal;
 mod wires;
 
 use std::io::Write;
@@ -79,10 +82,12 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::run(&args, state),
+        Command::Check(args) => check::check(&args, state),
         Command::Serve(args) => serve::serve(&args, state),
         Command::Resume(args) => resume::resume(&args, state),
         Command::Plan(args) => plan::plan(&args),
         Command::Identify(args) => identify::identify(&args, state),
+        Command::Init(args) => init::init(&args),
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),

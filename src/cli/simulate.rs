@@ -1,5 +1,6 @@
 //! `trued simulate`: the simulated firmware on a wire of its own, for any program to drive.
 
+use std::io::IsTerminal as _;
 use std::time::Duration;
 
 use super::Exit;
@@ -7,7 +8,9 @@ use super::args::{SimulateArgs, Speed};
 use super::failure::Failure;
 use crate::base::Axis;
 use crate::link::faults::{BadWire, Planned};
-use crate::setup::{self, Pace};
+use crate::record::question::{Question, Stylus};
+use crate::setup::{self, Pace, Rehearsal};
+use crate::world::Bystander;
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
@@ -20,11 +23,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
         .build()
         .map_err(Failure::plain)?;
     runtime.block_on(async {
+        let rehearsal = Rehearsal::of(&machine)?;
         let simulator = match args.faults {
-            None => setup::simulator(&machine, pace)?,
-            Some(seed) => {
-                setup::bad_simulator(&machine, pace, BadWire::to_rehearse(seed), planned)?
-            }
+            None => rehearsal.serve(pace)?,
+            Some(seed) => rehearsal.serve_badly(pace, BadWire::to_rehearse(seed), planned)?,
         };
         say!("{simulator}");
         let orients = machine.machine.axes.contains_key(&Axis::S);
@@ -38,11 +40,31 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
                 .collect::<Vec<_>>()
                 .join("\n")
         );
+        beside(rehearsal.bystander());
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);
         ended.map_err(Failure::plain)
     })?;
     Ok(Exit::Pass)
+}
+
+/// Whoever sits at this terminal can press the simulated stylus.
+fn beside(mut bystander: Bystander) {
+    if !std::io::stdin().is_terminal() {
+        return;
+    }
+    tell!("type `press` to press the stylus aside, `free` to let it go");
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lines().map_while(Result::ok) {
+            let stylus = match line.trim() {
+                "press" => Stylus::Deflected,
+                "free" => Stylus::Free,
+                _ => continue,
+            };
+            bystander.answer(&Question::Stylus(stylus));
+            tell!("{stylus:?}");
+        }
+    });
 }
 
 fn planned(at: Duration, harm: Planned) {

@@ -30,6 +30,12 @@ pub enum ControllerError {
     Late { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
+    /// Something answers, but not as this kind of control does.
+    #[error("the control is not ready: {state}")]
+    Strange { state: String, remedy: String },
+    /// Before anything moves.
+    #[error("the control is not ready: the probe reads closed")]
+    ProbeClosed,
     #[error("this control cannot do it: {what}")]
     Unsupported { what: String, remedy: String },
     #[error("step {step}: no contact up to the end of the touch")]
@@ -92,7 +98,9 @@ impl ControllerError {
         let text = match self {
             Self::Link(error) => return error.remedy(),
             Self::Modbus(error) => return error.remedy(),
-            Self::NotReady { remedy, .. } | Self::Unsupported { remedy, .. } => {
+            Self::NotReady { remedy, .. }
+            | Self::Strange { remedy, .. }
+            | Self::Unsupported { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }
@@ -108,9 +116,10 @@ impl ControllerError {
             Self::Refused { .. } | Self::Frozen | Self::OutOfTravel { .. } | Self::Late { .. } => {
                 self.given_up_there()
             }
-            Self::NoContact { .. } | Self::UnexpectedContact { .. } | Self::StillTripped { .. } => {
-                self.at_the_probe()
-            }
+            Self::NoContact { .. }
+            | Self::UnexpectedContact { .. }
+            | Self::StillTripped { .. }
+            | Self::ProbeClosed => self.at_the_probe(),
             Self::Probe { fault } => fault.remedy(),
             Self::Halted => "nothing moves until a person starts a run again",
             Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => REPORT,
@@ -187,6 +196,7 @@ impl ControllerError {
             Self::UnexpectedContact { .. } => {
                 "the stylus may be pressed: retract by hand, then check the part's position and the fixtures"
             }
+            Self::ProbeClosed => "free the stylus; check the probe's battery, cable and polarity",
             Self::StillTripped { .. } => {
                 "retract by hand; check the probe's battery, cable and polarity"
             }

@@ -21,12 +21,16 @@ use crate::record::motion::{Block, Outcome};
 mod arrival;
 mod error;
 pub mod grbl;
+mod introduction;
 mod lines;
 pub mod linuxcnc;
 pub mod modbus;
+mod port;
 mod simulated;
+mod stranger;
 
 pub use error::ControllerError;
+pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};
 pub use simulated::{Bench, Faults, Served, Simulated};
 
 /// A control as `[controller]` names it. What stands in that table is its room's own matter.
@@ -35,10 +39,21 @@ pub trait Named: fmt::Debug + Send + Sync {
     fn dialect(&self) -> &str;
     /// Open its links and start its task. Nothing is commanded yet. Call inside a tokio runtime.
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a>;
+    /// Why it could not be opened or prepared, which `failed` has told; the most likely first, and
+    /// none where nothing is found. It opens links of its own: whoever held them has let go. Nothing
+    /// moves. Call inside a tokio runtime.
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a>;
 }
 
 pub type Opening<'a> =
     Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
+
+pub type Diagnosing<'a> = Pin<Box<dyn Future<Output = Vec<Suspicion>> + Send + 'a>>;
 
 /// The kinds of all controls.
 pub const KINDS: [&str; 3] = [grbl::KIND, linuxcnc::KIND, modbus::KIND];
@@ -92,6 +107,8 @@ pub trait Driver: Send + 'static {
     ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
     /// How things stand now. Nothing moves.
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
+    /// What it says of itself, prepared or not. Nothing moves and nothing is set.
+    fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
     /// Restore the modal state found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
@@ -124,6 +141,7 @@ enum Request {
     Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
     Execute(Block, oneshot::Sender<Result<Outcome, ControllerError>>),
     Look(oneshot::Sender<Result<Look, ControllerError>>),
+    Introduce(oneshot::Sender<Result<Introduction, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
@@ -157,6 +175,10 @@ impl Controller {
         self.ask(Request::Look).await
     }
 
+    pub async fn introduce(&self) -> Result<Introduction, ControllerError> {
+        self.ask(Request::Introduce).await
+    }
+
     pub async fn finish(&self) -> Result<(), ControllerError> {
         self.ask(Request::Finish).await
     }
@@ -183,6 +205,7 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt
             }
             Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
             Request::Look(answer) => drop(answer.send(driver.look().await)),
+            Request::Introduce(answer) => drop(answer.send(driver.introduce().await)),
             Request::Finish(answer) => drop(answer.send(driver.finish().await)),
         }
     }

@@ -1,6 +1,7 @@
 //! Controls that are simulated: one list of what they speak, and of the wires between the daemon and
 //! them. What a file says of them is read here, so that nobody else needs to know which one it is.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
 use std::sync::{Arc, Mutex};
@@ -20,16 +21,21 @@ use crate::world::World;
 use crate::world::interpreter::Pace;
 
 /// `[controller]` of kind `simulated`.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Simulated {
     speaks: Speaks,
     wire: Wire,
+    /// Its own speed; on a pseudo-terminal, who speaks at another one is not understood.
+    baud: Option<u32>,
+    /// `$` settings that are otherwise than its machine has them.
+    settings: BTreeMap<u16, f64>,
 }
 
 impl Default for Simulated {
     fn default() -> Self {
-        Self { speaks: Speaks::Grbl, wire: Wire::Memory }
+        let (speaks, wire) = (Speaks::Grbl, Wire::Memory);
+        Self { speaks, wire, baud: None, settings: BTreeMap::new() }
     }
 }
 
@@ -39,6 +45,9 @@ struct Keys {
     #[serde(default)]
     speaks: Speaks,
     wire: Option<Wire>,
+    baud: Option<u32>,
+    #[serde(default)]
+    settings: BTreeMap<String, f64>,
 }
 
 /// The list: a new simulated control is a line here and in the matches below.
@@ -108,22 +117,21 @@ impl Served {
     pub fn keys(&self) -> String {
         let link = match &self.at {
             link::Named::Tcp(_) => format!("tcp = \"{self}\""),
-            _ => format!("serial = \"{self}\""),
+            link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => {
+                format!("serial = \"{self}\"\nbaud = {baud}")
+            }
+        };
+        let parity = match &self.at {
+            link::Named::Tcp(_) => "",
+            _ => "\nparity = \"none\"",
         };
         match self.speaks {
             Speaks::Grbl => format!("kind = \"{}\"\n{link}", grbl::KIND),
-            Speaks::Modbus => format!("kind = \"{}\"\n{link}{}", modbus::KIND, self.line()),
+            Speaks::Modbus => format!("kind = \"{}\"\n{link}{parity}", modbus::KIND),
             Speaks::ModbusProgram => {
                 let program = "program = { number = 1 }";
-                format!("kind = \"{}\"\n{link}{}\n{program}", modbus::KIND, self.line())
+                format!("kind = \"{}\"\n{link}{parity}\n{program}", modbus::KIND)
             }
-        }
-    }
-
-    fn line(&self) -> String {
-        match &self.at {
-            link::Named::Tcp(_) => String::new(),
-            _ => format!("\nbaud = {BAUD}\nparity = \"none\""),
         }
     }
 
@@ -145,17 +153,30 @@ const WIRE_BYTES: usize = 4096;
 impl TryFrom<Keys> for Simulated {
     type Error = String;
 
-    fn try_from(Keys { speaks, wire }: Keys) -> Result<Self, String> {
+    fn try_from(Keys { speaks, wire, baud, settings }: Keys) -> Result<Self, String> {
         let (usual, known) = match speaks {
             Speaks::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
             Speaks::Modbus | Speaks::ModbusProgram => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
         };
         let wire = wire.unwrap_or(usual);
-        if known.contains(&wire) {
-            return Ok(Self { speaks, wire });
+        if !known.contains(&wire) {
+            let names = known.map(|wire| format!("`{wire:?}`").to_lowercase());
+            return Err(format!("this control has the wires {}", names.join(" and ")));
         }
-        let names = known.map(|wire| format!("`{wire:?}`").to_lowercase());
-        Err(format!("this control has the wires {}", names.join(" and ")))
+        if baud.is_some() && wire != Wire::Pty {
+            return Err(
+                "`baud` belongs to `wire = \"pty\"`: the other wires have no speed".to_owned()
+            );
+        }
+        if !settings.is_empty() && speaks != Speaks::Grbl {
+            return Err("`settings` are those of grblHAL: this control has none".to_owned());
+        }
+        let number = |(key, value): (String, f64)| match key.trim_start_matches('$').parse() {
+            Ok(number) => Ok((number, value)),
+            Err(_) => Err(format!("`settings` has `{key}`, which is no number of a setting")),
+        };
+        let settings = settings.into_iter().map(number).collect::<Result<_, _>>()?;
+        Ok(Self { speaks, wire, baud, settings })
     }
 }
 
@@ -205,7 +226,7 @@ impl Simulated {
         let machine = bench.machine;
         if let (Wire::Memory, Kind::Grbl(faults)) = (self.wire, &bench.faults.0) {
             let (near, far) = tokio::io::duplex(WIRE_BYTES);
-            let mut firmware = grbl_firmware(&bench, faults);
+            let mut firmware = self.grbl_firmware(&bench, faults);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
             let link = Link::over("the simulated machine", near);
             let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
@@ -236,8 +257,8 @@ impl Simulated {
         let speaks = self.speaks;
         match &bench.faults.0 {
             Kind::Grbl(faults) => {
-                let mut firmware = grbl_firmware(&bench, faults);
-                on_pty(speaks, |pty| {
+                let mut firmware = self.grbl_firmware(&bench, faults);
+                self.on_pty(|pty| {
                     tokio::spawn(async move {
                         let _client_side = pty.client_side;
                         drop(firmware.serve(pty.device).await);
@@ -250,7 +271,7 @@ impl Simulated {
                 if self.wire != Wire::Pty {
                     return on_tcp(speaks, firmware);
                 }
-                on_pty(speaks, |pty| {
+                self.on_pty(|pty| {
                     tokio::spawn(async move {
                         let _client_side = pty.client_side;
                         drop(modbus::firmware::serve_rtu(firmware, pty.device).await);
@@ -277,8 +298,8 @@ impl Simulated {
                 remedy: "write [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
             });
         };
-        let mut firmware = grbl_firmware(&bench, faults);
-        on_pty(self.speaks, |pty| {
+        let mut firmware = self.grbl_firmware(&bench, faults);
+        self.on_pty(|pty| {
             tokio::spawn(async move {
                 let _client_side = pty.client_side;
                 let (near, far) = tokio::io::duplex(WIRE_BYTES);
@@ -289,15 +310,28 @@ impl Simulated {
             })
         })
     }
-}
 
-fn on_pty(
-    speaks: Speaks,
-    serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
-) -> Result<Served, ControllerError> {
-    let pty = link::pty()?;
-    let at = link::Named::Serial { path: pty.path.clone().into(), baud: BAUD };
-    Ok(Served { at, speaks, task: serve(pty) })
+    fn on_pty(
+        &self,
+        serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
+    ) -> Result<Served, ControllerError> {
+        let pty = self.baud.map_or_else(link::pty, link::pty_at)?;
+        let baud = self.baud.unwrap_or(BAUD);
+        let at = link::Named::Serial { path: pty.path.clone().into(), baud };
+        Ok(Served { at, speaks: self.speaks, task: serve(pty) })
+    }
+
+    fn grbl_firmware(
+        &self,
+        bench: &Bench<'_>,
+        faults: &[grbl::firmware::Fault],
+    ) -> grbl::firmware::Firmware {
+        use grbl::firmware::{Firmware, Options};
+        let mut options = Options::of(bench.machine, bench.pace);
+        options.faults = faults.to_vec();
+        options.settings.extend(&self.settings);
+        Firmware::new(bench.world.clone(), options)
+    }
 }
 
 fn on_tcp(speaks: Speaks, firmware: modbus::firmware::Firmware) -> Result<Served, ControllerError> {
@@ -313,12 +347,6 @@ fn on_tcp(speaks: Speaks, firmware: modbus::firmware::Firmware) -> Result<Served
     let at = link::Named::Tcp(HostPort::local(port));
     let serve = async move { drop(modbus::firmware::serve_tcp(firmware, listener).await) };
     Ok(Served { at, speaks, task: tokio::spawn(serve) })
-}
-
-fn grbl_firmware(bench: &Bench<'_>, faults: &[grbl::firmware::Fault]) -> grbl::firmware::Firmware {
-    use grbl::firmware::{Firmware, Options};
-    let options = Options { faults: faults.to_vec(), ..Options::of(bench.machine, bench.pace) };
-    Firmware::new(bench.world.clone(), options)
 }
 
 fn modbus_firmware(

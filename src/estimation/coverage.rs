@@ -1,6 +1,6 @@
 //! Coverage factors and degrees of freedom (GUM, JCGM 100, annex G) and χ² bounds.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// The probability of ±2 standard deviations of a normal distribution, 95.45 %.
 pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
@@ -40,6 +40,15 @@ pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
     let tail = 0.5 * (1.0 - probability);
     let inside = tail > 0.0 && tail < 0.5;
     inside.then(|| (distribution.inverse_cdf(tail), distribution.inverse_cdf(1.0 - tail)))
+}
+
+/// What the ratio of two variances with these degrees of freedom stays below with `probability`, where
+/// both are of one scatter; `None` for degrees of freedom that are not positive or a probability
+/// outside (0, 1).
+pub fn variance_ratio_bound(probability: f64, dof: f64, dof_below: f64) -> Option<f64> {
+    let distribution = FisherSnedecor::new(dof, dof_below).ok()?;
+    let inside = probability > 0.0 && probability < 1.0;
+    inside.then(|| distribution.inverse_cdf(probability)).filter(|bound| bound.is_finite())
 }
 
 #[cfg(test)]
@@ -84,5 +93,18 @@ mod tests {
         assert!((low - 3.247).abs() < 1e-3 && (high - 20.483).abs() < 1e-3);
         assert_eq!(chi_square_bounds(0.0, 0.95), None);
         assert_eq!(chi_square_bounds(5.0, 1.0), None);
+    }
+
+    /// Tables of the F distribution: 99 % and 95 % points.
+    #[test]
+    fn regress_variance_ratio_tables() {
+        for (probability, dof, dof_below, bound) in
+            [(0.99, 10.0, 10.0, 4.849), (0.99, 5.0, 20.0, 4.103), (0.95, 8.0, 2.0, 19.371)]
+        {
+            let found = variance_ratio_bound(probability, dof, dof_below).unwrap();
+            assert!((found - bound).abs() < 1e-3, "{found} {bound}");
+        }
+        assert_eq!(variance_ratio_bound(0.99, 0.0, 5.0), None);
+        assert_eq!(variance_ratio_bound(1.0, 5.0, 5.0), None);
     }
 }

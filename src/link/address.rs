@@ -114,8 +114,9 @@ fn tcp_error(address: String, source: io::Error) -> LinkError {
 pub struct Pty {
     pub device: SerialStream,
     pub path: String,
-    /// Held open, so that the device outlives its clients as a real one does.
-    pub client_side: SerialStream,
+    /// Held open, so that the device outlives its clients as a real one does; `None` where somebody
+    /// else holds it.
+    pub client_side: Option<SerialStream>,
 }
 
 /// Make a pty in raw mode.
@@ -125,5 +126,5 @@ pub fn pty() -> Result<Pty, LinkError> {
         SerialStream::pair().map_err(|error| fault(io::Error::other(error)))?;
     let path = tokio_serial::SerialPort::name(&client_side)
         .ok_or_else(|| fault(io::Error::other("it has no name")))?;
-    Ok(Pty { device, path, client_side })
+    Ok(Pty { device, path, client_side: Some(client_side) })
 }

@@ -13,6 +13,7 @@ mod lines;
 pub mod modbus;
 mod named;
 mod replay;
+mod speed;
 mod stream;
 #[cfg(test)]
 mod tests;
@@ -24,6 +25,7 @@ pub use folder::Folder;
 pub use lines::Received;
 pub use named::{HostPort, Named};
 pub use replay::{CaptureError, Replay};
+pub use speed::{heard, pty_at};
 pub use stream::{Link, Urgent};
 pub use wiring::Wiring;
 

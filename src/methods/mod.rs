@@ -4,6 +4,7 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
+pub mod latch_delay;
 pub mod samba;
 pub mod self_calibration;
 
@@ -106,7 +107,7 @@ pub enum Source<'a> {
 }
 
 /// The names of all methods.
-pub const NAMES: [&str; 2] = [self_calibration::NAME, samba::NAME];
+pub const NAMES: [&str; 3] = [self_calibration::NAME, samba::NAME, latch_delay::NAME];
 
 /// The machine file that serves a method when a person gives none.
 #[derive(Debug, Clone, Copy)]
@@ -134,6 +135,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
+    use self::latch_delay::LatchDelay;
     use self::samba::Samba;
     use self::self_calibration::SelfCalibration;
     match name {
@@ -141,6 +143,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
             Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
         }
         samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
+        latch_delay::NAME => Ok(Box::new(LatchDelay::new(Deserialize::deserialize(settings)?))),
         unknown => Err(D::Error::custom(format!(
             "there is no method `{unknown}`; there are {}",
             NAMES.join(", ")

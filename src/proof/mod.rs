@@ -35,6 +35,7 @@
 
 mod body;
 mod gap;
+mod jog;
 mod pairs;
 mod refusal;
 mod rules;
@@ -46,8 +47,11 @@ mod walk;
 #[cfg(test)]
 mod ball_tests;
 #[cfg(test)]
+mod jog_tests;
+#[cfg(test)]
 mod tests;
 
+pub use jog::{JogRequest, prove_jog};
 pub use refusal::{Reason, Refusal};
 
 use crate::base::Position;

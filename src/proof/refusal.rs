@@ -85,6 +85,14 @@ pub enum Reason {
     NotBackAt(Place),
     #[error("a feed move (G1) that is not the way back from a touch")]
     FeedMove,
+    #[error("{0} motions where one jog is meant")]
+    NotOneMove(usize),
+    #[error("it moves {0}, which is not the axis that is jogged")]
+    OtherAxis(Axis),
+    #[error("a jog of {by} mm or degrees; at most {most} are allowed")]
+    LongJog { by: f64, most: f64 },
+    #[error("a jog that neither contact nor its feed holds back")]
+    NotGuarded,
     #[error(
         "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], margin(*.need)
     )]

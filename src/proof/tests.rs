@@ -7,7 +7,7 @@ use crate::base::Axis;
 
 /// Ball of 3 mm, 120 mm below the spindle datum; a part of radius 45 mm and 100 mm height around the
 /// origin, known to 1 mm. The one step touches it from +X at half its height.
-fn plan(change: impl FnOnce(&mut Value)) -> Plan {
+pub(super) fn plan(change: impl FnOnce(&mut Value)) -> Plan {
     let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
     let height = json!({"min": -50.0, "max": 450.0, "acceleration_per_s2": 1000.0});
     let rotary = json!({"min": -360.0, "max": 360.0});

@@ -14,13 +14,15 @@ pub enum Unit {
     UmPerM,
     #[serde(rename = "mm")]
     Mm,
+    #[serde(rename = "ms")]
+    Ms,
 }
 
 impl Unit {
-    /// Edge value from an internal one (mm, rad, mm/mm).
+    /// Edge value from an internal one (mm, rad, mm/mm, s).
     pub fn from_internal(self, value: f64) -> f64 {
         match self {
-            Unit::Um => value * 1e3,
+            Unit::Um | Unit::Ms => value * 1e3,
             Unit::Urad | Unit::UmPerM => value * 1e6,
             Unit::Mm => value,
         }
@@ -33,6 +35,7 @@ impl Unit {
             Unit::Urad => "µrad",
             Unit::UmPerM => "µm/m",
             Unit::Mm => "mm",
+            Unit::Ms => "ms",
         }
     }
 }

@@ -7,4 +7,5 @@ pub mod machine;
 pub mod motion;
 pub mod plan;
 pub mod proof;
+pub mod question;
 pub mod reading;

@@ -8,6 +8,7 @@ pub(super) fn unit(unit: Unit) -> &'static str {
         Unit::Urad => "µrad",
         Unit::UmPerM => "µm/m",
         Unit::Mm => "mm",
+        Unit::Ms => "ms",
     }
 }
 

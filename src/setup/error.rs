@@ -19,6 +19,8 @@ pub enum SetupError {
     Settings { why: String },
     #[error(transparent)]
     Dialect(#[from] DialectError),
+    #[error("the machine file cannot be written: {why}")]
+    Draft { why: String },
     #[error("the head of the program cannot be written: {0}")]
     Render(#[from] crate::gcode::RenderError),
     #[error(transparent)]
@@ -42,6 +44,7 @@ impl SetupError {
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }
             | Self::Settings { .. }
+            | Self::Draft { .. }
             | Self::Render(_)
             | Self::World(_) => None,
         }

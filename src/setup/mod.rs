@@ -1,14 +1,20 @@
 //! Floor 6: from a machine file to the parts of a run.
 
 mod devices;
+mod draft;
 mod error;
 pub mod machine_file;
+mod rehearsal;
+mod site;
 
 use std::path::Path;
 
-pub use devices::{Devices, Past, bad_simulator, devices, dialect, simulator, world};
+pub use devices::{Devices, Past, devices, dialect, world};
+pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
+pub use rehearsal::Rehearsal;
+pub use site::Site;
 
 use crate::methods::{self, Method};
 use crate::record::plan::{PLAN_VERSION, Plan};

@@ -4,6 +4,7 @@
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
+use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::truth::FormHarmonic;
@@ -21,6 +22,7 @@ enum Source {
     Ball,
     Length,
     RotaryMotion,
+    Scan,
 }
 
 /// Standard normal numbers of one source.
@@ -36,6 +38,11 @@ fn first_normal(seed: u64, source: Source, key: &[u64]) -> f64 {
 /// Deviation of one touch, in standard deviations.
 pub(super) fn touch_deviate(seed: u64, n: u32, occurrence: u32) -> f64 {
     first_normal(seed, Source::Repeatability, &[u64::from(n), u64::from(occurrence)])
+}
+
+/// Where in the scan of a PLC the contact of one touch falls, 0 to 1.
+pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
+    random::stream(seed, &[Source::Scan as u64, u64::from(n), u64::from(occurrence)]).random()
 }
 
 /// True minus stated stylus centre, spindle frame; as long as the sigma given.

@@ -31,7 +31,7 @@ pub enum WorldError {
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     Dynamics { axis: Axis },
     #[error(
-        "lengths, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative, error_wavelength_mm must be positive, and every number finite"
+        "lengths, delays, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative, error_wavelength_mm must be positive, and every number finite"
     )]
     Magnitude,
 }
@@ -50,6 +50,8 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
         truth.ball_offset_mm,
         truth.ball_diameter_um,
         truth.ball_form_um,
+        truth.latch.delay_ms,
+        truth.latch.scan_ms,
     ];
     magnitudes.extend(truth.backlash_um.values());
     for (axis, spec) in &machine.axes {

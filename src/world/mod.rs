@@ -6,6 +6,7 @@
 //! gap between ball and surface, plus both, falls to zero.
 
 mod balls;
+mod bystander;
 mod drawn;
 mod error;
 mod flank;
@@ -16,12 +17,14 @@ mod sag;
 mod scene;
 mod surface;
 mod truth;
+mod wiring;
 
 use std::collections::BTreeMap;
 
+pub use bystander::Bystander;
 pub use error::WorldError;
 pub use ramp::Speed;
-pub use truth::{ErrorMotion, FormHarmonic, Truth};
+pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
 
 use crate::base::{Axis, Position};
 use crate::record::artefact::Artefact;
@@ -29,6 +32,7 @@ use crate::record::machine::{AxisSpec, Machine, Probe};
 use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
+use wiring::Wired;
 
 /// What became of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -52,7 +56,7 @@ pub struct Probed {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contact {
-    /// Displayed axis positions at the trigger.
+    /// Displayed axis positions when the control kept them.
     pub position: Position,
     pub t_s: f64,
 }
@@ -65,10 +69,12 @@ pub struct World {
     seed: u64,
     repeatability_mm: f64,
     overtravel_mm: f64,
+    latch: Latch,
     t_s: f64,
     /// Commanded positions of all axes.
     command: Position,
     play: Play,
+    wired: Wired,
     /// Scatter of the touch in hand (of the last one between touches), mm.
     scatter_mm: f64,
     /// By a person's hand.
@@ -99,8 +105,10 @@ impl World {
             seed: truth.seed,
             repeatability_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
             overtravel_mm: probe.overtravel_mm,
+            latch: truth.latch,
             t_s: 0.0,
             play: Play::new(&truth.backlash_um, &command),
+            wired: Wired::new(&truth.wiring, &command),
             command,
             scatter_mm: 0.0,
             deflected: false,
@@ -129,11 +137,22 @@ impl World {
 
     /// Whether the probe reads closed now.
     pub fn tripped(&self) -> bool {
+        self.wired.shows(self.touches())
+    }
+
+    /// Whether the probe is truly closed.
+    fn touches(&self) -> bool {
         if self.deflected {
             return true;
         }
-        let axes = self.play.follow(&self.command);
-        self.scene.margin(&axes, &self.command, self.t_s) + self.scatter_mm <= 0.0
+        let axes = self.true_axes();
+        let command = self.wired.truly(self.command.clone());
+        self.scene.margin(&axes, &command, self.t_s) + self.scatter_mm <= 0.0
+    }
+
+    /// Where the axes truly stand.
+    fn true_axes(&self) -> Position {
+        self.wired.truly(self.play.follow(&self.command))
     }
 
     /// Somebody deflects the stylus by hand, or lets it go.
@@ -155,19 +174,29 @@ impl World {
         Travel { touched, crashed, duration_s }
     }
 
-    /// Move until the probe triggers, then brake. `n` is the N word of the line: with the number of
+    /// From now on contacts are noticed as late as this.
+    pub fn latch_by(&mut self, latch: Latch) {
+        self.latch = latch;
+    }
+
+    /// Move until the probe triggers and somebody notices, then brake. `n` is the N word of the line: with the number of
     /// probings under the same word it keys the scatter, whatever the order of the touches. With
     /// the probe closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
         let occurrence = self.probed.entry(n).or_default();
         self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
+        let share = drawn::scan_share(self.seed, n, *occurrence);
         *occurrence += 1;
         let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
             let here = Contact { position: self.position(), t_s: self.t_s };
             return Probed { contact: self.tripped().then_some(here), ..Probed::default() };
         };
-        match first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0) {
-            Some(fraction) => self.stop_on_contact(&path, fraction),
+        let contact = first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0);
+        match contact.filter(|_| self.wired.feels()) {
+            Some(fraction) => {
+                let late_s = (self.latch.delay_ms + share * self.latch.scan_ms) * 1e-3;
+                self.stop_on_contact(&path, path.ramp().later(fraction, late_s))
+            }
             None => {
                 let duration_s = path.ramp().duration_s();
                 self.arrive(&path, 1.0, duration_s);
@@ -227,19 +256,26 @@ impl World {
     }
 
     fn path(&self, to: &Position, speed: Speed) -> Option<Path> {
-        let limits = Limits { axes: &self.axes, lever: &|axis, at| self.scene.lever(axis, at) };
+        let longest = self.wired.longest();
+        let lever = |axis, at: &Position| self.scene.lever(axis, at);
+        let limits = Limits { axes: &self.axes, lever: &lever, longest };
         Path::new(&self.command, to, speed, &self.play, &limits)
     }
 
     fn margin(&self, path: &Path, fraction: f64) -> f64 {
-        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        let (axes, command) = self.true_on(path, fraction);
         let t_s = self.t_s + path.ramp().time_s(fraction);
         self.scene.margin(&axes, &command, t_s) + self.scatter_mm
     }
 
     fn clearance(&self, path: &Path, fraction: f64) -> f64 {
-        let (axes, command) = (path.axes(fraction), path.command(fraction));
+        let (axes, command) = self.true_on(path, fraction);
         self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
+    }
+
+    /// Where the axes truly stand, and where they would without lost motion.
+    fn true_on(&self, path: &Path, fraction: f64) -> (Position, Position) {
+        (self.wired.truly(path.axes(fraction)), self.wired.truly(path.command(fraction)))
     }
 
     fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {

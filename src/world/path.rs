@@ -47,6 +47,8 @@ impl Play {
 pub(super) struct Limits<'a> {
     pub axes: &'a BTreeMap<Axis, AxisSpec>,
     pub lever: &'a dyn Fn(Axis, &Position) -> f64,
+    /// How much farther than told anything may go.
+    pub longest: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -79,7 +81,7 @@ impl Path {
             return None;
         }
         let ramp = ramp(&span, speed, limits.axes);
-        let steepest = steepest(from, &span, limits.lever);
+        let steepest = steepest(from, &span, limits.lever) * limits.longest;
         let to = to.only(|axis| span.get(axis).is_some());
         Some(Self { from: from.clone(), span, to, ramp, steepest, play: play.clone() })
     }

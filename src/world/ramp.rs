@@ -49,6 +49,22 @@ impl Ramp {
         (2.0 * self.acceleration * left).sqrt()
     }
 
+    /// Path fraction `seconds` after `fraction`, if nothing stops the move.
+    pub fn later(&self, fraction: f64, seconds: f64) -> f64 {
+        if seconds <= 0.0 {
+            return fraction;
+        }
+        let (time, whole) = (self.time_s(fraction) + seconds, self.duration_s());
+        let speeding = self.peak / self.acceleration;
+        if time < speeding {
+            self.acceleration * time * time / 2.0
+        } else if time <= whole - speeding {
+            self.flight() + (time - speeding) * self.peak
+        } else {
+            1.0 - self.acceleration * (whole - time).max(0.0).powi(2) / 2.0
+        }
+    }
+
     /// Path fraction at rest, and the time, when braking begins at `fraction`.
     pub fn stop_from(&self, fraction: f64) -> (f64, f64) {
         let speed = self.speed(fraction);

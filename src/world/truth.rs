@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
+use super::wiring::Wiring;
 use crate::base::Axis;
 use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
 use crate::record::artefact::Balls;
@@ -47,6 +48,11 @@ pub struct Truth {
     pub sag: Vec<SagTerm>,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
+    /// How motors and probe are connected.
+    #[serde(skip_serializing_if = "Wiring::is_right")]
+    pub wiring: Wiring,
+    /// How late a contact is noticed.
+    pub latch: Latch,
     /// What the control does wrong: the simulated control reads it, the world does not.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,
@@ -103,6 +109,17 @@ pub struct BallMove {
     /// Since the world was made.
     pub at_s: f64,
     pub by_mm: [f64; 3],
+}
+
+/// What lies between a contact and the position that is kept for it. The axes move on meanwhile, and
+/// brake only then.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Latch {
+    /// Always: the probe's filter and radio link, the control's own reaction.
+    pub delay_ms: f64,
+    /// A PLC looks at the probe once in so long; contact falls anywhere in between.
+    pub scan_ms: f64,
 }
 
 /// The table's displacement over the angle q of a tilt axis, machine frame, as it is at q = 90°.

@@ -15,7 +15,7 @@ const FLOORS: [&[&str]; 10] = [
     &["controllers", "sensors", "store", "report"],
     &["setup"],
     &["run"],
-    &["service"],
+    &["service", "commissioning"],
     &["cli", "main"],
 ];
 

@@ -1,6 +1,7 @@
 //! The driver against a running LinuxCNC.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
@@ -16,7 +17,7 @@ use super::rig::{Rig, rig};
 /// Cylinder and ball.
 const CONTACT_RADIUS: f64 = 48.0;
 
-pub fn run(future: impl Future<Output = Result<(), Failed>>) -> Result<(), Failed> {
+pub fn run<T>(future: impl Future<Output = Result<T, Failed>>) -> Result<T, Failed> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(future)
 }
 
@@ -30,8 +31,14 @@ pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Fail
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
+        ini: Some(rig_ini()),
     };
     Ok(LinuxCnc::open(settings, Dialect::named("linuxcnc")?).await?)
+}
+
+/// That the rig is started with.
+pub fn rig_ini() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/linuxcnc/rig.ini")
 }
 
 pub fn xy(radius: f64, angle: f64) -> Position {

@@ -114,6 +114,7 @@ fn main() {
         long("linuxcnc_limit", machine::a_limit_is_told_in_the_controls_words),
         long("linuxcnc_hangs", machine::a_control_that_hangs_is_given_up),
         long("linuxcnc_says_where_it_stands", states::it_says_where_it_stands),
+        long("linuxcnc_introduction", states::it_introduces_itself),
         long("linuxcnc_kinematics", states::kinematics_that_compensate_are_refused),
         long("linuxcnc_override", states::another_speed_is_refused),
         long("linuxcnc_other_program", states::another_program_is_not_run),

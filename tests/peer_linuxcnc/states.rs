@@ -50,6 +50,28 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
     })
 }
 
+/// What it says of itself is so: it goes to the limit told, and not beyond.
+pub fn it_introduces_itself() -> Result<(), Failed> {
+    let rig = rig()?;
+    let (identity, b) = run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        let said = driver.introduce().await?;
+        Ok((said.identity, said.axes.get(&Axis::B).copied()))
+    })?;
+    let most = b.and_then(|b| b.max).ok_or("no limit of B")?;
+    rig.person()?.mdi(&format!("G53 G0 X0 Y0 Z150 B{most}"))?;
+    let stands = run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        Ok(driver.prepare().await?.stands.at(Axis::B))
+    })?;
+    rig.person()?.mdi("G53 G0 B0")?;
+    let beyond = (stands - most.to_radians()).abs();
+    if identity.starts_with("LinuxCNC, ") && beyond < 1e-6 && most == 110.0 {
+        return Ok(());
+    }
+    Err(format!("{identity}: {b:?}, B stands at {stands}").into())
+}
+
 /// M428 of the sample configurations, from outside: the switch that it turns.
 pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
     let rig = rig()?;

@@ -11,7 +11,8 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     let rapid = |world: &mut World, to: &Position| {
         assert!(!world.travel(to, Speed::Rapid).touched, "touched on the way to {}", step.label);
     };
-    rapid(world, &Position::new().with(Axis::Z, 250.0));
+    let over = step.from.at(Axis::Z) + 60.0;
+    rapid(world, &Position::new().with(Axis::Z, over.max(250.0)));
     rapid(world, &step.from.only(|axis| !axis.is_linear()));
     rapid(world, &step.from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     rapid(world, &step.from.only(|axis| axis == Axis::Z));

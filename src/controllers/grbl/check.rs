@@ -17,13 +17,7 @@ const GROUPS: [&[&str]; 5] = [
 
 /// Before anything moves.
 pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
-    if !status.probe_closed {
-        return Ok(());
-    }
-    Err(ControllerError::NotReady {
-        state: "the probe reads closed".to_owned(),
-        remedy: "free the stylus; check the probe's battery, cable and polarity".to_owned(),
-    })
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
 /// The inputs that the machine file declares, by their letters.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use super::Grbl;
-use crate::controllers::{Controller, Named, Opening};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::{self, HostPort};
 use crate::record::machine::Machine;
@@ -30,7 +30,7 @@ fn dialect() -> String {
 #[derive(Debug, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    link: link::Named,
+    pub(super) link: link::Named,
     dialect: String,
 }
 
@@ -55,5 +55,14 @@ impl Named for Config {
             let (driver, halt) = Grbl::new(link, machine, dialect);
             Ok(Controller::spawn(driver, halt))
         })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
     }
 }

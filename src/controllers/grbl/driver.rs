@@ -9,7 +9,9 @@ use super::message::Message;
 use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
 use crate::controllers::lines::Lines;
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared, arrival, lines};
+use crate::controllers::{
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
+};
 use crate::gcode::Dialect;
 use crate::link::Link;
 use crate::record::machine::Machine;
@@ -30,7 +32,7 @@ pub struct Grbl {
     /// Where the machine last stood still.
     pub(super) stood: Position,
     /// Prepared, and no fault since.
-    ready: bool,
+    pub(super) ready: bool,
     pub(super) stop: String,
     /// Axis words in the order of the control's reports; `None` for one that has no name here.
     pub(super) axes: Vec<Option<Axis>>,
@@ -207,10 +209,19 @@ impl Driver for Grbl {
     }
 
     async fn look(&mut self) -> Result<Look, ControllerError> {
+        if self.axes.is_empty() {
+            // Not prepared yet: positions have no names.
+            self.wire.wake().await?;
+            self.identify().await?;
+        }
         let status = self.wire.status().await?;
         let probe_closed = status.probe_closed;
         self.stood = self.stands(status)?;
         Ok(Look { probe_closed, stands: self.stood.clone() })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

@@ -20,13 +20,13 @@ pub(super) fn silent(line: &str, waited: Duration) -> ControllerError {
 /// Somebody or nobody is there, but no Grbl.
 pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
-        return ControllerError::NotReady {
+        return ControllerError::Strange {
             state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
             remedy: "check baud in [controller] of the machine file".to_owned(),
         };
     }
     match foreign {
-        Some(text) => ControllerError::NotReady {
+        Some(text) => ControllerError::Strange {
             state: format!("it does not answer as Grbl does: `{text}`"),
             remedy: "check kind and the address in [controller] of the machine file".to_owned(),
         },
@@ -79,6 +79,7 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::Astray { .. }
             | E::Doubtful { .. }
             | E::NotReady { .. }
+            | E::Strange { .. }
             | E::Probe { .. }
             | E::Render { .. }
     )

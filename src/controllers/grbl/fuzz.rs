@@ -71,7 +71,7 @@ fn size(message: &Message) -> usize {
         | Message::Error(_)
         | Message::Alarm(_)
         | Message::Buffer(_)
-        | Message::ReportMask(_) => 0,
+        | Message::Setting(..) => 0,
     };
     heap + size_of::<Message>()
 }

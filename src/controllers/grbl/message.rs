@@ -28,8 +28,8 @@ pub(super) enum Message {
     },
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
-    /// `$10=..`: what status reports hold.
-    ReportMask(u32),
+    /// `$n=..`, where it is a number.
+    Setting(u16, f64),
     Other(String),
 }
 
@@ -63,8 +63,12 @@ impl Message {
         if let Some(code) = line.strip_prefix("ALARM:") {
             return code.parse().ok().map(Self::Alarm);
         }
-        if let Some(mask) = line.strip_prefix("$10=") {
-            return mask.parse().ok().map(Self::ReportMask);
+        if let Some((number, value)) = line.strip_prefix('$').and_then(|rest| rest.split_once('='))
+        {
+            // Some are texts; older controls say in brackets what the number means.
+            let value = value.split_whitespace().next()?;
+            let value = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+            return Some(Self::Setting(number.parse().ok()?, value));
         }
         if let Some(report) = line.strip_prefix('<').and_then(|rest| rest.strip_suffix('>')) {
             return status(report).map(Self::Status);

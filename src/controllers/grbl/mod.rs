@@ -10,11 +10,13 @@
 
 mod check;
 mod config;
+mod diagnose;
 mod driver;
 mod fault;
 pub mod firmware;
 #[cfg(test)]
 mod fuzz;
+mod introduce;
 mod message;
 mod prepare;
 #[cfg(test)]

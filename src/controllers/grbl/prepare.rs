@@ -10,7 +10,8 @@ use crate::base::Axis;
 use crate::controllers::{ControllerError, Prepared};
 use crate::gcode::{Dialect, Program, RenderError};
 
-/// Bits of `$10`: pin state and probe coordinates in reports (grblHAL settings).
+/// Bits of `$10`: machine position, pin state and probe coordinates in reports (grblHAL settings).
+const REPORT_POSITION: u32 = 1;
 const REPORT_PINS: u32 = 1 << 4;
 const REPORT_PROBE: u32 = 1 << 7;
 /// Modal words that are put back as they were found.
@@ -42,32 +43,40 @@ impl Grbl {
     }
 
     /// Who is there; axes and buffer from `$I`.
-    async fn identify(&mut self) -> Result<String, ControllerError> {
-        let mut version = "unknown version".to_owned();
+    pub(super) async fn built(&mut self) -> Result<Built, ControllerError> {
         // Classic Grbl says nothing of its axes: it has these.
-        let mut letters = "XYZ".to_owned();
+        let mut built = Built {
+            classic: true,
+            version: "unknown version".to_owned(),
+            letters: "XYZ".to_owned(),
+        };
         for message in self.wire.ask("$I").await? {
             match message {
-                Message::Version(text) => version = text,
+                Message::Version(text) => built.version = text,
                 Message::Buffer(bytes) => self.line_limit = bytes,
-                Message::Axes(text) => letters = text,
+                Message::Axes(text) => (built.letters, built.classic) = (text, false),
                 _ => {}
             }
         }
-        self.axes = letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
+        self.axes = built.letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
+        Ok(built)
+    }
+
+    pub(super) async fn identify(&mut self) -> Result<String, ControllerError> {
+        let built = self.built().await?;
         let missing: Vec<String> = (self.wanted.iter())
             .filter(|axis| !self.axes.contains(&Some(**axis)))
             .map(Axis::to_string)
             .collect();
         if !missing.is_empty() {
             return Err(ControllerError::Unsupported {
-                what: format!("it drives {letters}, but not {}", missing.join(", ")),
+                what: format!("it drives {}, but not {}", built.letters, missing.join(", ")),
                 remedy: "classic Grbl has three axes and cannot measure rotary ones: use grblHAL \
                          built with the machine's axes, or another control"
                     .to_owned(),
             });
         }
-        Ok(format!("Grbl {version}, axes {letters}"))
+        Ok(built.identity())
     }
 
     /// Refuse reports from which the probe cannot be read. Controls without `$10` queries say
@@ -78,7 +87,7 @@ impl Grbl {
             said => said?,
         };
         let masked = |message: &Message| match message {
-            Message::ReportMask(mask) => mask & REPORT_PINS == 0 || mask & REPORT_PROBE == 0,
+            Message::Setting(10, mask) => hides_the_probe(*mask),
             _ => false,
         };
         if said.iter().any(masked) {
@@ -115,6 +124,28 @@ impl Grbl {
         }
         Ok(lines)
     }
+}
+
+/// How the control is built.
+pub(super) struct Built {
+    /// Grbl for three axes, before grblHAL.
+    pub classic: bool,
+    pub version: String,
+    /// Its axis words in the order of its reports.
+    pub letters: String,
+}
+
+impl Built {
+    pub fn identity(&self) -> String {
+        format!("Grbl {}, axes {}", self.version, self.letters)
+    }
+}
+
+/// Whether reports with this `$10` leave out what a touch needs. Of grblHAL; classic Grbl has two bits and
+/// always shows its inputs.
+pub(super) fn hides_the_probe(mask: f64) -> bool {
+    let shown = mask as u32;
+    [REPORT_POSITION, REPORT_PINS, REPORT_PROBE].iter().any(|bit| shown & bit == 0)
 }
 
 type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 
 use super::{LinuxCnc, Settings};
-use crate::controllers::{Controller, Named, Opening};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::HostPort;
 use crate::record::machine::Machine;
@@ -15,9 +15,11 @@ use crate::record::machine::Machine;
 pub struct Config {
     /// Of linuxcncrsh.
     #[serde(default = "usual_address")]
-    tcp: HostPort,
+    pub(super) tcp: HostPort,
     /// Where programs and their result logs are put; the control must see the same folder.
     program_dir: PathBuf,
+    /// Its INI file, for what it does not say of itself.
+    ini: Option<PathBuf>,
     #[serde(default = "dialect")]
     dialect: String,
 }
@@ -40,9 +42,19 @@ impl Named for Config {
         Box::pin(async move {
             let axes = machine.axes.keys().copied().collect();
             let directory = self.program_dir.clone();
-            let settings = Settings { address: (&self.tcp).into(), directory, axes };
+            let settings =
+                Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
             let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
             Ok(Controller::spawn(driver, halt))
         })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
     }
 }

@@ -12,7 +12,7 @@ use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use super::{state, watch};
 use crate::base::{Axis, Position};
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
 use crate::record::motion::{Block, Motion, Outcome};
@@ -31,12 +31,14 @@ pub struct Settings {
     pub directory: PathBuf,
     /// The machine's axes.
     pub axes: Vec<Axis>,
+    /// The INI file that it was started with, where it is known.
+    pub ini: Option<PathBuf>,
 }
 
 pub struct LinuxCnc {
-    settings: Settings,
+    pub(super) settings: Settings,
     dialect: Dialect,
-    rsh: Rsh,
+    pub(super) rsh: Rsh,
     /// Carries nothing but halts; kept open for them.
     halting: Rsh,
     halt: Halt,
@@ -291,6 +293,10 @@ impl Driver for LinuxCnc {
     }
 
     /// Every program restores the modal state itself; what is left is the probe and the mode.
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
+    }
+
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
         if self.dialect.switches_probe_off() {

@@ -25,11 +25,13 @@
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod config;
+mod diagnose;
 mod driver;
 mod fault;
 mod files;
 #[cfg(test)]
 mod fuzz;
+mod introduce;
 mod prepare;
 mod result;
 mod rsh;

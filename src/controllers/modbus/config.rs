@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use super::program::{self, Program};
 use super::{Map, ModbusControl, map};
-use crate::controllers::{Controller, Named, Opening};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::modbus::{Framing, Line, Parity};
 use crate::link::{self, HostPort};
@@ -140,5 +140,14 @@ impl Named for Config {
             let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
             Ok(Controller::spawn(driver, halt))
         })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
     }
 }

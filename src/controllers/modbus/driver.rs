@@ -14,7 +14,7 @@ use super::window::{Patience, Window};
 use crate::base::{Axis, Position};
 use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
-use crate::controllers::{ControllerError, Driver, Halt, Look, Prepared, arrival};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
 use crate::gcode::Dialect;
 use crate::record::machine::Machine;
 use crate::record::motion::{Block, Motion, Outcome};
@@ -300,6 +300,10 @@ impl Driver for ModbusControl {
         self.stood = self.of_machine(&status.position);
         let stands = self.stood.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect();
         Ok(Look { probe_closed: status.probe_closed, stands })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

@@ -121,6 +121,7 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::StillTripped { .. }
             | E::Astray { .. }
             | E::NotReady { .. }
+            | E::Strange { .. }
             | E::Probe { .. }
             | E::Render { .. }
     )

@@ -15,10 +15,13 @@
 
 mod config;
 mod crc;
+mod diagnose;
 mod driver;
 mod fault;
 pub mod firmware;
+mod introduce;
 mod map;
+mod otherwise;
 mod prepare;
 mod program;
 mod start;

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::driver::ModbusControl;
 use super::fault::not_ready;
+use super::otherwise;
 use super::status::Status;
 use crate::controllers::{ControllerError, Prepared, arrival};
 use crate::gcode::{Dialect, Program, RenderError};
@@ -34,23 +35,30 @@ impl ModbusControl {
             self.window.patience.answer.as_secs_f64(),
             arrival::braking(&self.machine)
         );
+        Ok(Prepared { identity: self.identity(), stop, stands: self.stood.clone() })
+    }
+
+    /// What is behind the window, and where it is.
+    pub(super) fn identity(&self) -> String {
         let what = match &self.program {
             Some(program) => format!("resident program {}", program.number),
             None => "a line window".to_owned(),
         };
-        let identity = format!("{what} over Modbus, {}", self.name);
-        Ok(Prepared { identity, stop, stands: self.stood.clone() })
+        format!("{what} over Modbus, {}", self.name)
     }
 
-    /// Numbers in the wrong order of words are far beyond any travel.
+    /// Numbers in the wrong order of words are far beyond any travel, whole ones read as floating next to
+    /// nothing.
     fn plausible(&self, status: &Status) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
-            if stands < spec.min - span || stands > spec.max + span {
-                return Err(ControllerError::NotReady {
+            let tiny = otherwise::is_no_position(stands);
+            if tiny || stands < spec.min - span || stands > spec.max + span {
+                let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
+                return Err(ControllerError::Strange {
                     state: format!(
-                        "it says that {axis} stands at {stands}, far beyond its travel from {} to {}",
+                        "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
                         spec.min, spec.max
                     ),
                     remedy: "compare `type`, `order` and `scale` of [controller.registers.status] \
@@ -102,13 +110,7 @@ impl ModbusControl {
 
 /// Before anything moves.
 fn probe_open(status: &Status) -> Result<(), ControllerError> {
-    if !status.probe_closed {
-        return Ok(());
-    }
-    Err(ControllerError::NotReady {
-        state: "the probe reads closed".to_owned(),
-        remedy: "free the stylus; check the probe's battery, cable and polarity".to_owned(),
-    })
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
 type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

@@ -1,7 +1,7 @@
 //! The conversation through the window: one line, taken and executed; the status while waiting.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use tokio::task::JoinHandle;
@@ -79,7 +79,8 @@ pub(super) struct Window {
     hold: Urgent,
     halt: Halt,
     pub(super) beat: Arc<AtomicU16>,
-    beating: JoinHandle<()>,
+    /// It begins with the first word that is more than a look.
+    beating: OnceLock<JoinHandle<()>>,
     /// Of the last chunk that the control has taken.
     pub(super) sequence: u16,
     /// It was sent from here. What became of another one, held or refused perhaps, is no matter.
@@ -94,7 +95,9 @@ pub(super) struct Window {
 impl Drop for Window {
     /// The control stops by itself what still moves once this heart stands.
     fn drop(&mut self) {
-        self.beating.abort();
+        if let Some(beating) = self.beating.get() {
+            beating.abort();
+        }
     }
 }
 
@@ -125,7 +128,6 @@ impl Window {
         let urgent = hold.clone();
         let halt = Halt::new(move || urgent.send_and_close());
         let beat = Arc::new(AtomicU16::new(0));
-        let beating = tokio::spawn(beats(link.clone(), map.clone(), beat.clone()));
         let patience = Patience::default();
         let window = Self {
             link,
@@ -133,7 +135,7 @@ impl Window {
             hold,
             halt: halt.clone(),
             beat,
-            beating,
+            beating: OnceLock::new(),
             sequence: 0,
             ours: false,
             taken: None,
@@ -301,6 +303,8 @@ impl Window {
 
     /// A heartbeat from here, and one that changes from there; the status that shows it.
     pub(super) async fn living(&self) -> Result<Status, ControllerError> {
+        let heart = || beats(self.link.clone(), self.map.clone(), self.beat.clone());
+        self.beating.get_or_init(|| tokio::spawn(heart()));
         let (at, words) =
             self.map.command.heartbeat.write(next_beat(&self.beat)).map_err(unwritable)?;
         match self.link.write_without_echo(at, &words).await {

@@ -80,6 +80,26 @@ impl Kind {
         }
     }
 
+    pub fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The other types of the same count of registers, the likelier first.
+    pub fn others(self) -> Vec<Self> {
+        let all = [
+            Self::I16,
+            Self::U16,
+            Self::I32,
+            Self::U32,
+            Self::F32,
+            Self::I64,
+            Self::U64,
+            Self::F64,
+        ];
+        let alike = |kind: &Self| *kind != self && kind.registers() == self.registers();
+        all.into_iter().filter(alike).collect()
+    }
+
     fn is_signed(self) -> bool {
         matches!(self, Self::I16 | Self::I32 | Self::I64)
     }

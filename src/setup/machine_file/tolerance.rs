@@ -6,8 +6,13 @@ use super::document::{Document, value_problem};
 use super::error::MachineFileError;
 use crate::record::estimate::{Limit, Unit};
 
-const UNITS: [(&str, Unit); 4] =
-    [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm)];
+const UNITS: [(&str, Unit); 5] = [
+    ("_um_per_m", Unit::UmPerM),
+    ("_urad", Unit::Urad),
+    ("_um", Unit::Um),
+    ("_mm", Unit::Mm),
+    ("_ms", Unit::Ms),
+];
 
 /// The limits in the order of their keys; none without `[tolerance]`.
 pub fn read(document: &Document) -> Result<Vec<Limit>, MachineFileError> {
@@ -30,7 +35,7 @@ fn limit_of(key: &str, limit: f64) -> Result<Limit, String> {
         .iter()
         .find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, *unit)))
         .filter(|(symbol, _)| !symbol.is_empty())
-        .ok_or("must be a symbol and a unit (_um, _urad, _um_per_m, _mm), e.g. `EX0C_um`")?;
+        .ok_or("must be a symbol and a unit (_um, _urad, _um_per_m, _mm, _ms), e.g. `EX0C_um`")?;
     if limit <= 0.0 {
         return Err(format!("is {limit}; a limit must be greater than 0"));
     }

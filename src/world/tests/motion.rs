@@ -53,6 +53,49 @@ fn regress_the_machine_brakes_after_contact() {
     assert_eq!(world.position().at(Axis::X), 48.5);
 }
 
+/// A touch at 300 mm/min that begins `gap` mm before contact: how far beyond contact it is latched (mm),
+/// when (s), and how far beyond it the axis comes to rest (mm).
+fn late_touch(latch: Latch, gap: f64, n: u32) -> (f64, f64, f64) {
+    let mut bench = Bench::ideal();
+    bench.truth.latch = latch;
+    let mut world = bench.world();
+    for to in [ball_at(CIRCLE + gap, 0.0, 200.0), ball_at(CIRCLE + gap, 0.0, 50.0)] {
+        rapid(&mut world, &to);
+    }
+    let before = world.time_s();
+    let contact = world.probe(&ball_at(CIRCLE - 1.0, 0.0, 50.0), 300.0, n).contact.unwrap();
+    let rest = world.position().at(Axis::X);
+    (CIRCLE - contact.position.at(Axis::X), contact.t_s - before, CIRCLE - rest)
+}
+
+#[test]
+fn a_late_latch_is_the_feed_times_the_delay_further_on_and_braking_begins_there() {
+    let delay = Latch { delay_ms: 4.0, scan_ms: 0.0 };
+    let (beyond, time, rest) = late_touch(delay, 12.0, 1);
+    assert!((beyond - 0.02).abs() < 1e-9, "{beyond}");
+    assert!((time - 2.4 - 0.0025 - 0.004).abs() < 1e-9);
+    assert!((rest - 0.02 - 0.0125).abs() < 1e-9);
+    // Contact 0.5 µm after the start comes after 1 ms, while the axis still speeds up.
+    let (beyond, time, _) = late_touch(Latch { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
+    assert!((time - 0.003).abs() < 1e-9 && (beyond - (0.0045 - 0.0005)).abs() < 1e-9);
+    // A latch that comes after the move has ended finds its end.
+    let (beyond, _, rest) = late_touch(Latch { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
+    assert!((beyond - 1.0).abs() < 1e-9 && (rest - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_scan_notices_contact_anywhere_within_it() {
+    let scan = Latch { delay_ms: 1.0, scan_ms: 10.0 };
+    let waited: Vec<f64> = (0..400).map(|n| late_touch(scan, 12.0, n).0 / 5.0 * 1e3).collect();
+    let mean = waited.iter().sum::<f64>() / 400.0;
+    let square = waited.iter().map(|ms| (ms - mean).powi(2)).sum::<f64>() / 399.0;
+    assert!(waited.iter().all(|ms| (1.0..=11.0).contains(ms)));
+    // Of a rectangular distribution: 10/√12 ms, known to 0.14 ms from 400; its square to 4.5 %.
+    assert!((mean - 6.0).abs() < 0.45, "{mean}");
+    assert!((square / (100.0 / 12.0) - 1.0).abs() < 0.15, "{square}");
+    assert_eq!(late_touch(scan, 12.0, 7), late_touch(scan, 12.0, 7));
+}
+
 #[test]
 fn regress_too_fast_a_touch_crashes() {
     let mut bench = Bench::ideal();

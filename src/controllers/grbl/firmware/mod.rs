@@ -8,10 +8,11 @@ mod fault;
 mod job;
 mod say;
 mod serve;
+mod settings;
 #[cfg(test)]
 mod tests;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -48,6 +49,8 @@ pub struct Options {
     /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
     pub native: bool,
     pub stamps: bool,
+    /// What is stored there, by number.
+    pub settings: BTreeMap<u16, f64>,
     /// What goes wrong.
     pub faults: Vec<Fault>,
 }
@@ -55,8 +58,8 @@ pub struct Options {
 impl Options {
     /// The control of `machine`: native level, stamps on.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        let reader = Interpreter::of(machine);
-        Self { reader, pace, native: true, stamps: true, faults: Vec::new() }
+        let (reader, settings) = (Interpreter::of(machine), settings::of(machine));
+        Self { reader, pace, native: true, stamps: true, settings, faults: Vec::new() }
     }
 }
 

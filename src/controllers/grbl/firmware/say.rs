@@ -1,7 +1,7 @@
 //! What the simulated control says: its reports, answers and `$` commands.
 
 use super::fault::Answer;
-use super::{FaultKind, Firmware, Lock, PLANNER, RX_BUFFER};
+use super::{FaultKind, Firmware, Lock, PLANNER, RX_BUFFER, settings};
 use crate::base::Position;
 use crate::world::interpreter::Code;
 
@@ -40,10 +40,20 @@ impl Firmware {
         });
     }
 
-    /// Axis values as reports print them: mm and degrees, three decimals.
+    fn setting(&self, number: u16) -> f64 {
+        self.options.settings.get(&number).copied().unwrap_or_default()
+    }
+
+    /// Of lengths in reports, mm.
+    fn unit(&self) -> f64 {
+        if self.setting(settings::INCHES) == 0.0 { 1.0 } else { 25.4 }
+    }
+
+    /// Axis values as reports print them: lengths in its unit, degrees, three decimals.
     pub(super) fn list(&self, position: &Position) -> String {
         let values = self.options.reader.axes().iter().map(|axis| {
-            let text = format!("{:.3}", axis.to_edge(position.at(*axis)));
+            let scale = if axis.is_linear() { self.unit() } else { 1.0 };
+            let text = format!("{:.3}", axis.to_edge(position.at(*axis)) / scale);
             if text == "-0.000" { "0.000".to_owned() } else { text }
         });
         values.collect::<Vec<_>>().join(",")
@@ -73,7 +83,8 @@ impl Firmware {
             PLANNER.saturating_sub(planned)
         );
         let t_s = self.with_world(|world| world.time_s());
-        if self.tripped() {
+        let shows_pins = self.setting(settings::REPORTS) as u32 & settings::SHOWS_PINS != 0;
+        if self.tripped() && shows_pins {
             report += "|Pn:P";
         }
         self.probe_was_told();
@@ -93,14 +104,25 @@ impl Firmware {
             "I" => self.say_build(),
             "G" => self.say(&format!("[{}]", self.options.reader.modes())),
             "#" => self.say_offsets(),
-            "10" => self.say("$10=511"),
+            "$" => self.say_settings(),
             "H" | "X" if self.alarm == Some(Lock::Reset) => return self.say_error(79),
             "H" => self.alarm = None,
             "X" => self.unlock(),
-            _ => return self.say_error(3),
+            other => {
+                let number = other.parse().ok();
+                let stored = number.and_then(|number| self.options.settings.get_key_value(&number));
+                let Some((number, value)) = stored else { return self.say_error(3) };
+                self.say(&settings::line(*number, *value));
+            }
         }
         self.latched = None;
         self.say_ok();
+    }
+
+    fn say_settings(&mut self) {
+        for (number, value) in self.options.settings.clone() {
+            self.say(&settings::line(number, value));
+        }
     }
 
     fn unlock(&mut self) {

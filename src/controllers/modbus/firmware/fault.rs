@@ -7,6 +7,7 @@ use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::registers::SEQUENCE;
 use super::{Entry, Firmware, Mode};
+use crate::world::Latch;
 use crate::world::interpreter::Sham;
 
 const E_STOP: u16 = 10;
@@ -244,7 +245,10 @@ impl Firmware {
             FaultKind::ProbeDead => self.sham = Sham::Open,
             FaultKind::ForeignBody => self.sham = Sham::Early,
             FaultKind::RapidContact => self.sham = Sham::Brush,
-            FaultKind::SlowLatch => self.scan_s = Some(fault.scan_s.unwrap_or(USUAL_SCAN_S)),
+            FaultKind::SlowLatch => {
+                let scan_ms = fault.scan_s.unwrap_or(USUAL_SCAN_S) * 1e3;
+                self.with_world(|world| world.latch_by(Latch { scan_ms, ..Latch::default() }));
+            }
             _ => {}
         }
         let Some(resident) = &mut self.resident else { return };

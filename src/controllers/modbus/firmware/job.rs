@@ -7,16 +7,13 @@ use super::chunk::BAD_TEXT;
 use super::registers::steps;
 use super::{
     Entry, FaultKind, Firmware, HARD_LIMIT, HEARTBEAT, HEARTBEAT_LOST, Mode, NO_CONTACT,
-    PROBE_CLOSED, Probing, SOFT_LIMIT,
+    PROBE_CLOSED, SOFT_LIMIT,
 };
-use crate::base::Position;
 use crate::world::Contact;
 use crate::world::interpreter::{Act, Active, Done, Job, Sham};
 
 /// One report may get lost on a bad wire.
 const BRUSHED_REPORTS: u8 = 2;
-/// Of the golden section: spreads evenly where in a scan a contact falls.
-const GOLDEN: f64 = 0.618_033_988_749_895;
 
 impl Firmware {
     /// Live on up to `now`.
@@ -53,7 +50,7 @@ impl Firmware {
         match self.options.reader.line(line, &here) {
             Ok(Act::Nothing) => {}
             Ok(Act::OutOfTravel) => self.alarm(SOFT_LIMIT),
-            Ok(Act::Do(job)) => self.start(job, here),
+            Ok(Act::Do(job)) => self.start(job),
             Err(_) => {
                 self.error = BAD_TEXT;
                 self.lines.clear();
@@ -61,17 +58,13 @@ impl Firmware {
         }
     }
 
-    pub(super) fn start(&mut self, job: Job, here: Position) {
+    pub(super) fn start(&mut self, job: Job) {
         if matches!(job, Job::Probe { .. }) && self.tripped() {
             return self.alarm(PROBE_CLOSED);
         }
         if self.sham == Sham::Brush && matches!(job, Job::Travel { feed_mm_min: None, .. }) {
             self.sham = Sham::Brushed(BRUSHED_REPORTS);
             self.note(Entry::Wrong(FaultKind::RapidContact));
-        }
-        if let Job::Probe { to, feed_mm_min, .. } = &job {
-            let (to, feed_mm_min) = (to.clone(), *feed_mm_min);
-            self.probing = Some(Probing { from: here, to, feed_mm_min });
         }
         let (sham, pace, now) = (self.sham, self.options.pace, self.now);
         let active = self.with_world(|world| Active::begin(job, world, sham, pace, now));
@@ -108,30 +101,9 @@ impl Firmware {
     fn latch(&mut self, contact: Contact) {
         self.latches = self.latches.wrapping_add(1);
         self.touches += 1;
-        self.latch = match (self.scan_s, self.probing.take()) {
-            (Some(scan_s), Some(probing)) => self.late(&contact.position, &probing, scan_s),
-            _ => contact.position,
-        };
+        self.latch = contact.position;
         self.latch_time_s = contact.t_s;
         self.note(Entry::Contact { latch: steps(&self.latch), t_s: contact.t_s });
-    }
-
-    /// A program that looks at the probe once a scan reads where the axes are by then, at most where
-    /// they came to rest.
-    fn late(&self, contact: &Position, probing: &Probing, scan_s: f64) -> Position {
-        let waited_s = scan_s * (f64::from(self.latches) * GOLDEN).fract();
-        let (rest, way) = (self.stand(), |axis| probing.to.at(axis) - probing.from.at(axis));
-        let linear = probing.to.iter().map(|(axis, _)| axis).filter(|axis| axis.is_linear());
-        let length = linear.map(|axis| way(axis).powi(2)).sum::<f64>().sqrt();
-        let mm = waited_s * probing.feed_mm_min / 60.0;
-        let moved = |(axis, at): (_, f64)| {
-            if probing.to.get(axis).is_none() || length == 0.0 {
-                return (axis, at);
-            }
-            let (one, other) = (at, rest.at(axis));
-            (axis, (at + mm * way(axis) / length).clamp(one.min(other), one.max(other)))
-        };
-        contact.iter().map(moved).collect()
     }
 
     /// What the probe's input reads.

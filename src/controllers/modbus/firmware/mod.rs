@@ -89,14 +89,6 @@ enum Mode {
     Alarm(u16),
 }
 
-/// The probing move under way.
-#[derive(Debug, Clone)]
-struct Probing {
-    from: Position,
-    to: Position,
-    feed_mm_min: f64,
-}
-
 /// The control.
 pub struct Firmware {
     options: Options,
@@ -108,7 +100,6 @@ pub struct Firmware {
     lines: VecDeque<String>,
     resident: Option<Resident>,
     active: Option<Active>,
-    probing: Option<Probing>,
     accepted: u16,
     executed: u16,
     error: u16,
@@ -126,8 +117,6 @@ pub struct Firmware {
     touches: u64,
     /// The status under way shows the result before.
     stale_result: bool,
-    /// A latch by the scan of a PLC, s.
-    scan_s: Option<f64>,
     /// It takes nothing, and its status stays as it was.
     frozen: Option<Vec<u16>>,
     /// The block before.
@@ -153,7 +142,6 @@ impl Firmware {
             lines: VecDeque::new(),
             resident,
             active: None,
-            probing: None,
             accepted: 0,
             executed: 0,
             error: 0,
@@ -167,7 +155,6 @@ impl Firmware {
             taken: 0,
             touches: 0,
             stale_result: false,
-            scan_s: None,
             frozen: None,
             shown: Vec::new(),
             hung: false,

@@ -145,7 +145,6 @@ impl Firmware {
             // The slot holds one.
             return false;
         }
-        let here = self.stand();
         let (to, feed) = (row.to, row.value);
         let job = match row.kind {
             Kind::Rapid => Job::Travel { to, feed_mm_min: None },
@@ -156,7 +155,7 @@ impl Firmware {
             Kind::Dwell => Job::Dwell { seconds: feed },
             Kind::Orient => Job::Orient { s: Axis::S.from_edge(feed) },
         };
-        self.start(job, here);
+        self.start(job);
         if let Some(active) = &mut self.active {
             active.ends = active.ends.max(self.now + SCAN);
         }

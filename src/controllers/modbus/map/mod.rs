@@ -183,6 +183,10 @@ impl Status {
 }
 
 impl Results {
+    pub(super) fn items_mut(&mut self) -> [&mut Register; 5] {
+        [&mut self.under_way, &mut self.sequence, &mut self.row, &mut self.contact, &mut self.valid]
+    }
+
     fn items(&self) -> [(&'static str, Register); 5] {
         [
             ("under_way", self.under_way),

@@ -127,6 +127,7 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
         Unit::Urad => 2,
         Unit::UmPerM => 3,
         Unit::Mm => 4,
+        Unit::Ms => 5,
     };
     // A cast saturates.
     let thousandths = |value: f64| words((value * 1e3).round() as i32 as u32);

@@ -1,0 +1,95 @@
+//! `trued init`: a commented machine file from what the control says of itself.
+
+use std::fs::OpenOptions;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use super::Exit;
+use super::args::InitArgs;
+use super::failure::Failure;
+use crate::controllers::{Introduction, Leave, Named};
+use crate::setup::{Draft, SetupError};
+
+pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
+    if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {
+        return Err(there_already(file));
+    }
+    let draft = Draft {
+        controller: controller(args),
+        name: args.name.clone(),
+        topology: args.topology.clone(),
+    };
+    let control = draft.control()?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(Failure::plain)?;
+    let said = runtime.block_on(introduced(&draft, control.as_ref(), args.search))?;
+    let text = draft.write(&said)?;
+    match &args.to {
+        None => say!("{}", text.trim_end()),
+        Some(file) => write_new(file, &text)?,
+    }
+    for remark in &said.remarks {
+        tell!("{}\n  → {}", remark.what, remark.remedy);
+    }
+    Ok(Exit::Pass)
+}
+
+/// `[controller]` as it was typed.
+fn controller(args: &InitArgs) -> toml::Table {
+    let text = |value: &Option<String>| value.clone().map(toml::Value::String);
+    let number = |value: Option<u32>| value.map(|value| toml::Value::Integer(value.into()));
+    let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+    let keys = [
+        ("kind", Some(toml::Value::String(args.kind.clone()))),
+        ("serial", text(&args.serial)),
+        ("serial_id", text(&args.serial_id)),
+        ("baud", number(args.baud)),
+        ("parity", text(&args.parity)),
+        ("tcp", text(&args.tcp)),
+        ("unit", number(args.unit.map(u32::from))),
+        ("program_dir", text(&path(&args.program_dir))),
+        ("ini", text(&path(&args.ini))),
+        ("dialect", text(&args.dialect)),
+    ];
+    keys.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
+}
+
+async fn introduced(
+    draft: &Draft,
+    control: &dyn Named,
+    search: bool,
+) -> Result<Introduction, Failure> {
+    let error = match draft.introduce(control).await {
+        Err(SetupError::Controller(error)) => error,
+        said => return Ok(said?),
+    };
+    let leave = if search { Leave::Ask } else { Leave::Listen };
+    for suspicion in draft.diagnose(control, &error, leave).await {
+        tell!("{suspicion}\n  → {}", suspicion.remedy);
+    }
+    if !search {
+        tell!("`trued init --search` asks at other speeds and in other languages as well");
+    }
+    Err(SetupError::Controller(error).into())
+}
+
+fn write_new(file: &Path, text: &str) -> Result<(), Failure> {
+    let created = OpenOptions::new().write(true).create_new(true).open(file);
+    let written = created.and_then(|mut created| created.write_all(text.as_bytes()));
+    written.map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => there_already(file),
+        _ => Failure::file(file, &error),
+    })?;
+    tell!("{} is written; put right what is marked YOURS, then:", file.display());
+    tell!("  trued check --machine {}", file.display());
+    Ok(())
+}
+
+fn there_already(file: &Path) -> Failure {
+    Failure::new(
+        format!("{} is there already", file.display()),
+        "a machine file is never overwritten: give another name, or move it away",
+    )
+}

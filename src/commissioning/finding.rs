@@ -1,0 +1,112 @@
+//! What a check found, and all of it to paste into a support request.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// The parts of a check.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    Links,
+    Control,
+    Probe,
+    Axes,
+    Hold,
+    Latch,
+}
+
+impl Part {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Links => "links",
+            Self::Control => "control",
+            Self::Probe => "probe",
+            Self::Axes => "axes",
+            Self::Hold => "hold",
+            Self::Latch => "latch",
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    Ok,
+    Failed,
+    /// And it says why.
+    NotLookedAt,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    pub part: Part,
+    pub verdict: Verdict,
+    pub what: String,
+    pub took_s: f64,
+    /// What to do, where it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verdict = match self.verdict {
+            Verdict::Ok => "ok",
+            Verdict::Failed => "FAILED",
+            Verdict::NotLookedAt => "not looked at",
+        };
+        let (part, what) = (self.part.name(), &self.what);
+        write!(f, "{part:<8}{verdict:<14} {what}")?;
+        if self.took_s >= 0.1 {
+            write!(f, " ({:.1} s)", self.took_s)?;
+        }
+        match &self.remedy {
+            Some(remedy) => write!(f, "\n        → {remedy}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// All that was found. It names the machine as its file does, and nothing else that is private.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    pub program_version: String,
+    pub machine: String,
+    /// What the control calls itself, if it said so.
+    pub control: Option<String>,
+    pub findings: Vec<Finding>,
+    /// A person has stopped it.
+    pub stopped: bool,
+}
+
+impl Summary {
+    pub(super) fn of(machine: &str) -> Self {
+        Self {
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            machine: machine.to_owned(),
+            control: None,
+            findings: Vec::new(),
+            stopped: false,
+        }
+    }
+
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.findings.iter().filter(|finding| finding.verdict == verdict).count()
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "trued {} check of `{}`", self.program_version, self.machine)?;
+        writeln!(f, "control: {}", self.control.as_deref().unwrap_or("not known"))?;
+        for finding in &self.findings {
+            writeln!(f, "{finding}")?;
+        }
+        let [ok, failed, open] =
+            [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.count(verdict));
+        let stopped = if self.stopped { "; stopped by a person" } else { "" };
+        write!(f, "{ok} ok, {failed} failed, {open} not looked at{stopped}")
+    }
+}

@@ -1,0 +1,175 @@
+//! Part 5: does a halt stop the machine?
+
+use std::pin::pin;
+use std::time::{Duration, Instant};
+
+use tokio::time::timeout;
+
+use super::jog::{self, Proven};
+use super::{Check, Ended, Part};
+use crate::base::Axis;
+use crate::controllers::ControllerError;
+use crate::record::motion::Outcome;
+use crate::record::question::{Answer, Jog, Question};
+use crate::setup::{Pace, SetupError};
+
+/// Length of the way that is held, mm.
+const BY: f64 = 5.0;
+/// When it is held.
+const AFTER: Duration = Duration::from_millis(1500);
+/// Farther than this it may not go on, mm; at the slow feed of a jog that is a second.
+const GOES_ON: f64 = 1.0;
+/// A person may be too early so often.
+const TRIES: usize = 3;
+/// What stands so near to the end has reached it, mm.
+const AT_END: f64 = 0.05;
+
+/// How the jog ended.
+struct Held {
+    /// From its beginning to the halt; `None`: it was over before.
+    before_s: Option<f64>,
+    /// From the halt to its end.
+    took_s: f64,
+    ended: Result<Outcome, ControllerError>,
+}
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    if check.strays {
+        check.not_looked_at(
+            Part::Hold,
+            "an axis does not go as it is told to: put that right first",
+        );
+        return Ok(());
+    }
+    let Some(jog) = longest(check) else {
+        check.not_looked_at(Part::Hold, format!("no linear axis has {BY} mm of free travel"));
+        return Ok(());
+    };
+    if check.ask(Question::MayHold(jog)).await? != Answer::Yes {
+        check.not_looked_at(Part::Hold, "nobody let an axis move");
+        return Ok(());
+    }
+    let since = Instant::now();
+    if check.site.bystander().is_some() {
+        // In its own time, or there is nothing to hold.
+        if let Err(error) = ready(check, Pace::Real).await {
+            check.failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
+            return Err(Ended::Unsafe);
+        }
+    }
+    let proven = match jog::proven(check, &jog) {
+        Ok(proven) => proven,
+        Err(error) => {
+            check.failed(Part::Hold, since, error.to_string(), error.remedy());
+            return Ok(());
+        }
+    };
+    let held = run(check, proven).await?;
+    check.go_on()?;
+    if judge(check, &jog, held, since).await? { released(check).await } else { Ok(()) }
+}
+
+/// Of the linear axis with the most room.
+fn longest(check: &Check<'_>) -> Option<Jog> {
+    let stands = check.stands.as_ref()?;
+    let room = |axis: Axis| {
+        let spec = check.file.machine.axes.get(&axis)?;
+        let jog = jog::inwards(axis, BY, spec, stands)?;
+        let here = axis.to_edge(stands.at(axis));
+        jog::proven(check, &jog).ok()?;
+        Some((jog, if jog.by > 0.0 { spec.max - here } else { here - spec.min }))
+    };
+    let all = Axis::LINEAR.into_iter().filter_map(room);
+    all.max_by(|one, other| one.1.total_cmp(&other.1)).map(|(jog, _)| jog)
+}
+
+async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
+    let controller = check.controller()?;
+    let mut executing = pin!(controller.execute(proven.block));
+    let begun = Instant::now();
+    // The request goes on whatever becomes of the time-out.
+    if let Ok(ended) = timeout(AFTER, &mut executing).await {
+        return Ok(Held { before_s: None, took_s: 0.0, ended });
+    }
+    let before_s = Some(begun.elapsed().as_secs_f64());
+    controller.halt().now();
+    let halted = Instant::now();
+    let ended = executing.await;
+    Ok(Held { before_s, took_s: halted.elapsed().as_secs_f64(), ended })
+}
+
+/// Whether the control is held.
+async fn judge(
+    check: &mut Check<'_>,
+    jog: &Jog,
+    held: Held,
+    since: Instant,
+) -> Result<bool, Ended> {
+    let axis = jog.axis;
+    let before_s = match (&held.ended, held.before_s) {
+        (Err(ControllerError::Halted), Some(before_s)) => before_s,
+        (Ok(_), _) => {
+            let by = jog.by.abs();
+            let why = format!(
+                "{axis} had gone its {by} mm before it could be held: the feed was not kept (a simulated \
+                 machine needs --speed real)"
+            );
+            check.not_looked_at(Part::Hold, why);
+            return Ok(held.before_s.is_some());
+        }
+        (Err(error), _) => {
+            check.failed(Part::Hold, since, error.to_string(), error.remedy());
+            return Err(Ended::Unsafe);
+        }
+    };
+    let now = check.controller()?.look().await;
+    let (Ok(now), Some(before)) = (now, &check.stands) else {
+        check.not_looked_at(Part::Hold, "where it stands after a halt is not told by the control");
+        return Ok(true);
+    };
+    let gone = (now.stands.at(axis) - before.at(axis)).abs();
+    let went_on = (gone - before_s * jog.feed_per_min / 60.0).max(0.0);
+    if gone > BY - AT_END || went_on > GOES_ON {
+        let what = format!(
+            "the hold has no effect: {axis} went on for {went_on:.1} mm after it, to {gone:.2} of {BY} mm"
+        );
+        let remedy = "run nothing on this machine until a hold stops it: how does the control take one? \
+                      Modbus: hold in [controller.registers.command] (docs/line-window.md); grblHAL: `!` \
+                      in real time; LinuxCNC: abort by linuxcncrsh";
+        check.failed(Part::Hold, since, what, remedy);
+        return Err(Ended::Unsafe);
+    }
+    let what = format!(
+        "held on its way: {axis} stands at {gone:.2} of {BY} mm, {:.2} s after the halt",
+        held.took_s
+    );
+    check.well(Part::Hold, since, what);
+    Ok(true)
+}
+
+/// Ready for what follows: a link that was held takes no line any more. A person may be too early.
+async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
+    let mut not_yet = None;
+    for _ in 0..TRIES {
+        check.devices = None;
+        check.stands = None;
+        if check.ask(Question::Released { not_yet }).await? != Answer::Yes {
+            return Ok(());
+        }
+        match ready(check, check.pace).await {
+            Ok(()) => return check.go_on(),
+            Err(error) => not_yet = Some(error.to_string()),
+        }
+    }
+    let what = format!("it is not ready after the hold: {}", not_yet.unwrap_or_default());
+    check.not_looked_at(Part::Hold, what);
+    Ok(())
+}
+
+/// Opened anew and prepared.
+async fn ready(check: &mut Check<'_>, pace: Pace) -> Result<(), SetupError> {
+    check.open(pace).await?;
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    check.stands = Some(controller.prepare().await?.stands);
+    Ok(())
+}

@@ -1,0 +1,132 @@
+//! One small move: planned, written, read back and proven; only then sent.
+
+use super::Check;
+use crate::base::{Axis, Position};
+use crate::controllers::ControllerError;
+use crate::gcode::{Program, RenderError};
+use crate::proof::{JogRequest, Refusal, prove_jog};
+use crate::record::machine::AxisSpec;
+use crate::record::motion::{Block, Motion};
+use crate::record::plan::{PLAN_VERSION, Plan};
+use crate::record::question::Jog;
+use crate::setup::MachineFile;
+
+/// Slow enough to be watched: a millimetre, or a degree, takes a second.
+const FEED_PER_MIN: f64 = 60.0;
+/// A homed axis may stand so far beyond its limit, mm or degrees.
+const AT_LIMIT: f64 = 0.01;
+/// In the N words.
+const STEP: u32 = 1;
+
+/// Why a jog did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum JogError {
+    #[error("it cannot be written: {0}")]
+    Unwritable(#[from] RenderError),
+    #[error("it is not proven to be free: {0}")]
+    Unproven(#[from] Refusal),
+    #[error(transparent)]
+    Control(#[from] ControllerError),
+}
+
+impl JogError {
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Unwritable(error) => error.remedy().to_owned(),
+            Self::Unproven(refusal) => refusal.remedy().to_owned(),
+            Self::Control(error) => error.remedy(),
+        }
+    }
+
+    /// Nothing has moved, and the control is as it was.
+    pub fn is_harmless(&self) -> bool {
+        !matches!(self, Self::Control(_))
+    }
+}
+
+/// So far, away from the nearer limit. `None`: the axis has not so much travel.
+pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -> Option<Jog> {
+    let here = axis.to_edge(stands.get(axis)?);
+    let (up, down) = (spec.max - here, here - spec.min);
+    let by = if up >= down { by } else { -by };
+    let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
+    (up.max(down) >= by.abs() && up.min(down) >= -AT_LIMIT).then_some(Jog {
+        axis,
+        by,
+        feed_per_min,
+    })
+}
+
+/// Its way back.
+pub(super) fn back(jog: &Jog) -> Jog {
+    Jog { by: -jog.by, ..*jog }
+}
+
+/// A jog that is proven.
+pub(super) struct Proven {
+    pub block: Block,
+    /// Where it ends, mm or rad.
+    pub to: f64,
+}
+
+/// # Errors
+/// It cannot be written, or would come near something.
+pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
+    let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
+    let dialect = dialect.ok_or(ControllerError::DriverGone)?;
+    let stands = check.stands.as_ref().ok_or(ControllerError::DriverGone)?;
+    let axis = jog.axis;
+    let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
+    let block = Block { step: STEP, repeat: 0, motions: vec![motion(check.file, jog, to)] };
+    let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
+    let title = format!("jog {axis} {:+}", jog.by);
+    let program = Program { title: &title, axes: &axes, log: None };
+    let text = dialect.program(&program, std::slice::from_ref(&block))?;
+    let (plan, feed_at_most) = (plan(check.file), FEED_PER_MIN);
+    let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect, text: &text };
+    prove_jog(&request)?;
+    Ok(Proven { block, to })
+}
+
+/// There; the reports followed.
+///
+/// # Errors
+/// Nothing has moved, or the control says why it stopped.
+pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
+    let Proven { block, to } = proven(check, jog)?;
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    controller.execute(block).await?;
+    if let Some(stands) = &mut check.stands {
+        stands.set(jog.axis, to);
+    }
+    Ok(())
+}
+
+/// Linear axes are guarded. A rotary one turns at feed; one with a clamp as in a run, for its clamp
+/// opens for rapids alone.
+fn motion(file: &MachineFile, jog: &Jog, to: f64) -> Motion {
+    let (axis, feed_mm_min) = (jog.axis, jog.feed_per_min);
+    let to = Position::new().with(axis, to);
+    let clamped = file.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
+    match axis.is_linear() {
+        true => Motion::Guarded { to, feed_mm_min },
+        false if clamped => Motion::Rapid { to },
+        false => Motion::BackOff { to, feed_mm_min },
+    }
+}
+
+/// The machine and what stands in it; no steps.
+fn plan(file: &MachineFile) -> Plan {
+    Plan {
+        trued_plan: PLAN_VERSION,
+        method: "check".to_owned(),
+        settings: serde_json::Value::Null,
+        machine: file.machine.clone(),
+        probe: file.probe.clone(),
+        keepout: file.keepout.clone(),
+        solids: file.solids.clone(),
+        artefact: file.artefact.clone(),
+        gaps_s: Vec::new(),
+        steps: Vec::new(),
+    }
+}

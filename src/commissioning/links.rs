@@ -1,0 +1,58 @@
+//! Part 1: is each device there? Where nothing sensible answers, the control's own room is asked what
+//! would.
+
+use std::time::Instant;
+
+use super::{Check, Ended, Part, Verdict};
+use crate::controllers::{ControllerError, Leave};
+use crate::record::question::{Answer, Question};
+use crate::setup::SetupError;
+use crate::setup::machine_file::Control;
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    let since = Instant::now();
+    let error = match check.open(check.pace).await {
+        Ok(()) => {
+            check.well(Part::Links, since, "the link of the control is open");
+            return check.go_on();
+        }
+        Err(SetupError::Controller(error)) => error,
+        Err(SetupError::Link(error)) => error.into(),
+        Err(error) => {
+            check.failed(Part::Links, since, error.to_string(), error.remedy().unwrap_or_default());
+            return Err(Ended::Unsafe);
+        }
+    };
+    why(check, Part::Links, since, &error).await?;
+    Err(Ended::Unsafe)
+}
+
+/// Tell what failed, and why that may be. The link is let go.
+pub(super) async fn why(
+    check: &mut Check<'_>,
+    part: Part,
+    since: Instant,
+    error: &ControllerError,
+) -> Result<(), Ended> {
+    check.failed(part, since, error.to_string(), error.remedy());
+    check.devices = None;
+    let Control::Real(control) = &check.file.controller.control else { return check.go_on() };
+    let machine = &check.file.machine;
+    let mut found = control.diagnose(machine, error, Leave::Listen).await;
+    let more = found.is_empty() || found.iter().any(|suspicion| suspicion.vague);
+    if more && check.ask(may_ask()).await? == Answer::Yes {
+        found = control.diagnose(machine, error, Leave::Ask).await;
+    }
+    for suspicion in found {
+        let (what, remedy) = (suspicion.to_string(), suspicion.remedy);
+        check.found(part, Verdict::Failed, since, what, Some(remedy));
+    }
+    check.go_on()
+}
+
+fn may_ask() -> Question {
+    let what = "It is not clear why. The device can be asked at other speeds, in the languages of other \
+                controls and under other unit numbers. These are no commands to them; if another device \
+                hangs there, nobody knows what it makes of it. May it be asked so?";
+    Question::May { what: what.to_owned() }
+}

@@ -1,0 +1,126 @@
+//! Part 3: is the probe's input open at rest, closed while the stylus is deflected, and open again?
+//! Nothing moves but what a person's finger moves.
+
+use std::time::{Duration, Instant};
+
+use tokio::time::sleep;
+
+use super::{Check, Ended, Part, control};
+use crate::controllers::ControllerError;
+use crate::record::question::{Answer, Question, Stylus};
+
+const POLL: Duration = Duration::from_millis(20);
+
+/// What the input did.
+struct Seen {
+    /// Closed at rest.
+    rests_closed: bool,
+    /// It read otherwise while the stylus was deflected.
+    answers: bool,
+    /// And again as at rest afterwards.
+    comes_back: bool,
+}
+
+pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    let since = Instant::now();
+    let Some(seen) = watch(check, since).await? else {
+        return if check.stands.is_some() { Ok(()) } else { Err(Ended::Unsafe) };
+    };
+    if let Some((what, remedy)) = seen.mistake(check.polarity.as_deref()) {
+        check.failed(Part::Probe, since, what, remedy);
+        // Nothing would stop at a contact.
+        return Err(Ended::Unsafe);
+    }
+    check.well(Part::Probe, since, "open at rest, closed while deflected, open again");
+    match check.stands {
+        Some(_) => Ok(()),
+        // The stylus was pressed while the control was prepared.
+        None => control::prepare(check).await,
+    }
+}
+
+/// `None`, and it is told, if it cannot be looked at.
+async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
+    let asked = check.ask(Question::Stylus(Stylus::Free)).await?;
+    let rests_closed = match reads(check).await {
+        Ok(closed) => closed,
+        Err(error) => {
+            check.failed(Part::Probe, since, error.to_string(), error.remedy());
+            return Err(Ended::Unsafe);
+        }
+    };
+    if asked != Answer::Yes {
+        nobody(check, since, rests_closed);
+        return Ok(None);
+    }
+    let pressed = check.ask(Question::Stylus(Stylus::Deflected)).await?;
+    if pressed != Answer::Yes {
+        nobody(check, since, rests_closed);
+        return Ok(None);
+    }
+    let answers = becomes(check, !rests_closed).await?;
+    let let_go = check.ask(Question::Stylus(Stylus::Free)).await?;
+    let comes_back = let_go == Answer::Yes && becomes(check, rests_closed).await?;
+    Ok(Some(Seen { rests_closed, answers, comes_back }))
+}
+
+fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool) {
+    if rests_closed {
+        let remedy = "free the stylus; with somebody at the terminal the check tells whether the input is \
+                      inverted or stuck";
+        check.failed(Part::Probe, since, "the probe reads closed", remedy);
+    } else {
+        check.well(Part::Probe, since, "open at rest");
+        check
+            .not_looked_at(Part::Probe, "nobody is there to deflect the stylus: whether it closes");
+    }
+}
+
+async fn reads(check: &Check<'_>) -> Result<bool, ControllerError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    Ok(controller.look().await?.probe_closed)
+}
+
+/// Whether it reads so before long.
+async fn becomes(check: &Check<'_>, closed: bool) -> Result<bool, Ended> {
+    let deadline = Instant::now() + check.person.takes();
+    loop {
+        check.go_on()?;
+        if reads(check).await.is_ok_and(|now| now == closed) {
+            return Ok(true);
+        }
+        if Instant::now() > deadline {
+            return Ok(false);
+        }
+        sleep(POLL).await;
+    }
+}
+
+impl Seen {
+    /// `polarity`: how its sense is turned at the control.
+    fn mistake(&self, polarity: Option<&str>) -> Option<(String, String)> {
+        let (what, remedy) = match (self.rests_closed, self.answers) {
+            (false, true) if self.comes_back => return None,
+            (false, true) => (
+                "it stays closed after the stylus was let go: the stylus does not come back",
+                "free the stylus; does the probe seat again? Clean it, or have its spring looked at",
+            ),
+            (false, false) => (
+                "the input never closes, though the stylus is deflected: the probe is dead",
+                "is the probe on, its battery fresh, its receiver in sight, its cable plugged into the \
+                 probe's input of the control? If a word of the control switches it on, write it in \
+                 [probe] on",
+            ),
+            (true, true) => (
+                "it reads closed at rest and open while deflected: the input is inverted",
+                polarity.unwrap_or("turn the polarity of the probe's input round at the control"),
+            ),
+            (true, false) => (
+                "the input is closed whatever the stylus does: it is stuck",
+                "is the stylus jammed, the cable shorted, the wrong input connected, or does the \
+                 receiver report an error (no battery, out of sight)?",
+            ),
+        };
+        Some((what.to_owned(), remedy.to_owned()))
+    }
+}

@@ -1,0 +1,124 @@
+//! What a person is asked, in words; and what will be seen of a jog, from the machine's chain.
+
+use crate::base::{Axis, Position};
+use crate::kinematics::{Chain, Side};
+use crate::record::machine::{Carrier, Machine};
+use crate::record::question::{Jog, Question, Stylus};
+
+/// The question, and how to answer it on a terminal.
+pub fn of(question: &Question) -> String {
+    match question {
+        Question::MayJog { jog, look_for } => format!(
+            "{} moves by {}: {look_for}. It goes back once you have told what you saw.\n\
+             Is the way free, and the stop in your hand? yes / no",
+            jog.axis,
+            told(jog)
+        ),
+        Question::Jogged { jog, look_for } => format!(
+            "{look_for}. Did it? Keep clear: it goes back once you have answered.\n\
+             y  as said      r  as far, the other way      n  nothing moved      ?  once more\n\
+             X, Y, .. C  that axis moved instead      25  {} went {} (-25: the other way)",
+            jog.axis,
+            amount(jog.axis, 25)
+        ),
+        Question::Stylus(Stylus::Free) => {
+            "Nobody and nothing touches the stylus. Is it so? yes / no".to_owned()
+        }
+        Question::Stylus(Stylus::Deflected) => {
+            "Press the stylus aside with a finger and hold it there. Is it held? yes / no"
+                .to_owned()
+        }
+        Question::MayHold(jog) => format!(
+            "{} moves by {} at {}/min and is held on its way: it should stop half-way and stay.\n\
+             Is the way free, and the stop in your hand? yes / no",
+            jog.axis,
+            told(jog),
+            amount(jog.axis, jog.feed_per_min)
+        ),
+        Question::Released { not_yet } => {
+            let not_yet =
+                not_yet.as_ref().map_or(String::new(), |why| format!("Not yet: {why}.\n"));
+            format!(
+                "{not_yet}The control is held. Reset it there, and bring it to where it takes commands (do \
+                 not resume: it would go its way to the end). Is it ready? yes / no"
+            )
+        }
+        Question::May { what } => format!("{what}\nyes / no"),
+    }
+}
+
+pub(super) fn unit(axis: Axis) -> &'static str {
+    if axis.is_linear() { "mm" } else { "degree" }
+}
+
+/// `1 mm`, `1°`.
+pub(super) fn amount(axis: Axis, value: impl std::fmt::Display) -> String {
+    if axis.is_linear() { format!("{value} mm") } else { format!("{value}°") }
+}
+
+/// `+1 mm`, `-1°`.
+pub(super) fn told(jog: &Jog) -> String {
+    amount(jog.axis, format_args!("{:+}", jog.by))
+}
+
+/// What moves, and whereto, if the machine file is right and the machine stands at `stands`; `None`
+/// for a chain that cannot be built.
+pub(super) fn look_for(machine: &Machine, stands: &Position, jog: &Jog) -> Option<String> {
+    let carried = Chain::new(machine).ok()?.carried(Carrier::Axis(jog.axis))?;
+    let mut commands = Axis::ALL.map(|axis| stands.at(axis));
+    let still = carried.pose(&commands);
+    *commands.get_mut(jog.axis as usize)? += jog.axis.from_edge(jog.by);
+    let moved = carried.pose(&commands) * still.inverse();
+    let what = if carried.side() == Side::Tool { "the spindle" } else { "the table" };
+    let by = amount(jog.axis, jog.by.abs());
+    Some(if jog.axis.is_linear() {
+        let (axis, along) = largest(moved.translation.to_array())?;
+        format!("{what} goes {by} towards {}{axis}", if along < 0.0 { "−" } else { "+" })
+    } else {
+        let (axis, angle) = glam::DQuat::from_mat3(&moved.matrix3).to_axis_angle();
+        // Right-handed about an axis: anticlockwise for who looks against it.
+        let (about, along) = largest((axis * angle).to_array())?;
+        let way = if along < 0.0 { "clockwise" } else { "anticlockwise" };
+        format!("{what} turns {by} {way}, seen from +{about}")
+    })
+}
+
+/// The machine axis that lies nearest to a direction, and how far it goes along it.
+fn largest(way: [f64; 3]) -> Option<(Axis, f64)> {
+    let named = Axis::LINEAR.into_iter().zip(way);
+    named.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::MachineFile;
+
+    fn seen(change: (&str, &str), axis: Axis, by: f64) -> String {
+        seen_at(&Position::new(), change, axis, by)
+    }
+
+    fn seen_at(stands: &Position, change: (&str, &str), axis: Axis, by: f64) -> String {
+        let text = include_str!("../../config/simulated.toml").replacen(change.0, change.1, 1);
+        let file = MachineFile::parse("machine.toml", text).unwrap();
+        look_for(&file.machine, stands, &Jog { axis, by, feed_per_min: 60.0 }).unwrap()
+    }
+
+    #[test]
+    fn what_will_be_seen_is_told_in_the_machines_directions() {
+        let plain = ("", "");
+        assert_eq!(seen(plain, Axis::X, 1.0), "the spindle goes 1 mm towards +X");
+        assert_eq!(seen(plain, Axis::Z, -1.0), "the spindle goes 1 mm towards −Z");
+        // As config/simulated.toml has it: seen from above, C+ turns an ISO table clockwise.
+        assert_eq!(seen(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
+        let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+        assert_eq!(seen(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
+        // With the cradle swung by a quarter turn the table faces sideways.
+        let swung = Position::new().with(Axis::B, Axis::B.from_edge(90.0));
+        let turned = seen_at(&swung, plain, Axis::C, 1.0);
+        assert_eq!(turned, "the table turns 1° anticlockwise, seen from +X");
+        // What carries the workpiece goes against the sign of its command.
+        let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
+        assert_eq!(seen(carried, Axis::Y, 1.0), "the table goes 1 mm towards −Y");
+    }
+}

@@ -1,0 +1,99 @@
+//! The two feeds, and the room that a touch at the faster one needs on its way.
+
+use crate::methods::Refused;
+use crate::record::machine::{Machine, Probe};
+
+use super::settings::Settings;
+
+/// Nearer to each other the feeds say little.
+const LEAST_RATIO: f64 = 2.0;
+/// The longest delay that a touch must still see at its full feed, s.
+const LONGEST_DELAY_S: f64 = 0.05;
+/// Accelerations are declared as they are at best; a smooth start takes about twice the way.
+const GENTLE: f64 = 2.0;
+/// A default feed is lowered in such steps.
+const LOWER: f64 = 0.9;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feeds {
+    pub measuring_mm_min: f64,
+    pub fast_mm_min: f64,
+    /// Way on which the fast touch comes to its feed, mm.
+    pub run_up_mm: f64,
+    /// What the fast touch needs before the first and beyond the last place of contact, mm: there it
+    /// goes at its feed, and longer than any delay takes.
+    pub room_mm: f64,
+}
+
+impl Feeds {
+    /// `length_mm`: how long a touch is with such a room.
+    ///
+    /// # Errors
+    /// Feeds too near to each other, one that no axis can do, one whose touch would be longer than the
+    /// overtravel.
+    pub fn choose(
+        (machine, probe): (&Machine, &Probe),
+        settings: &Settings,
+        length_mm: impl Fn(f64) -> f64,
+    ) -> Result<Self, Refused> {
+        let least = LEAST_RATIO * probe.feed_mm_min;
+        let overtravel = probe.overtravel_mm;
+        let fits = |feeds: &Self| length_mm(feeds.room_mm) <= overtravel;
+        let mut feeds = Self::of(machine, probe, settings.fast_feed_mm_min);
+        if settings.fast_feed_mm_min.is_none() {
+            while feeds.fast_mm_min * LOWER >= least && !fits(&feeds) {
+                feeds = Self::of(machine, probe, Some((feeds.fast_mm_min * LOWER).floor()));
+            }
+        }
+        let Self { fast_mm_min, .. } = feeds;
+        let rapid = linear(machine, |spec| spec.rapid_per_min);
+        if !(least..=rapid).contains(&fast_mm_min) {
+            return Err(Refused {
+                why: format!(
+                    "a fast feed of {fast_mm_min} mm/min beside a measuring feed of {} mm/min: it must be \
+                     at least {LEAST_RATIO} times that, and at most the {rapid} mm/min of the axes",
+                    probe.feed_mm_min
+                ),
+                instead:
+                    "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
+                          overtravel allows"
+                        .to_owned(),
+            });
+        }
+        if fits(&feeds) {
+            return Ok(feeds);
+        }
+        Err(Refused {
+            why: format!(
+                "a touch at {fast_mm_min} mm/min would be {:.2} mm long, more than the overtravel of \
+                 {overtravel} mm: {:.2} mm of it to come to its feed and to see a delay of {} ms",
+                length_mm(feeds.room_mm),
+                2.0 * feeds.room_mm,
+                LONGEST_DELAY_S * 1e3
+            ),
+            instead:
+                "lower fast_feed_mm_min in [method.latch-delay], or [artefact] uncertainty_mm: set \
+                      the part up nearer to where the file says"
+                    .to_owned(),
+        })
+    }
+
+    fn of(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {
+        let fast_mm_min = fast_mm_min.unwrap_or(probe.search_feed_mm_min);
+        let run_up_mm = GENTLE * run_up_mm(machine, fast_mm_min);
+        let room_mm = run_up_mm + fast_mm_min / 60.0 * LONGEST_DELAY_S;
+        Self { measuring_mm_min: probe.feed_mm_min, fast_mm_min, run_up_mm, room_mm }
+    }
+}
+
+/// Way from rest to the feed, whichever linear axis is the slowest to get there: v²/2a.
+pub fn run_up_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
+    let weakest = linear(machine, |spec| spec.acceleration_per_s2);
+    (feed_mm_min / 60.0).powi(2) / (2.0 * weakest)
+}
+
+/// The least of the linear axes.
+fn linear(machine: &Machine, of: impl Fn(&crate::record::machine::AxisSpec) -> f64) -> f64 {
+    let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+    axes.map(|(_, spec)| of(spec)).fold(f64::INFINITY, f64::min)
+}

@@ -1,0 +1,121 @@
+//! How late a contact is latched, by two feeds: one place of the part is touched slowly and fast in
+//! turns. A latch that comes τ after contact finds the axes v·τ further on, so position along the touch
+//! over feed is a line, and its slope is τ. A PLC that looks at the probe once a scan of T comes late by
+//! anything from 0 to T: T/2 on average, and touches scatter by v·T/√12 (rectangular, GUM 4.3.7), which
+//! grows with the feed as no scatter of the probe does.
+
+mod feeds;
+mod fit;
+mod observe;
+mod outputs;
+mod plan;
+mod scan;
+mod settings;
+mod words;
+
+pub use scan::{Latch, Time};
+pub use settings::Settings;
+
+use self::feeds::Feeds;
+use self::fit::Fitted;
+use self::observe::Observed;
+use self::plan::Place;
+use self::scan::Scan;
+use super::{IdentifyError, Method, Next, Refused, Source};
+use crate::artefact::uncertainty_mm;
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Stage};
+use crate::record::reading::Reading;
+
+pub const NAME: &str = "latch-delay";
+
+pub struct LatchDelay {
+    settings: Settings,
+}
+
+impl LatchDelay {
+    pub fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+
+    fn feeds(&self, plan: &Plan) -> Result<Feeds, Refused> {
+        let uncertainty = uncertainty_mm(&plan.artefact);
+        let length = |room_mm| plan::length_mm(uncertainty, room_mm);
+        Feeds::choose((&plan.machine, &plan.probe), &self.settings, length)
+    }
+}
+
+impl Method for LatchDelay {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        self.settings.check()?;
+        let feeds = self.feeds(plan)?;
+        let place = Place::choose(plan, &self.settings, &feeds)?;
+        let (id, name, new_steps) = match done.len() {
+            0 => (0, "search".to_owned(), vec![place.search(plan.probe.search_feed_mm_min)]),
+            1 => {
+                if let Source::Measured(readings) = source {
+                    observe::check_found(plan, &feeds, readings)?;
+                }
+                let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
+                (1, name, place.alternating(&feeds, self.settings.touches))
+            }
+            _ => return Ok(Next::Done),
+        };
+        let steps = new_steps.iter().map(|step| step.id).collect();
+        Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.check_priors(priors)?;
+        let (observed, fitted, scan) = look(plan, readings)?;
+        Ok(outputs::estimate(plan, &observed, &fitted, &scan))
+    }
+}
+
+fn look(plan: &Plan, readings: &[Reading]) -> Result<(Observed, Fitted, Scan), IdentifyError> {
+    let observed = observe::observe(plan, readings)?;
+    let fitted = fit::fit(&observed)?;
+    let scan = scan::judge(&observed, &fitted);
+    Ok((observed, fitted, scan))
+}
+
+/// What a run says of the machine, for whoever checks it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    pub latch: Latch,
+    pub latch_in_words: String,
+    /// Positive: late.
+    pub delay_s: f64,
+    /// Of a delay beyond its uncertainty.
+    pub delay_in_words: Option<String>,
+    /// Of slow touches that scatter more than declared.
+    pub scatter_in_words: Option<String>,
+    /// Standard deviation of a slow touch.
+    pub scatter_mm: f64,
+}
+
+impl Found {
+    /// # Errors
+    /// As [`Method::identify`].
+    pub fn of(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
+        let (observed, fitted, scan) = look(plan, readings)?;
+        let declared_mm = outputs::declared_mm(plan, &observed);
+        Ok(Self {
+            latch: scan.latch,
+            latch_in_words: words::of_latch(&observed, &fitted, &scan),
+            delay_s: fitted.delay_s,
+            delay_in_words: words::of_delay(&observed, &fitted),
+            scatter_in_words: words::of_scatter(&observed, &fitted, &scan, declared_mm),
+            scatter_mm: fitted.scatter[0].s_mm,
+        })
+    }
+}

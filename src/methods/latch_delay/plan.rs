@@ -1,0 +1,214 @@
+//! Where the touches go: one place, always the same way.
+//!
+//! All touches are as long as a search for the part. That takes some seconds more than touches near the
+//! place found, but each is proven against the part wherever it may stand: one contact tells where it
+//! stands along the touch, not across.
+
+use glam::DVec3;
+
+use super::feeds::Feeds;
+use super::settings::Settings;
+use crate::artefact::uncertainty_mm;
+use crate::base::{Axis, Point, Position};
+use crate::kinematics::Chain;
+use crate::methods::Refused;
+use crate::planning::{Access, Approach, BallTask, PlanningError};
+use crate::record::artefact::{Artefact, Balls, Cylinder};
+use crate::record::plan::{Plan, Step, StepKind};
+
+/// Of the first touch, which serves no identification.
+pub const SEARCH: &str = "search";
+/// Free way before the first place of contact, and way beyond the last one, mm.
+const STANDOFF_MM: f64 = 0.5;
+const BEYOND_MM: f64 = 0.3;
+/// Cosine of one degree.
+const UPRIGHT: f64 = 0.99985;
+/// Touches of one ball that are looked at.
+const OF_A_BALL: usize = 5;
+
+/// The one touch of a plan, without number and feed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    pub from: Position,
+    pub to: Position,
+    pub normal: [f64; 3],
+}
+
+/// How long a touch is where the part may stand `uncertainty_mm` off and the feed takes `room_mm`.
+pub fn length_mm(uncertainty_mm: f64, room_mm: f64) -> f64 {
+    2.0 * (uncertainty_mm + room_mm) + STANDOFF_MM + BEYOND_MM
+}
+
+impl Place {
+    /// # Errors
+    /// No place that the axes reach, or none that is free.
+    pub fn choose(plan: &Plan, settings: &Settings, feeds: &Feeds) -> Result<Self, Refused> {
+        let within_mm = uncertainty_mm(&plan.artefact) + feeds.room_mm;
+        match &plan.artefact {
+            Artefact::Cylinder(part) => on_flank(plan, settings, part, within_mm),
+            Artefact::Balls(balls) => on_ball(plan, settings, balls, within_mm),
+        }
+    }
+
+    fn step(&self, (id, stage): (u32, u32), kind: StepKind, label: String, feed: f64) -> Step {
+        Step {
+            id,
+            stage,
+            kind,
+            label,
+            from: self.from.clone(),
+            to: self.to.clone(),
+            feed_mm_min: feed,
+            sensor: "probe".to_owned(),
+            normal: self.normal,
+        }
+    }
+
+    /// The first approach.
+    pub fn search(&self, feed_mm_min: f64) -> Step {
+        self.step((0, 0), StepKind::Touch, SEARCH.to_owned(), feed_mm_min)
+    }
+
+    /// Slow, fast, fast, slow and so on: what creeps evenly meanwhile acts on both feeds alike. The slow
+    /// ones are references: after a stop they show whether the part stands as it stood.
+    pub fn alternating(&self, feeds: &Feeds, touches: u32) -> Vec<Step> {
+        let slow = (StepKind::Reference, feeds.measuring_mm_min);
+        let fast = (StepKind::Touch, feeds.fast_mm_min);
+        let pairs = (0..touches).flat_map(|pair| {
+            let both = if pair % 2 == 0 { [slow, fast] } else { [fast, slow] };
+            both.map(|(kind, feed)| (pair + 1, kind, feed))
+        });
+        let numbered = (1..).zip(pairs);
+        numbered
+            .map(|(id, (number, kind, feed))| {
+                self.step((id, 1), kind, format!("F{feed}/{number:02}"), feed)
+            })
+            .collect()
+    }
+}
+
+/// All rotary axes at zero, or as near as they come; the spindle keeps the orientation it has.
+fn rotary(plan: &Plan) -> Position {
+    let turning = plan.machine.axes.iter();
+    let turning = turning.filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
+    turning
+        .map(|(axis, spec)| (*axis, axis.from_edge(0.0_f64.max(spec.min).min(spec.max))))
+        .collect()
+}
+
+fn towards(degrees: f64) -> DVec3 {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    DVec3::new(cos, sin, 0.0)
+}
+
+/// Half-way up the flank.
+fn on_flank(
+    plan: &Plan,
+    settings: &Settings,
+    part: &Cylinder,
+    within_mm: f64,
+) -> Result<Place, Refused> {
+    let axis = DVec3::from_array(part.axis);
+    if axis.z <= UPRIGHT * axis.length() {
+        return Err(Refused {
+            why: "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
+            instead: "this method touches the flank of an upright round part".to_owned(),
+        });
+    }
+    let directions = match settings.direction_deg {
+        Some(degrees) => vec![degrees],
+        None => vec![0.0, 90.0, 180.0, 270.0],
+    };
+    let mut beyond = None;
+    for degrees in directions {
+        let place = flank_at(plan, part, towards(degrees), within_mm)?;
+        match out_of_travel(plan, &place) {
+            None => return Ok(place),
+            Some(axis) => beyond = beyond.or(Some(axis)),
+        }
+    }
+    Err(Refused {
+        why: match beyond {
+            Some(axis) => format!("{axis} does not reach the flank of the part"),
+            None => "no direction is left to touch the part from".to_owned(),
+        },
+        instead: "bring the part nearer to the middle, name another direction_deg, or correct [artefact] \
+                  centre_mm and tool_mm"
+            .to_owned(),
+    })
+}
+
+fn flank_at(
+    plan: &Plan,
+    part: &Cylinder,
+    towards: DVec3,
+    within_mm: f64,
+) -> Result<Place, Refused> {
+    let refused = |error: crate::kinematics::KinematicsError| Refused {
+        why: error.to_string(),
+        instead: "correct [machine] and [axes] in the machine file".to_owned(),
+    };
+    let chain = Chain::new(&plan.machine).map_err(refused)?;
+    let rotary = rotary(plan);
+    let table = chain.machine_from_table(&rotary, &[]).matrix3;
+    let axis = DVec3::from_array(part.axis).normalize_or_zero();
+    let outward = (table.transpose() * towards).reject_from_normalized(axis).normalize_or_zero();
+    let middle = DVec3::from_array(part.centre_mm) + axis * part.height_mm / 2.0;
+    let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+    let at = |out: f64| {
+        let reach = part.radius_mm + plan.probe.ball_radius_mm + out;
+        let linear =
+            chain.linear_axes_for(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
+        linear.map(|linear| rotary.updated_by(&linear.only(Axis::is_linear)).as_written())
+    };
+    Ok(Place {
+        from: at(within_mm + STANDOFF_MM).map_err(refused)?,
+        to: at(-within_mm - BEYOND_MM).map_err(refused)?,
+        normal: (table * outward).to_array(),
+    })
+}
+
+fn out_of_travel(plan: &Plan, place: &Place) -> Option<Axis> {
+    let ends = place.from.iter().chain(place.to.iter());
+    let outside = |(axis, value): &(Axis, f64)| {
+        let spec = plan.machine.axes.get(axis);
+        !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&axis.to_edge(*value)))
+    };
+    ends.filter(|(axis, _)| axis.is_linear()).find(outside).map(|(axis, _)| axis)
+}
+
+/// The first ball that can be measured, touched from where it is free.
+fn on_ball(
+    plan: &Plan,
+    settings: &Settings,
+    balls: &Balls,
+    within_mm: f64,
+) -> Result<Place, Refused> {
+    let refused =
+        |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
+    let access = Access::new(plan, &plan.artefact).map_err(refused)?;
+    let wanted = settings.direction_deg.map_or(DVec3::Z, towards);
+    let (rotary, mut why_not) = (rotary(plan), None);
+    for ball in &balls.balls {
+        let approach = Approach::Find { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
+        let task = BallTask { ball, rotary: &rotary, approach, touches: OF_A_BALL };
+        let steps = access.steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        match steps {
+            Ok(steps) => {
+                let along = |step: &Step| DVec3::from_array(step.normal).dot(wanted);
+                let best = steps.into_iter().max_by(|a, b| along(a).total_cmp(&along(b)));
+                if let Some(Step { from, to, normal, .. }) = best {
+                    return Ok(Place { from, to, normal });
+                }
+            }
+            Err(why) => why_not = why_not.or(Some(format!("ball {}: {why}", ball.id))),
+        }
+    }
+    Err(Refused {
+        why: format!(
+            "no ball can be touched with all rotary axes at zero; {}",
+            why_not.unwrap_or_else(|| "there is none".to_owned())
+        ),
+        instead: "set the balls up where one of them is free, or correct [artefact]".to_owned(),
+    })
+}

@@ -1,0 +1,96 @@
+//! Whether a scan lies between contact and latch.
+
+use super::fit::{Fitted, Scatter};
+use super::observe::Observed;
+use crate::estimation::coverage::{coverage_factor, variance_ratio_bound};
+
+/// How often a scan is seen where there is none.
+pub const LEVEL: f64 = 0.01;
+/// Fourth moment of a rectangular distribution over its squared variance.
+const FLAT: f64 = 1.8;
+
+/// Where the latch lies, as far as the touches tell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Latch {
+    /// No scan is seen; one longer than this would have been, s.
+    Control {
+        longest_s: f64,
+    },
+    Scan(Time),
+    /// Fast touches scatter more, but come too early for a scan of that length.
+    Unsteady(Time),
+}
+
+/// The scan that the scatter would need.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Time {
+    pub t_s: f64,
+    pub u_s: f64,
+    pub dof: f64,
+}
+
+impl Time {
+    pub fn expanded_s(&self) -> f64 {
+        coverage_factor(self.dof) * self.u_s
+    }
+
+    /// The longest that it may be.
+    pub fn most_s(&self) -> f64 {
+        self.t_s + self.expanded_s()
+    }
+}
+
+pub struct Scan {
+    pub latch: Latch,
+    /// Variance at the fast feed over that at the slow one, and what it stays below with probability
+    /// 1 − [`LEVEL`] where there is no scan.
+    pub ratio: f64,
+    pub limit: f64,
+}
+
+/// F test of the two scatters (one-sided), and what follows.
+pub fn judge(observed: &Observed, fitted: &Fitted) -> Scan {
+    let [slow, fast] = fitted.scatter;
+    let ratio = (fast.s_mm / slow.s_mm).powi(2);
+    let limit = variance_ratio_bound(1.0 - LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
+    let latch = if ratio > limit {
+        let time = time(observed.speeds(), slow, fast);
+        // A scan comes late by half of itself at least.
+        let early = time.t_s / 2.0 - fitted.delay_s;
+        let u = fitted.u_s().hypot(time.u_s / 2.0);
+        match early > coverage_factor(fitted.dof().min(time.dof)) * u {
+            true => Latch::Unsteady(time),
+            false => Latch::Scan(time),
+        }
+    } else {
+        Latch::Control { longest_s: longest(observed.speeds(), fitted, ratio) }
+    };
+    Scan { latch, ratio, limit }
+}
+
+/// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. A variance of n touches has the variance
+/// μ₄/n − σ⁴(n − 3)/(n(n − 1)); of a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3 B².
+fn time(speeds: [f64; 2], slow: Scatter, fast: Scatter) -> Time {
+    let span = speeds[1].powi(2) - speeds[0].powi(2);
+    let more = fast.s_mm.powi(2) - slow.s_mm.powi(2);
+    let t_s = (12.0 * more / span).sqrt();
+    let all = fast.s_mm.powi(2);
+    let flat = ((speeds[1] * t_s).powi(2) / 12.0).min(all);
+    let normal = all - flat;
+    let fourth = FLAT * flat * flat + 6.0 * flat * normal + 3.0 * normal * normal;
+    let n = fast.dof + 1.0;
+    let of_fast = fourth / n - all * all * (n - 3.0) / (n * (n - 1.0));
+    let of_slow = 2.0 * slow.s_mm.powi(4) / slow.dof;
+    let variance = of_fast.max(0.0) + of_slow;
+    let u_s = 6.0 * variance.sqrt() / (span * t_s);
+    Time { t_s, u_s, dof: 2.0 * more * more / variance }
+}
+
+/// The longest scan that could hide: by the scatter, and because it comes late by half of itself.
+fn longest(speeds: [f64; 2], fitted: &Fitted, ratio: f64) -> f64 {
+    let [slow, fast] = fitted.scatter;
+    let wide = variance_ratio_bound(1.0 - LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);
+    let more = (ratio.max(1.0) * wide - 1.0).max(0.0) * slow.s_mm.powi(2);
+    let by_scatter = (12.0 * more / (speeds[1].powi(2) - speeds[0].powi(2))).sqrt();
+    by_scatter.min(2.0 * (fitted.delay_s.max(0.0) + fitted.expanded_s()))
+}

@@ -1,0 +1,76 @@
+use super::*;
+use crate::controllers::Remark;
+use crate::setup::MachineFile;
+
+fn draft(controller: &str, topology: Option<&str>) -> Draft {
+    let controller = toml::from_str(controller).unwrap();
+    Draft { controller, name: None, topology: topology.map(str::to_owned) }
+}
+
+fn said(letters: &str) -> Introduction {
+    let axes = letters.chars().map(|letter| {
+        let says = AxisSays {
+            travel: Some(300.0),
+            rapid_per_min: Some(2500.0),
+            step: Some(0.001),
+            ..AxisSays::default()
+        };
+        (letter.to_string().parse().unwrap(), says)
+    });
+    Introduction {
+        identity: "Grbl 1.1f\nnot a line".to_owned(),
+        axes: axes.collect(),
+        ..Introduction::default()
+    }
+}
+
+const GRBL: &str = "kind = \"grbl\"\nserial = \"/dev/ttyACM0\"\nbaud = 115200";
+
+#[test]
+fn the_reader_takes_what_is_written() {
+    for (letters, named) in [
+        ("XYZBC", Some("V[w-C-B-b-Y-X-Z-(C)-t]")),
+        ("XYZAC", Some("V[w-C-A-b-Y-X-Z-(C)-t]")),
+        ("XYZABC", None),
+        ("XYZ", None),
+        ("XYZA", None),
+    ] {
+        let text = draft(GRBL, None).write(&said(letters)).unwrap();
+        let file = MachineFile::parse("drafted.toml", text.clone());
+        let file = file.unwrap_or_else(|error| panic!("{letters}: {error}\n{text}"));
+        assert!(named.is_none_or(|named| named == file.machine.topology), "{text}");
+        let x = &file.machine.axes[&Axis::X];
+        assert_eq!((x.min, x.max, x.rapid_per_min, x.resolution_um), (-150.0, 150.0, 2500.0, 1.0));
+        assert!(
+            text.contains("# said: its rapid speed, mm/min.\nrapid_per_min = 2500.0"),
+            "{text}"
+        );
+        assert!(text.contains("# YOURS: its acceleration"), "{text}");
+        assert_eq!(file.controller.control.dialect(), "grbl");
+    }
+}
+
+#[test]
+fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
+    let mut said = said("XYZBC");
+    let z = said.axes.get_mut(&Axis::Z).unwrap();
+    (z.min, z.max) = (Some(-298.5), Some(0.0));
+    said.remarks =
+        vec![Remark { hinders: true, what: "a\nb".to_owned(), remedy: "$13=0".to_owned() }];
+    let text = draft(GRBL, Some("w-C-B-F-X-Y-Z-S-t")).write(&said).unwrap();
+    let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
+    let z = &file.machine.axes[&Axis::Z];
+    assert_eq!((z.min, z.max), (-298.5, 0.0));
+    assert_eq!(file.machine.topology, "w-C-B-F-X-Y-Z-S-t");
+    assert!(text.contains("# With this setting it cannot measure: a b\n#   -> $13=0"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let missing = draft(GRBL, Some("V[w-C-A-b-Y-X-Z-(C)-t]")).write(&said("XYZBC")).unwrap_err();
+    assert!(missing.to_string().contains("names A"), "{missing}");
+    let keys = draft("kind = \"grbl\"\nbaud = 9600", None).control().unwrap_err();
+    assert!(keys.to_string().contains("exactly one link"), "{keys}");
+    let kind = draft("kind = \"grobl\"", None).control().unwrap_err();
+    assert!(kind.to_string().contains("there is no control `grobl`"), "{kind}");
+}

@@ -1,0 +1,51 @@
+//! The order of axes that most machines with these axes have. A person puts it right.
+
+use crate::base::Axis;
+
+/// Trunnion tables, after ISO 10791: the rotary axes carry the part, the linear ones the spindle.
+pub(super) fn usual(driven: &[Axis]) -> String {
+    let has = |axis: &Axis| driven.contains(axis);
+    let rotary: &[Axis] = match [Axis::A, Axis::B, Axis::C].map(|axis| has(&axis)) {
+        [_, true, true] => &[Axis::C, Axis::B],
+        [true, false, true] => &[Axis::C, Axis::A],
+        [true, true, false] => &[Axis::B, Axis::A],
+        [true, ..] => &[Axis::A],
+        [_, true, _] => &[Axis::B],
+        [_, _, true] => &[Axis::C],
+        _ => &[],
+    };
+    let linear = [Axis::Y, Axis::X, Axis::Z].into_iter().filter(has);
+    let name = |axis: Axis| axis.to_string();
+    let start = std::iter::once("w".to_owned()).chain(rotary.iter().copied().map(name));
+    let end = std::iter::once("b".to_owned()).chain(linear.map(name));
+    let all: Vec<String> = start.chain(end).chain(["(C)".to_owned(), "t".to_owned()]).collect();
+    format!("V[{}]", all.join("-"))
+}
+
+/// The axes that move, in their order; the spindle in brackets is none of them.
+pub(super) fn axes(topology: &str) -> Vec<Axis> {
+    let mut axes: Vec<Axis> = letters(topology)
+        .filter_map(|letter| letter.parse().ok())
+        .filter(|axis| *axis != Axis::S)
+        .collect();
+    axes.sort();
+    axes
+}
+
+fn letters(topology: &str) -> impl Iterator<Item = &str> {
+    let inside = topology.trim_start_matches("V[").trim_end_matches(']');
+    inside.split('-')
+}
+
+/// For a person who reads such a line for the first time.
+pub(super) fn in_words(topology: &str) -> String {
+    let told = |letter: &str| match letter {
+        "w" => "workpiece".to_owned(),
+        "b" | "F" => "bed".to_owned(),
+        "t" => "tool".to_owned(),
+        "(C)" | "S" => "spindle".to_owned(),
+        axis => axis.to_owned(),
+    };
+    let words: Vec<String> = letters(topology).map(told).collect();
+    words.join(", ")
+}

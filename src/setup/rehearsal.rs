@@ -1,0 +1,76 @@
+//! The simulated machine of a file, and whoever stands beside it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use super::machine_file::{Control, MachineFile};
+use super::{Devices, Pace, Past, SetupError, world};
+use crate::controllers::{Bench, Served, Simulated};
+use crate::gcode::Dialect;
+use crate::link::faults::{BadWire, Planned};
+use crate::world::{Bystander, World};
+
+pub struct Rehearsal<'a> {
+    file: &'a MachineFile,
+    control: Simulated,
+    world: Arc<Mutex<World>>,
+}
+
+impl<'a> Rehearsal<'a> {
+    /// The simulated machine of `file`; of a file with a real control, a simulated one in its place.
+    ///
+    /// # Errors
+    /// A world that cannot be built.
+    pub fn of(file: &'a MachineFile) -> Result<Self, SetupError> {
+        let control = match &file.controller.control {
+            Control::Simulated(simulated) => simulated.clone(),
+            Control::Real(_) => Simulated::default(),
+        };
+        Ok(Self { file, control, world: Arc::new(Mutex::new(world(file)?)) })
+    }
+
+    /// Later than it was, as a run has seen it.
+    pub(super) fn after(&self, past: Past<'_>) {
+        if let Some(last) = past.readings.last() {
+            let probed = past.readings.iter().map(|reading| reading.step);
+            let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+            world.pass(last.t_s + past.elapsed_s, probed);
+        }
+    }
+
+    pub(super) async fn open(&self, dialect: Dialect, pace: Pace) -> Result<Devices, SetupError> {
+        let (controller, served) = self.control.open(self.bench(pace)?, dialect.clone()).await?;
+        Ok(Devices::new(controller, dialect).behind(served))
+    }
+
+    /// Serve it to whoever opens its wire, until dropped. Call inside a tokio runtime.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub fn serve(&self, pace: Pace) -> Result<Served, SetupError> {
+        Ok(self.control.serve(self.bench(pace)?)?)
+    }
+
+    /// As [`Self::serve`], behind a bad wire; `tell` hears what it does, and when.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub fn serve_badly(
+        &self,
+        pace: Pace,
+        wire: BadWire,
+        tell: fn(Duration, Planned),
+    ) -> Result<Served, SetupError> {
+        Ok(self.control.serve_badly(self.bench(pace)?, wire, tell)?)
+    }
+
+    /// Somebody who sees how it truly moves.
+    pub fn bystander(&self) -> Bystander {
+        Bystander::new(self.world.clone())
+    }
+
+    fn bench(&self, pace: Pace) -> Result<Bench<'a>, SetupError> {
+        let faults = self.file.simulated_faults(&self.control)?;
+        Ok(Bench { machine: &self.file.machine, world: self.world.clone(), pace, faults })
+    }
+}

@@ -1,0 +1,65 @@
+//! The machine of one file, to be opened as often as it takes: what is simulated of it is one world
+//! that goes on meanwhile.
+
+use std::sync::Arc;
+
+use super::machine_file::{Control, MachineFile};
+use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect};
+use crate::controllers::Named;
+use crate::world::Bystander;
+
+pub struct Site<'a> {
+    file: &'a MachineFile,
+    machine: Behind<'a>,
+}
+
+enum Behind<'a> {
+    Real(Arc<dyn Named>),
+    Simulated(Rehearsal<'a>),
+}
+
+impl<'a> Site<'a> {
+    /// Nothing is opened yet.
+    ///
+    /// # Errors
+    /// A simulated world that cannot be built.
+    pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
+        let machine = match &file.controller.control {
+            Control::Simulated(_) => Behind::Simulated(Rehearsal::of(file)?),
+            Control::Real(control) => Behind::Real(control.clone()),
+        };
+        Ok(Self { file, machine })
+    }
+
+    /// Later than it was, as a run has seen it.
+    pub(super) fn after(self, past: Past<'_>) -> Self {
+        if let Behind::Simulated(rehearsal) = &self.machine {
+            rehearsal.after(past);
+        }
+        self
+    }
+
+    /// Open the machine's control. Call inside a tokio runtime. A simulated one was switched off and
+    /// on meanwhile; its axes stay where they are.
+    ///
+    /// # Errors
+    /// What the dialect or opening says.
+    pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
+        let dialect = dialect(self.file)?;
+        match &self.machine {
+            Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
+            Behind::Real(control) => {
+                let controller = control.open(&self.file.machine, dialect.clone()).await?;
+                Ok(Devices::new(controller, dialect))
+            }
+        }
+    }
+
+    /// Somebody beside the simulated machine; `None` beside a real one.
+    pub fn bystander(&self) -> Option<Bystander> {
+        match &self.machine {
+            Behind::Simulated(rehearsal) => Some(rehearsal.bystander()),
+            Behind::Real(_) => None,
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Somebody who stands beside the simulated machine: sees how it truly moves, deflects its stylus,
+//! and answers what a person is asked.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::World;
+use crate::base::Position;
+use crate::record::question::{Answer, Jog, Question, Seen, Stylus};
+
+/// What moves less than this is not seen, mm or degrees.
+const VISIBLE: f64 = 0.05;
+/// A distance is judged by eye to a tenth.
+const BY_EYE: f64 = 0.1;
+
+pub struct Bystander {
+    world: Arc<Mutex<World>>,
+    /// Where the machine stood when a jog was allowed.
+    before: Position,
+}
+
+impl Bystander {
+    pub fn new(world: Arc<Mutex<World>>) -> Self {
+        Self { world, before: Position::new() }
+    }
+
+    pub fn answer(&mut self, question: &Question) -> Answer {
+        match question {
+            Question::MayJog { .. } | Question::MayHold(_) => {
+                let stands = self.world().true_axes();
+                self.before = stands;
+                Answer::Yes
+            }
+            Question::Jogged { jog, .. } => Answer::Saw(self.saw(jog)),
+            Question::Stylus(stylus) => {
+                self.world().deflect(*stylus == Stylus::Deflected);
+                Answer::Yes
+            }
+            Question::Released { .. } | Question::May { .. } => Answer::Yes,
+        }
+    }
+
+    fn saw(&self, jog: &Jog) -> Seen {
+        let stands = self.world().true_axes();
+        let gone = stands.iter().map(|(axis, at)| (axis, axis.to_edge(at - self.before.at(axis))));
+        let farthest = gone.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+        match farthest.filter(|(_, by)| by.abs() > VISIBLE) {
+            None => Seen::Nothing,
+            Some((axis, _)) if axis != jog.axis => Seen::Another(axis),
+            Some((_, by)) if (by - jog.by).abs() <= BY_EYE => Seen::AsSaid,
+            Some((_, by)) if (by + jog.by).abs() <= BY_EYE => Seen::OtherWay,
+            Some((_, by)) => Seen::Distance((by / BY_EYE).round() * BY_EYE),
+        }
+    }
+
+    fn world(&self) -> MutexGuard<'_, World> {
+        // The world is plain data: a panic elsewhere leaves it whole.
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,191 @@
+//! Planted mistakes between the machine and the program: ports, speeds, kinds, registers, and settings of
+//! the control.
+
+use trued::commissioning::{Answering, Person, Summary};
+use trued::link;
+use trued::record::question::{Answer, Question};
+use trued::setup::{MachineFile, Pace, Site};
+
+use super::bench::{against, machine, runtime, through, with_control};
+use super::mistakes::Mistake;
+
+const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+    Mistake { name, check, phrase }
+}
+
+const DIALECT: &str = "\ndialect = \"grbl-m19\"";
+const PTY: &str = "wire = \"pty\"";
+const MODBUS: &str = "speaks = \"modbus\"";
+const RTU: &str = "speaks = \"modbus\"\nwire = \"pty\"\nbaud = 19200";
+
+/// The sound machine file, reached by `keys`, which are made from where the control is.
+fn reached(control: &str, more: &str, keys: impl Fn(String) -> String) -> Summary {
+    let truth = with_control(control, &machine(&[])) + more;
+    against(&machine(&[]), &truth, Pace::Fast, |served| keys(served) + DIALECT)
+}
+
+/// What the control says of a key is replaced.
+fn with(control: &str, old: &'static str, new: &'static str) -> Summary {
+    reached(control, "", |served| {
+        assert!(served.contains(old), "{served}");
+        served.replace(old, new)
+    })
+}
+
+/// Where the link leads stays, the control in `told` is another.
+fn told_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
+    reached(control, "", |served| {
+        let link =
+            served.lines().find(|line| line.starts_with("serial") || line.starts_with("tcp"));
+        format!("kind = \"{kind}\"\n{}{more}", link.unwrap())
+    })
+}
+
+/// Every axis of the register map so.
+fn read_as(how: &str) -> Summary {
+    let axes = |first: u16| {
+        let axis = |(letter, place): (&str, u16)| {
+            format!("{letter} = {{ address = {}, {how} }}", first + 2 * place)
+        };
+        [("X", 0), ("Y", 1), ("Z", 2), ("B", 4), ("C", 5)].map(axis).join(", ")
+    };
+    let map = format!(
+        "\nregisters.status.position = {{ {} }}\nregisters.status.latch = {{ {} }}",
+        axes(32),
+        axes(20)
+    );
+    reached(MODBUS, "", |served| served + &map)
+}
+
+/// As from a manual that counts from 1.
+fn counted_from_one() -> Summary {
+    let items = [
+        ("sequence_head", 1),
+        ("version", 2),
+        ("state", 3),
+        ("alarm", 4),
+        ("accepted", 5),
+        ("executed", 6),
+        ("error", 7),
+        ("probe", 8),
+        ("inputs", 9),
+        ("latches", 11),
+        ("heartbeat", 12),
+        ("time_s", 13),
+        ("latch_time_s", 17),
+        ("sequence_tail", 45),
+    ];
+    let mut map: String = items
+        .map(|(name, at)| format!("\nregisters.status.{name} = {{ address = {at} }}"))
+        .concat();
+    for (name, first) in [("latch", 21), ("position", 33)] {
+        for (axis, place) in [("X", 0), ("Y", 1), ("Z", 2), ("B", 4), ("C", 5)] {
+            map += &format!(
+                "\nregisters.status.{name}.{axis} = {{ address = {} }}",
+                first + 2 * place
+            );
+        }
+    }
+    reached(MODBUS, "", |served| served + &map)
+}
+
+fn in_the_other_space() -> Summary {
+    let command = ["hold", "sequence", "heartbeat", "acknowledge", "crc", "length", "chunk"];
+    let place = |(name, at)| format!("\nregisters.command.{name} = {{ address = {at} }}");
+    let map: String = command.into_iter().zip(200..).map(place).collect();
+    let space = "\nregisters.status.space = \"holding\"";
+    reached(MODBUS, "", |served| served + space + &map)
+}
+
+/// Nothing moves there, and whatever may be asked may be asked.
+struct Agreeing;
+
+impl Person for Agreeing {
+    fn ask<'a>(&'a mut self, _: &'a Question) -> Answering<'a> {
+        Box::pin(std::future::ready(Answer::Yes))
+    }
+}
+
+/// A port where something is plugged in that says nothing.
+fn silence() -> Summary {
+    let told = machine(&[("kind = \"simulated\"\n", ""), ("wire = \"memory\"\n", "@\n")]);
+    runtime().block_on(async {
+        let pty = link::pty().unwrap();
+        let keys = format!("kind = \"grbl\"\nserial = \"{}\"{DIALECT}", pty.path);
+        let file = MachineFile::parse("machine.toml", told.replace('@', &keys)).unwrap();
+        let site = Site::new(&file).unwrap();
+        through(&file, &site, &mut Agreeing).await
+    })
+}
+
+fn set(settings: &str) -> Summary {
+    reached(&format!("{PTY}\nsettings = {{ {settings} }}"), "", |served| served)
+}
+
+/// Each in words that come up for no other.
+pub const MISTAKES: &[Mistake] = &[
+    row(
+        "another baud rate",
+        || with("wire = \"pty\"\nbaud = 115200", "115200", "9600"),
+        "the control speaks at 115200 baud, not at 9600",
+    ),
+    row(
+        "another baud rate, Modbus",
+        || with(RTU, "19200", "9600"),
+        "it answers at 19200 baud, not at 9600",
+    ),
+    row(
+        "a port that is not there",
+        || reached(PTY, "", |_| "kind = \"grbl\"\nserial = \"/dev/trued-nowhere\"".to_owned()),
+        "wrong port: /dev/trued-nowhere is not there",
+    ),
+    row(
+        "a port where nobody listens",
+        || reached(MODBUS, "", |_| "kind = \"modbus\"\ntcp = \"127.0.0.1:1\"".to_owned()),
+        "nobody listens at 127.0.0.1:1",
+    ),
+    row("a port that says nothing", silence, "is off, not wired, or no control that is known"),
+    row(
+        "another kind, TCP",
+        || told_as(MODBUS, "grbl", ""),
+        "what answers is of kind `modbus`, not `grbl`",
+    ),
+    row(
+        "another kind, serial",
+        || told_as(PTY, "modbus", "\nbaud = 115200\nparity = \"none\""),
+        "what answers is of kind `grbl`, not `modbus`",
+    ),
+    row(
+        "another unit",
+        || reached(RTU, "", |served| served + "\nunit = 7"),
+        "a device answers as unit 1, none as 7",
+    ),
+    row("words the other way", || read_as("order = \"cdab\""), "wrong word order of the positions"),
+    row("a scale too large", || read_as("scale = 0.1"), "wrong scale of the positions"),
+    row(
+        "whole numbers read as floating",
+        || read_as("type = \"f32\""),
+        "wrong type of the positions",
+    ),
+    row("addresses from 1", counted_from_one, "addresses off by one"),
+    row(
+        "the input registers read as holding ones",
+        in_the_other_space,
+        "wrong space: the status lies in the input registers",
+    ),
+    row(
+        "the control's program stopped",
+        || reached(MODBUS, "\n[[simulated.fault]]\nkind = \"frozen\"\n", |served| served),
+        "the control's program is stopped",
+    ),
+    row("reports in inches", || set("13 = 1"), "it reports positions in inches"),
+    row("reports without the probe", || set("10 = 495"), "its reports hide the probe"),
+    row("homing off", || set("22 = 0"), "its homing is off"),
+    row("soft limits off", || set("20 = 0"), "its soft limits are off"),
+    row("a travel that is shorter there", || set("130 = 400"), "X travels 500 in the machine file"),
+    row(
+        "a rapid that is slower there",
+        || set("112 = 5000"),
+        "the rapid speed of Z is above the control's",
+    ),
+];
