@@ -7,7 +7,7 @@ mod bench;
 mod schedules;
 
 use bench::Bench;
-use trued::setup::{self, MachineFile, Pace, Past};
+use trued::setup::{self, MachineFile, Pace, Past, Rehearsal};
 
 /// `[controller]` of the built-in machine.
 const CONTROLS: [(&str, &str); 4] = [
@@ -41,7 +41,7 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
     for (name, keys) in CONTROLS {
         runtime.block_on(async {
             let simulated = MachineFile::parse("machine.toml", bench::machine(keys)).unwrap();
-            let served = setup::simulator(&simulated, Pace::Fast).unwrap();
+            let served = Rehearsal::of(&simulated).unwrap().serve(Pace::Fast).unwrap();
             let text = bench::machine(&served.keys()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
             let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
