@@ -41,13 +41,27 @@ pub(in crate::controllers) fn of<'a>(
     }
 }
 
-/// The block's own lines in a whole program that means the block.
-fn proven(block: &Block, dialect: &Dialect, axes: &[Axis]) -> Result<Vec<String>, String> {
+/// A whole program that was proven to mean the block.
+///
+/// # Errors
+/// In words.
+pub(in crate::controllers) fn program(
+    block: &Block,
+    dialect: &Dialect,
+    axes: &[Axis],
+) -> Result<String, String> {
     let title = format!("step {} repeat {}", block.step, block.repeat);
     let program = Program { title: &title, axes, log: None };
     let blocks = std::slice::from_ref(block);
     let text = dialect.program(&program, blocks).map_err(|error| error.to_string())?;
     dialect.proves(&text, blocks).map_err(|error| error.to_string())?;
+    Ok(text)
+}
+
+/// The block's own lines in it.
+fn proven(block: &Block, dialect: &Dialect, axes: &[Axis]) -> Result<Vec<String>, String> {
+    let text = self::program(block, dialect, axes)?;
+    let program = Program { title: "", axes, log: None };
     let frame = |lines: Result<Vec<String>, _>| lines.map(|lines| lines.len());
     let head = frame(dialect.head(&program)).map_err(|error| error.to_string())?;
     let foot = frame(dialect.foot(&program)).map_err(|error| error.to_string())?;

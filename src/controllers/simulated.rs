@@ -7,6 +7,7 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
@@ -51,11 +52,13 @@ struct Keys {
 
 /// The list: a new simulated control is a line here and in the matches below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 enum Speaks {
     #[default]
     Grbl,
     Modbus,
+    /// A resident program behind it.
+    ModbusProgram,
 }
 
 /// What stands between the daemon and the simulated firmware.
@@ -118,12 +121,17 @@ impl Served {
                 format!("serial = \"{self}\"\nbaud = {baud}")
             }
         };
+        let parity = match &self.at {
+            link::Named::Tcp(_) => "",
+            _ => "\nparity = \"none\"",
+        };
         match self.speaks {
             Speaks::Grbl => format!("kind = \"{}\"\n{link}", grbl::KIND),
-            Speaks::Modbus if matches!(self.at, link::Named::Tcp(_)) => {
-                format!("kind = \"{}\"\n{link}", modbus::KIND)
+            Speaks::Modbus => format!("kind = \"{}\"\n{link}{parity}", modbus::KIND),
+            Speaks::ModbusProgram => {
+                let program = "program = { number = 1 }";
+                format!("kind = \"{}\"\n{link}{parity}\n{program}", modbus::KIND)
             }
-            Speaks::Modbus => format!("kind = \"{}\"\n{link}\nparity = \"none\"", modbus::KIND),
         }
     }
 
@@ -132,6 +140,7 @@ impl Served {
         match self.speaks {
             Speaks::Grbl => "grblHAL machine",
             Speaks::Modbus => "machine behind a window of Modbus registers",
+            Speaks::ModbusProgram => "machine with a resident program behind Modbus registers",
         }
     }
 }
@@ -147,7 +156,7 @@ impl TryFrom<Keys> for Simulated {
     fn try_from(Keys { speaks, wire, baud, settings }: Keys) -> Result<Self, String> {
         let (usual, known) = match speaks {
             Speaks::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
-            Speaks::Modbus => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
+            Speaks::Modbus | Speaks::ModbusProgram => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
         };
         let wire = wire.unwrap_or(usual);
         if !known.contains(&wire) {
@@ -184,7 +193,16 @@ impl Simulated {
     pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<Faults, D::Error> {
         Ok(Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Deserialize::deserialize(list)?),
-            Speaks::Modbus => Kind::Modbus(Deserialize::deserialize(list)?),
+            Speaks::Modbus | Speaks::ModbusProgram => {
+                let faults: Vec<modbus::firmware::Fault> = Deserialize::deserialize(list)?;
+                let lines = self.speaks == Speaks::Modbus;
+                if let Some(fault) = faults.iter().find(|fault| lines && fault.kind.of_program()) {
+                    let kind = fault.kind;
+                    let why = format!("{kind:?} happens to a resident program (`modbus-program`)");
+                    return Err(D::Error::custom(why));
+                }
+                Kind::Modbus(faults)
+            }
         }))
     }
 
@@ -192,7 +210,7 @@ impl Simulated {
     pub fn no_faults(&self) -> Faults {
         Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Vec::new()),
-            Speaks::Modbus => Kind::Modbus(Vec::new()),
+            Speaks::Modbus | Speaks::ModbusProgram => Kind::Modbus(Vec::new()),
         })
     }
 
@@ -221,8 +239,9 @@ impl Simulated {
                 let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
                 Controller::spawn(driver, halt)
             }
-            Speaks::Modbus => {
-                let config = modbus::Config::local(served.at.clone());
+            Speaks::Modbus | Speaks::ModbusProgram => {
+                let resident = self.speaks == Speaks::ModbusProgram;
+                let config = modbus::Config::local(served.at.clone(), resident);
                 let config = config.map_err(|text| ControllerError::Garbled { text })?;
                 config.open(machine, dialect).await?
             }
@@ -247,7 +266,8 @@ impl Simulated {
                 })
             }
             Kind::Modbus(faults) => {
-                let firmware = modbus_firmware(&bench, faults);
+                let resident = speaks == Speaks::ModbusProgram;
+                let firmware = modbus_firmware(&bench, faults, resident);
                 if self.wire != Wire::Pty {
                     return on_tcp(speaks, firmware);
                 }
@@ -332,8 +352,10 @@ fn on_tcp(speaks: Speaks, firmware: modbus::firmware::Firmware) -> Result<Served
 fn modbus_firmware(
     bench: &Bench<'_>,
     faults: &[modbus::firmware::Fault],
+    resident: bool,
 ) -> modbus::firmware::Firmware {
     use modbus::firmware::{Firmware, Options};
-    let options = Options { faults: faults.to_vec(), ..Options::of(bench.machine, bench.pace) };
+    let options =
+        Options { faults: faults.to_vec(), resident, ..Options::of(bench.machine, bench.pace) };
     Firmware::new(bench.world.clone(), options)
 }

@@ -1,5 +1,5 @@
 //! Schedules of faults: short runs on a control that does wrong behind a wire that does wrong. Never a
-//! reading that the control did not make, never a line twice, never a motion after a fault.
+//! reading that the control did not make, never a line or a program twice, never a motion after a fault.
 //! `TRUED_FAULT_SEED=17` shows one alone.
 
 use std::collections::BTreeMap;
@@ -23,31 +23,44 @@ use trued::setup::{self, Devices, MachineFile, Pace};
 
 use super::bench::{Bench, Measured, machine};
 
-const SCHEDULES: u64 = 72;
-/// Over RTU the silences between the frames make a run slower.
-const SCHEDULES_RTU: u64 = 34;
-/// Chunks and requests of a short run, about.
-const LINES: u64 = 200;
-const REQUESTS: u64 = 700;
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Wire {
     Tcp,
     Rtu,
 }
 
-impl Wire {
-    /// A serial line has no connection that could be cut.
-    fn kinds(self) -> Vec<FaultKind> {
-        let kinds = FaultKind::ALL.into_iter();
-        kinds.filter(|kind| self == Self::Tcp || *kind != FaultKind::Cut).collect()
+/// What is behind the window, and how it is reached.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    wire: Wire,
+    resident: bool,
+    schedules: u64,
+    /// Chunks and requests of a short run, about.
+    chunks: u64,
+    requests: u64,
+}
+
+const LINES: Way =
+    Way { wire: Wire::Tcp, resident: false, schedules: 80, chunks: 200, requests: 700 };
+/// Over RTU the silences between the frames make a run slower.
+const LINES_RTU: Way = Way { wire: Wire::Rtu, schedules: 38, ..LINES };
+const PROGRAM: Way =
+    Way { wire: Wire::Tcp, resident: true, schedules: 72, chunks: 20, requests: 350 };
+const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, schedules: 46, ..PROGRAM };
+
+impl Way {
+    /// All that can go wrong. A serial line has no connection that could be cut.
+    fn kinds(&self) -> Vec<FaultKind> {
+        let besides = self.resident.then_some(FaultKind::OF_PROGRAM).into_iter().flatten();
+        let kinds = FaultKind::ALL.into_iter().chain(besides);
+        kinds.filter(|kind| self.wire == Wire::Tcp || *kind != FaultKind::Cut).collect()
     }
 }
 
 /// A fault of the wire that a run survives, and one of any kind.
-fn faults(wire: Wire, seed: u64) -> Vec<Fault> {
-    let mut draw = stream(seed, &[78]);
-    let kinds = wire.kinds();
+fn faults(way: &Way, seed: u64) -> Vec<Fault> {
+    let mut draw = stream(seed, &[78, u64::from(way.resident)]);
+    let kinds = way.kinds();
     let kind = kinds[seed as usize % kinds.len()];
     let fault = |kind, at_request, at_line, after_touch| Fault {
         kind,
@@ -58,31 +71,38 @@ fn faults(wire: Wire, seed: u64) -> Vec<Fault> {
         late_s: Some(0.15),
         scan_s: None,
     };
-    let passing = PASSING[draw.random_range(0..PASSING.len())];
-    let at_line = draw.random_range(1..LINES);
+    let passing: Vec<_> = kinds.iter().filter(|kind| PASSING.contains(kind)).collect();
+    let passing = *passing[draw.random_range(0..passing.len())];
+    let at_line = draw.random_range(1..way.chunks);
     vec![
-        fault(passing, draw.random_range(1..REQUESTS), 0, 0),
-        fault(kind, draw.random_range(0..REQUESTS / 2), at_line, draw.random_range(0..6)),
+        fault(passing, draw.random_range(1..way.requests), 0, 0),
+        fault(kind, draw.random_range(0..way.requests / 2), at_line, draw.random_range(0..6)),
     ]
 }
 
 /// Nothing is lost by them but time.
-const PASSING: [FaultKind; 6] = [
+const PASSING: [FaultKind; 9] = [
     FaultKind::Late,
     FaultKind::Unanswered,
     FaultKind::Lost,
     FaultKind::Exception,
     FaultKind::Torn,
     FaultKind::Stale,
+    FaultKind::HalfWritten,
+    FaultKind::StaleResult,
+    FaultKind::RepeatedResult,
 ];
 /// The control takes nothing any more.
-const FATAL: [FaultKind; 6] = [
+const FATAL: [FaultKind; 9] = [
     FaultKind::Silence,
     FaultKind::Frozen,
     FaultKind::Reset,
     FaultKind::Alarm,
     FaultKind::EStop,
     FaultKind::Hold,
+    FaultKind::LostStart,
+    FaultKind::SkippedResult,
+    FaultKind::StartedTwice,
 ];
 /// What the machine does is other than it would have been.
 const OTHER_WORLD: [FaultKind; 5] = [
@@ -133,16 +153,19 @@ async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHand
     }
 }
 
-fn run(wire: Wire, faults: Vec<Fault>) -> Ended {
+fn run(way: &Way, faults: Vec<Fault>) -> Ended {
+    let Way { wire, resident, .. } = *way;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let file = MachineFile::parse("machine.toml", self::file()).unwrap();
         let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
-        let options = Options { faults, ..Options::of(&file.machine, Pace::Fast) };
+        let options = Options { faults, resident, ..Options::of(&file.machine, Pace::Fast) };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();
         let (at, served) = serve(firmware, wire).await;
-        let config: Config = toml::from_str(&format!("{at}\ntimeout_s = 0.1")).unwrap();
+        let program = if resident { "[program]" } else { "" };
+        let keys = format!("{at}\ntimeout_s = 0.1\n{program}");
+        let config: Config = toml::from_str(&keys).unwrap();
         let dialect = Dialect::named("grbl-m19").unwrap();
         let opened = ModbusControl::open(&config, &file.machine, dialect.clone()).await;
         let (driver, halt) = opened.unwrap();
@@ -168,7 +191,7 @@ fn wrong(ended: &Ended) -> Vec<FaultKind> {
     kinds.collect()
 }
 
-fn lines(ended: &Ended) -> Vec<&str> {
+fn taken(ended: &Ended) -> Vec<&str> {
     let taken = ended.diary.iter().filter_map(|entry| match entry {
         Entry::Took { text, .. } => Some(text.as_str()),
         _ => None,
@@ -183,9 +206,10 @@ fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
     all.extend(invented(ended));
     all.extend(asked_after_a_hold(ended));
     all.extend(taken_after_a_fault(ended));
+    all.extend(asked_again(ended));
     if !kinds.iter().any(|kind| OTHER_WORLD.contains(kind)) {
-        if !lines(clean).starts_with(&lines(ended)) {
-            all.push("the control took other lines than in a clean run".to_owned());
+        if !taken(clean).starts_with(&taken(ended)) {
+            all.push("the control took other chunks than in a clean run".to_owned());
         }
         if !clean.readings.starts_with(&ended.readings) {
             all.push("readings are not those of a clean run".to_owned());
@@ -220,7 +244,7 @@ fn invented(ended: &Ended) -> Option<String> {
 fn asked_after_a_hold(ended: &Ended) -> Option<String> {
     let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
     let from = hold.unwrap_or(ended.mark).min(ended.mark);
-    let late = ended.diary[from..].contains(&Entry::Asked);
+    let late = ended.diary[from..].iter().any(|entry| matches!(entry, Entry::Asked { .. }));
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
@@ -230,12 +254,27 @@ fn taken_after_a_fault(ended: &Ended) -> Option<String> {
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
     let (mut asked, mut took) = (0, 0);
     for entry in after {
-        asked += u32::from(*entry == Entry::Asked);
+        asked += u32::from(matches!(entry, Entry::Asked { .. }));
         took += u32::from(matches!(entry, Entry::Took { .. }));
     }
     // What was asked for again, because nobody answered, has the same sequence.
     (took > 0 || asked > 4)
         .then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
+}
+
+/// What the control has taken it is not asked for once more.
+fn asked_again(ended: &Ended) -> Option<String> {
+    let mut last = None;
+    ended.diary.iter().find_map(|entry| match entry {
+        Entry::Took { sequence, .. } => {
+            last = Some(*sequence);
+            None
+        }
+        Entry::Asked { sequence } if last == Some(*sequence) => {
+            Some(format!("sequence {sequence} was written again"))
+        }
+        _ => None,
+    })
 }
 
 fn name(value: impl std::fmt::Debug) -> String {
@@ -250,21 +289,34 @@ fn ending(ended: &Ended) -> String {
     }
 }
 
+const ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"];
+
 #[test]
 fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
-    hold(Wire::Tcp, SCHEDULES);
+    all_schedules(&LINES, "NoAnswer");
 }
 
 #[test]
 fn nor_over_rtu() {
-    hold(Wire::Rtu, SCHEDULES_RTU);
+    all_schedules(&LINES_RTU, "NoAnswer");
 }
 
-fn hold(wire: Wire, schedules: u64) {
-    let clean = run(wire, Vec::new());
+#[test]
+fn whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice() {
+    all_schedules(&PROGRAM, "OutOfStep");
+}
+
+#[test]
+fn no_program_starts_twice_over_rtu() {
+    all_schedules(&PROGRAM_RTU, "OutOfStep");
+}
+
+/// `besides`: as some run ends that can do so this way alone.
+fn all_schedules(way: &Way, besides: &str) {
+    let clean = run(way, Vec::new());
     assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
-        let ended = run(wire, faults(wire, seed.parse().unwrap()));
+        let ended = run(way, faults(way, seed.parse().unwrap()));
         ended.diary.iter().for_each(|entry| println!("{entry:?}"));
         println!("{:?}", ended.measured.result);
         assert_eq!(breaches(&ended, &clean), Vec::<String>::new());
@@ -277,10 +329,10 @@ fn hold(wire: Wire, schedules: u64) {
             scope.spawn(|| {
                 loop {
                     let seed = next.fetch_add(1, Ordering::SeqCst);
-                    if seed >= schedules {
+                    if seed >= way.schedules {
                         return;
                     }
-                    let ended = run(wire, faults(wire, seed));
+                    let ended = run(way, faults(way, seed));
                     let breaches = breaches(&ended, &clean);
                     all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
                 }
@@ -294,12 +346,14 @@ fn hold(wire: Wire, schedules: u64) {
         *endings.entry(ending).or_default() += 1;
         wrong.iter().for_each(|kind| *kinds.entry(*kind).or_default() += 1);
     }
-    println!("{wire:?}: endings {endings:?}\nfaults {kinds:?}");
+    println!("{way:?}: endings {endings:?}\nfaults {kinds:?}");
     let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
     assert!(breached.is_empty(), "{breached:#?}");
     // The mix is what it claims to be: each of them came about.
-    assert_eq!(kinds.len(), wire.kinds().len());
-    for ending in ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"] {
+    let missing: Vec<_> =
+        way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+    for ending in ENDINGS.into_iter().chain([besides]) {
         assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");
     }
 }

@@ -1,11 +1,13 @@
 //! `[controller]` of kind `modbus`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::{Map, ModbusControl};
+use super::program::{self, Program};
+use super::{Map, ModbusControl, map};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::modbus::{Framing, Line, Parity};
@@ -32,7 +34,8 @@ struct Keys {
     timeout_s: f64,
     #[serde(default = "dialect")]
     dialect: String,
-    registers: Option<Map>,
+    registers: Option<map::keys::Keys>,
+    program: Option<program::Keys>,
 }
 
 fn timeout_s() -> f64 {
@@ -50,19 +53,48 @@ pub struct Config {
     pub(super) unit: u8,
     pub(super) timeout: Duration,
     pub(super) map: Map,
+    /// A resident program behind the window, instead of lines.
+    pub(super) program: Option<Arc<Program>>,
     dialect: String,
 }
 
 impl Config {
-    /// The published window at `at`, which somebody serves on this computer.
+    /// The published window at `at`, which somebody serves on this computer; `resident`: before the
+    /// resident program.
     ///
     /// # Errors
-    /// Never: see [`Map::published`].
-    pub(in crate::controllers) fn local(at: link::Named) -> Result<Self, String> {
-        let map = Map::published()?;
+    /// Never: tests see what is published pass its own check.
+    pub(in crate::controllers) fn local(at: link::Named, resident: bool) -> Result<Self, String> {
+        let program = resident.then(program::Keys::default);
+        let (map, program) = window(map::keys::Keys::default(), program)?;
         let timeout = Duration::from_secs_f64(timeout_s());
-        Ok(Self { line: Line::usual(at), unit: USUAL_RTU_UNIT, timeout, map, dialect: dialect() })
+        let (line, unit, dialect) = (Line::usual(at), USUAL_RTU_UNIT, dialect());
+        Ok(Self { line, unit, timeout, map, program, dialect })
     }
+}
+
+/// The line with what is written of it.
+fn spoken(usual: Line, framing: Option<Framing>, parity: Option<Parity>) -> Result<Line, String> {
+    let over_tcp = matches!(usual.at, link::Named::Tcp(_));
+    if over_tcp && parity.is_some() {
+        return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
+    }
+    if !over_tcp && framing == Some(Framing::Tcp) {
+        return Err("`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned());
+    }
+    let framing = framing.unwrap_or(usual.framing);
+    let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
+    Ok(Line { framing, parity, ..usual })
+}
+
+type Behind = (Map, Option<Arc<Program>>);
+
+/// The window, and what is behind it.
+fn window(registers: map::keys::Keys, program: Option<program::Keys>) -> Result<Behind, String> {
+    let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
+    let map = registers.of_program()?;
+    let program = Program::of(keys, &map)?;
+    Ok((map, Some(Arc::new(program))))
 }
 
 impl TryFrom<Keys> for Config {
@@ -80,20 +112,12 @@ impl TryFrom<Keys> for Config {
             timeout_s,
             dialect,
             registers,
+            program,
         } = keys;
         let at = link::Named::of((serial, serial_id, tcp), baud, USUAL_BAUD)?;
         let usual = Line::usual(at);
-        let over_tcp = matches!(usual.at, link::Named::Tcp(_));
-        if over_tcp && parity.is_some() {
-            return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
-        }
-        if !over_tcp && framing == Some(Framing::Tcp) {
-            return Err(
-                "`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned()
-            );
-        }
-        let framing = framing.unwrap_or(usual.framing);
-        let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
+        let line = spoken(usual, framing, parity)?;
+        let framing = line.framing;
         let usual_unit = if framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
         let unit = unit.unwrap_or(usual_unit);
         if framing == Framing::Rtu && !(1..=247).contains(&unit) {
@@ -101,13 +125,8 @@ impl TryFrom<Keys> for Config {
         }
         let timeout = Some(timeout_s).filter(|seconds| (0.01..=30.0).contains(seconds));
         let timeout = timeout.ok_or("`timeout_s` is a time from 0.01 to 30")?;
-        Ok(Self {
-            line: Line { framing, parity, ..usual },
-            unit,
-            timeout: Duration::from_secs_f64(timeout),
-            map: registers.map_or_else(Map::published, Ok)?,
-            dialect,
-        })
+        let (map, program) = window(registers.unwrap_or_default(), program)?;
+        Ok(Self { line, unit, timeout: Duration::from_secs_f64(timeout), map, program, dialect })
     }
 }
 

@@ -1,12 +1,14 @@
 //! The driver: blocks in, outcomes out.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
 use super::Config;
 use super::fault::{PROBE_CLOSED, stands_after};
+use super::program::Program;
 use super::status::Status;
 use super::window::{Patience, Window};
 use crate::base::{Axis, Position};
@@ -18,7 +20,7 @@ use crate::record::machine::Machine;
 use crate::record::motion::{Block, Motion, Outcome};
 
 /// A spindle may take this long to find its orientation.
-const ORIENT: Duration = Duration::from_secs(30);
+pub(super) const ORIENT: Duration = Duration::from_secs(30);
 /// A probe may bounce this long after it came free.
 const SETTLE: Duration = Duration::from_millis(300);
 
@@ -37,7 +39,9 @@ pub struct ModbusControl {
     pub(super) stood: Position,
     /// Prepared, and no fault since.
     ready: bool,
-    spindle: Option<f64>,
+    pub(super) spindle: Option<f64>,
+    /// What a block is executed by; otherwise by its lines.
+    pub(super) program: Option<Arc<Program>>,
 }
 
 impl ModbusControl {
@@ -59,6 +63,14 @@ impl ModbusControl {
                 remedy: "name it in [controller.registers.status.position] and .latch".to_owned(),
             });
         }
+        let switches = dialect.wakes_s().is_some() || dialect.switches_probe_off();
+        if config.program.is_some() && switches {
+            return Err(ControllerError::Unsupported {
+                what: "no word for the probe or a clamp reaches a resident program".to_owned(),
+                remedy: "let that program switch them, and remove [probe] on, off and every clamp"
+                    .to_owned(),
+            });
+        }
         let (line, map) = (config.line.clone(), config.map.clone());
         let name = format!("{line}, unit {}", config.unit);
         let (window, halt) = Window::open(line, config.unit, config.timeout, map).await?;
@@ -73,6 +85,7 @@ impl ModbusControl {
             stood: Position::new(),
             ready: false,
             spindle: None,
+            program: config.program.clone(),
         };
         Ok((driver, halt))
     }
@@ -188,7 +201,7 @@ impl ModbusControl {
     }
 
     /// The machine stands where it was sent.
-    async fn arrive(
+    pub(super) async fn arrive(
         &mut self,
         status: Option<Status>,
         target: &Position,
@@ -203,13 +216,13 @@ impl ModbusControl {
         astray.map_or(Ok(()), Err)
     }
 
-    fn tolerance(&self, axis: Axis) -> f64 {
+    pub(super) fn tolerance(&self, axis: Axis) -> f64 {
         // Axes that the machine file does not name do not matter.
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
     /// The probe reads open, or does so before long.
-    async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
+    pub(super) async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
         let deadline = Instant::now() + SETTLE;
         while self.window.idle().await?.probe_closed {
             if Instant::now() > deadline {
@@ -221,6 +234,9 @@ impl ModbusControl {
     }
 
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        if let Some(program) = self.program.clone() {
+            return self.call(&program, block).await;
+        }
         let mut outcome = Outcome::default();
         // A chunk holds one line.
         let limit = self.window.map.command.chunk.bytes() + 1;
@@ -235,7 +251,7 @@ impl ModbusControl {
     }
 
     /// Before a block moves: the probe is well and open, and nobody has moved the machine.
-    async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+    pub(super) async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
         let status = self.window.idle().await?;
         self.probe_health(&status)?;
         let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));

@@ -8,6 +8,8 @@ use crate::link::modbus::ModbusError;
 
 /// An alarm while the probe was closed before a probing move.
 pub(super) const PROBE_CLOSED: u16 = 4;
+/// An alarm of a resident program: after the back-off the probe did not come free.
+pub(super) const STILL_CLOSED: u16 = 11;
 /// A hold because trued's heartbeat stopped.
 const HEARTBEAT_LOST: u16 = 64;
 
@@ -21,6 +23,7 @@ fn alarm_meaning(code: u16) -> &'static str {
         5 => "a probing move without contact",
         6..=9 => "homing failed",
         10 => "emergency stop",
+        STILL_CLOSED => "the probe stays closed after the back-off",
         HEARTBEAT_LOST => "trued's heartbeat stopped",
         _ => "see the control's own list of alarms",
     }
@@ -29,11 +32,13 @@ fn alarm_meaning(code: u16) -> &'static str {
 fn refusal_meaning(error: u16) -> &'static str {
     match error {
         1 => "the length does not fit the window",
-        2 => "the check sum does not fit the text",
-        3 => "the text is nothing that the control understands",
+        2 => "the check sum does not fit what came",
+        3 => "the control does not understand the text, or cannot do a row",
         4 => "it was not told that its last result was read: somebody else writes to it",
         5 => "trued's heartbeat is too old",
         6 => "the control is busy, held or in alarm",
+        7 => "there is no such program",
+        8 => "another tool is in the spindle",
         _ => "see the control's own list of refusals",
     }
 }

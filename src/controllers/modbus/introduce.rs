@@ -16,7 +16,7 @@ impl ModbusControl {
             (*axis, AxisSays { step, ..AxisSays::default() })
         };
         Ok(Introduction {
-            identity: format!("a line window over Modbus, {}", self.name),
+            identity: self.identity(),
             axes: places.iter().map(says).collect(),
             remarks: self.remarks(&status),
             polarity: None,

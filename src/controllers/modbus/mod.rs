@@ -23,6 +23,8 @@ mod introduce;
 mod map;
 mod otherwise;
 mod prepare;
+mod program;
+mod start;
 mod status;
 #[cfg(test)]
 mod tests;
@@ -31,7 +33,7 @@ mod window;
 
 pub use config::Config;
 pub use driver::ModbusControl;
-pub use map::Map;
+use map::Map;
 pub use window::Patience;
 
 pub const KIND: &str = "modbus";

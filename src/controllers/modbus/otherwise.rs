@@ -1,7 +1,7 @@
 //! The same registers read otherwise: in another order, as another type, with another scale, from other
 //! addresses. What makes sense then is a suspicion, named as the one thing that would have to be changed.
 
-use super::map::{Map, Register, Status as Places};
+use super::map::{Map, Register, Results, Status as Places};
 use super::status::Status;
 use crate::base::Axis;
 use crate::controllers::Suspicion;
@@ -161,7 +161,8 @@ pub(super) fn moved(map: &Map, by: i16, other: bool) -> Option<Map> {
         &mut status.sequence_tail,
     ];
     let axes = status.latch.values_mut().chain(status.position.values_mut());
-    for register in counts.into_iter().chain(axes) {
+    let results = status.result.iter_mut().flat_map(Results::items_mut);
+    for register in counts.into_iter().chain(axes).chain(results) {
         register.address = register.address.checked_add_signed(by)?;
     }
     Some(map)
@@ -255,7 +256,7 @@ mod tests {
 
     #[test]
     fn what_lies_at_other_addresses_is_recognised() {
-        let published = Map::published().unwrap();
+        let published: Map = toml::from_str("").unwrap();
         let mut block = block();
         (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);
         assert!(is_status(&published, &block));

@@ -16,10 +16,13 @@ impl ModbusControl {
             return Err(error);
         }
         // It counts on from here; what was written before it came to life is not taken.
-        self.window.sequence = status.accepted;
+        (self.window.sequence, self.window.ours) = (status.accepted, false);
         self.plausible(&status)?;
         if !self.dialect.switches_probe_on() {
             probe_open(&status)?;
+        }
+        if self.program.is_some() {
+            self.clear_results(&status).await?;
         }
         self.send_frame(Dialect::head).await?;
         let status = self.window.idle().await?;
@@ -32,8 +35,16 @@ impl ModbusControl {
             self.window.patience.answer.as_secs_f64(),
             arrival::braking(&self.machine)
         );
-        let identity = format!("a line window over Modbus, {}", self.name);
-        Ok(Prepared { identity, stop, stands: self.stood.clone() })
+        Ok(Prepared { identity: self.identity(), stop, stands: self.stood.clone() })
+    }
+
+    /// What is behind the window, and where it is.
+    pub(super) fn identity(&self) -> String {
+        let what = match &self.program {
+            Some(program) => format!("resident program {}", program.number),
+            None => "a line window".to_owned(),
+        };
+        format!("{what} over Modbus, {}", self.name)
     }
 
     /// Numbers in the wrong order of words are far beyond any travel, whole ones read as floating next to
@@ -75,8 +86,11 @@ impl ModbusControl {
         }
     }
 
-    /// Send the dialect's head or foot.
+    /// Send the dialect's head or foot. A resident program sets its modes itself.
     pub(super) async fn send_frame(&mut self, lines: Frame) -> Result<(), ControllerError> {
+        if self.program.is_some() {
+            return Ok(());
+        }
         let program = Program { title: &self.machine.name, axes: &self.wanted, log: None };
         let fault = |why: String| ControllerError::Render { step: 0, why };
         let lines = lines(&self.dialect, &program).map_err(|error| fault(error.to_string()))?;

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use super::map::{Map, Register};
+use super::map::{Map, Register, Results};
 use crate::base::{Axis, Position};
 use crate::controllers::ControllerError;
 use crate::link::modbus::value::ValueError;
 
-/// Of this layout of the window.
+/// Of this layout of the window: with lines, and with a resident program.
 const VERSION: u16 = 1;
+const PROGRAM_VERSION: u16 = 101;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum State {
@@ -31,7 +32,7 @@ pub(super) struct Status {
     pub probe_closed: bool,
     /// A bit an input: A is 0, B is 1.
     pub inputs: u32,
-    /// Contacts so far.
+    /// Contacts so far; results of a resident program.
     pub latches: u16,
     pub heartbeat: u16,
     /// Now, where the control tells it.
@@ -39,6 +40,22 @@ pub(super) struct Status {
     pub latch_time_s: Option<f64>,
     pub latch: Position,
     pub position: Position,
+    /// Of a resident program.
+    pub result: Option<Shown>,
+}
+
+/// The result that a resident program hands over: the status' `latches` is its number, `latch` where
+/// the axes were.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Shown {
+    /// The row that the program is at, from 1; 0: it is at none.
+    pub under_way: u16,
+    /// Call and row that the result is of.
+    pub sequence: u16,
+    pub row: u16,
+    pub contact: bool,
+    /// It was not acknowledged yet.
+    pub valid: bool,
 }
 
 impl Status {
@@ -56,8 +73,9 @@ impl Status {
             return Ok(None);
         }
         let version = at.count("version", &status.version)?;
-        if version != VERSION {
-            return Err(wrong(format!("its window says version {version}, not {VERSION}")));
+        let meant = if status.result.is_some() { PROGRAM_VERSION } else { VERSION };
+        if version != meant {
+            return Err(wrong(format!("its window says version {version}, not {meant}")));
         }
         Ok(Some(Self {
             state: state(at.count("state", &status.state)?)?,
@@ -74,6 +92,7 @@ impl Status {
             latch_time_s: at.stamp("latch_time_s", &status.latch_time_s)?,
             latch: at.axes("latch", &status.latch)?,
             position: at.axes("position", &status.position)?,
+            result: status.result.as_ref().map(|result| at.shown(result)).transpose()?,
         }))
     }
 }
@@ -108,6 +127,16 @@ impl Block<'_> {
         Err(wrong(format!("`status.{name}` is {value}, which is no count")))
     }
 
+    fn shown(&self, result: &Results) -> Result<Shown, ControllerError> {
+        Ok(Shown {
+            under_way: self.count("result.under_way", &result.under_way)?,
+            sequence: self.count("result.sequence", &result.sequence)?,
+            row: self.count("result.row", &result.row)?,
+            contact: self.count("result.contact", &result.contact)? != 0,
+            valid: self.count("result.valid", &result.valid)? != 0,
+        })
+    }
+
     /// 0: the control does not stamp.
     fn stamp(&self, name: &str, register: &Register) -> Result<Option<f64>, ControllerError> {
         self.number(name, register).map(|seconds| (seconds > 0.0).then_some(seconds))
@@ -130,7 +159,7 @@ fn wrong(state: String) -> ControllerError {
     ControllerError::Strange {
         state,
         remedy: "compare [controller.registers] with the control's program: addresses, `type`, \
-                 `order`, `scale`, `space` (docs/line-window.md)"
+                 `order`, `scale`, `space` (docs/line-window.md, docs/resident-program.md)"
             .to_owned(),
     }
 }

@@ -26,15 +26,21 @@ fn machine() -> Machine {
     .unwrap()
 }
 
-/// A driver whose table has `keys`, and the diary of the control.
-async fn driver(keys: &str, pace: Pace, faults: Vec<Fault>) -> (ModbusControl, Halt, Diary) {
+/// A driver whose table has `keys`, and the diary of the control; it has a resident program if they
+/// name one.
+pub(super) async fn driver(
+    keys: &str,
+    pace: Pace,
+    faults: Vec<Fault>,
+) -> (ModbusControl, Halt, Diary) {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
     let world = World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap();
-    let options = Options { faults, ..Options::of(&machine(), pace) };
+    let resident = keys.contains("[program");
+    let options = Options { faults, resident, ..Options::of(&machine(), pace) };
     let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
     let diary = firmware.diary();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -72,18 +78,13 @@ async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
 
 #[tokio::test]
 async fn a_control_that_lives_no_more_is_not_believed() {
-    let fault = |kind, at_line| Fault {
-        kind,
-        at_request: 0,
-        at_line,
-        after_touch: 0,
-        code: None,
-        late_s: None,
-        scan_s: None,
-    };
     let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();
     assert!(matches!(error, ControllerError::Frozen), "{error}");
+}
+
+pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
+    Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, scan_s: None }
 }
 
 #[tokio::test]
@@ -126,6 +127,26 @@ fn a_table_that_cannot_be_is_refused_in_words() {
         ("tcp = \"a:1\"\ntimeout_s = 0.0", "a time from"),
         ("tcp = \"a:1\"\n[registers.command]\nhold = { address = 1 }", "lie over each other"),
         ("tcp = \"a:1\"\nregister = 1", "unknown field"),
+        ("tcp = \"a:1\"\n[registers.status.result]", "belongs to a resident program"),
+        ("tcp = \"a:1\"\n[program]\nnummer = 1", "unknown field"),
+        (
+            "tcp = \"a:1\"\n[program.row]\nX = { address = 5 }",
+            "`row.X` and `row.Y` lie over each other",
+        ),
+        ("tcp = \"a:1\"\n[program.row]\nC = { address = 15 }", "beyond the 16 registers of a row"),
+        ("tcp = \"a:1\"\n[program.parameters]\nrows = { address = 8 }", "before the table"),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { registers = 20 }",
+            "holds no row",
+        ),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { order = \"badc\" }",
+            "no `order`",
+        ),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.status]\nsequence_tail = { address = 44 }",
+            "outside the block",
+        ),
     ] {
         let said = toml::from_str::<Config>(keys).unwrap_err();
         assert!(said.message().contains(why), "{keys}: {}", said.message());

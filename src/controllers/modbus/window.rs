@@ -7,17 +7,14 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
-use super::crc::crc;
 use super::fault::{ends_it, may_pass, out_of_step, refused, reset, silent};
-use super::map::{MOST_WRITTEN, Map};
+use super::map::Map;
 use super::status::{State, Status};
 use super::watch::Watch;
 use crate::controllers::{ControllerError, Halt};
 use crate::link::modbus::value::ValueError;
 use crate::link::modbus::{Line, Modbus, ModbusError, Settings, Urgent};
 
-/// A request that may be sent again without harm is sent so often.
-const TRIES: usize = 4;
 /// How often trued's own heartbeat goes out while nothing else does.
 const BEAT: Duration = Duration::from_millis(500);
 
@@ -45,16 +42,51 @@ impl Default for Patience {
     }
 }
 
+/// A chunk that the control was told to take.
+pub(super) struct Pending {
+    name: String,
+    pub(super) sequence: u16,
+    still: Duration,
+    begun: Instant,
+    watch: Watch,
+    /// Before the next question; `None`: nothing was asked yet.
+    pause: Option<Duration>,
+}
+
+impl Pending {
+    fn of(name: &str, sequence: u16, still: Duration) -> Self {
+        let (begun, watch) = (Instant::now(), Watch::default());
+        Self { name: name.to_owned(), sequence, still, begun, watch, pause: None }
+    }
+
+    /// The longer it takes the longer, up to `most`. The second question comes at once as well: what
+    /// takes no time, as a modal word, is done by then.
+    async fn wait(&mut self, most: Duration) {
+        let pause = self.pause.unwrap_or_default();
+        if !pause.is_zero() {
+            sleep(pause).await;
+        }
+        self.pause = Some(match self.pause {
+            None => Duration::ZERO,
+            Some(pause) => (pause * 2).max(Duration::from_millis(1)).min(most),
+        });
+    }
+}
+
 pub(super) struct Window {
-    link: Arc<Modbus>,
+    pub(super) link: Arc<Modbus>,
     pub(super) map: Map,
     hold: Urgent,
     halt: Halt,
-    beat: Arc<AtomicU16>,
+    pub(super) beat: Arc<AtomicU16>,
     /// It begins with the first word that is more than a look.
     beating: OnceLock<JoinHandle<()>>,
     /// Of the last chunk that the control has taken.
     pub(super) sequence: u16,
+    /// It was sent from here. What became of another one, held or refused perhaps, is no matter.
+    pub(super) ours: bool,
+    /// Of a resident program: the number of the last result that was read.
+    pub(super) taken: Option<u16>,
     /// The step whose positioning move is under way: the probe touches nothing meanwhile.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
@@ -69,12 +101,12 @@ impl Drop for Window {
     }
 }
 
-/// The sequence after `sequence`; 0 means that there was none.
-fn next(sequence: u16) -> u16 {
+/// The number after `sequence`; 0 means that there was none.
+pub(super) fn next(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
 
-fn unwritable(error: ValueError) -> ControllerError {
+pub(super) fn unwritable(error: ValueError) -> ControllerError {
     ControllerError::Unsupported {
         what: error.to_string(),
         remedy: "compare [controller.registers.command] with docs/line-window.md".to_owned(),
@@ -105,6 +137,8 @@ impl Window {
             beat,
             beating: OnceLock::new(),
             sequence: 0,
+            ours: false,
+            taken: None,
             free: None,
             patience,
         };
@@ -151,7 +185,8 @@ impl Window {
                 return Err(self.halted().await);
             }
             ends_it(&status)?;
-            let done = status.accepted == self.sequence && status.executed == self.sequence;
+            let over = !self.ours || status.executed == self.sequence;
+            let done = status.accepted == self.sequence && over;
             if done && status.state == State::Idle {
                 return Ok(status);
             }
@@ -165,6 +200,11 @@ impl Window {
         }
     }
 
+    /// The sequence that the control will take next.
+    pub(super) fn coming(&self) -> u16 {
+        next(self.sequence)
+    }
+
     /// Have `line` executed; the status when that is done. `still`: so long the machine may stand
     /// meanwhile.
     ///
@@ -175,114 +215,75 @@ impl Window {
         line: &str,
         still: Duration,
     ) -> Result<Status, ControllerError> {
+        let mut pending = self.begin(line.as_bytes(), line, still).await?;
+        loop {
+            if let (status, true) = self.look(&mut pending).await? {
+                return Ok(status);
+            }
+        }
+    }
+
+    /// Lay `chunk` down and have it begun; `name` is what errors call it.
+    pub(super) async fn begin(
+        &mut self,
+        chunk: &[u8],
+        name: &str,
+        still: Duration,
+    ) -> Result<Pending, ControllerError> {
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
         }
-        let sequence = next(self.sequence);
-        let sent = match self.lay_down(line.as_bytes()).await {
+        let sequence = self.coming();
+        let sent = match self.lay_down(chunk).await {
             Ok(()) => self.start(sequence).await,
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => self.executed(line, sequence, still).await,
+            Ok(()) => Ok(Pending::of(name, sequence, still)),
             Err(_) if self.halt.is_halted() => Err(self.halted().await),
             Err(error) => Err(error),
         }
     }
 
-    /// The text and all that goes with it. Nothing acts before the sequence is written: what was not
-    /// answered is written again.
-    async fn lay_down(&self, text: &[u8]) -> Result<(), ControllerError> {
-        let command = &self.map.command;
-        let length = u16::try_from(text.len()).unwrap_or(u16::MAX);
-        let beat = next_beat(&self.beat);
-        let items = [
-            command.heartbeat.write(beat),
-            command.acknowledge.write(self.sequence),
-            command.crc.write(crc(text)),
-            command.length.write(length),
-            Ok(command.chunk.write(text)),
-        ];
-        let items: Result<Vec<_>, _> = items.into_iter().collect();
-        for (address, words) in joined(items.map_err(unwritable)?) {
-            let mut left = TRIES;
-            while let Err(error) = self.link.write(address, &words).await {
-                left -= 1;
-                if left == 0 || !may_pass(&error) {
-                    return Err(error.into());
-                }
-                sleep(self.patience.poll).await;
-            }
-        }
-        Ok(())
-    }
-
-    /// The control acts when the sequence changes. It takes each but once, and only the one that
-    /// follows: to write the same again is no second command. All the same `accepted` is read first.
-    async fn start(&self, sequence: u16) -> Result<(), ControllerError> {
-        let (at, words) = self.map.command.sequence.write(sequence).map_err(unwritable)?;
-        let mut left = TRIES;
-        while let Err(error) = self.link.write_without_echo(at, &words).await {
-            left -= 1;
-            if left == 0 || !may_pass(&error) {
-                return Err(error.into());
-            }
-            let status = self.status().await?;
-            if status.accepted != self.sequence {
-                // Taken; or something that `executed` will name.
-                return Ok(());
-            }
-        }
-        Ok(())
-    }
-
-    async fn executed(
+    /// The status, and whether it says that all of the chunk is done and the machine stands.
+    pub(super) async fn look(
         &mut self,
-        line: &str,
-        sequence: u16,
-        still: Duration,
-    ) -> Result<Status, ControllerError> {
-        let begun = Instant::now();
-        let mut watch = Watch::default();
-        // Asked again at once: what takes no time, as a modal word, is done by then.
-        let mut pause = Duration::ZERO;
-        loop {
-            let status = self.status().await?;
-            if self.halt.is_halted() {
-                return Err(self.halted().await);
-            }
-            if status.accepted == sequence {
-                self.sequence = sequence;
-                if status.error != 0 {
-                    return Err(refused(line, status.error));
-                }
-            }
-            ends_it(&status)?;
-            if let Some(step) = self.free.filter(|_| status.probe_closed) {
-                // It may still be moving, and does not stop by itself.
-                self.hold();
-                return Err(ControllerError::UnexpectedContact { step });
-            }
-            match status.accepted {
-                taken if taken == sequence => {
-                    if status.executed == sequence && status.state == State::Idle {
-                        return Ok(status);
-                    }
-                }
-                before if before == self.sequence => {
-                    if begun.elapsed() > self.patience.answer {
-                        return Err(silent(line, self.patience.answer));
-                    }
-                }
-                0 => return Err(reset()),
-                _ => return Err(out_of_step(&status, sequence)),
-            }
-            watch.look(&status, &self.patience, still, line)?;
-            if !pause.is_zero() {
-                sleep(pause).await;
-            }
-            pause = (pause * 2).max(Duration::from_millis(1)).min(self.patience.poll);
+        pending: &mut Pending,
+    ) -> Result<(Status, bool), ControllerError> {
+        pending.wait(self.patience.poll).await;
+        let status = self.status().await?;
+        if self.halt.is_halted() {
+            return Err(self.halted().await);
         }
+        let (name, sequence) = (&pending.name, pending.sequence);
+        if status.accepted == sequence {
+            (self.sequence, self.ours) = (sequence, true);
+            if status.error != 0 {
+                return Err(refused(name, status.error));
+            }
+        }
+        ends_it(&status)?;
+        if let Some(step) = self.free.filter(|_| status.probe_closed) {
+            // It may still be moving, and does not stop by itself.
+            self.hold();
+            return Err(ControllerError::UnexpectedContact { step });
+        }
+        match status.accepted {
+            taken if taken == sequence => {
+                if status.executed == sequence && status.state == State::Idle {
+                    return Ok((status, true));
+                }
+            }
+            before if before == self.sequence => {
+                if pending.begun.elapsed() > self.patience.answer {
+                    return Err(silent(name, self.patience.answer));
+                }
+            }
+            0 => return Err(reset()),
+            _ => return Err(out_of_step(&status, sequence)),
+        }
+        pending.watch.look(&status, &self.patience, pending.still, name)?;
+        Ok((status, false))
     }
 
     /// The hold is on its way; see the machine stand before saying so.
@@ -325,25 +326,7 @@ impl Window {
     }
 }
 
-/// What lies side by side goes in one request.
-fn joined(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
-    items.sort_by_key(|(address, _)| *address);
-    let mut all: Vec<(u16, Vec<u16>)> = Vec::new();
-    for (address, words) in items {
-        match all.last_mut() {
-            Some((first, before))
-                if usize::from(*first) + before.len() == usize::from(address)
-                    && before.len() + words.len() <= MOST_WRITTEN =>
-            {
-                before.extend(words);
-            }
-            _ => all.push((address, words)),
-        }
-    }
-    all
-}
-
-fn next_beat(beat: &AtomicU16) -> u16 {
+pub(super) fn next_beat(beat: &AtomicU16) -> u16 {
     beat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
 }
 

@@ -72,7 +72,8 @@ impl Interpreter {
         self.modal.offsets()
     }
 
-    fn within_limits(&self, to: &Position) -> bool {
+    /// Within the travel of all axes.
+    pub fn within_limits(&self, to: &Position) -> bool {
         // A hair of rounding in the text is no breach.
         let within = |(axis, value): (Axis, f64)| {
             let limits = self.limits.get(&axis);

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
+use super::registers::SEQUENCE;
 use super::{Entry, Firmware, Mode};
 use crate::world::Latch;
 use crate::world::interpreter::Sham;
@@ -14,6 +15,8 @@ const UNKNOWN_ALARM: u16 = 99;
 const USUAL_LATE_S: f64 = 0.7;
 /// Of a common PLC.
 const USUAL_SCAN_S: f64 = 0.010;
+
+const MANY: usize = 8;
 
 /// One thing that goes wrong, once: at the first request after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -77,10 +80,23 @@ pub enum FaultKind {
     RapidContact,
     /// From now on a contact is latched by the scan of a PLC.
     SlowLatch,
+    /// A write of many registers is confirmed, and only the first half of it is kept.
+    HalfWritten,
+    /// The write of a sequence is confirmed and forgotten.
+    LostStart,
+    /// A program shows the result before once more, as valid.
+    StaleResult,
+    /// A program does not hear an acknowledge.
+    RepeatedResult,
+    /// A program counts a result that it never shows.
+    SkippedResult,
+    /// A program begins once more where it should end.
+    StartedTwice,
 }
 
 impl FaultKind {
-    pub const ALL: [FaultKind; 18] = [
+    /// Of every window.
+    pub const ALL: [FaultKind; 20] = [
         Self::Late,
         Self::Unanswered,
         Self::Lost,
@@ -99,12 +115,35 @@ impl FaultKind {
         Self::ForeignBody,
         Self::RapidContact,
         Self::SlowLatch,
+        Self::HalfWritten,
+        Self::LostStart,
     ];
+    /// Of a resident program besides.
+    pub const OF_PROGRAM: [FaultKind; 4] =
+        [Self::StaleResult, Self::RepeatedResult, Self::SkippedResult, Self::StartedTwice];
+
+    /// It happens to a resident program alone.
+    pub fn of_program(self) -> bool {
+        Self::OF_PROGRAM.contains(&self)
+    }
+
+    /// It is noted when it happens.
+    fn comes_later(self) -> bool {
+        matches!(
+            self,
+            Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::StartedTwice
+        )
+    }
 
     /// Whether it can happen to this request at all.
     fn strikes(self, request: &Request<'_>) -> bool {
         match self {
-            Self::Torn | Self::Stale => {
+            Self::HalfWritten => {
+                matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MANY)
+            }
+            Self::LostStart => matches!(request, Request::WriteMultipleRegisters(at, words)
+                if usize::from(*at) == SEQUENCE && words.len() == 1),
+            Self::Torn | Self::Stale | Self::StaleResult => {
                 matches!(request, Request::ReadInputRegisters(0, count) if *count > 1)
             }
             _ => true,
@@ -127,12 +166,14 @@ impl Firmware {
         if self.hung {
             return at_once(None);
         }
-        let (requests, taken, touches) = (self.requests, self.taken, u64::from(self.latches));
+        let (requests, taken, touches) = (self.requests, self.taken, self.touches);
+        let has_before = self.resident.as_ref().is_some_and(|resident| resident.before.is_some());
         let due = |fault: &Fault| {
             fault.at_request <= requests
                 && fault.at_line <= taken
                 && fault.after_touch <= touches
                 && fault.kind.strikes(request)
+                && (fault.kind != FaultKind::StaleResult || has_before)
         };
         let Some(place) = self.options.faults.iter().position(due) else {
             return at_once(Some(self.obey(request)));
@@ -150,7 +191,7 @@ impl Firmware {
 
     fn go_wrong(&mut self, fault: &Fault, request: &Request<'_>) -> Reply {
         use FaultKind as K;
-        if !matches!(fault.kind, K::ForeignBody | K::RapidContact) {
+        if !fault.kind.comes_later() {
             self.note(Entry::Wrong(fault.kind));
         }
         let mut late = Duration::ZERO;
@@ -177,6 +218,8 @@ impl Firmware {
                 let code = fault.code.map(ExceptionCode::new);
                 Some(Err(code.unwrap_or(ExceptionCode::ServerDeviceBusy)))
             }
+            K::HalfWritten | K::LostStart => Some(self.half(request)),
+            K::StaleResult => Some(self.with_stale_result(request)),
             K::Torn => Some(self.torn(request)),
             K::Stale => Some(self.stale(request)),
             kind => {
@@ -208,6 +251,33 @@ impl Firmware {
             }
             _ => {}
         }
+        let Some(resident) = &mut self.resident else { return };
+        match kind {
+            FaultKind::RepeatedResult => resident.deaf = true,
+            FaultKind::SkippedResult => resident.skips = true,
+            FaultKind::StartedTwice => resident.begins_again = true,
+            _ => {}
+        }
+    }
+
+    fn with_stale_result(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        self.stale_result = true;
+        let answer = self.obey(request);
+        self.stale_result = false;
+        answer
+    }
+
+    /// The first half of what is to be written, as if it were all.
+    fn half(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let Request::WriteMultipleRegisters(at, words) = request else {
+            return self.obey(request);
+        };
+        let half = words.get(..words.len() / 2).unwrap_or_default();
+        if !half.is_empty() {
+            self.write(*at, half)?;
+        }
+        let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
+        Ok(Response::WriteMultipleRegisters(*at, count))
     }
 
     /// Its tail is of the block before.

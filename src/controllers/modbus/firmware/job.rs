@@ -34,7 +34,7 @@ impl Firmware {
                 break;
             } else if let Some(line) = self.lines.pop_front() {
                 self.line(&line);
-            } else {
+            } else if !self.next_row() {
                 break;
             }
         }
@@ -58,7 +58,7 @@ impl Firmware {
         }
     }
 
-    fn start(&mut self, job: Job) {
+    pub(super) fn start(&mut self, job: Job) {
         if matches!(job, Job::Probe { .. }) && self.tripped() {
             return self.alarm(PROBE_CLOSED);
         }
@@ -75,9 +75,13 @@ impl Firmware {
         let Some(active) = self.active.take() else { return };
         let sham = self.sham;
         match self.with_world(|world| active.finish(world, sham)) {
-            Done::Waited => {}
-            Done::Moved { crashed } => self.crash_if(crashed),
+            Done::Waited => self.row_done(None),
+            Done::Moved { crashed } => {
+                self.row_done(None);
+                self.crash_if(crashed);
+            }
             Done::Probed { contact, crashed, strict } => {
+                let met = contact.is_some();
                 if contact.is_none() && strict {
                     self.alarm(NO_CONTACT);
                 }
@@ -88,6 +92,7 @@ impl Firmware {
                     self.sham = Sham::No;
                     self.note(Entry::Wrong(FaultKind::ForeignBody));
                 }
+                self.row_done(Some(met));
                 self.crash_if(crashed);
             }
         }
@@ -95,6 +100,7 @@ impl Firmware {
 
     fn latch(&mut self, contact: Contact) {
         self.latches = self.latches.wrapping_add(1);
+        self.touches += 1;
         self.latch = contact.position;
         self.latch_time_s = contact.t_s;
         self.note(Entry::Contact { latch: steps(&self.latch), t_s: contact.t_s });
@@ -132,6 +138,9 @@ impl Firmware {
 
     pub(super) fn stop_here(&mut self) {
         self.lines.clear();
+        if let Some(resident) = &mut self.resident {
+            resident.stop();
+        }
         let now = self.now;
         if let Some(active) = self.active.take() {
             self.with_world(|world| drop(active.hold(world, now)));

@@ -1,6 +1,6 @@
-//! The simulated control behind a window of Modbus registers: executes the text it is given against a
-//! [`World`]. It is the driver's peer and shares none of its code; where the items lie it knows from
-//! `docs/line-window.md` alone.
+//! The simulated control behind a window of Modbus registers: executes the text it is given, or the
+//! rows for the program that it holds, against a [`World`]. It is the driver's peer and shares none of its
+//! code; where the items lie it knows from `docs/line-window.md` and `docs/resident-program.md` alone.
 //!
 //! It lives when it is asked: a request first brings it up to the time at which it comes.
 
@@ -8,6 +8,7 @@ mod chunk;
 mod fault;
 mod job;
 mod registers;
+mod resident;
 mod serve;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,8 @@ use std::time::Duration;
 pub use fault::{Fault, FaultKind};
 pub use serve::{serve_rtu, serve_tcp};
 
+use resident::Resident;
+
 use crate::base::Position;
 use crate::record::machine::Machine;
 use crate::world::World;
@@ -28,6 +31,7 @@ const HARD_LIMIT: u16 = 1;
 const SOFT_LIMIT: u16 = 2;
 const PROBE_CLOSED: u16 = 4;
 const NO_CONTACT: u16 = 5;
+const STILL_CLOSED: u16 = 11;
 const HEARTBEAT_LOST: u16 = 64;
 
 /// Without a heartbeat from the other side for so long, what moves is held and nothing is taken.
@@ -41,24 +45,28 @@ pub struct Options {
     pub pace: Pace,
     /// What goes wrong.
     pub faults: Vec<Fault>,
+    /// It holds a measuring program, and takes no lines.
+    pub resident: bool,
 }
 
 impl Options {
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        Self { reader: Interpreter::of(machine), pace, faults: Vec::new() }
+        Self { reader: Interpreter::of(machine), pace, faults: Vec::new(), resident: false }
     }
 }
 
 /// What the control did, in its order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Entry {
-    /// A chunk was taken.
+    /// A chunk was taken; `text` says the rows of a table in words.
     Took {
         sequence: u16,
         text: String,
     },
     /// A chunk was offered, taken or not.
-    Asked,
+    Asked {
+        sequence: u16,
+    },
     /// Positions as latched, in steps of 0.001 mm or degree, and the time.
     Contact {
         latch: Vec<i32>,
@@ -90,6 +98,7 @@ pub struct Firmware {
     command: Vec<u16>,
     /// Of the chunk in hand, those that are not begun.
     lines: VecDeque<String>,
+    resident: Option<Resident>,
     active: Option<Active>,
     accepted: u16,
     executed: u16,
@@ -104,6 +113,10 @@ pub struct Firmware {
     beat: Option<Duration>,
     requests: u64,
     taken: u64,
+    /// Contacts since it was built.
+    touches: u64,
+    /// The status under way shows the result before.
+    stale_result: bool,
     /// It takes nothing, and its status stays as it was.
     frozen: Option<Vec<u16>>,
     /// The block before.
@@ -117,12 +130,17 @@ pub struct Firmware {
 
 impl Firmware {
     pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
+        let (resident, size) = match options.resident {
+            true => (Some(Resident::default()), registers::OF_PROGRAM),
+            false => (None, registers::OF_LINES),
+        };
         Self {
             options,
             world,
             mode: Mode::Ready,
-            command: vec![0; registers::COMMAND],
+            command: vec![0; size],
             lines: VecDeque::new(),
+            resident,
             active: None,
             accepted: 0,
             executed: 0,
@@ -135,6 +153,8 @@ impl Firmware {
             beat: None,
             requests: 0,
             taken: 0,
+            touches: 0,
+            stale_result: false,
             frozen: None,
             shown: Vec::new(),
             hung: false,
@@ -169,11 +189,13 @@ impl Firmware {
         self.command.fill(0);
         (self.accepted, self.executed, self.error, self.latches) = (0, 0, 0, 0);
         self.beat = None;
+        self.resident = self.resident.take().map(|_| Resident::default());
         self.mode = Mode::NotReady;
     }
 
     fn is_moving(&self) -> bool {
-        self.mode == Mode::Ready && (self.active.is_some() || !self.lines.is_empty())
+        let begun = self.resident.as_ref().is_some_and(Resident::is_running);
+        self.mode == Mode::Ready && (begun || self.active.is_some() || !self.lines.is_empty())
     }
 
     fn beats(&self, at: Duration) -> bool {

@@ -2,11 +2,13 @@
 
 use tokio_modbus::{ExceptionCode, Request, Response};
 
+use super::resident::Slot;
 use super::{Entry, Firmware, Mode};
 use crate::base::{Axis, Position};
 
-/// Holding registers of the command block.
-pub(super) const COMMAND: usize = 106;
+/// Holding registers of the command block, with lines and with the table of a program.
+pub(super) const OF_LINES: usize = 106;
+pub(super) const OF_PROGRAM: usize = 334;
 const HOLD: usize = 0;
 pub(super) const SEQUENCE: usize = 1;
 const HEARTBEAT: usize = 2;
@@ -16,7 +18,8 @@ pub(super) const LENGTH: usize = 5;
 pub(super) const CHUNK: usize = 6;
 
 const VERSION: u16 = 1;
-const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+const PROGRAM_VERSION: u16 = 101;
+pub(super) const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Of the heartbeat.
 const BEATS_PER_S: f64 = 20.0;
 
@@ -38,7 +41,7 @@ fn words(bytes: &[u8]) -> Vec<u16> {
 }
 
 impl Firmware {
-    /// Input registers 0 to 44.
+    /// Input registers 0 to 44; with a program, to 49.
     pub(super) fn status(&mut self) -> Vec<u16> {
         if let Some(frozen) = &self.frozen {
             return frozen.clone();
@@ -58,15 +61,35 @@ impl Firmware {
         let probe = u16::from(self.tripped());
         self.probe_was_told();
         let beat = (self.now.as_secs_f64() * BEATS_PER_S) as u64 as u16;
-        let mut block = vec![self.blocks, VERSION, state, alarm, self.accepted, self.executed];
-        block.extend([self.error, probe, 0, 0, self.latches, beat]);
+        let slot = self.slot();
+        let version = if slot.is_some() { PROGRAM_VERSION } else { VERSION };
+        let (number, t_s, latch) = match &slot {
+            Some(slot) => (slot.number, slot.t_s, &slot.latch),
+            None => (self.latches, self.latch_time_s, &self.latch),
+        };
+        let mut block = vec![self.blocks, version, state, alarm, self.accepted, self.executed];
+        block.extend([self.error, probe, 0, 0, number, beat]);
         block.extend(words(&self.with_world(|world| world.time_s()).to_be_bytes()));
-        block.extend(words(&self.latch_time_s.to_be_bytes()));
-        block.extend(words_of(&self.latch));
+        block.extend(words(&t_s.to_be_bytes()));
+        block.extend(words_of(latch));
         block.extend(words_of(&position));
+        if let (Some(slot), Some(resident)) = (slot, &self.resident) {
+            let at = u16::try_from(resident.at).unwrap_or(u16::MAX);
+            block.extend([at, slot.sequence, slot.row]);
+            block.extend([slot.contact, slot.valid].map(u16::from));
+        }
         block.push(self.blocks);
         self.shown.clone_from(&block);
         block
+    }
+
+    /// What a program shows; once the result before, where that is what goes wrong.
+    fn slot(&mut self) -> Option<Slot> {
+        let resident = self.resident.as_ref()?;
+        match self.stale_result.then(|| resident.before.clone()).flatten() {
+            Some(before) => Some(Slot { valid: true, ..before }),
+            None => Some(resident.slot.clone()),
+        }
     }
 
     /// Do what `request` asks for.
@@ -97,7 +120,7 @@ impl Firmware {
         }
     }
 
-    fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+    pub(super) fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(at);
         let range = first..first + words.len();
         let before = [HOLD, HEARTBEAT].map(|place| self.command[place]);
@@ -105,6 +128,9 @@ impl Firmware {
         place.copy_from_slice(words);
         if self.command[HEARTBEAT] != before[1] {
             self.beat = Some(self.now);
+        }
+        if let Some(resident) = self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE)) {
+            resident.acknowledged(self.command[ACKNOWLEDGE]);
         }
         if range.contains(&SEQUENCE) {
             self.sequence_written();

@@ -13,7 +13,7 @@ use crate::record::machine::{Machine, Probe};
 use crate::world::interpreter::Pace;
 use crate::world::{Truth, World};
 
-fn firmware(pace: Pace) -> Firmware {
+fn built(pace: Pace, resident: bool) -> Firmware {
     let limits = json!({"min": -400, "max": 400});
     let machine: Machine = serde_json::from_value(json!({
         "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
@@ -26,7 +26,12 @@ fn firmware(pace: Pace) -> Firmware {
     }))
     .unwrap();
     let world = World::new(&machine, &probe, &artefact, &Truth::default()).unwrap();
-    Firmware::new(Arc::new(Mutex::new(world)), Options::of(&machine, pace))
+    let options = Options { resident, ..Options::of(&machine, pace) };
+    Firmware::new(Arc::new(Mutex::new(world)), options)
+}
+
+fn firmware(pace: Pace) -> Firmware {
+    built(pace, false)
 }
 
 fn ask(firmware: &mut Firmware, request: &Request<'_>, ms: u64) -> Result<Response, ExceptionCode> {
@@ -120,4 +125,74 @@ fn what_lies_elsewhere_is_refused_by_an_exception() {
     assert_eq!(ask(&mut control, Request::ReadInputRegisters(40, 6)), address);
     assert_eq!(ask(&mut control, Request::WriteSingleRegister(106, 1)), address);
     assert_eq!(ask(&mut control, Request::ReadCoils(0, 1)), ExceptionCode::IllegalFunction);
+}
+
+/// One rapid of X to 5 mm, as step 7 of program 1, bound to sequence 1; written by hand.
+const TABLE: [u16; 24] =
+    [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+/// Check sums of what is altered, as another program computed them.
+const CRC_OF_TABLE: u16 = 0x9A0A;
+
+fn offer(control: &mut Firmware, table: &[u16], crc: u16, ms: u64) {
+    let words = [&[1, 0, crc, 2 * table.len() as u16], table].concat();
+    write(control, 2, &words, ms);
+    write(control, 1, &[1], ms + 1);
+}
+
+fn shown(control: &mut Firmware, ms: u64) -> Vec<u16> {
+    match ask(control, &Request::ReadInputRegisters(0, 50), ms).unwrap() {
+        Response::ReadInputRegisters(words) => words,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &TABLE, CRC_OF_TABLE, 10);
+    let status = shown(&mut control, 11);
+    assert_eq!((&status[1..7], status[44]), (&[101, 2, 0, 1, 0, 0][..], 1));
+    write(&mut control, 1, &[1], 12);
+    let status = shown(&mut control, 20);
+    assert_eq!((&status[2..7], &status[44..49]), (&[1, 0, 1, 1, 0][..], &[0; 5][..]));
+    assert_eq!(status[32..34], [0, 5000]);
+    let diary = control.diary();
+    let took = |entry: &&Entry| matches!(entry, Entry::Took { .. });
+    assert_eq!(diary.lock().unwrap().iter().filter(took).count(), 1);
+}
+
+#[test]
+fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
+    for (place, value, crc, error) in [
+        (13, 50_001, CRC_OF_TABLE, 2),
+        (0, 2, CRC_OF_TABLE, 2),
+        (0, 2, 0x2EBE, 3),
+        (1, 2, 0x6BB9, 7),
+        (2, 2, 0x198E, 8),
+        (5, 1, 0x0A16, 3),
+        (6, 2, 0x9A7D, 1),
+        (8, 9, 0x5E8B, 3),
+        (8, 2, 0x9BBA, 3),
+        (9, 64, 0xEBCA, 3),
+    ] {
+        let mut control = built(Pace::Fast, true);
+        let mut table = TABLE;
+        table[place] = value;
+        offer(&mut control, &table, crc, 10);
+        let status = shown(&mut control, 20);
+        assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
+        assert_eq!(control.stand().at(crate::base::Axis::X), 0.0);
+    }
+    // Beyond the travel.
+    let mut table = TABLE;
+    table[12..14].copy_from_slice(&[0x7A, 0x1200]);
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &table, 0xABC6, 10);
+    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 0, 3]);
+    // The right tool.
+    table = TABLE;
+    table[2] = 1;
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &table, 0xDBC8, 10);
+    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 1, 0]);
 }

@@ -1,7 +1,11 @@
 //! What a register map must be like.
 
-use super::{MOST_READ, MOST_WRITTEN, Map};
+use super::{Chunk, MOST_READ, MOST_WRITTEN, Map};
 use crate::link::modbus::Space;
+use crate::link::modbus::value::Order;
+
+/// Registers of parameters: far more than any touch needs.
+const MOST_OF_PROGRAM: usize = 2000;
 
 /// # Errors
 /// In words, with the names of the items.
@@ -9,15 +13,31 @@ pub(super) fn map(map: &Map) -> Result<(), String> {
     if !matches!(map.status.space, Space::Input | Space::Holding) {
         return Err("`status.space` is `input` or `holding`: bits hold no numbers".to_owned());
     }
-    let registers = usize::from(map.command.chunk.registers);
-    if !(1..=MOST_WRITTEN).contains(&registers) {
+    let Chunk { registers, order, .. } = map.command.chunk;
+    // A line goes in one request; parameters are read back before they count, and may take several.
+    let resident = map.status.result.is_some();
+    let most = if resident { MOST_OF_PROGRAM } else { MOST_WRITTEN };
+    if !(1..=most).contains(&usize::from(registers)) {
         return Err(format!(
-            "`command.chunk` has {registers} registers; one request writes 1 to {MOST_WRITTEN}"
+            "`command.chunk` has {registers} registers; {} 1 to {most}",
+            if resident { "a resident program takes" } else { "one request writes" }
         ));
+    }
+    if resident && order != Order::default() {
+        return Err(
+            "`command.chunk` of a resident program has no `order`: each of its parameters has"
+                .to_owned(),
+        );
     }
     scales(map)?;
     inside(map)?;
-    overlaps(map)
+    let command = map.command.spans().into_iter();
+    let command =
+        command.map(|(name, at, count)| (Space::Holding, at, count, format!("command.{name}")));
+    let status = map.status.spans().into_iter();
+    let status =
+        status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
+    apart(command.chain(status).collect())
 }
 
 fn scales(map: &Map) -> Result<(), String> {
@@ -53,14 +73,14 @@ fn inside(map: &Map) -> Result<(), String> {
     Ok(())
 }
 
-fn overlaps(map: &Map) -> Result<(), String> {
-    let command = map.command.spans().into_iter();
-    let command =
-        command.map(|(name, at, count)| (Space::Holding, at, count, format!("command.{name}")));
-    let status = map.status.spans().into_iter();
-    let status =
-        status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
-    let mut all: Vec<_> = command.chain(status).collect();
+/// Space, first register, count and name of an item.
+pub(in super::super) type Span = (Space, u16, u16, String);
+
+/// No two items lie over each other.
+///
+/// # Errors
+/// With the names of both.
+pub(in super::super) fn apart(mut all: Vec<Span>) -> Result<(), String> {
     all.sort();
     for pair in all.windows(2) {
         let [(space, at, count, name), (next_space, next, _, next_name)] = pair else { continue };

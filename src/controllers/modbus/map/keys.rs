@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{Chunk, Command, Map, Register, Status, check};
+use super::{Chunk, Command, Map, Register, Results, Status, check};
 use crate::base::Axis;
 use crate::link::modbus::Space;
 use crate::link::modbus::value::{Kind, Number, Order};
@@ -12,7 +12,7 @@ use crate::link::modbus::value::{Kind, Number, Order};
 /// One item; a key that is left out keeps its published value.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
+pub(in super::super) struct Entry {
     address: Option<u16>,
     #[serde(rename = "type")]
     kind: Option<Kind>,
@@ -30,7 +30,7 @@ struct ChunkKeys {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct Keys {
+pub(in super::super) struct Keys {
     command: CommandKeys,
     status: StatusKeys,
 }
@@ -68,7 +68,27 @@ struct StatusKeys {
     latch: Option<BTreeMap<Axis, Entry>>,
     position: Option<BTreeMap<Axis, Entry>>,
     sequence_tail: Entry,
+    result: Option<ResultKeys>,
 }
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ResultKeys {
+    under_way: Entry,
+    sequence: Entry,
+    row: Entry,
+    contact: Entry,
+    valid: Entry,
+}
+
+/// What a window that is not written differently is like.
+struct Usual {
+    chunk: u16,
+    tail: u16,
+}
+
+const OF_LINES: Usual = Usual { chunk: 100, tail: 44 };
+const OF_PROGRAM: Usual = Usual { chunk: 328, tail: 49 };
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const LATCH: u16 = 20;
@@ -77,7 +97,7 @@ const POSITION: u16 = 32;
 const STEP: f64 = 0.001;
 
 impl Entry {
-    fn at(self, address: u16, kind: Kind) -> Register {
+    pub(in super::super) fn at(self, address: u16, kind: Kind) -> Register {
         let number = Number {
             kind: self.kind.unwrap_or(kind),
             order: self.order.unwrap_or_default(),
@@ -86,8 +106,13 @@ impl Entry {
         Register { address: self.address.unwrap_or(address), number }
     }
 
+    /// The scale that it has unless one is written.
+    pub(in super::super) fn scaled(self, scale: f64) -> Self {
+        Self { scale: self.scale.or(Some(scale)), ..self }
+    }
+
     fn of_axis(self, address: u16) -> Register {
-        Entry { scale: self.scale.or(Some(STEP)), ..self }.at(address, Kind::I32)
+        self.scaled(STEP).at(address, Kind::I32)
     }
 }
 
@@ -111,32 +136,66 @@ impl TryFrom<Keys> for Map {
     type Error = String;
 
     fn try_from(Keys { command, status }: Keys) -> Result<Self, String> {
-        let map = Self { command: command.into(), status: status.registers()? };
+        if status.result.is_some() {
+            return Err(
+                "`status.result` belongs to a resident program: write [controller.program], \
+                        or remove it"
+                    .to_owned(),
+            );
+        }
+        let map = Self { command: command.at(&OF_LINES), status: status.at(&OF_LINES)? };
         check::map(&map)?;
         Ok(map)
     }
 }
 
-impl From<CommandKeys> for Command {
-    fn from(keys: CommandKeys) -> Self {
-        Self {
-            hold: keys.hold.at(0, Kind::U16),
-            sequence: keys.sequence.at(1, Kind::U16),
-            heartbeat: keys.heartbeat.at(2, Kind::U16),
-            acknowledge: keys.acknowledge.at(3, Kind::U16),
-            crc: keys.crc.at(4, Kind::U16),
-            length: keys.length.at(5, Kind::U16),
+impl Keys {
+    /// The window before a resident program.
+    ///
+    /// # Errors
+    /// In words, with the names of the items.
+    pub(in super::super) fn of_program(self) -> Result<Map, String> {
+        let Self { command, mut status } = self;
+        let result = status.result.take().unwrap_or_default();
+        let mut map = Map { command: command.at(&OF_PROGRAM), status: status.at(&OF_PROGRAM)? };
+        map.status.result = Some(result.registers());
+        check::map(&map)?;
+        Ok(map)
+    }
+}
+
+impl CommandKeys {
+    fn at(self, usual: &Usual) -> Command {
+        Command {
+            hold: self.hold.at(0, Kind::U16),
+            sequence: self.sequence.at(1, Kind::U16),
+            heartbeat: self.heartbeat.at(2, Kind::U16),
+            acknowledge: self.acknowledge.at(3, Kind::U16),
+            crc: self.crc.at(4, Kind::U16),
+            length: self.length.at(5, Kind::U16),
             chunk: Chunk {
-                address: keys.chunk.address.unwrap_or(6),
-                registers: keys.chunk.registers.unwrap_or(100),
-                order: keys.chunk.order.unwrap_or_default(),
+                address: self.chunk.address.unwrap_or(6),
+                registers: self.chunk.registers.unwrap_or(usual.chunk),
+                order: self.chunk.order.unwrap_or_default(),
             },
         }
     }
 }
 
+impl ResultKeys {
+    fn registers(self) -> Results {
+        Results {
+            under_way: self.under_way.at(44, Kind::U16),
+            sequence: self.sequence.at(45, Kind::U16),
+            row: self.row.at(46, Kind::U16),
+            contact: self.contact.at(47, Kind::U16),
+            valid: self.valid.at(48, Kind::U16),
+        }
+    }
+}
+
 impl StatusKeys {
-    fn registers(self) -> Result<Status, String> {
+    fn at(self, usual: &Usual) -> Result<Status, String> {
         Ok(Status {
             space: self.space.unwrap_or(Space::Input),
             sequence_head: self.sequence_head.at(0, Kind::U16),
@@ -154,17 +213,8 @@ impl StatusKeys {
             latch_time_s: self.latch_time_s.at(16, Kind::F64),
             latch: axes("latch", self.latch, LATCH)?,
             position: axes("position", self.position, POSITION)?,
-            sequence_tail: self.sequence_tail.at(44, Kind::U16),
+            sequence_tail: self.sequence_tail.at(usual.tail, Kind::U16),
+            result: None,
         })
-    }
-}
-
-impl Map {
-    /// The window as `docs/line-window.md` publishes it.
-    ///
-    /// # Errors
-    /// Never: a test sees it pass its own check.
-    pub fn published() -> Result<Self, String> {
-        Keys::default().try_into()
     }
 }

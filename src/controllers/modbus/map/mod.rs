@@ -1,8 +1,9 @@
-//! The register map: where each item of the line window lies, and how. `[controller.registers]`; what is
-//! not written there lies as `docs/line-window.md` publishes it.
+//! The register map: where each item of the window lies, and how. `[controller.registers]`; what is not
+//! written there lies as `docs/line-window.md` publishes it, and where a resident program is behind it,
+//! `docs/resident-program.md`.
 
-mod check;
-mod keys;
+pub(super) mod check;
+pub(super) mod keys;
 #[cfg(test)]
 mod tests;
 
@@ -26,7 +27,7 @@ pub(super) struct Register {
     pub number: Number,
 }
 
-/// The text of a chunk: two characters a register.
+/// A chunk: text, two characters a register; or the parameters of a resident program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Chunk {
     pub address: u16,
@@ -66,6 +67,18 @@ pub(super) struct Status {
     pub latch: BTreeMap<Axis, Register>,
     pub position: BTreeMap<Axis, Register>,
     pub sequence_tail: Register,
+    /// Of a resident program alone.
+    pub result: Option<Results>,
+}
+
+/// What a resident program shows besides: where it is, and the result that it hands over.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Results {
+    pub under_way: Register,
+    pub sequence: Register,
+    pub row: Register,
+    pub contact: Register,
+    pub valid: Register,
 }
 
 /// The whole window.
@@ -77,7 +90,7 @@ pub struct Map {
 }
 
 impl Register {
-    fn count(&self) -> u16 {
+    pub(super) fn count(&self) -> u16 {
         self.number.registers()
     }
 
@@ -158,11 +171,30 @@ impl Status {
         let of = |name: &'static str| {
             move |(axis, at): (&Axis, &Register)| (format!("{name}.{axis}"), *at)
         };
+        let results = self.result.iter().flat_map(Results::items);
+        let results = results.map(|(name, register)| (format!("result.{name}"), register));
         items
+            .chain(results)
             .chain(self.latch.iter().map(of("latch")))
             .chain(self.position.iter().map(of("position")))
             .map(|(name, register)| (name, register.address, register.count()))
             .collect()
+    }
+}
+
+impl Results {
+    pub(super) fn items_mut(&mut self) -> [&mut Register; 5] {
+        [&mut self.under_way, &mut self.sequence, &mut self.row, &mut self.contact, &mut self.valid]
+    }
+
+    fn items(&self) -> [(&'static str, Register); 5] {
+        [
+            ("under_way", self.under_way),
+            ("sequence", self.sequence),
+            ("row", self.row),
+            ("contact", self.contact),
+            ("valid", self.valid),
+        ]
     }
 }
 
