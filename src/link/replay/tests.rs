@@ -79,6 +79,9 @@ async fn a_captured_talk_is_the_one_that_was_had() {
     assert_eq!(line(&mut link).await, "[MSG:a\\b \"c\"]");
     link.send(&[0x18, 0xFF]).unwrap();
     far.read_exact(&mut sent[..2]).await.unwrap();
+    // Bytes are written down when they are gone: what comes back comes after that.
+    far.write_all(b"ok\r\n").await.unwrap();
+    assert_eq!(line(&mut link).await, "ok");
     capture.finish().unwrap();
     let text = std::fs::read_to_string(&file).unwrap();
     let without_times: Vec<_> = text.lines().map(|line| line.split_once(' ').unwrap().1).collect();
@@ -90,6 +93,7 @@ async fn a_captured_talk_is_the_one_that_was_had() {
             r"1 > G1 X-2.5\n",
             r#"1 < [MSG:a\\b \"c\"]\r\n"#,
             r"1 > \x18\xff",
+            r"1 < ok\r\n",
         ]
     );
     let tracks = read::tracks(&text).unwrap();
