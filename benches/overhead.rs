@@ -1,5 +1,6 @@
 //! What the daemon adds to a touch: planned, proven, rendered, sent, answered, checked and in the journal,
-//! against controls that answer at once, compute nothing and move in no time.
+//! against controls that answer at once, compute nothing and move in no time. Not in it: how late the end
+//! of a real move is noticed, as a driver that waits asks every 20 ms at most.
 //!
 //! `cargo bench --bench overhead`, alone on the computer. The journal lies in memory (`/dev/shm`): what the
 //! disk's sync adds is told apart. Measured in rounds; the middle one must keep what is asked for.

@@ -199,8 +199,13 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt
     while let Some(request) = inbox.recv().await {
         match request {
             Request::Prepare(answer) => {
-                // A control that was held meanwhile is not ready: that is no fault of its own.
-                let held = |error| if halt.is_halted() { ControllerError::Halted } else { error };
+                // A control that was held meanwhile is not ready: that is no fault of its own. One that
+                // has lost its position has lost it all the same.
+                let held = |error: ControllerError| match halt.is_halted() && !error.position_lost()
+                {
+                    true => ControllerError::Halted,
+                    false => error,
+                };
                 drop(answer.send(driver.prepare().await.map_err(held)));
             }
             Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),

@@ -68,7 +68,11 @@ impl Capture {
     /// It is there already, or cannot be made.
     pub fn create(path: &Path) -> io::Result<Self> {
         let mut file = File::create_new(path)?;
-        writeln!(file, "{HEAD}")?;
+        if let Err(error) = writeln!(file, "{HEAD}") {
+            // An empty file would stand in the way of the next one.
+            let _ = std::fs::remove_file(path);
+            return Err(error);
+        }
         let out = Arc::new(Mutex::new(Out { file, links: 0, failed: None }));
         Ok(Self { begun: Instant::now(), out })
     }

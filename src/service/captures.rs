@@ -68,6 +68,13 @@ impl Begun<'_> {
 
 /// Nothing is overwritten.
 fn keep(from: &Path, to: &Path) -> std::io::Result<()> {
-    std::fs::hard_link(from, to)?;
-    std::fs::remove_file(from)
+    match std::fs::hard_link(from, to) {
+        Ok(()) => std::fs::remove_file(from),
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(error),
+        // A file system without links, as on a stick.
+        Err(_) => {
+            drop(std::fs::File::create_new(to)?);
+            std::fs::rename(from, to)
+        }
+    }
 }

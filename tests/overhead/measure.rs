@@ -1,5 +1,6 @@
 //! Runs of the real daemon (plan, proof, rendering, driver, link, journal) on such a control, and how
-//! long each touch takes: from the start of its step until its reading is in the journal.
+//! long each touch takes: from the reading before it, or the start of its stage, until its own is in the
+//! journal.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -147,16 +148,17 @@ async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     let mut tell = |event: &Event| match event {
         Event::StageStarted { .. } => between = true,
         Event::StepStarted { .. } => {
-            let now = Instant::now();
             if std::mem::take(&mut between) {
+                let now = Instant::now();
                 stages.extend(ended.map(|ended| now - ended));
+                begun = Some(now);
             }
-            begun = Some(now);
         }
         // Told once it is stored.
         Event::ReadingStored { .. } => {
-            touches.extend(begun.take().map(|begun| begun.elapsed()));
-            ended = Some(Instant::now());
+            let now = Instant::now();
+            touches.extend(begun.replace(now).map(|begun| now - begun));
+            ended = Some(now);
         }
         _ => {}
     };

@@ -40,6 +40,7 @@ pub fn of_all_kinds() {
         assert_eq!(client.ask(request), format!("exception {code}"), "{request}");
     }
     raw(daemon.port);
+    assert!(!daemon.log.lock().unwrap().contains("panicked"));
     let (end, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
     let floods: Vec<_> = (0..4)
         .map(|_| {
@@ -90,6 +91,21 @@ fn raw(port: u16) {
         let mut answer = [0; 9];
         stream.read_exact(&mut answer).unwrap();
         assert_eq!(answer[7..], [pdu[0] | 0x80, code], "{pdu:?}");
+    }
+    // More coils than bytes for them, whole or in pieces: let go, without a word in the log.
+    let spoilt = [0, 7, 0, 0, 0, 8, 1, 15, 0, 0, 0, 9, 1, 7];
+    for pieces in [14, 5, 1] {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        // One before it that is as it should be.
+        stream.write_all(&[0, 6, 0, 0, 0, 8, 1, 15, 0, 0, 0, 8, 1, 0]).unwrap();
+        stream.read_exact(&mut [0; 12]).unwrap();
+        for piece in spoilt.chunks(pieces) {
+            // It may be gone before the last.
+            let _ = stream.write_all(piece);
+        }
+        assert!(!matches!(stream.read(&mut [0; 12]), Ok(1..)));
     }
 }
 

@@ -105,7 +105,10 @@ impl Wire {
                     (self.asked, self.unsure) = (false, true);
                     return Ok(said);
                 }
-                Some(Message::Error(code)) => return Err(refused(line, code)),
+                Some(Message::Error(code)) => {
+                    self.asked = false;
+                    return Err(refused(line, code));
+                }
                 Some(Message::Status(status)) => {
                     heard = Instant::now();
                     if !self.halt.is_halted() {
