@@ -65,8 +65,9 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let proven = match jog::proven_there(check, &jog).await {
         Ok(proven) => proven,
         Err(error) => {
+            check.go_on()?;
             check.failed(Part::Hold, since, error.to_string(), error.remedy());
-            return Ok(());
+            return if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) };
         }
     };
     let held = run(check, proven).await?;

@@ -47,7 +47,7 @@ impl JogError {
 
     /// Nothing has moved, and the control is as it was.
     pub fn is_harmless(&self) -> bool {
-        !matches!(self, Self::Control(_))
+        !matches!(self, Self::Control(_) | Self::Moved { .. })
     }
 }
 
