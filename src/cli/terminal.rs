@@ -1,10 +1,8 @@
 //! Somebody at the terminal is asked.
 
-use std::io::BufRead as _;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Duration;
 
-use tokio::sync::oneshot;
-use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::sleep;
 
 use crate::base::Axis;
@@ -16,15 +14,24 @@ const STOP_POLL: Duration = Duration::from_millis(50);
 
 pub struct Terminal {
     stop: Stop,
+    typed: Receiver<String>,
 }
 
 impl Terminal {
     pub fn new(stop: Stop) -> Self {
-        Self { stop }
+        let (line, typed) = channel();
+        // On a thread of its own, left behind at the end: the links live on meanwhile.
+        std::thread::spawn(move || {
+            let mut lines = std::io::stdin().lines().map_while(Result::ok);
+            lines.all(|typed| line.send(typed).is_ok())
+        });
+        Self { stop, typed }
     }
 
     async fn answer(&self, question: &Question) -> Answer {
         loop {
+            // What was typed before the question is no answer to it.
+            while self.typed.try_recv().is_ok() {}
             tell!("\n{}", words_of(question));
             let Some(line) = self.line().await else { return Answer::Nobody };
             let answer = match question {
@@ -40,17 +47,10 @@ impl Terminal {
 
     /// `None`: nobody is there any more, or a stop was asked for.
     async fn line(&self) -> Option<String> {
-        let (answer, mut typed) = oneshot::channel();
-        // On a thread of its own, left behind after a stop: the links live on meanwhile.
-        std::thread::spawn(move || {
-            let mut line = String::new();
-            let read = std::io::stdin().lock().read_line(&mut line);
-            drop(answer.send(read.ok().filter(|count| *count > 0).map(|_| line)));
-        });
         loop {
-            match typed.try_recv() {
-                Ok(line) => return line.map(|line| line.trim().to_owned()),
-                Err(TryRecvError::Closed) => return None,
+            match self.typed.try_recv() {
+                Ok(line) => return Some(line.trim().to_owned()),
+                Err(TryRecvError::Disconnected) => return None,
                 Err(TryRecvError::Empty) if self.stop.is_asked() => return None,
                 Err(TryRecvError::Empty) => sleep(STOP_POLL).await,
             }
@@ -90,6 +90,22 @@ fn seen(line: &str) -> Option<Seen> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_typed_before_the_question_is_no_answer() {
+        let (line, typed) = channel();
+        let person = Terminal { stop: Stop::default(), typed };
+        (0..3).for_each(|_| line.send("y".to_owned()).unwrap());
+        let later = std::thread::spawn(move || {
+            std::thread::sleep(4 * STOP_POLL);
+            line.send("n".to_owned()).unwrap();
+        });
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let may = Question::May { what: "May it?".to_owned() };
+        assert_eq!(runtime.block_on(person.answer(&may)), Answer::No);
+        later.join().unwrap();
+        assert_eq!(runtime.block_on(person.answer(&may)), Answer::Nobody, "the terminal is gone");
+    }
 
     #[test]
     fn what_was_seen_is_typed_in_a_word() {

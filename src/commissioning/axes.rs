@@ -14,6 +14,10 @@ const BY: f64 = 1.0;
 /// What is seen to go so far is as said, mm or degrees.
 const BY_EYE: f64 = 0.2;
 
+/// What keeps all from moving.
+pub(super) const UNSEEN: &str =
+    "nobody is there to show that the probe answers: without it nothing stops at a contact";
+
 /// How one axis came out.
 enum Looked {
     Told,
@@ -22,6 +26,10 @@ enum Looked {
 }
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    if !check.probe_answers {
+        check.not_looked_at(Part::Axes, UNSEEN);
+        return Ok(());
+    }
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
     for axis in axes.iter().copied().filter(|axis| *axis != Axis::S) {
         if let Looked::Nobody = one(check, axis).await? {
@@ -60,20 +68,33 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
         }
-        let seen = check.ask(Question::Jogged { jog, look_for: expected.clone() }).await?;
+        let Answer::Saw(seen) =
+            check.ask(Question::Jogged { jog, look_for: expected.clone() }).await?
+        else {
+            left_there(check, &jog, since);
+            return Err(Ended::Unsafe);
+        };
         if let Err(error) = jog::go(check, &jog::back(&jog)).await {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
         }
-        match seen {
-            Answer::Saw(Seen::Again) => {}
-            Answer::Saw(seen) => {
-                judge(check, &jog, seen, since, &expected);
-                return Ok(Looked::Told);
-            }
-            _ => return Ok(Looked::Nobody),
+        if seen != Seen::Again {
+            judge(check, &jog, seen, since, &expected);
+            return Ok(Looked::Told);
         }
     }
+}
+
+/// Whoever let it move is gone: it stays where it is.
+fn left_there(check: &mut Check<'_>, jog: &Jog, since: Instant) {
+    let axis = jog.axis;
+    let what = format!("{axis} {}: nobody told what was seen, so it was not moved back", told(jog));
+    check.failed(
+        Part::Axes,
+        since,
+        what,
+        format!("look at the machine; move {axis} back by hand, then check again"),
+    );
 }
 
 /// `None`, and it is told, if the axis cannot be jogged from where it stands.

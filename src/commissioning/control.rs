@@ -15,15 +15,26 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 /// What it says of itself, and whether it may move so. One that says nothing is told by what follows.
 async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
     let since = Instant::now();
-    let Ok(says) = check.controller()?.introduce().await else {
-        check.go_on()?;
-        return Ok(true);
+    let says = match check.controller()?.introduce().await {
+        Ok(says) => says,
+        Err(error) => {
+            check.go_on()?;
+            let why = format!("travel, speeds and axes: the control does not say them ({error})");
+            check.not_looked_at(Part::Control, why);
+            return Ok(true);
+        }
     };
     check.summary.control = Some(says.identity.clone());
     check.polarity.clone_from(&says.polarity);
     let differs = compare::differences(&check.file.machine, &says);
     if differs.is_empty() && !says.axes.is_empty() {
-        let what = format!("{}: travel, speeds and axes suit the machine file", says.identity);
+        let told = says.axes.values().any(|axis| axis.rapid_per_min.is_some());
+        let suits = if told {
+            "travel, speeds and axes suit the machine file"
+        } else {
+            "axes suit the machine file; their travel and speeds it does not tell"
+        };
+        let what = format!("{}: {suits}", says.identity);
         check.well(Part::Control, since, what);
     }
     for (what, remedy) in differs {

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::timeout;
 
+use super::axes::UNSEEN;
 use super::jog::{self, Proven};
 use super::{Check, Ended, Part};
 use crate::base::Axis;
@@ -41,6 +42,10 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         );
         return Ok(());
     }
+    if !check.probe_answers {
+        check.not_looked_at(Part::Hold, UNSEEN);
+        return Ok(());
+    }
     let Some(jog) = longest(check) else {
         check.not_looked_at(Part::Hold, format!("no linear axis has {BY} mm of free travel"));
         return Ok(());
@@ -57,11 +62,12 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
             return Err(Ended::Unsafe);
         }
     }
-    let proven = match jog::proven(check, &jog) {
+    let proven = match jog::proven_there(check, &jog).await {
         Ok(proven) => proven,
         Err(error) => {
+            check.go_on()?;
             check.failed(Part::Hold, since, error.to_string(), error.remedy());
-            return Ok(());
+            return if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) };
         }
     };
     let held = run(check, proven).await?;

@@ -15,6 +15,8 @@ use crate::setup::MachineFile;
 const FEED_PER_MIN: f64 = 60.0;
 /// A homed axis may stand so far beyond its limit, mm or degrees.
 const AT_LIMIT: f64 = 0.01;
+/// Standing still, a control's reports may differ by this much, mm or degrees.
+const STILL: f64 = 0.02;
 /// In the N words.
 const STEP: u32 = 1;
 
@@ -27,6 +29,8 @@ pub(super) enum JogError {
     Unproven(#[from] Refusal),
     #[error(transparent)]
     Control(#[from] ControllerError),
+    #[error("it was moved by hand: {axis} stands at {now:.3}, not at {was:.3}")]
+    Moved { axis: Axis, was: f64, now: f64 },
 }
 
 impl JogError {
@@ -35,12 +39,15 @@ impl JogError {
             Self::Unwritable(error) => error.remedy().to_owned(),
             Self::Unproven(refusal) => refusal.remedy().to_owned(),
             Self::Control(error) => error.remedy(),
+            Self::Moved { .. } => {
+                "leave the machine alone while it is checked; then check again".to_owned()
+            }
         }
     }
 
     /// Nothing has moved, and the control is as it was.
     pub fn is_harmless(&self) -> bool {
-        !matches!(self, Self::Control(_))
+        !matches!(self, Self::Control(_) | Self::Moved { .. })
     }
 }
 
@@ -88,16 +95,40 @@ pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     Ok(Proven { block, to })
 }
 
+/// And the machine still stands where the proof has it: from elsewhere the same words are another move.
+///
+/// # Errors
+/// As [`proven`]; or somebody has moved the machine, or the control does not tell.
+pub(super) async fn proven_there(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
+    let proven = proven(check, jog)?;
+    unmoved(check).await?;
+    Ok(proven)
+}
+
 /// There; the reports followed.
 ///
 /// # Errors
 /// Nothing has moved, or the control says why it stopped.
 pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
-    let Proven { block, to } = proven(check, jog)?;
+    let Proven { block, to } = proven_there(check, jog).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
     controller.execute(block).await?;
     if let Some(stands) = &mut check.stands {
         stands.set(jog.axis, to);
+    }
+    Ok(())
+}
+
+async fn unmoved(check: &Check<'_>) -> Result<(), JogError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    let now = controller.look().await?.stands;
+    for (axis, at) in
+        check.stands.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S)
+    {
+        let (was, now) = (axis.to_edge(at), axis.to_edge(now.at(axis)));
+        if (now - was).abs() > STILL {
+            return Err(JogError::Moved { axis, was, now });
+        }
     }
     Ok(())
 }

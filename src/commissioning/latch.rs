@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{Check, Ended, Part, Verdict};
+use super::axes::UNSEEN;
+use super::{Check, Ended, Part};
 use crate::controllers::ControllerError;
 use crate::methods::latch_delay::{self, Found, Latch};
 use crate::methods::{IdentifyError, Method, Next, Refused, Source};
@@ -23,6 +24,10 @@ const SHARE: f64 = 0.1;
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     if check.strays || check.stands.is_none() {
         check.not_looked_at(Part::Latch, "the machine is not fit to touch, as told above");
+        return Ok(());
+    }
+    if !check.probe_answers {
+        check.not_looked_at(Part::Latch, UNSEEN);
         return Ok(());
     }
     let since = Instant::now();
@@ -82,14 +87,13 @@ async fn touch(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) -> Re
     check.go_on()?;
     match measured {
         Ok(found) => judge(check, &found, &probe, since),
-        Err(CycleError::Run { error, .. }) if met_nothing(&error) && probe_lives(check) => check
-            .failed(
-                Part::Latch,
-                since,
-                format!("{error}: the part does not stand where the machine file says"),
-                "set the part up where [artefact] says, or correct centre_mm, radius_mm and height_mm \
+        Err(CycleError::Run { error, .. }) if met_nothing(&error) => check.failed(
+            Part::Latch,
+            since,
+            format!("{error}: the part does not stand where the machine file says"),
+            "set the part up where [artefact] says, or correct centre_mm, radius_mm and height_mm \
                  there; if it stands right, tool_mm of [machine] or the zero of an axis is off",
-            ),
+        ),
         Err(error) => {
             let remedy = remedy(&error);
             check.failed(Part::Latch, since, error.to_string(), remedy);
@@ -188,12 +192,6 @@ fn to_the_control(probe: &Probe, t_s: f64) -> String {
         ),
         None => format!("{wire}; what the scan adds to a touch falls with the feed"),
     }
-}
-
-/// The probe was seen open and closed.
-fn probe_lives(check: &Check<'_>) -> bool {
-    let mut of_probe = check.summary.findings.iter().filter(|found| found.part == Part::Probe);
-    of_probe.clone().next().is_some() && of_probe.all(|found| found.verdict == Verdict::Ok)
 }
 
 /// The first touch, or a later one, went to its end.

@@ -71,6 +71,8 @@ pub struct Check<'a> {
     stands: Option<Position>,
     /// How the sense of the probe's input is turned at the control, in its words.
     polarity: Option<String>,
+    /// It was seen open and closed.
+    probe_answers: bool,
     /// An axis did not go as it was told to.
     strays: bool,
     summary: Summary,
@@ -86,7 +88,8 @@ impl<'a> Check<'a> {
         tell: &'a mut dyn FnMut(&Finding),
     ) -> Self {
         let summary = Summary::of(&file.machine.name);
-        let (devices, stands, polarity, strays) = (None, None, None, false);
+        let (devices, stands, polarity) = (None, None, None);
+        let (probe_answers, strays) = (false, false);
         Self {
             file,
             site,
@@ -98,6 +101,7 @@ impl<'a> Check<'a> {
             devices,
             stands,
             polarity,
+            probe_answers,
             strays,
             summary,
         }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
 use super::{Check, Ended, Part, control};
-use crate::controllers::ControllerError;
+use crate::controllers::Look;
 use crate::record::question::{Answer, Question, Stylus};
 
 const POLL: Duration = Duration::from_millis(20);
@@ -24,7 +24,11 @@ struct Seen {
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     let Some(seen) = watch(check, since).await? else {
-        return if check.stands.is_some() { Ok(()) } else { Err(Ended::Unsafe) };
+        return if check.stands.is_some() {
+            stands_anew(check, since).await
+        } else {
+            Err(Ended::Unsafe)
+        };
     };
     if let Some((what, remedy)) = seen.mistake(check.polarity.as_deref()) {
         check.failed(Part::Probe, since, what, remedy);
@@ -32,8 +36,9 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Err(Ended::Unsafe);
     }
     check.well(Part::Probe, since, "open at rest, closed while deflected, open again");
+    check.probe_answers = true;
     match check.stands {
-        Some(_) => Ok(()),
+        Some(_) => stands_anew(check, since).await,
         // The stylus was pressed while the control was prepared.
         None => control::prepare(check).await,
     }
@@ -42,13 +47,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 /// `None`, and it is told, if it cannot be looked at.
 async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
     let asked = check.ask(Question::Stylus(Stylus::Free)).await?;
-    let rests_closed = match reads(check).await {
-        Ok(closed) => closed,
-        Err(error) => {
-            check.failed(Part::Probe, since, error.to_string(), error.remedy());
-            return Err(Ended::Unsafe);
-        }
-    };
+    let rests_closed = look_at(check, since).await?.probe_closed;
     if asked != Answer::Yes {
         nobody(check, since, rests_closed);
         return Ok(None);
@@ -58,9 +57,9 @@ async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, En
         nobody(check, since, rests_closed);
         return Ok(None);
     }
-    let answers = becomes(check, !rests_closed).await?;
+    let answers = becomes(check, since, !rests_closed).await?;
     let let_go = check.ask(Question::Stylus(Stylus::Free)).await?;
-    let comes_back = let_go == Answer::Yes && becomes(check, rests_closed).await?;
+    let comes_back = let_go == Answer::Yes && becomes(check, since, rests_closed).await?;
     Ok(Some(Seen { rests_closed, answers, comes_back }))
 }
 
@@ -76,17 +75,30 @@ fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool) {
     }
 }
 
-async fn reads(check: &Check<'_>) -> Result<bool, ControllerError> {
-    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
-    Ok(controller.look().await?.probe_closed)
+/// A control that does not tell is no probe that does not answer.
+async fn look_at(check: &mut Check<'_>, since: Instant) -> Result<Look, Ended> {
+    match check.controller()?.look().await {
+        Ok(look) => Ok(look),
+        Err(error) => {
+            check.go_on()?;
+            check.failed(Part::Probe, since, error.to_string(), error.remedy());
+            Err(Ended::Unsafe)
+        }
+    }
+}
+
+/// Who deflects a stylus may have moved the machine to reach it.
+async fn stands_anew(check: &mut Check<'_>, since: Instant) -> Result<(), Ended> {
+    check.stands = Some(look_at(check, since).await?.stands);
+    Ok(())
 }
 
 /// Whether it reads so before long.
-async fn becomes(check: &Check<'_>, closed: bool) -> Result<bool, Ended> {
+async fn becomes(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<bool, Ended> {
     let deadline = Instant::now() + check.person.takes();
     loop {
         check.go_on()?;
-        if reads(check).await.is_ok_and(|now| now == closed) {
+        if look_at(check, since).await?.probe_closed == closed {
             return Ok(true);
         }
         if Instant::now() > deadline {

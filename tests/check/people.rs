@@ -1,7 +1,8 @@
 //! Whom a check asks, and what happens without them.
 
-use trued::commissioning::{Answering, Nobody, Part, Person, Verdict};
-use trued::record::question::{Answer, Question};
+use trued::base::Axis;
+use trued::commissioning::{Answering, Nobody, Part, Person, Summary, Verdict};
+use trued::record::question::{Answer, Jog, Question, Seen, Stylus};
 use trued::setup::{MachineFile, Site};
 use trued::world::Bystander;
 
@@ -57,4 +58,58 @@ fn whoever_says_no_sees_nothing_move() {
     let may = asked.iter().filter(|question| matches!(question, Question::MayJog { .. }));
     assert_eq!(may.count(), 5, "each axis is asked for");
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+}
+
+/// Agrees to all, but answers what `but` says otherwise.
+struct Otherwise<'a> {
+    bystander: &'a mut Bystander,
+    but: fn(&Question) -> Option<Answer>,
+    moves: usize,
+}
+
+impl Person for Otherwise<'_> {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        let may = matches!(
+            question,
+            Question::MayJog { .. } | Question::MayHold(_) | Question::May { .. }
+        );
+        self.moves += usize::from(may);
+        let answer = (self.but)(question).unwrap_or_else(|| self.bystander.answer(question));
+        Box::pin(std::future::ready(answer))
+    }
+}
+
+/// The summary, how often it was asked whether something may move, and the bystander.
+fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, Bystander) {
+    let file = file();
+    runtime().block_on(async {
+        let site = Site::new(&file).unwrap();
+        let mut bystander = site.bystander().unwrap();
+        let mut person = Otherwise { bystander: &mut bystander, but, moves: 0 };
+        let summary = through(&file, &site, &mut person).await;
+        let moves = person.moves;
+        (summary, moves, bystander)
+    })
+}
+
+#[test]
+fn with_a_probe_that_nobody_deflects_nothing_may_move() {
+    let but = |question: &Question| {
+        matches!(question, Question::Stylus(Stylus::Deflected)).then_some(Answer::No)
+    };
+    let (summary, moves, _) = otherwise(but);
+    assert_eq!(moves, 0, "{summary}");
+    assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
+}
+
+#[test]
+fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
+    let but =
+        |question: &Question| matches!(question, Question::Jogged { .. }).then_some(Answer::Nobody);
+    let (summary, moves, mut bystander) = otherwise(but);
+    assert_eq!(moves, 1, "{summary}");
+    assert!(summary.to_string().contains("it was not moved back"), "{summary}");
+    let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
+    let stands = bystander.answer(&Question::Jogged { jog, look_for: String::new() });
+    assert_eq!(stands, Answer::Saw(Seen::AsSaid), "it is where it was left");
 }

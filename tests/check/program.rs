@@ -85,7 +85,10 @@ fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() {
         let said = text(&output.stdout);
         assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
         assert!(text(&output.stderr).contains("nobody is at a terminal"));
-        assert!(said.contains("axes    not looked at  nobody is there"), "{said}");
+        assert!(
+            said.contains("axes    not looked at  nobody is there to show that the probe answers"),
+            "{said}"
+        );
         assert!(!said.contains("axes    ok"), "{said}");
     });
 }
