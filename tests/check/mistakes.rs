@@ -112,7 +112,7 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "a fixture beside the stylus",
         || checked(&machine(&[("[artefact]", KEEPOUT)])),
-        "would come within",
+        "X +1 mm: it is not proven to be free",
     ),
     row(
         "the hold register elsewhere",
