@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM hold the machine; the run then ends by itself, everything kept.
+//! Ctrl-C, SIGTERM and SIGHUP hold the machine; the run then ends by itself, everything kept.
 
 use std::io;
 use std::sync::mpsc::{Sender, channel};
@@ -30,17 +30,20 @@ fn listen(halt: &Halt, ready: &Sender<io::Result<()>>) {
 async fn hear(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
+    // The terminal was closed.
+    let mut hang_up = signal(SignalKind::hangup())?;
     let _ = ready.send(Ok(()));
-    while either(&mut interrupt, &mut terminate).await.is_some() {
+    while any(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
         halt.now();
     }
     Ok(())
 }
 
-async fn either(one: &mut Signal, other: &mut Signal) -> Option<()> {
+async fn any(one: &mut Signal, other: &mut Signal, third: &mut Signal) -> Option<()> {
     // `recv` is cancel safe: a signal not taken stays.
     tokio::select! {
         heard = one.recv() => heard,
         heard = other.recv() => heard,
+        heard = third.recv() => heard,
     }
 }

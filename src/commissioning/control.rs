@@ -2,8 +2,10 @@
 
 use std::time::Instant;
 
+use super::words::position;
 use super::{Check, Ended, Part, compare, links};
 use crate::controllers::ControllerError;
+use crate::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let may_move = introduce(check).await?;
@@ -57,17 +59,13 @@ pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
-            let stands = prepared.stands.iter();
-            let stands = stands.map(|(axis, at)| format!("{axis} {:.3}", axis.to_edge(at)));
-            let stands = stands.collect::<Vec<_>>().join(" ");
-            let what = format!(
-                "ready; it stands at {stands} (its display must show the same); how it stops: {}",
-                prepared.stop
-            );
+            let stands = position(&prepared.stands);
+            let what = format!("ready; it stands at {stands}; how it stops: {}", prepared.stop);
+            let first = check.stands.is_none();
             check.summary.control = Some(prepared.identity);
             check.stands = Some(prepared.stands);
             check.well(Part::Control, since, what);
-            Ok(())
+            if first { display(check).await } else { Ok(()) }
         }
         Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),
         Err(error) => {
@@ -76,4 +74,28 @@ pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
             Err(Ended::Unsafe)
         }
     }
+}
+
+/// A scale or an order of words that leaves all axes within their travel is seen by a person alone; an
+/// absolute move of one millimetre could then go anywhere.
+async fn display(check: &mut Check<'_>) -> Result<(), Ended> {
+    let since = Instant::now();
+    let stands = check.stands.clone().unwrap_or_default();
+    let told = position(&stands);
+    match check.ask(Question::Shows(stands)).await? {
+        Answer::Yes => check.well(Part::Control, since, "its own display shows the same position"),
+        Answer::No => {
+            let what = format!("its own display shows another position than {told}");
+            let remedy = "nothing moves like this. Registers: compare `type`, `order` and `scale` of the \
+                          positions with the control's program. Otherwise: is it in millimetres, and does \
+                          the display show machine coordinates?";
+            check.failed(Part::Control, since, what, remedy);
+            return Err(Ended::Unsafe);
+        }
+        _ => {
+            let what = "nobody is there to compare the position with the control's display";
+            check.not_looked_at(Part::Control, what);
+        }
+    }
+    Ok(())
 }

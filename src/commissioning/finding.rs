@@ -61,6 +61,8 @@ impl fmt::Display for Finding {
         write!(f, "{part:<8}{verdict:<14} {what}")?;
         if self.took_s >= 0.1 {
             write!(f, " ({:.1} s)", self.took_s)?;
+        } else if self.verdict != Verdict::NotLookedAt {
+            write!(f, " ({:.1} ms)", 1e3 * self.took_s)?;
         }
         match &self.remedy {
             Some(remedy) => write!(f, "\n        → {remedy}"),

@@ -13,7 +13,11 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     let error = match check.open(check.pace).await {
         Ok(()) => {
-            check.well(Part::Links, since, "the link of the control is open");
+            let at = match &check.file.controller.control {
+                Control::Real(control) => control.at(),
+                Control::Simulated(_) => "simulated".to_owned(),
+            };
+            check.well(Part::Links, since, format!("the link of the control is open: {at}"));
             return check.go_on();
         }
         Err(SetupError::Controller(error)) => error,

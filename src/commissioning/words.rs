@@ -8,6 +8,11 @@ use crate::record::question::{Jog, Question, Stylus};
 /// The question, and how to answer it on a terminal.
 pub fn of(question: &Question) -> String {
     match question {
+        Question::Shows(stands) => format!(
+            "It says that it stands at {}. Does the control's own display show the same, in machine \
+             coordinates? yes / no",
+            position(stands)
+        ),
         Question::MayJog { jog, look_for } => format!(
             "{} moves by {}: {look_for}. It goes back once you have told what you saw.\n\
              Is the way free, and the stop in your hand? yes / no",
@@ -45,6 +50,12 @@ pub fn of(question: &Question) -> String {
         }
         Question::May { what } => format!("{what}\nyes / no"),
     }
+}
+
+/// mm and degrees.
+pub(super) fn position(stands: &Position) -> String {
+    let stands = stands.iter().map(|(axis, at)| format!("{axis} {:.3}", axis.to_edge(at)));
+    stands.collect::<Vec<_>>().join(" ")
 }
 
 pub(super) fn unit(axis: Axis) -> &'static str {

@@ -37,6 +37,8 @@ pub use simulated::{Bench, Faults, Served, Simulated};
 pub trait Named: fmt::Debug + Send + Sync {
     /// The language it is spoken to, a folder of `gcode-templates/`.
     fn dialect(&self) -> &str;
+    /// Where it is reached, in words.
+    fn at(&self) -> String;
     /// Open its links and start its task. Nothing is commanded yet. Call inside a tokio runtime.
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a>;
     /// Why it could not be opened or prepared, which `failed` has told; the most likely first, and

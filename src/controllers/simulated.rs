@@ -15,7 +15,7 @@ use tokio::task::JoinHandle;
 use super::{Controller, ControllerError, Named, grbl, modbus};
 use crate::gcode::Dialect;
 use crate::link::faults::{BadWire, Planned};
-use crate::link::{self, Address, HostPort, Link, LinkError};
+use crate::link::{self, HostPort, Link, LinkError};
 use crate::record::machine::Machine;
 use crate::world::World;
 use crate::world::interpreter::Pace;
@@ -104,11 +104,7 @@ impl Drop for Served {
 /// Where it is, as `[controller]` of a machine file names it.
 impl fmt::Display for Served {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.at {
-            link::Named::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
-            link::Named::Serial { path, .. } => write!(f, "{}", path.display()),
-            link::Named::SerialId { id, .. } => write!(f, "{id}"),
-        }
+        self.at.fmt(f)
     }
 }
 

@@ -1,5 +1,6 @@
 //! How a person names a link: `serial`, `serial_id` or `tcp`.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -56,7 +57,27 @@ pub enum Named {
     Tcp(HostPort),
 }
 
+impl fmt::Display for Named {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial { path, .. } => write!(f, "{}", path.display()),
+            Self::SerialId { id, .. } => write!(f, "{id}"),
+            Self::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
+        }
+    }
+}
+
 impl Named {
+    /// With its speed.
+    pub fn in_full(&self) -> String {
+        match self {
+            Self::Serial { baud, .. } | Self::SerialId { baud, .. } => {
+                format!("{self} at {baud} baud")
+            }
+            Self::Tcp(_) => self.to_string(),
+        }
+    }
+
     /// From the keys of a table; a serial port without `baud` gets `usual`.
     ///
     /// # Errors

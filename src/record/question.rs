@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::base::Axis;
+use crate::base::{Axis, Position};
 
 /// A small straight move of one axis from where it stands.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -26,6 +26,9 @@ pub enum Stylus {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Question {
+    /// The control says that it stands here, machine coordinates. Does its own display show the same?
+    /// Yes or no.
+    Shows(Position),
     /// May the machine move so, and then back? `look_for`: what will be seen, in words. Yes or no.
     MayJog { jog: Jog, look_for: String },
     /// What was seen? `Saw`.

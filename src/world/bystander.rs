@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::World;
-use crate::base::Position;
+use crate::base::{Axis, Position};
 use crate::record::question::{Answer, Jog, Question, Seen, Stylus};
 
 /// What moves less than this is not seen, mm or degrees.
@@ -25,6 +25,7 @@ impl Bystander {
 
     pub fn answer(&mut self, question: &Question) -> Answer {
         match question {
+            Question::Shows(told) => self.shows(told),
             Question::MayJog { .. } | Question::MayHold(_) => {
                 let stands = self.world().true_axes();
                 self.before = stands;
@@ -37,6 +38,13 @@ impl Bystander {
             }
             Question::Released { .. } | Question::May { .. } => Answer::Yes,
         }
+    }
+
+    /// The display has what the control itself believes.
+    fn shows(&self, told: &Position) -> Answer {
+        let shown = self.world().position();
+        let differs = |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > VISIBLE;
+        if told.iter().any(differs) { Answer::No } else { Answer::Yes }
     }
 
     fn saw(&self, jog: &Jog) -> Seen {

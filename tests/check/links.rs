@@ -161,6 +161,11 @@ pub const MISTAKES: &[Mistake] = &[
         "a device answers as unit 1, none as 7",
     ),
     row("words the other way", || read_as("order = \"cdab\""), "wrong word order of the positions"),
+    row(
+        "a scale too small",
+        || read_as("scale = 0.00005"),
+        "its own display shows another position",
+    ),
     row("a scale too large", || read_as("scale = 0.1"), "wrong scale of the positions"),
     row(
         "whole numbers read as floating",

@@ -147,12 +147,11 @@ async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     let (mut begun, mut ended, mut between) = (None::<Instant>, None::<Instant>, false);
     let mut tell = |event: &Event| match event {
         Event::StageStarted { .. } => between = true,
-        Event::StepStarted { .. } => {
-            if std::mem::take(&mut between) {
-                let now = Instant::now();
-                stages.extend(ended.map(|ended| now - ended));
-                begun = Some(now);
-            }
+        Event::StepStarted { .. } if between => {
+            between = false;
+            let now = Instant::now();
+            stages.extend(ended.map(|ended| now - ended));
+            begun = Some(now);
         }
         // Told once it is stored.
         Event::ReadingStored { .. } => {

@@ -49,6 +49,10 @@ impl Named for Config {
         &self.dialect
     }
 
+    fn at(&self) -> String {
+        self.link.in_full()
+    }
+
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
         Box::pin(async move {
             let link = link::open(&self.link.address()?).await?;

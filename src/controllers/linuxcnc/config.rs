@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{LinuxCnc, Settings};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
-use crate::link::HostPort;
+use crate::link::{Address, HostPort};
 use crate::record::machine::Machine;
 
 #[derive(Debug, Deserialize)]
@@ -36,6 +36,10 @@ fn dialect() -> String {
 impl Named for Config {
     fn dialect(&self) -> &str {
         &self.dialect
+    }
+
+    fn at(&self) -> String {
+        format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
     }
 
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {

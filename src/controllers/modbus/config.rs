@@ -135,6 +135,10 @@ impl Named for Config {
         &self.dialect
     }
 
+    fn at(&self) -> String {
+        format!("{}, unit {}", self.line.at.in_full(), self.unit)
+    }
+
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
         Box::pin(async move {
             let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;

@@ -7,6 +7,7 @@ use serde_json::json;
 use tokio::net::TcpListener;
 
 use super::firmware::{Diary, Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use super::window::Patience;
 use super::{Config, ModbusControl};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt};
@@ -81,6 +82,57 @@ async fn a_control_that_lives_no_more_is_not_believed() {
     let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();
     assert!(matches!(error, ControllerError::Frozen), "{error}");
+}
+
+/// Its program stops in mid-move; what it shows stays as it is, and could be taken for a machine that
+/// moves slowly.
+#[tokio::test]
+async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
+    let frozen = vec![fault(FaultKind::Frozen, 20)];
+    let (driver, ..) = driver("", Pace::Real, frozen).await;
+    let heartbeat = Duration::from_millis(400);
+    let day = Duration::from_secs(86_400);
+    let patience = Patience { heartbeat, stall: day, answer: day, ..Patience::default() };
+    let mut driver = driver.with_patience(patience);
+    driver.prepare().await.unwrap();
+    let mut ended = Ok(Default::default());
+    for x_mm in 1..30 {
+        ended = driver.execute(&slowly_to(f64::from(x_mm))).await;
+        if ended.is_err() {
+            break;
+        }
+    }
+    assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
+}
+
+/// A touch with one status torn, whichever it is: half of it from before.
+#[tokio::test]
+async fn a_torn_status_is_never_a_reading() {
+    let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
+    let down = |z_mm: f64| Position::new().with(Axis::Z, z_mm);
+    let probe = |from: f64, to: f64| Block {
+        step: 1,
+        repeat: 0,
+        motions: vec![
+            Motion::Rapid { to: x(from) },
+            Motion::Probe { to: x(to), feed_mm_min: 60.0 },
+            Motion::BackOff { to: x(from), feed_mm_min: 300.0 },
+        ],
+    };
+    let mut torn_within = 0;
+    for at_request in 0..120 {
+        let torn = Fault { at_request, ..fault(FaultKind::Torn, 0) };
+        let (mut driver, _, diary) = driver("", Pace::Fast, vec![torn]).await;
+        driver.prepare().await.unwrap();
+        let begun = diary.lock().unwrap().len();
+        let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
+        driver.execute(&Block { step: 0, repeat: 0, motions: way }).await.unwrap();
+        let far = driver.execute(&probe(60.0, 20.0)).await.unwrap().touch.unwrap();
+        let diary = diary.lock().unwrap();
+        torn_within += usize::from(diary[begun..].contains(&Entry::Wrong(FaultKind::Torn)));
+        assert!((far.at(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.at(Axis::X));
+    }
+    assert!(torn_within > 20, "{torn_within}");
 }
 
 pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {

@@ -102,10 +102,6 @@ impl Line {
 
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.at {
-            Named::Serial { path, .. } => write!(f, "{}", path.display()),
-            Named::SerialId { id, .. } => write!(f, "{id}"),
-            Named::Tcp(tcp) => write!(f, "{}", Address::from(tcp)),
-        }
+        self.at.fmt(f)
     }
 }

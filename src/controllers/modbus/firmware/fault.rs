@@ -17,6 +17,8 @@ const USUAL_LATE_S: f64 = 0.7;
 const USUAL_SCAN_S: f64 = 0.010;
 
 const MANY: usize = 8;
+/// First register of the latch.
+const LATCH: usize = 20;
 
 /// One thing that goes wrong, once: at the first request after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -280,12 +282,16 @@ impl Firmware {
         Ok(Response::WriteMultipleRegisters(*at, count))
     }
 
-    /// Its tail is of the block before.
+    /// From the latch on it is of the block before.
     fn torn(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let before = self.shown.clone();
         match self.obey(request) {
             Ok(Response::ReadInputRegisters(mut words)) => {
-                if let Some(tail) = words.last_mut() {
-                    *tail = tail.wrapping_sub(1);
+                for (word, old) in words.iter_mut().zip(before).skip(LATCH) {
+                    *word = old;
+                }
+                if let (Some(head), Some(tail)) = (words.first().copied(), words.last_mut()) {
+                    *tail = head.wrapping_sub(1);
                 }
                 Ok(Response::ReadInputRegisters(words))
             }

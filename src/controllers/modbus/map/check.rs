@@ -29,6 +29,9 @@ pub(super) fn map(map: &Map) -> Result<(), String> {
                 .to_owned(),
         );
     }
+    if !resident {
+        together(map)?;
+    }
     scales(map)?;
     inside(map)?;
     let command = map.command.spans().into_iter();
@@ -38,6 +41,30 @@ pub(super) fn map(map: &Map) -> Result<(), String> {
     let status =
         status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
     apart(command.chain(status).collect())
+}
+
+/// One request writes a line and what goes with it: of one that comes late, from the line before, nothing
+/// can be left beside what belongs to the next.
+fn together(map: &Map) -> Result<(), String> {
+    const WITH_A_LINE: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
+    let mut spans = map.command.spans();
+    spans.retain(|(name, ..)| WITH_A_LINE.contains(name));
+    spans.sort_by_key(|(_, at, _)| *at);
+    let beside = |pair: &[(&str, u16, u16)]| match pair {
+        [(_, at, count), (_, next, _)] => u32::from(*at) + u32::from(*count) == u32::from(*next),
+        _ => true,
+    };
+    let registers: usize = spans.iter().map(|(.., count)| usize::from(*count)).sum();
+    let last = spans.last().is_some_and(|(name, ..)| *name == "chunk");
+    // The heartbeat may lie before them, and goes with them then.
+    if last && spans.windows(2).all(beside) && registers < MOST_WRITTEN {
+        return Ok(());
+    }
+    Err(format!(
+        "`command.acknowledge`, `crc`, `length` and `chunk` must lie side by side, `chunk` last, {} \
+         registers at most: one request writes them, so that nothing of a line before is left beside them",
+        MOST_WRITTEN - 1
+    ))
 }
 
 fn scales(map: &Map) -> Result<(), String> {

@@ -52,6 +52,9 @@ fn a_map_that_cannot_be_is_refused_in_words() {
     for (text, why) in [
         ("[command]\nhold = { address = 1 }", "lie over each other"),
         ("[command]\nchunk = { registers = 124 }", "one request writes"),
+        ("[command]\nchunk = { registers = 120 }", "must lie side by side"),
+        ("[command]\ncrc = { address = 200 }", "must lie side by side"),
+        ("[command]\nlength = { address = 106 }\ncrc = { address = 5 }", "must lie side by side"),
         ("[status]\nsequence_tail = { address = 200 }", "one request reads"),
         ("[status]\nstate = { address = 60 }", "lies outside the block"),
         ("[status]\nspace = \"coil\"", "bits hold no numbers"),
