@@ -9,9 +9,12 @@ use crate::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let may_move = introduce(check).await?;
-    prepare(check).await?;
+    if may_move {
+        return prepare(check).await;
+    }
     // Where its positions are not what they seem, a small jog may go anywhere.
-    if may_move { Ok(()) } else { Err(Ended::Unsafe) }
+    ready(check).await?;
+    Err(Ended::Unsafe)
 }
 
 /// What it says of itself, and whether it may move so. One that says nothing is told by what follows.
@@ -54,18 +57,24 @@ async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
     Ok(may_move)
 }
 
-/// Make it ready. A probe that reads closed is left to the next part.
+/// Make it ready, and the first time see that it stands where it says.
 pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
+    let first = check.stands.is_none();
+    ready(check).await?;
+    if first && check.stands.is_some() { display(check).await } else { Ok(()) }
+}
+
+/// A probe that reads closed is left to the next part.
+async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
             let stands = position(&prepared.stands);
             let what = format!("ready; it stands at {stands}; how it stops: {}", prepared.stop);
-            let first = check.stands.is_none();
             check.summary.control = Some(prepared.identity);
             check.stands = Some(prepared.stands);
             check.well(Part::Control, since, what);
-            if first { display(check).await } else { Ok(()) }
+            Ok(())
         }
         Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),
         Err(error) => {

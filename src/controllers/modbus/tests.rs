@@ -91,8 +91,8 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     let frozen = vec![fault(FaultKind::Frozen, 20)];
     let (driver, ..) = driver("", Pace::Real, frozen).await;
     let heartbeat = Duration::from_millis(400);
-    let day = Duration::from_secs(86_400);
-    let patience = Patience { heartbeat, stall: day, answer: day, ..Patience::default() };
+    let long = Duration::from_secs(10);
+    let patience = Patience { heartbeat, stall: long, answer: long, ..Patience::default() };
     let mut driver = driver.with_patience(patience);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
