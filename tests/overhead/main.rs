@@ -17,6 +17,7 @@ const ROUNDS: usize = 12;
 const MOST: Duration = Duration::from_millis(5);
 
 #[test]
+#[ignore = "a measured time depends on the computer: .ci/long"]
 fn the_daemon_adds_at_most_5_ms_to_a_touch() {
     for wire in Wire::ALL {
         let prepared = Prepared::of(wire);
