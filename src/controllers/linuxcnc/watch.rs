@@ -15,7 +15,7 @@ use crate::controllers::ControllerError;
 
 /// LinuxCNC's task runs every 5 ms in its own samples.
 const POLL: Duration = Duration::from_millis(4);
-/// Idle for so long without the log's end: the program was stopped.
+/// Idle for so long without the log's end, and again after a sign of life: the program was stopped.
 const STOPPED: Duration = Duration::from_millis(60);
 /// After so long without a change it is asked for a sign of life, and again each time.
 const QUIET: Duration = Duration::from_secs(1);
@@ -31,7 +31,7 @@ pub(super) async fn run(
     rests: Duration,
 ) -> Result<Log, ControllerError> {
     rsh.command("run").await?;
-    let mut idle_since = None;
+    let (mut idle_since, mut settled) = (None, false);
     let mut still = Still::now();
     loop {
         let status = rsh.get("program_status").await?;
@@ -39,13 +39,18 @@ pub(super) async fn run(
         match status.as_str() {
             "IDLE" => {
                 let since = *idle_since.get_or_insert_with(Instant::now);
-                if log.ended || since.elapsed() > STOPPED {
+                let stopped = since.elapsed() > STOPPED;
+                if log.ended || stopped && settled {
                     return Ok(log);
+                }
+                if stopped {
+                    settle(rsh).await?;
+                    (idle_since, settled) = (None, true);
                 }
             }
             "PAUSED" => return Err(held("pause was pressed")),
             _ => {
-                idle_since = None;
+                (idle_since, settled) = (None, false);
                 still.judge(rsh, log.lines, rests).await?;
             }
         }
@@ -88,6 +93,15 @@ impl Still {
         }
         self.asked = Instant::now();
         Ok(())
+    }
+}
+
+/// On a computer that is late, idle may be from before the program began, and a message still on its way:
+/// a task that takes a command has shown its state anew. While it is stopped it refuses.
+async fn settle(rsh: &mut Rsh) -> Result<(), ControllerError> {
+    match sign_of_life(rsh).await {
+        Err(ControllerError::Refused { .. }) => Ok(()),
+        told => told,
     }
 }
 
