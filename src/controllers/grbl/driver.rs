@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::check;
 use super::fault::stands_after;
-use super::message::Message;
+use super::message::{Message, Status};
 use super::wire::{Patience, Wire};
 use crate::base::{Axis, Position};
 use crate::controllers::lines::Lines;
@@ -90,63 +90,79 @@ impl Grbl {
         Ok(said)
     }
 
+    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
     async fn act(
         &mut self,
         lines: &Lines<'_>,
         outcome: &mut Outcome,
-    ) -> Result<(), ControllerError> {
+        seen: Option<Status>,
+    ) -> Result<Option<Status>, ControllerError> {
         let step = lines.step;
         match lines.motion {
             Motion::Dwell { .. } => {
                 self.send(lines).await?;
+                Ok(None)
             }
             Motion::Orient { s } => {
                 self.send(lines).await?;
                 self.spindle = Some(*s);
+                Ok(None)
             }
-            Motion::Rapid { to } => self.rapid(lines, to).await?,
+            Motion::Rapid { to } => self.rapid(lines, to).await.map(Some),
             Motion::BackOff { to, .. } => {
                 self.send(lines).await?;
-                self.arrive(to).await?;
-                self.open_probe(step).await?;
+                let status = self.arrive(to).await?;
+                self.open_probe(step, &status).await?;
+                Ok(Some(status))
             }
             Motion::Guarded { to, .. } => {
                 if self.probe(lines).await?.hit {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.arrive(to).await?;
+                self.arrive(to).await.map(Some)
             }
-            Motion::Probe { .. } => self.touch(lines, outcome).await?,
+            Motion::Probe { .. } => {
+                let stands = self.rests(seen).await?;
+                self.open_probe(step, &stands).await?;
+                self.touch(lines, outcome).await.map(Some)
+            }
         }
-        Ok(())
+    }
+
+    /// How the machine stands, asked unless it was `seen` since it last moved.
+    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
+        match seen {
+            Some(status) => Ok(status),
+            None => self.wire.idle().await,
+        }
     }
 
     /// A positioning move. The control does not look at the probe: the reports are.
-    async fn rapid(&mut self, lines: &Lines<'_>, to: &Position) -> Result<(), ControllerError> {
+    async fn rapid(&mut self, lines: &Lines<'_>, to: &Position) -> Result<Status, ControllerError> {
         self.wire.free = Some(lines.step);
-        let sent = self.send(lines).await;
-        let arrived = if sent.is_ok() { self.arrive(to).await } else { Ok(()) };
+        let arrived = match self.send(lines).await {
+            Ok(_) => self.arrive(to).await,
+            Err(error) => Err(error),
+        };
         self.wire.free = None;
-        sent.and(arrived)
+        arrived
     }
 
     async fn touch(
         &mut self,
         lines: &Lines<'_>,
         outcome: &mut Outcome,
-    ) -> Result<(), ControllerError> {
+    ) -> Result<Status, ControllerError> {
         let step = lines.step;
-        self.wire.idle().await?;
-        self.open_probe(step).await?;
         let said = self.probe(lines).await?;
         if !said.hit {
             return Err(ControllerError::NoContact { step });
         }
         let contact = self.position(&said.values)?;
-        self.confirm(step, &said, &contact).await?;
+        let stands = self.confirm(step, &said, &contact).await?;
         outcome.touch = Some(contact);
         outcome.t_s = said.t_s;
-        Ok(())
+        Ok(stands)
     }
 }
 
@@ -155,10 +171,11 @@ impl Grbl {
         let mut outcome = Outcome::default();
         let lines = lines::of(block, &self.dialect, &self.wanted, self.line_limit)?;
         self.begin(block).await?;
+        let mut seen = None;
         for lines in &lines {
-            self.act(lines, &mut outcome).await?;
+            seen = self.act(lines, &mut outcome, seen).await?;
         }
-        let status = self.wire.idle().await?;
+        let status = self.rests(seen).await?;
         outcome.t_s = outcome.t_s.or(status.t_s);
         Ok(outcome)
     }
@@ -168,10 +185,10 @@ impl Grbl {
         let status = self.wire.status().await?;
         check::probe_health(&status, &self.dialect)?;
         let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
-        if status.probe_closed && !backs_off {
-            self.open_probe(block.step).await?;
+        if !backs_off {
+            self.open_probe(block.step, &status).await?;
         }
-        let stands = self.stands(status)?;
+        let stands = self.stands(&status)?;
         self.unmoved(&stands).await
     }
 
@@ -216,7 +233,7 @@ impl Driver for Grbl {
         }
         let status = self.wire.status().await?;
         let probe_closed = status.probe_closed;
-        self.stood = self.stands(status)?;
+        self.stood = self.stands(&status)?;
         Ok(Look { probe_closed, stands: self.stood.clone() })
     }
 

@@ -38,7 +38,7 @@ impl Grbl {
         let status = self.wire.idle().await?;
         check::probe_open(&status)?;
         check::probe_health(&status, &self.dialect)?;
-        self.stood = self.stands(status)?;
+        self.stood = self.stands(&status)?;
         Ok(Prepared { identity, stop: self.stop.clone(), stands: self.stood.clone() })
     }
 

@@ -66,10 +66,10 @@ impl Grbl {
         step: u32,
         said: &Touch,
         contact: &Position,
-    ) -> Result<(), ControllerError> {
+    ) -> Result<Status, ControllerError> {
         let from = self.stood.clone();
         let status = self.wire.idle().await?;
-        self.stood = self.stands(status)?;
+        self.stood = self.stands(&status)?;
         let again = touch_of(&self.wire.ask("$#").await?)?;
         if again != *said {
             let (first, again) = (format!("{said:?}"), format!("{again:?}"));
@@ -77,18 +77,18 @@ impl Grbl {
         }
         let contact = contact.only(|axis| axis != Axis::S);
         let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), Err)
+        astray.map_or(Ok(status), Err)
     }
 
     /// Wait until the machine stands, and see that it stands where it was sent.
-    pub(super) async fn arrive(&mut self, target: &Position) -> Result<(), ControllerError> {
+    pub(super) async fn arrive(&mut self, target: &Position) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + self.wire.patience.aftermath;
         let target = target.only(|axis| axis != Axis::S);
         loop {
             let status = self.wire.idle().await?;
-            self.stood = self.stands(status)?;
+            self.stood = self.stands(&status)?;
             match check::astray(&target, &self.stood, |axis| self.tolerance(axis)) {
-                None => return Ok(()),
+                None => return Ok(status),
                 // The reports may be older than the motion.
                 Some(error) if Instant::now() > deadline => return Err(error),
                 Some(_) => sleep(self.wire.patience.poll / 10).await,
@@ -103,7 +103,7 @@ impl Grbl {
         if check::astray(&stood, stands, |axis| self.tolerance(axis)).is_none() {
             return Ok(());
         }
-        self.arrive(&stood).await.map_err(moved_by_hand)
+        self.arrive(&stood).await.map(drop).map_err(moved_by_hand)
     }
 
     fn tolerance(&self, axis: Axis) -> f64 {
@@ -111,12 +111,12 @@ impl Grbl {
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
-    pub(super) fn stands(&self, status: Status) -> Result<Position, ControllerError> {
-        let values = status.position.ok_or_else(|| ControllerError::NotReady {
+    pub(super) fn stands(&self, status: &Status) -> Result<Position, ControllerError> {
+        let values = status.position.as_ref().ok_or_else(|| ControllerError::NotReady {
             state: "its reports hide the machine position".to_owned(),
             remedy: "set $10=511 at the control".to_owned(),
         })?;
-        self.position(&values)
+        self.position(values)
     }
 
     pub(super) fn position(&self, values: &[f64]) -> Result<Position, ControllerError> {
@@ -130,17 +130,21 @@ impl Grbl {
         Ok(axes.chain(spindle).collect())
     }
 
-    /// The probe reads open, or does so before long.
-    pub(super) async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
+    /// The probe reads open in the status just `seen`, or does so before long.
+    pub(super) async fn open_probe(
+        &mut self,
+        step: u32,
+        seen: &Status,
+    ) -> Result<(), ControllerError> {
         let deadline = Instant::now() + SETTLE;
-        loop {
-            if !self.wire.status().await?.probe_closed {
-                return Ok(());
-            }
+        let mut closed = seen.probe_closed;
+        while closed {
             if Instant::now() > deadline {
                 return Err(ControllerError::StillTripped { step });
             }
             sleep(SETTLE / 10).await;
+            closed = self.wire.status().await?.probe_closed;
         }
+        Ok(())
     }
 }

@@ -97,7 +97,7 @@ impl ModbusControl {
     }
 
     /// The lines of one motion; the status after the last.
-    async fn send(&mut self, lines: &Lines<'_>) -> Result<Option<Status>, ControllerError> {
+    async fn send(&mut self, lines: &Lines<'_>) -> Result<Status, ControllerError> {
         let clamps = self.dialect.clamps_rest_s(lines.motion);
         let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
         let still = standstill(lines.motion) + clamps;
@@ -105,51 +105,68 @@ impl ModbusControl {
         for line in &lines.text {
             status = Some(self.window.ask(line, still).await?);
         }
-        Ok(status)
+        self.rests(status).await
     }
 
+    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
     async fn act(
         &mut self,
         lines: &Lines<'_>,
         outcome: &mut Outcome,
-    ) -> Result<(), ControllerError> {
+        seen: Option<Status>,
+    ) -> Result<Status, ControllerError> {
         let step = lines.step;
         match lines.motion {
-            Motion::Dwell { .. } => {
-                self.send(lines).await?;
-            }
+            Motion::Dwell { .. } => self.send(lines).await,
             Motion::Orient { s } => {
-                self.send(lines).await?;
+                let status = self.send(lines).await?;
                 self.spindle = Some(*s);
+                Ok(status)
             }
             Motion::Rapid { to } => {
                 // The control does not look at the probe during it: the status is.
                 self.window.free = Some(step);
                 let sent = self.send(lines).await;
                 self.window.free = None;
-                self.arrive(sent?, to).await?;
+                self.arrive(sent?, to)
             }
             Motion::BackOff { to, .. } => {
                 let status = self.send(lines).await?;
-                self.arrive(status, to).await?;
-                self.open_probe(step).await?;
+                let status = self.arrive(status, to)?;
+                self.open_probe(step, status).await
             }
             Motion::Guarded { to, .. } => {
-                let (hit, status) = self.probe(lines).await?;
+                let seen = self.rests(seen).await?;
+                let (hit, status) = self.probe(lines, &seen).await?;
                 if hit {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.arrive(Some(status), to).await?;
+                self.arrive(status, to)
             }
-            Motion::Probe { .. } => self.touch(lines, outcome).await?,
+            Motion::Probe { .. } => {
+                let seen = self.rests(seen).await?;
+                let seen = self.open_probe(step, seen).await?;
+                self.touch(lines, outcome, &seen).await
+            }
         }
-        Ok(())
     }
 
-    /// A probing move: whether it met something. The control counts its contacts.
-    async fn probe(&mut self, lines: &Lines<'_>) -> Result<(bool, Status), ControllerError> {
+    /// How the machine stands, asked unless it was `seen` since it last moved.
+    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
+        match seen {
+            Some(status) => Ok(status),
+            None => self.window.idle().await,
+        }
+    }
+
+    /// A probing move: whether it met something. The control counts its contacts, `seen` those before.
+    async fn probe(
+        &mut self,
+        lines: &Lines<'_>,
+        seen: &Status,
+    ) -> Result<(bool, Status), ControllerError> {
         let step = lines.step;
-        let before = self.window.idle().await?.latches;
+        let before = seen.latches;
         let status = self.send(lines).await.map_err(|error| match error {
             ControllerError::Alarm { code, .. } if code == u32::from(PROBE_CLOSED) => {
                 ControllerError::StillTripped { step }
@@ -157,10 +174,6 @@ impl ModbusControl {
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
         })?;
-        let status = match status {
-            Some(status) => status,
-            None => self.window.idle().await?,
-        };
         match status.latches.wrapping_sub(before) {
             0 => Ok((false, status)),
             1 => Ok((true, status)),
@@ -176,10 +189,10 @@ impl ModbusControl {
         &mut self,
         lines: &Lines<'_>,
         outcome: &mut Outcome,
-    ) -> Result<(), ControllerError> {
+        seen: &Status,
+    ) -> Result<Status, ControllerError> {
         let step = lines.step;
-        self.open_probe(step).await?;
-        let (hit, status) = self.probe(lines).await?;
+        let (hit, status) = self.probe(lines, seen).await?;
         if !hit {
             return Err(ControllerError::NoContact { step });
         }
@@ -192,7 +205,7 @@ impl ModbusControl {
         }
         outcome.touch = Some(contact.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect());
         outcome.t_s = status.latch_time_s;
-        Ok(())
+        Ok(status)
     }
 
     /// Only the axes that the machine has.
@@ -200,20 +213,16 @@ impl ModbusControl {
         told.only(|axis| self.wanted.contains(&axis))
     }
 
-    /// The machine stands where it was sent.
-    pub(super) async fn arrive(
+    /// The machine stands where it was sent, as `status` says.
+    pub(super) fn arrive(
         &mut self,
-        status: Option<Status>,
+        status: Status,
         target: &Position,
-    ) -> Result<(), ControllerError> {
-        let status = match status {
-            Some(status) => status,
-            None => self.window.idle().await?,
-        };
-        self.stood = status.position;
+    ) -> Result<Status, ControllerError> {
+        self.stood = status.position.clone();
         let target = target.only(|axis| axis != Axis::S);
         let astray = arrival::astray(&target, &self.stood, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), Err)
+        astray.map_or(Ok(status), Err)
     }
 
     pub(super) fn tolerance(&self, axis: Axis) -> f64 {
@@ -221,16 +230,22 @@ impl ModbusControl {
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
-    /// The probe reads open, or does so before long.
-    pub(super) async fn open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
+    /// The probe reads open in the status just `seen`, or does so before long; the status that shows it.
+    pub(super) async fn open_probe(
+        &mut self,
+        step: u32,
+        seen: Status,
+    ) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + SETTLE;
-        while self.window.idle().await?.probe_closed {
+        let mut status = seen;
+        while status.probe_closed {
             if Instant::now() > deadline {
                 return Err(ControllerError::StillTripped { step });
             }
             sleep(SETTLE / 10).await;
+            status = self.window.idle().await?;
         }
-        Ok(())
+        Ok(status)
     }
 
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
@@ -242,21 +257,22 @@ impl ModbusControl {
         let limit = self.window.map.command.chunk.bytes() + 1;
         let lines = lines::of(block, &self.dialect, &self.wanted, limit)?;
         self.begin(block).await?;
+        let mut seen = None;
         for lines in &lines {
-            self.act(lines, &mut outcome).await?;
+            seen = Some(self.act(lines, &mut outcome, seen).await?);
         }
-        let status = self.window.idle().await?;
+        let status = self.rests(seen).await?;
         outcome.t_s = outcome.t_s.or(status.time_s);
         Ok(outcome)
     }
 
     /// Before a block moves: the probe is well and open, and nobody has moved the machine.
     pub(super) async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
-        let status = self.window.idle().await?;
+        let mut status = self.window.idle().await?;
         self.probe_health(&status)?;
         let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
-        if status.probe_closed && !backs_off {
-            self.open_probe(block.step).await?;
+        if !backs_off {
+            status = self.open_probe(block.step, status).await?;
         }
         let astray = arrival::astray(&self.stood, &status.position, |axis| self.tolerance(axis));
         astray.map_or(Ok(()), |error| Err(moved_by_hand(error)))

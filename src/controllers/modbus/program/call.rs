@@ -66,9 +66,9 @@ impl ModbusControl {
         }
         self.spindle = block.motions.iter().rev().find_map(orientation).or(self.spindle);
         let end = rows::end(&rows, &self.stood);
-        self.arrive(Some(status), &end).await?;
+        let status = self.arrive(status, &end)?;
         if rows.last().is_some_and(|row| row.does != Does::Touch) {
-            self.open_probe(block.step).await?;
+            self.open_probe(block.step, status).await?;
         }
         Ok(outcome)
     }
