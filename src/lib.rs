@@ -21,6 +21,7 @@ pub mod proof;
 pub mod record;
 pub mod report;
 pub mod run;
+pub mod sensors;
 pub mod service;
 pub mod setup;
 pub mod store;

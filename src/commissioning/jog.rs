@@ -154,6 +154,7 @@ fn plan(file: &MachineFile) -> Plan {
         settings: serde_json::Value::Null,
         machine: file.machine.clone(),
         probe: file.probe.clone(),
+        sensors: Vec::new(),
         keepout: file.keepout.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),

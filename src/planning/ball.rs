@@ -106,6 +106,7 @@ impl Access {
                     feed_mm_min: task.approach.feed_mm_min(probe),
                     sensor: "probe".to_owned(),
                     normal: contact.normal.to_array(),
+                    scan: None,
                 })
             })
             .collect()

@@ -49,6 +49,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
         feed_mm_min: 30.0,
         sensor: "probe".into(),
         normal: [phi.cos(), phi.sin(), 0.0],
+        scan: None,
     }
 }
 

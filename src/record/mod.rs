@@ -9,3 +9,4 @@ pub mod plan;
 pub mod proof;
 pub mod question;
 pub mod reading;
+pub mod sensor;

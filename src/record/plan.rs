@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::artefact::Artefact;
 use super::machine::{Keepout, Machine, Probe, Solid};
+use super::sensor::Sensor;
 use crate::base::Position;
 
 /// Version of the plan format, the value of the key `trued_plan`.
@@ -22,6 +23,9 @@ pub struct Plan {
     pub settings: serde_json::Value,
     pub machine: Machine,
     pub probe: Probe,
+    /// What sits in the spindle in place of the probe, if anything does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<Sensor>,
     #[serde(default)]
     pub keepout: Vec<Keepout>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -59,8 +63,29 @@ pub struct Step {
     pub to: Position,
     pub feed_mm_min: f64,
     pub sensor: String,
-    /// Outward surface normal where contact is expected, machine frame.
+    /// Outward surface normal where contact is expected, machine frame; of a scan: against the beam.
     pub normal: [f64; 3],
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub scan: Option<Scan>,
+}
+
+/// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of
+/// the step is the first point, `to` the last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scan {
+    pub path: Vec<Position>,
+    #[serde(flatten)]
+    pub sampling: Sampling,
+}
+
+/// When samples are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Sampling {
+    /// At each point: it rests so long, then so many samples are taken while it stands.
+    Dwell { dwell_s: f64, samples: u32 },
+    /// All the way, so many a second, with positions from a control that stamps them.
+    Continuous { rate_hz: f64 },
 }
 
 /// A part of the plan that is proven and run as a whole; the method sees its readings before it

@@ -53,6 +53,7 @@ pub fn header(
         settings: method.settings(),
         machine: file.machine.clone(),
         probe: file.probe.clone(),
+        sensors: Vec::new(),
         keepout: file.keepout.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),

@@ -38,6 +38,7 @@ fn step(id: u32) -> Step {
         feed_mm_min: 30.0,
         sensor: "probe".to_owned(),
         normal: [angle.cos(), angle.sin(), 0.0],
+        scan: None,
     }
 }
 

@@ -61,6 +61,7 @@ impl Place {
             feed_mm_min: feed,
             sensor: "probe".to_owned(),
             normal: self.normal,
+            scan: None,
         }
     }
 

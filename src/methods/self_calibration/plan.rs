@@ -242,6 +242,7 @@ impl<'a> Planner<'a> {
             feed_mm_min: spec.feed_mm_min,
             sensor: "probe".to_owned(),
             normal: normal.to_array(),
+            scan: None,
         })
     }
 

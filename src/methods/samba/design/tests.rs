@@ -46,6 +46,7 @@ pub fn plan(settings: &Settings) -> Plan {
         settings: serde_json::to_value(settings).unwrap(),
         machine: machine("wCBXFZYSt"),
         probe: serde_json::from_str(r#"{"ball_radius_mm":3.0}"#).unwrap(),
+        sensors: Vec::new(),
         keepout: Vec::new(),
         solids: Vec::new(),
         artefact: Artefact::Balls(rumba()),

@@ -31,6 +31,7 @@ pub fn plan() -> Plan {
         settings: serde_json::Value::Null,
         machine: machine.try_into().unwrap(),
         probe: part("probe").try_into().unwrap(),
+        sensors: Vec::new(),
         keepout: Vec::new(),
         solids: Vec::deserialize(part("solid")).unwrap(),
         artefact: part("artefact").try_into().unwrap(),

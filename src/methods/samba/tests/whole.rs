@@ -82,6 +82,7 @@ impl World {
                     feed_mm_min: 30.0,
                     sensor: "probe".into(),
                     normal: n.to_array(),
+                    scan: None,
                 });
                 readings.push(Reading {
                     step: id,
@@ -136,6 +137,7 @@ impl World {
             settings: serde_json::Value::Null,
             machine,
             probe: serde_json::from_str(&probe).unwrap(),
+            sensors: Vec::new(),
             keepout: Vec::new(),
             solids: Vec::new(),
             artefact: Artefact::Balls(balls),

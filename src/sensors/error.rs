@@ -1,0 +1,34 @@
+//! What can go wrong at a sensor, and what a person should do next.
+
+use crate::link::LinkError;
+use crate::link::modbus::ModbusError;
+
+#[derive(Debug, thiserror::Error)]
+pub enum SensorError {
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    #[error(transparent)]
+    Modbus(#[from] ModbusError),
+    #[error("nothing came from the sensor within {seconds} s")]
+    Silent { seconds: f64 },
+    #[error("what the sensor says cannot be understood: {text}")]
+    Strange { text: String, remedy: String },
+    #[error("the sensor's task has ended")]
+    Gone,
+}
+
+impl SensorError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Link(error) => error.remedy().to_owned(),
+            Self::Modbus(error) => error.remedy().to_owned(),
+            Self::Silent { .. } => {
+                "see that the sensor has power, that its cable is plugged in, and that it is set to send"
+                    .to_owned()
+            }
+            Self::Strange { remedy, .. } => remedy.clone(),
+            Self::Gone => "start again; if it happens again, report it".to_owned(),
+        }
+    }
+}

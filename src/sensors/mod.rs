@@ -1,0 +1,156 @@
+//! Floor 5: the seam to displacement sensors. A driver delivers one sample after the other, as they
+//! come; its task owns the link, and no future of it is ever dropped half-way.
+//!
+//! A sample that cannot be trusted is flagged and has no value: nothing is interpolated, and nothing
+//! is zero that was not measured as zero.
+
+use std::future::Future;
+
+use tokio::sync::{mpsc, oneshot};
+
+use crate::record::reading::Flag;
+
+mod error;
+
+pub use error::SensorError;
+
+/// One sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Monotonic time at which it was received, s: the kernel's stamp where there is one.
+    pub t_s: f64,
+    /// Distance from the sensor's zero point; `None` where `flag` says that it means nothing.
+    pub value_mm: Option<f64>,
+    /// `Range`: out of range or no echo; `Saturated`; `Stale`: it did not come, or is one that came
+    /// before; `Gap`: good, but the sensor's counter says that samples before it are missing.
+    pub flag: Flag,
+    /// Samples that are missing before this one, as the sensor's counter says.
+    pub missing: u32,
+}
+
+/// What a sensor says of itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// What is known of it, for the record.
+    pub identity: String,
+    /// Samples a second, as they came.
+    pub rate_hz: f64,
+}
+
+/// What each sensor implements. One call at a time, each runs to its end.
+pub trait Driver: Send + 'static {
+    /// Open, see that it lives and that what it says makes sense.
+    fn prepare(&mut self) -> impl Future<Output = Result<Prepared, SensorError>> + Send;
+    /// Forget what came before now and was not taken.
+    fn forget(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
+    /// The next sample. Silence is a sample as well: after the sensor's time-out it is `Stale`.
+    fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
+    /// It says nothing unless it is asked: there is nothing to watch while the machine moves.
+    fn on_demand(&self) -> bool;
+}
+
+type Good = Box<dyn Fn(&Sample) -> bool + Send>;
+type Act = Box<dyn Fn() + Send>;
+
+enum Request {
+    Prepare(oneshot::Sender<Result<Prepared, SensorError>>),
+    Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
+    Watch(Good, Act),
+    Rest(oneshot::Sender<Result<Option<Sample>, SensorError>>),
+}
+
+/// The handle that a run holds: messages to the driver's task.
+pub struct Sensor {
+    name: String,
+    requests: mpsc::Sender<Request>,
+}
+
+impl Sensor {
+    /// Start the task that owns `driver`. Call inside a tokio runtime.
+    pub fn spawn(name: impl Into<String>, driver: impl Driver) -> Self {
+        let (requests, inbox) = mpsc::channel(1);
+        tokio::spawn(serve(driver, inbox));
+        Self { name: name.into(), requests }
+    }
+
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub async fn prepare(&self) -> Result<Prepared, SensorError> {
+        self.ask(Request::Prepare).await
+    }
+
+    /// The next `count` samples, none from before this call.
+    pub async fn take(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
+        self.ask(|answer| Request::Take(count, answer)).await
+    }
+
+    /// Until [`Sensor::rest`]: the first sample that is not `good` has `act` called, at once and from
+    /// the sensor's task. `act` must not block. A sensor that speaks on demand alone is not watched.
+    pub async fn watch(
+        &self,
+        good: impl Fn(&Sample) -> bool + Send + 'static,
+        act: impl Fn() + Send + 'static,
+    ) -> Result<(), SensorError> {
+        let request = Request::Watch(Box::new(good), Box::new(act));
+        self.requests.send(request).await.map_err(|_| SensorError::Gone)
+    }
+
+    /// End the watch; the sample that was not good, if there was one.
+    pub async fn rest(&self) -> Result<Option<Sample>, SensorError> {
+        self.ask(Request::Rest).await
+    }
+
+    async fn ask<T>(
+        &self,
+        request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> Request,
+    ) -> Result<T, SensorError> {
+        let (answer, result) = oneshot::channel();
+        self.requests.send(request(answer)).await.map_err(|_| SensorError::Gone)?;
+        result.await.map_err(|_| SensorError::Gone)?
+    }
+}
+
+/// The driver's task: requests one after the other until the handle is dropped.
+async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
+    let mut seen = Ok(None);
+    while let Some(request) = inbox.recv().await {
+        match request {
+            Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
+            Request::Take(count, answer) => drop(answer.send(take(&mut driver, count).await)),
+            Request::Watch(good, act) => seen = watch(&mut driver, &inbox, good, act).await,
+            Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
+        }
+    }
+}
+
+async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, SensorError> {
+    driver.forget().await?;
+    let mut samples = Vec::new();
+    for _ in 0..count {
+        samples.push(driver.next().await?);
+    }
+    Ok(samples)
+}
+
+/// Until somebody asks for something else.
+async fn watch(
+    driver: &mut impl Driver,
+    inbox: &mpsc::Receiver<Request>,
+    good: Good,
+    act: Act,
+) -> Result<Option<Sample>, SensorError> {
+    if driver.on_demand() {
+        return Ok(None);
+    }
+    driver.forget().await?;
+    while inbox.is_empty() && !inbox.is_closed() {
+        let sample = driver.next().await.inspect_err(|_| act())?;
+        if !good(&sample) {
+            act();
+            return Ok(Some(sample));
+        }
+    }
+    Ok(None)
+}
