@@ -11,6 +11,7 @@ pub mod self_calibration;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
 
 /// What a method wants next.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,6 +76,15 @@ pub trait Method: Send + Sync {
     /// The next stage after the `done` stages and their readings. With `nominal`, no readings are
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
+
+    /// What it looks with, of the sensors that the machine has; nothing, if it touches.
+    ///
+    /// # Errors
+    /// It looks, and none of them suits.
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        let _ = sensors;
+        Ok(None)
+    }
 
     /// Whether this method can take these estimates as known; asked before anything moves. Most take
     /// none.

@@ -5,6 +5,7 @@ mod draft;
 mod error;
 pub mod machine_file;
 mod rehearsal;
+mod sensors;
 mod site;
 
 use std::path::Path;
@@ -14,6 +15,7 @@ pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
+pub use sensors::Sensors;
 pub use site::Site;
 
 use crate::methods::{self, Method};
@@ -47,13 +49,15 @@ pub fn header(
         method = methods::configure(name, settings)
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
+    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let sensors = method.looks_with(&sensors)?.cloned().into_iter().collect();
     let plan = Plan {
         trued_plan: PLAN_VERSION,
         method: name.to_owned(),
         settings: method.settings(),
         machine: file.machine.clone(),
         probe: file.probe.clone(),
-        sensors: Vec::new(),
+        sensors,
         keepout: file.keepout.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),
