@@ -18,6 +18,11 @@ use crate::record::sensor;
 pub mod can;
 mod entry;
 mod error;
+mod field;
+mod follow;
+mod layout;
+#[cfg(test)]
+mod layout_tests;
 mod simulated;
 
 pub use entry::{Entry, Reached};
