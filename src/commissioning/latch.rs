@@ -8,7 +8,7 @@ use super::axes::UNSEEN;
 use super::{Check, Ended, Part};
 use crate::controllers::ControllerError;
 use crate::methods::latch_delay::{self, Found, Latch};
-use crate::methods::{IdentifyError, Method, Next, Refused, Source};
+use crate::methods::{self, IdentifyError, Method, Refused};
 use crate::planning;
 use crate::record::event::Event;
 use crate::record::machine::{LiveCheck, Probe};
@@ -59,12 +59,8 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 }
 
 /// What a person allows.
-fn announced(method: &dyn Method, mut plan: Plan) -> Result<String, Refused> {
-    let mut stages = Vec::new();
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &stages, Source::Nominal)? {
-        plan.steps.extend(new_steps);
-        stages.push(stage);
-    }
+fn announced(method: &dyn Method, plan: Plan) -> Result<String, Refused> {
+    let (plan, stages) = methods::nominal(method, plan)?;
     let planned = planning::staged_blocks(&plan, &stages);
     let (_, seconds) =
         planned.map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })?;
