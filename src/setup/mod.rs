@@ -47,10 +47,16 @@ pub fn header(
         method = methods::configure(name, settings)
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
-    let plan = Plan {
+    let plan = without_steps(file, name, method.settings());
+    Ok((method, plan))
+}
+
+/// The machine and what stands in it, for `what` is to be done there.
+pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value) -> Plan {
+    Plan {
         trued_plan: PLAN_VERSION,
-        method: name.to_owned(),
-        settings: method.settings(),
+        method: what.to_owned(),
+        settings,
         machine: file.machine.clone(),
         probe: file.probe.clone(),
         sensors: Vec::new(),
@@ -59,8 +65,7 @@ pub fn header(
         artefact: file.artefact.clone(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
-    };
-    Ok((method, plan))
+    }
 }
 
 fn check_name(method: &str) -> Result<(), SetupError> {
