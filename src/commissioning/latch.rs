@@ -202,7 +202,11 @@ fn met_nothing(error: &RunError) -> bool {
 fn remedy(error: &CycleError) -> String {
     match error {
         CycleError::Run { error, .. } => error.remedy(),
-        CycleError::Identification { why: Unidentified::Refused(error), .. } => error.remedy(),
+        CycleError::Identification { why: Unidentified::Refused(error), .. } => match error {
+            IdentifyError::Refused(_) | IdentifyError::Numerical(_) => error.remedy(),
+            // The others speak of a plan that a person has, and of a run to go on with.
+            _ => "check again".to_owned(),
+        },
         CycleError::Identification { .. } => "check again".to_owned(),
         CycleError::Store(error) => error.remedy().to_owned(),
     }
