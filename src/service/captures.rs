@@ -100,8 +100,10 @@ mod tests {
         let begun = captures.begin(&log).unwrap();
         begun.is_of(RunId(17));
         begun.finish();
-        let mut names: Vec<_> =
-            std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name()).collect();
+        let mut names: Vec<_> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|file| file.unwrap().file_name())
+            .collect();
         names.sort();
         assert_eq!(names, ["talk-17.capture", left[1], left[0]]);
         for name in left {
