@@ -116,6 +116,19 @@ pub enum Source<'a> {
     Nominal,
 }
 
+/// The plan with every stage resolved from nominal positions, and the stages.
+///
+/// # Errors
+/// What a stage is refused for.
+pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
+    let mut done = Vec::new();
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    Ok((plan, done))
+}
+
 /// The names of all methods.
 pub const NAMES: [&str; 3] = [self_calibration::NAME, samba::NAME, latch_delay::NAME];
 

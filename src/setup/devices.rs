@@ -10,7 +10,6 @@ use crate::base::clock::HostClock;
 use crate::controllers::{Controller, Served};
 use crate::gcode::Dialect;
 use crate::record::reading::Reading;
-use crate::record::sensor::Sensor;
 use crate::world::{Truth, World};
 
 /// The machine as a run needs it.
@@ -70,6 +69,7 @@ pub async fn devices(
 /// The simulated truth of a machine file.
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
-    let sensors: &[Sensor] = &[];
-    Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?.with_sensors(sensors)?)
+    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let world = World::new(&file.machine, &file.probe, &file.artefact, &truth)?;
+    Ok(world.with_sensors(&sensors)?)
 }

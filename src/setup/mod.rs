@@ -50,21 +50,29 @@ pub fn header(
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
-    let sensors = method.looks_with(&sensors)?.cloned().into_iter().collect();
+    let looks_with = method.looks_with(&sensors)?;
     let plan = Plan {
+        sensors: looks_with.cloned().into_iter().collect(),
+        ..without_steps(file, name, method.settings())
+    };
+    Ok((method, plan))
+}
+
+/// The machine and what stands in it, for `what` is to be done there.
+pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value) -> Plan {
+    Plan {
         trued_plan: PLAN_VERSION,
-        method: name.to_owned(),
-        settings: method.settings(),
+        method: what.to_owned(),
+        settings,
         machine: file.machine.clone(),
         probe: file.probe.clone(),
-        sensors,
+        sensors: Vec::new(),
         keepout: file.keepout.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
-    };
-    Ok((method, plan))
+    }
 }
 
 fn check_name(method: &str) -> Result<(), SetupError> {
