@@ -18,6 +18,13 @@ use crate::record::sensor;
 pub mod can;
 mod entry;
 mod error;
+mod field;
+mod follow;
+mod layout;
+#[cfg(test)]
+mod layout_tests;
+pub mod modbus;
+pub mod serial;
 mod simulated;
 
 pub use entry::{Entry, Reached};
