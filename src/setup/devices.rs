@@ -10,6 +10,7 @@ use crate::base::clock::HostClock;
 use crate::controllers::{Controller, Served};
 use crate::gcode::Dialect;
 use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
 use crate::world::{Truth, World};
 
 /// The machine as a run needs it.
@@ -61,5 +62,6 @@ pub async fn devices(
 /// The simulated truth of a machine file.
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
-    Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?)
+    let sensors: &[Sensor] = &[];
+    Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?.with_sensors(sensors)?)
 }

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::sensor_truth::Wave;
 use super::truth::FormHarmonic;
 use crate::base::{Axis, Position, random};
 use crate::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
@@ -23,6 +24,8 @@ enum Source {
     Length,
     RotaryMotion,
     Scan,
+    Sample,
+    Linearity,
 }
 
 /// Standard normal numbers of one source.
@@ -43,6 +46,28 @@ pub(super) fn touch_deviate(seed: u64, n: u32, occurrence: u32) -> f64 {
 /// Where in the scan of a PLC the contact of one touch falls, 0 to 1.
 pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
     random::stream(seed, &[Source::Scan as u64, u64::from(n), u64::from(occurrence)]).random()
+}
+
+/// Deviation of one sample of a displacement sensor, in standard deviations.
+pub(super) fn sample_deviate(seed: u64, sensor: usize, sample: u64) -> f64 {
+    first_normal(seed, Source::Sample, &[sensor as u64, sample])
+}
+
+/// Two to six waves over the range `span_mm` of a displacement sensor, together of standard deviation
+/// `sigma_um` at every distance: fewer would be an error of its gain.
+pub(super) fn linearity(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -> Vec<Wave> {
+    const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
+    if sigma_um == 0.0 {
+        return Vec::new();
+    }
+    let each = sigma_um / (ORDERS.count() as f64).sqrt();
+    let wave = |n: u32| {
+        let draw = |part| first_normal(seed, Source::Linearity, &[sensor as u64, n.into(), part]);
+        let (cos, sin): (f64, f64) = (draw(0), draw(1));
+        let phase_deg = cos.atan2(sin).to_degrees();
+        Wave { amplitude_um: each * cos.hypot(sin), period_mm: span_mm / f64::from(n), phase_deg }
+    };
+    ORDERS.map(wave).collect()
 }
 
 /// True minus stated stylus centre, spindle frame; as long as the sigma given.

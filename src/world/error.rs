@@ -28,6 +28,16 @@ pub enum WorldError {
     NoBall { id: String },
     #[error("[[simulated.sag]]: there is no tilt axis {axis} in the topology")]
     NoTilt { axis: Axis },
+    #[error(
+        "[[simulated.sensor]] names `{name}`, and there is no [[sensor]] of that name: give it one, or take it out"
+    )]
+    NoSensor { name: String },
+    #[error("[[sensor]] or [[simulated.sensor]]: `{name}` stands there twice; keep one")]
+    TwoSensors { name: String },
+    #[error(
+        "[[sensor]] and [[simulated.sensor]] `{name}`: no sensor has such a {key}; check its numbers"
+    )]
+    Sensor { name: String, key: &'static str },
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     Dynamics { axis: Axis },
     #[error(

@@ -6,6 +6,7 @@
 //! gap between ball and surface, plus both, falls to zero.
 
 mod balls;
+mod beam;
 mod bystander;
 mod drawn;
 mod error;
@@ -15,15 +16,21 @@ mod path;
 mod ramp;
 mod sag;
 mod scene;
+mod sensing;
+mod sensor_truth;
+mod sight;
+mod stand;
 mod surface;
 mod truth;
 mod wiring;
 
 use std::collections::BTreeMap;
 
+pub use beam::Sensed;
 pub use bystander::Bystander;
 pub use error::WorldError;
 pub use ramp::Speed;
+pub use sensor_truth::{SensorTruth, Wave};
 pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
 
 use crate::base::{Axis, Position};
@@ -32,6 +39,7 @@ use crate::record::machine::{AxisSpec, Machine, Probe};
 use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
+use sensing::Eye;
 use wiring::Wired;
 
 /// What became of an unguarded move.
@@ -81,6 +89,8 @@ pub struct World {
     deflected: bool,
     /// How often each N word has probed.
     probed: BTreeMap<u32, u32>,
+    sensor_truths: Vec<SensorTruth>,
+    eyes: Vec<Eye>,
 }
 
 impl World {
@@ -113,6 +123,8 @@ impl World {
             scatter_mm: 0.0,
             deflected: false,
             probed: BTreeMap::new(),
+            sensor_truths: truth.sensor.clone(),
+            eyes: Vec::new(),
         })
     }
 
@@ -123,6 +135,7 @@ impl World {
         for n in probed {
             *self.probed.entry(n).or_default() += 1;
         }
+        self.eyes.iter_mut().for_each(|eye| eye.pass(self.t_s));
     }
 
     /// Simulated time since the world was made.

@@ -3,11 +3,13 @@
 
 use std::borrow::Cow;
 
-use glam::{DAffine3, DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2, DVec3};
 
 use super::WorldError;
 use super::drawn::{self, Drift, LinearErrors, Lobing, RotaryErrors};
 use super::sag::Sag;
+use super::sight::Sight;
+use super::stand::Stand;
 use super::surface::Surface;
 use super::truth::Truth;
 use crate::base::{Axis, Point, Position};
@@ -113,14 +115,21 @@ impl Scene {
 
     /// Distance and outward normal of the surface, the latter in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
+        let Sight { stand, surface, growth, .. } = self.sight(axes, command, t_s);
+        let nearest = surface.nearest(stand.on_table(self.tip), growth, t_s);
+        (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
+    }
+
+    /// Everything as the spindle has it before itself; `axes` and `command` as for
+    /// [`Scene::clearance`].
+    pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
         let errors = self.errors_at(axes);
-        let table = self.sag.bend(self.chain.machine_from_table(axes, &errors), axes);
-        let spindle = self.chain.machine_from_spindle(axes, &errors);
-        let shift = self.linear_errors.at(linear(command)) - self.drift.table(t_s);
-        let ball = ball_on_table(&table, &spindle, self.tip, shift);
-        let nearest = self.surface.nearest(ball, self.drift.radius(t_s), t_s);
-        let normal = spindle.matrix3.transpose() * (table.matrix3 * nearest.normal);
-        (nearest.distance - self.ball_radius, normal)
+        let stand = Stand {
+            table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
+            spindle: self.chain.machine_from_spindle(axes, &errors),
+            shift: self.linear_errors.at(linear(command)) - self.drift.table(t_s),
+        };
+        Sight { stand, surface: &self.surface, growth: self.drift.radius(t_s), t_s }
     }
 
     /// What is stated, and what rotary axes have of error motions at this place.
@@ -173,16 +182,10 @@ impl Scene {
             let at = stands.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);
             let spindle = self.chain.machine_from_spindle(&at, errors);
-            ball_on_table(&table, &spindle, self.tool, shift)
+            Stand { table, spindle, shift }.on_table(self.tool)
         };
         seen(std::f64::consts::PI) - seen(0.0)
     }
-}
-
-/// The ball centre in the table frame; `shift` moves tool against table, machine frame.
-fn ball_on_table(table: &DAffine3, spindle: &DAffine3, tip: DVec3, shift: DVec3) -> DVec3 {
-    let in_machine = spindle.transform_point3(tip) + shift;
-    table.matrix3.transpose() * (in_machine - table.translation)
 }
 
 fn linear(position: &Position) -> [f64; 3] {

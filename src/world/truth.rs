@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
+use super::sensor_truth::SensorTruth;
 use super::wiring::Wiring;
 use crate::base::Axis;
 use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
@@ -53,6 +54,9 @@ pub struct Truth {
     pub wiring: Wiring,
     /// How late a contact is noticed.
     pub latch: Latch,
+    /// The displacement sensors in the spindle.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sensor: Vec<SensorTruth>,
     /// What the control does wrong: the simulated control reads it, the world does not.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,

@@ -1,6 +1,7 @@
 //! One fixture: an ideal C table under X, Y, Z and an oriented spindle; each test spoils it.
 
 mod balls;
+mod beam;
 mod contact;
 mod motion;
 mod sources;

@@ -1,0 +1,43 @@
+//! What lies before a straight line of sight: the nearest true surface on its way.
+
+use glam::DVec3;
+
+use super::ramp::first_crossing;
+use super::stand::Stand;
+use super::surface::Surface;
+
+/// The scene at one moment, as seen from the spindle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight<'a> {
+    pub stand: Stand,
+    pub surface: &'a Surface,
+    /// Of the radius of a round part, mm.
+    pub growth: f64,
+    pub t_s: f64,
+}
+
+/// Where a line of sight ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Hit {
+    /// From the line's origin, mm.
+    pub distance: f64,
+    /// Outward unit normal of the surface there, spindle frame.
+    pub normal: DVec3,
+}
+
+impl Sight<'_> {
+    /// The first surface that the line through `origin` along the unit vector `along` (spindle
+    /// frame) enters between the distances `reach`; `None` also where it begins inside a body.
+    pub fn first(&self, origin: DVec3, along: DVec3, reach: [f64; 2]) -> Option<Hit> {
+        let [near, far] = reach;
+        let length = far - near;
+        let start = self.stand.on_table(origin + along * near);
+        let way = self.stand.turned_to_table(along);
+        let nearest =
+            |at: f64| self.surface.nearest(start + way * (at * length), self.growth, self.t_s);
+        // No surface comes nearer than the line advances.
+        let at = first_crossing(|at| nearest(at).distance, length, 0.0).filter(|at| *at > 0.0)?;
+        let normal = self.stand.turned_to_spindle(nearest(at).normal);
+        Some(Hit { distance: near + at * length, normal })
+    }
+}
