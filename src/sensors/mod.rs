@@ -26,6 +26,7 @@ mod layout_tests;
 pub mod modbus;
 pub mod serial;
 mod simulated;
+pub mod wires;
 
 pub use entry::{Entry, Reached};
 pub use error::SensorError;

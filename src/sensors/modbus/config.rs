@@ -72,7 +72,7 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
-        let line = spoken(Line::usual(at), keys.framing, keys.parity)?;
+        let line = Line::spoken(at, keys.framing, keys.parity)?;
         let usual = if line.framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
         let unit = keys.unit.unwrap_or(usual);
         if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {
@@ -94,21 +94,21 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-/// The line with what is written of it.
-fn spoken(usual: Line, framing: Option<Framing>, parity: Option<Parity>) -> Result<Line, String> {
-    let over_tcp = matches!(usual.at, link::Named::Tcp(_));
-    if over_tcp && parity.is_some() {
-        return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
-    }
-    if !over_tcp && framing == Some(Framing::Tcp) {
-        return Err("`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned());
-    }
-    let framing = framing.unwrap_or(usual.framing);
-    let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
-    Ok(Line { framing, parity, ..usual })
-}
-
 impl Config {
+    /// A sensor with `keys` that somebody serves on this computer.
+    ///
+    /// # Errors
+    /// What the keys refuse.
+    pub(super) fn local(at: link::Named, keys: &str) -> Result<Self, String> {
+        let served = match &at {
+            link::Named::Tcp(_) => format!("tcp = \"{at}\""),
+            link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => {
+                format!("serial = \"{at}\"\nbaud = {baud}")
+            }
+        };
+        toml::from_str(&format!("{served}\n{keys}")).map_err(|error| error.to_string())
+    }
+
     /// What the link is held to: these registers, and no writing.
     pub(super) fn settings(&self) -> Settings {
         let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };

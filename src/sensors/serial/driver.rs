@@ -209,7 +209,10 @@ impl Driver for Serial {
         }
         let measured = if span.is_zero() { 0.0 } else { (count - 1) as f64 / span.as_secs_f64() };
         let rate_hz = self.simulated_hz.unwrap_or(measured);
-        let identity = format!("serial sensor at {}", self.config.at.in_full());
+        let identity = match self.simulated_hz {
+            Some(_) => "simulated sensor on a serial line".to_owned(),
+            None => format!("serial sensor at {}", self.config.at.in_full()),
+        };
         Ok(Prepared { identity, rate_hz })
     }
 

@@ -19,6 +19,9 @@ mod form;
 mod frame;
 mod line;
 mod suspect;
+#[cfg(test)]
+mod tests;
+pub mod twin;
 
 pub use config::Config;
 pub use driver::Serial;
