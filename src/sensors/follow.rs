@@ -2,16 +2,25 @@
 //! came before is not taken twice. Common to whatever sends frames.
 
 use super::Sample;
-use super::layout::Decoded;
+use super::layout::{Decoded, Layout, Short};
 use crate::record::reading::Flag;
 
+/// Frames of a layout.
 pub struct Follower {
+    layout: Layout,
+    counting: Counting,
+}
+
+/// Whatever says a value and a count.
+pub struct Counting {
     /// After so many samples the counter begins anew.
     round: Option<u64>,
-    /// Of the frame before.
+    /// Of the sample before.
     count: Option<u64>,
-    /// Something was lost since the last frame, and no counter says how much.
+    /// Something was lost since the last sample, and no counter says how much.
     broken: bool,
+    /// Nobody asked for what lies between the last sample and the next.
+    fresh: bool,
 }
 
 enum Step {
@@ -20,18 +29,47 @@ enum Step {
 }
 
 impl Follower {
-    pub fn new(round: Option<u64>) -> Self {
-        Self { round, count: None, broken: false }
+    pub fn new(layout: Layout) -> Self {
+        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        Self { layout, counting }
     }
 
-    /// Frames may be missing before the next one.
+    /// As [`Counting::interrupted`].
+    pub fn interrupted(&mut self) {
+        self.counting.interrupted();
+    }
+
+    /// As [`Counting::forget`].
+    pub fn forget(&mut self) {
+        self.counting.forget();
+    }
+
+    /// # Errors
+    /// A frame that is too short for the layout.
+    pub fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, Short> {
+        Ok(self.counting.follow(t_s, self.layout.decode(frame)?))
+    }
+}
+
+impl Counting {
+    pub fn new(round: Option<u64>) -> Self {
+        Self { round, count: None, broken: false, fresh: true }
+    }
+
+    /// Samples may be missing before the next one.
     pub fn interrupted(&mut self) {
         self.broken = true;
     }
 
-    /// What comes next is the first.
+    /// What lies between the last sample and the next is not missed. A count that still stands is.
     pub fn forget(&mut self) {
-        (self.count, self.broken) = (None, false);
+        (self.broken, self.fresh) = (false, true);
+    }
+
+    /// What comes next is the first: with a narrow counter it may have gone round to the same number.
+    pub fn begin(&mut self) {
+        self.forget();
+        self.count = None;
     }
 
     pub fn follow(&mut self, t_s: f64, Decoded { value, counter }: Decoded) -> Sample {
@@ -53,12 +91,14 @@ impl Follower {
     }
 
     fn step(&mut self, count: u64) -> Step {
+        let fresh = std::mem::take(&mut self.fresh);
         let Some(last) = self.count.replace(count) else { return Step::On { missing: 0 } };
         let round = self.round.unwrap_or(1);
         match (round + count - last) % round {
             // After an interruption it may have gone round.
             0 if !self.broken => Step::Stands,
             0 => Step::On { missing: 0 },
+            _ if fresh => Step::On { missing: 0 },
             on => Step::On { missing: u32::try_from(on - 1).unwrap_or(u32::MAX) },
         }
     }

@@ -84,6 +84,8 @@ fn the_counter_tells_what_is_missing_and_what_came_before() {
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 3, 0]).unwrap(), sample(one, Flag::Gap, 0));
     follower.forget();
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(one, Flag::None, 0));
+    follower.forget();
+    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(None, Flag::Stale, 0));
 }
 
 #[test]

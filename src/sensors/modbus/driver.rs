@@ -9,7 +9,7 @@ use crate::base::Clock;
 use crate::link::modbus::{Modbus, ModbusError};
 use crate::record::reading::Flag;
 use crate::record::sensor;
-use crate::sensors::follow::Follower;
+use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
 use crate::sensors::{Driver, Named, Prepared, Sample, SensorError};
 
@@ -22,7 +22,7 @@ pub struct Registers {
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     link: Modbus,
-    follower: Follower,
+    counting: Counting,
     /// Samples a second of a sensor whose time stands still while nobody reads it.
     simulated_hz: Option<f64>,
     next_read: Instant,
@@ -45,7 +45,7 @@ impl Registers {
             range_mm: sensor.range_mm,
             clock,
             link,
-            follower: Follower::new(config.map.round()),
+            counting: Counting::new(config.map.round()),
             simulated_hz,
             next_read: Instant::now(),
             config,
@@ -72,7 +72,7 @@ impl Registers {
 
     async fn sample(&mut self) -> Result<Sample, SensorError> {
         let said = self.read().await?.within(self.range_mm);
-        let mut sample = self.follower.follow(self.clock.now_s(), said);
+        let mut sample = self.counting.follow(self.clock.now_s(), said);
         if !self.config.map.gaps {
             sample.missing = 0;
             if sample.flag == Flag::Gap {
@@ -95,12 +95,12 @@ fn may_pass(error: &SensorError) -> bool {
 
 impl Driver for Registers {
     async fn prepare(&mut self) -> Result<Prepared, SensorError> {
-        self.follower.forget();
+        self.counting.begin();
         // Whatever is wrong at the very first is told.
         let first = self.read().await?;
         let mut rate_hz = self.simulated_hz.unwrap_or_default();
         if self.simulated_hz.is_none() {
-            self.follower.follow(self.clock.now_s(), first);
+            self.counting.follow(self.clock.now_s(), first);
             let begun = Instant::now();
             let mut count = 0;
             while count < ENOUGH && begun.elapsed() < LISTEN.max(2 * self.config.timeout) {
@@ -123,14 +123,14 @@ impl Driver for Registers {
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {
-        self.follower.forget();
+        self.counting.begin();
         if self.simulated_hz.is_some() || self.config.map.round().is_none() {
             return Ok(());
         }
         // What it holds now came before; the next one has another number.
         match self.read().await {
             Ok(said) => {
-                self.follower.follow(self.clock.now_s(), said);
+                self.counting.follow(self.clock.now_s(), said);
                 Ok(())
             }
             Err(error) if may_pass(&error) => Ok(()),

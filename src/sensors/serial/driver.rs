@@ -12,7 +12,7 @@ use crate::base::Clock;
 use crate::link::{self, Came, Flow};
 use crate::record::reading::Flag;
 use crate::record::sensor;
-use crate::sensors::follow::Follower;
+use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
 use crate::sensors::{Driver, Prepared, Sample, SensorError};
 
@@ -26,7 +26,7 @@ pub struct Serial {
     clock: Arc<dyn Clock>,
     flow: Option<Flow>,
     cutter: Cutter,
-    follower: Follower,
+    counting: Counting,
     /// Understood, and not yet taken.
     ready: VecDeque<(Instant, Decoded)>,
     heard: Heard,
@@ -71,7 +71,7 @@ impl Serial {
             clock,
             flow: None,
             cutter: Cutter::new(config.form.clone()),
-            follower: Follower::new(config.form.round()),
+            counting: Counting::new(config.form.round()),
             ready: VecDeque::new(),
             heard: Heard::default(),
             simulated_hz: None,
@@ -93,7 +93,7 @@ impl Serial {
 
     fn forget_all(&mut self) -> Result<(), SensorError> {
         self.ready.clear();
-        self.follower.forget();
+        self.counting.begin();
         self.cutter.begin(self.config.request.is_none());
         self.flow()?.forget()?;
         Ok(())
@@ -143,7 +143,7 @@ impl Serial {
                 Some(Came::Bytes(at, bytes)) => self.cut(at, &bytes),
                 Some(Came::Forgotten) => {
                     self.cutter.begin(true);
-                    self.follower.interrupted();
+                    self.counting.interrupted();
                 }
             }
         }
@@ -161,7 +161,7 @@ impl Serial {
                     self.heard.spoilt(&bytes);
                     // A counter knows better.
                     if self.config.form.round().is_none() {
-                        self.follower.interrupted();
+                        self.counting.interrupted();
                     }
                 }
             }
@@ -225,7 +225,7 @@ impl Driver for Serial {
         match self.said(Instant::now() + self.config.timeout).await? {
             Some((at, said)) => {
                 let said = said.within(self.range_mm);
-                Ok(self.follower.follow(self.time_of(at), said))
+                Ok(self.counting.follow(self.time_of(at), said))
             }
             None => {
                 self.owed = self.config.request.is_some();

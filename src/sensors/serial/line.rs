@@ -89,6 +89,8 @@ pub(super) struct Layout {
     says: Vec<(usize, String, Flag)>,
 }
 
+/// How many different numbers a counter may have.
+const ROUNDS: std::ops::RangeInclusive<u64> = 2..=1 << 32;
 /// What a number is written with.
 const OF_NUMBERS: &str = "0123456789+-.eE";
 
@@ -156,10 +158,9 @@ impl TryFrom<Keys> for Layout {
                 return Err(format!("`{other}` and `{name}` are both column {column}"));
             }
         }
-        if keys.counter.is_some_and(|counter| counter.round < 2) {
-            return Err(
-                "`counter.round` is how many different numbers it counts: at least 2".to_owned()
-            );
+        if keys.counter.is_some_and(|counter| !ROUNDS.contains(&counter.round)) {
+            return Err("`counter.round` is how many different numbers it counts: 2 to 4294967296"
+                .to_owned());
         }
         let codes = keys.value.codes.into_iter();
         let codes = codes.map(|code| (keys.value.column, code.is, code.means.flag()));

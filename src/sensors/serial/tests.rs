@@ -146,7 +146,7 @@ fn layouts_that_cannot_be_are_refused_in_words() {
     assert!(line("separator = \";\"", "").contains("one column"));
     assert!(line("separator = \";\"", "separator = \".\"").contains("stand in a number"));
     assert!(line("separator = \";\"", "separator = \";\"\ncolumns = 2").contains("has 2 columns"));
-    assert!(line("round = 100", "round = 1").contains("at least 2"));
+    assert!(line("round = 100", "round = 1").contains("2 to 4294967296"));
     assert!(line("end = \"\\r\\n\"", "end = \"\"").contains("ends a line"));
     assert!(line("prefix = \"D\"", "prefix = \"D\\r\\n\"").contains("never be seen"));
     assert!(line("[line]", "rate_hz = 5\n[line]").contains("belongs to `request`"));
