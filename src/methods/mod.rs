@@ -11,6 +11,7 @@ pub mod self_calibration;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
 
 /// What a method wants next.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,6 +77,15 @@ pub trait Method: Send + Sync {
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
 
+    /// What it looks with, of the sensors that the machine has; nothing, if it touches.
+    ///
+    /// # Errors
+    /// It looks, and none of them suits.
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        let _ = sensors;
+        Ok(None)
+    }
+
     /// Whether this method can take these estimates as known; asked before anything moves. Most take
     /// none.
     fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
@@ -104,6 +114,19 @@ pub enum Source<'a> {
     Measured(&'a [Reading]),
     /// No readings: print the whole plan from nominal positions.
     Nominal,
+}
+
+/// The plan with every stage resolved from nominal positions, and the stages.
+///
+/// # Errors
+/// What a stage is refused for.
+pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
+    let mut done = Vec::new();
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    Ok((plan, done))
 }
 
 /// The names of all methods.

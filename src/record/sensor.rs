@@ -44,6 +44,6 @@ pub struct Sensor {
     pub incidence_limit_deg: f64,
 }
 
-fn default_incidence() -> f64 {
+pub fn default_incidence() -> f64 {
     30.0
 }

@@ -4,15 +4,41 @@
 //! A sample that cannot be trusted is flagged and has no value: nothing is interpolated, and nothing
 //! is zero that was not measured as zero.
 
+use std::fmt;
 use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
 
 use tokio::sync::{mpsc, oneshot};
 
+use crate::base::Clock;
 use crate::record::reading::Flag;
+use crate::record::sensor;
 
+pub mod can;
+mod entry;
 mod error;
+mod field;
+mod follow;
+mod layout;
+#[cfg(test)]
+mod layout_tests;
+mod simulated;
 
+pub use entry::{Entry, Reached};
 pub use error::SensorError;
+pub use simulated::{Simulated, View};
+
+/// A sensor as one of the tables of `[[sensor]]` names it. What stands there is its room's own matter.
+pub trait Named: fmt::Debug + Send + Sync {
+    /// Where it is reached, in words.
+    fn at(&self) -> String;
+    /// Open its link and start its task. Its samples have the time of `clock`. Call inside a tokio
+    /// runtime.
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a>;
+}
+
+pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
 
 /// One sample.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,5 @@
+//! Displacement sensors on a CAN bus.
+
+mod config;
+
+pub use config::Config;
