@@ -3,13 +3,13 @@
 use glam::{DMat3, DVec3};
 
 use super::parameters::{of_table, tilts};
-use super::settings::Settings;
+use super::settings::{By, Settings};
 use crate::base::{Axis, Position};
 use crate::kinematics::Chain;
 use crate::methods::Refused;
 use crate::record::artefact::{Artefact, Ball, Balls};
 use crate::record::plan::Plan;
-use crate::record::sensor::Sensor;
+use crate::record::sensor::{Sensor, SensorKind};
 
 const TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
@@ -21,7 +21,8 @@ pub struct Bench<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub chain: Chain,
-    pub sensor: &'a Sensor,
+    /// What looks at the sphere; the touch probe stands in it as one that sees its stylus' centre.
+    pub sensor: Sensor,
     pub balls: &'a Balls,
     pub ball: &'a Ball,
 }
@@ -36,7 +37,10 @@ impl<'a> Bench<'a> {
             instead: "correct [machine] and [axes] in the machine file".to_owned(),
         })?;
         let (balls, ball) = ball(plan, settings)?;
-        let sensor = sensor(&plan.sensors, settings)?;
+        let sensor = match settings.by {
+            By::Laser => sensor(&plan.sensors, settings)?.clone(),
+            By::Probe => stylus(plan),
+        };
         Ok(Self { plan, settings, chain, sensor, balls, ball })
     }
 
@@ -62,6 +66,16 @@ impl<'a> Bench<'a> {
     pub fn travel(&self, rotary: &Position) -> DMat3 {
         let table = self.chain.machine_from_table(rotary, &[]).matrix3;
         table * self.chain.linear_jacobian(rotary, &[])
+    }
+
+    pub fn touches(&self) -> bool {
+        self.settings.by == By::Probe
+    }
+
+    /// From the sphere's centre to what is seen of it, mm: where it is touched, the stylus' centre.
+    pub fn radius(&self) -> f64 {
+        let stylus = if self.touches() { self.plan.probe.ball_radius_mm } else { 0.0 };
+        self.ball.radius_mm + stylus
     }
 
     /// Incidence limit, rad.
@@ -147,6 +161,23 @@ fn ball<'a>(plan: &'a Plan, settings: &Settings) -> Result<(&'a Balls, &'a Ball)
     };
     let found = found.ok_or_else(|| refused(format!("there is no sphere `{}`", settings.ball)))?;
     Ok((balls, found))
+}
+
+/// The stylus as a sensor that sees what it touches at no distance.
+fn stylus(plan: &Plan) -> Sensor {
+    Sensor {
+        name: "probe".to_owned(),
+        kind: SensorKind::Displacement,
+        zero_mm: plan.machine.tool_mm,
+        direction: [0.0, 0.0, -1.0],
+        range_mm: [-1.0, 1.0],
+        stand_off_mm: 0.0,
+        body_radius_mm: 0.0,
+        body_length_mm: 0.0,
+        noise_um: plan.probe.repeatability_um,
+        linearity_um: 0.0,
+        incidence_limit_deg: 180.0,
+    }
 }
 
 /// The sensor that the settings name, of those that there are.

@@ -42,6 +42,9 @@ pub struct Centres {
     pub groups: usize,
     /// Whether the beam is unknown; otherwise it is as in `held`.
     pub free: bool,
+    /// Whether the radius of each scan is unknown: that of a touched sphere, with the probe's pre-travel
+    /// in it.
+    pub round: bool,
     pub held: [f64; BEAM],
 }
 
@@ -54,8 +57,22 @@ pub fn frame(beam: DVec3) -> DMat3 {
 }
 
 impl Centres {
-    fn common(&self) -> usize {
+    /// Unknowns of the beam.
+    pub fn common(&self) -> usize {
         if self.free { BEAM } else { 0 }
+    }
+
+    fn own(&self) -> usize {
+        if self.round { 4 } else { 3 }
+    }
+
+    /// Where a centre's unknowns begin.
+    pub fn first(&self, group: usize) -> usize {
+        self.common() + self.own() * group
+    }
+
+    fn radius_of(&self, x: &[f64], group: usize) -> f64 {
+        if self.round { x[self.first(group) + 3] } else { self.radius }
     }
 
     /// The beam, its norm the gain: spindle frame.
@@ -66,7 +83,7 @@ impl Centres {
 
     /// Centre of a group, machine frame as [`Row::at`].
     pub fn centre(&self, x: &[f64], group: usize) -> DVec3 {
-        DVec3::from_slice(&x[self.common() + 3 * group..])
+        DVec3::from_slice(&x[self.first(group)..])
     }
 
     /// From the centre to the light spot.
@@ -76,7 +93,8 @@ impl Centres {
 
     /// Unweighted, outside the sphere: mm.
     pub fn off(&self, x: &[f64]) -> Vec<f64> {
-        self.rows.iter().map(|row| self.arm(x, row).length() - self.radius).collect()
+        let off = |row: &Row| self.arm(x, row).length() - self.radius_of(x, row.group);
+        self.rows.iter().map(off).collect()
     }
 
     fn residuals(&self, x: &[f64]) -> Vec<f64> {
@@ -85,15 +103,16 @@ impl Centres {
     }
 
     fn blocks(&self, x: &[f64]) -> Vec<Rows> {
-        let common = self.common();
+        let (common, own) = (self.common(), self.own());
         let of_group = |group: usize| {
             let rows: Vec<&Row> = self.rows.iter().filter(|row| row.group == group).collect();
-            let mut block = Rows::zeros(rows.len(), 3, common);
+            let mut block = Rows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.arm(x, row);
                 let normal = arm.normalize_or_zero();
-                block.set_value(i, (self.radius - arm.length()) / row.sigma);
+                block.set_value(i, (self.radius_of(x, group) - arm.length()) / row.sigma);
                 (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.sigma));
+                (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.sigma));
                 let across = (row.spindle * self.frame).transpose() * normal * row.value;
                 (0..common).for_each(|k| block.set_common(i, k, across[k] / row.sigma));
             }
@@ -120,7 +139,10 @@ impl Centres {
                 along = row.spindle * beam;
                 count += 1.0;
             }
-            x.extend((sum / count + along * self.radius).to_array());
+            // Touches stand all around.
+            let behind = if self.round { DVec3::ZERO } else { along * self.radius };
+            x.extend((sum / count + behind).to_array());
+            x.extend(self.round.then_some(self.radius));
         }
         x
     }

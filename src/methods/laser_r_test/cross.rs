@@ -29,6 +29,8 @@ pub struct Wanted {
     /// Reading at the pole.
     pub height_mm: f64,
     pub label: String,
+    /// Measured again at the end, and after a stop.
+    pub reference: bool,
 }
 
 /// # Errors
@@ -44,7 +46,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     Ok(Step {
         id: 0,
         stage: 0,
-        kind: StepKind::Scan,
+        kind: if wanted.reference { StepKind::Reference } else { StepKind::Scan },
         label: wanted.label.clone(),
         from: path.first().cloned().unwrap_or_default(),
         to: path.last().cloned().unwrap_or_default(),

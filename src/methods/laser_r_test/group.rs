@@ -52,7 +52,7 @@ type Member<'a> = (Group, Vec<(usize, &'a Scanned)>);
 /// # Errors
 /// No scan left.
 pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
-    let radius = bench.ball.radius_mm;
+    let radius = bench.radius();
     let flat = |scan: &Scanned| !fixes_centre(scan, bench.beam(), radius);
     let lines = observed.scans.iter().filter(|scan| flat(scan)).map(|scan| {
         format!(
@@ -130,10 +130,11 @@ fn collect(bench: &Bench<'_>, observed: &Observed, members: Vec<Member<'_>>) -> 
     }
     let centres = Centres {
         frame: frame(bench.beam()),
-        radius: bench.ball.radius_mm,
+        radius: bench.radius(),
         rows,
         groups: groups.len(),
-        free: most >= 3,
+        free: most >= 3 && !bench.touches(),
+        round: bench.touches(),
         held: [0.0; 3],
     };
     Grouped { groups, centres, spots, from, heights: most }

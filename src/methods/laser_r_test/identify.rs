@@ -104,11 +104,11 @@ fn spheres(
 ) -> Result<(Observed, Grouped, Minimum), IdentifyError> {
     let mut observed = observe(bench, readings)?;
     let mut grouped = grouped(bench, &mut observed)?;
-    check_heights(&observed, &grouped)?;
+    check_heights(bench, &observed, &grouped)?;
     let mut fitted = fit(&grouped)?;
-    if leave_out_oblique(bench, &mut observed, &grouped, &fitted) {
+    if !bench.touches() && leave_out_oblique(bench, &mut observed, &grouped, &fitted) {
         grouped = super::group::grouped(bench, &mut observed)?;
-        check_heights(&observed, &grouped)?;
+        check_heights(bench, &observed, &grouped)?;
         fitted = fit(&grouped)?;
     }
     Ok((observed, grouped, fitted))
@@ -119,7 +119,7 @@ fn fit(grouped: &Grouped) -> Result<Minimum, IdentifyError> {
     grouped.centres.solve().map_err(failed)
 }
 
-fn check_heights(observed: &Observed, grouped: &Grouped) -> Result<(), Refused> {
+fn check_heights(bench: &Bench<'_>, observed: &Observed, grouped: &Grouped) -> Result<(), Refused> {
     let (free, count) = (grouped.centres.free, grouped.heights);
     let of_height: Vec<&str> = observed
         .left_out
@@ -127,7 +127,7 @@ fn check_heights(observed: &Observed, grouped: &Grouped) -> Result<(), Refused> 
         .filter(|line| Pass::of(line) == Some(Pass::Height))
         .map(String::as_str)
         .collect();
-    if free {
+    if free || bench.touches() {
         return Ok(());
     }
     let missing = match of_height.as_slice() {
@@ -179,7 +179,10 @@ fn problem(
     let sight = |(i, group): (usize, &super::group::Group)| {
         let at = placed(&group.rotary, group.axes(grouped.centres.centre(&fitted.x, i)));
         let table = bench.chain.machine_from_table(&group.rotary, &[]).matrix3;
-        Sight { at, weight: whitening(effects.covariance(sources, i)) * table }
+        Sight {
+            at,
+            weight: whitening(effects.covariance(sources, grouped.centres.first(i))) * table,
+        }
     };
     let sights = grouped.groups.iter().enumerate().map(sight).collect();
     let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters.clone() };

@@ -17,16 +17,19 @@ mod sources;
 mod stages;
 #[cfg(test)]
 mod tests;
+mod touches;
 mod uncertainty;
 mod words;
 
 pub use settings::Settings;
 
 use self::bench::Bench;
+use self::settings::By;
 use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
 
 pub const NAME: &str = "laser-r-test";
 /// One sphere on a tilting table, a laser in the spindle.
@@ -60,6 +63,13 @@ impl Method for LaserRTest {
         };
         let (stage, new_steps) = stages::stage(&bench, task, &place, id)?;
         Ok(Next::Stage { stage, new_steps })
+    }
+
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        match self.settings.by {
+            By::Laser => bench::sensor(sensors, &self.settings).map(Some),
+            By::Probe => Ok(None),
+        }
     }
 
     fn identify(

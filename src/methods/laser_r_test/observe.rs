@@ -81,17 +81,19 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
         return Err(IdentifyError::UnknownStep { step: *step });
     }
     let mut observed = Observed::default();
-    for step in &bench.plan.steps {
-        let (Some(pass), Some(_)) = (Pass::of(&step.label), &step.scan) else { continue };
-        let Some(readings) = of_step.get(&step.id) else {
-            observed.left_out.push(format!("{}: no readings", step.label));
+    for steps in bench.plan.steps.chunk_by(|one, other| measurement(one) == measurement(other)) {
+        let Some((first, pass)) = steps.first().and_then(|s| Some((s, Pass::of(&s.label)?))) else {
             continue;
         };
-        let newest = readings.iter().map(|reading| reading.repeat).max();
-        let newest = readings.iter().filter(|reading| Some(reading.repeat) == newest);
-        let scanned = scanned(bench, step, pass, newest.copied(), &mut observed);
-        if scanned.spots.is_empty() {
-            observed.left_out.push(format!("{}: no sample that could be used", step.label));
+        let label = measurement(first);
+        let newest = |step: &Step| of_step.get(&step.id).map(|all| newest(all));
+        let Some(all) = steps.iter().map(newest).collect::<Option<Vec<_>>>() else {
+            observed.left_out.push(format!("{label}: no readings"));
+            continue;
+        };
+        let scanned = scanned(bench, (first, pass), &all.concat(), &mut observed);
+        if scanned.spots.len() < steps.len() {
+            observed.left_out.push(format!("{label}: no sample that could be used"));
         } else {
             observed.scans.push(scanned);
         }
@@ -99,19 +101,33 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
     Ok(observed)
 }
 
-fn scanned<'a>(
+/// What a step belongs to: a scan is a measurement by itself, touches share theirs.
+fn measurement(step: &Step) -> &str {
+    match step.scan {
+        Some(_) => &step.label,
+        None => step.label.rsplit_once('/').map_or(step.label.as_str(), |(of, _)| of),
+    }
+}
+
+fn newest<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
+    let newest = readings.iter().map(|reading| reading.repeat).max();
+    readings.iter().filter(|reading| Some(reading.repeat) == newest).copied().collect()
+}
+
+fn scanned(
     bench: &Bench<'_>,
-    step: &Step,
-    pass: Pass,
-    readings: impl Iterator<Item = &'a Reading>,
+    (step, pass): (&Step, Pass),
+    readings: &[&Reading],
     observed: &mut Observed,
 ) -> Scanned {
     let rotary = step.from.only(|axis| !axis.is_linear());
     let travel = bench.travel(&rotary);
     let mut bins: BTreeMap<usize, Vec<Spot>> = BTreeMap::new();
-    for (count, reading) in readings.enumerate() {
+    for (count, reading) in readings.iter().enumerate() {
         observed.samples += 1;
-        let Some(value) = reading.value_mm.filter(|_| reading.flag == Flag::None) else {
+        // A touch is at no distance.
+        let value = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
+        let Some(value) = value.filter(|_| reading.flag == Flag::None) else {
             let why = if reading.flag == Flag::None { "no value" } else { reading.flag.as_str() };
             *observed.excluded.entry(why).or_default() += 1;
             continue;
@@ -121,7 +137,13 @@ fn scanned<'a>(
         bins.entry(bin(step, xyz, count)).or_default().push(spot);
     }
     let spots = bins.into_values().map(|all| mean(&all, &mut observed.within)).collect();
-    Scanned { pass, label: step.label.clone(), spindle: bench.spindle(&rotary), rotary, spots }
+    Scanned {
+        pass,
+        label: measurement(step).to_owned(),
+        spindle: bench.spindle(&rotary),
+        rotary,
+        spots,
+    }
 }
 
 /// Which samples are of one point: at dwells the nearest of the path, on the way each by itself.

@@ -23,7 +23,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts, &parts.minimum.x);
     let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
     let own = parts.minimum.x.len();
-    let count = own + BEAM;
+    let count = own + parts.grouped.centres.common();
     let dof = parts.minimum.residuals.len().saturating_sub(own);
     Estimate {
         trued_estimate: ESTIMATE_VERSION,

@@ -22,7 +22,7 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
     let machine = &bench.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == Sense::Iso);
     let table = super::parameters::of_table(&bench.chain);
-    if table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
+    if bench.touches() || table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
         return None;
     }
     let centres = unit_beam(&grouped.centres, x);

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::bench::Bench;
-use super::centres::Centres;
+use super::centres::{Centres, Row};
 use super::group::{Grouped, noise_mm};
 use super::model::placed;
 use super::observe::Observed;
@@ -41,6 +41,8 @@ pub struct UncertaintySource {
 /// Harmonics of an error motion; each takes an equal share of the declared variance. The mean is the
 /// axis' place, and the first goes with what turns on it.
 const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
+/// Contact-direction harmonics of lobing; lower ones are radius and stylus offset.
+const LOBES: std::ops::RangeInclusive<u32> = 2..=6;
 /// Part of the range over which the sensor's curve changes.
 const CURVE: f64 = 0.25;
 
@@ -64,13 +66,18 @@ pub fn sources(
     let normals: Vec<DVec3> =
         centres.rows.iter().map(|row| centres.arm(x, row).normalize_or_zero()).collect();
     let beam = centres.beam(x).normalize_or_zero();
-    let along = centres.rows.iter().zip(&normals).map(|(row, n)| n.dot(row.spindle * beam));
+    let along = centres.rows.iter().zip(&normals);
+    let along = along.map(|(row, n)| match bench.touches() {
+        true => -1.0,
+        false => n.dot(row.spindle * beam),
+    });
     let along = along.collect();
     let seen = Seen { bench, grouped, normals, along };
     let mut list = vec![
         seen.noise(noise_mm(bench, observed)),
         seen.resolution(),
         seen.linearity(),
+        seen.lobing(),
         seen.linear_axes(),
         seen.rotary_axes(x),
         seen.drift(),
@@ -93,7 +100,11 @@ impl Seen<'_> {
         let spots = self.grouped.spots.iter().zip(&self.along);
         let each =
             spots.map(|(spot, along)| sample_mm * along.abs() / (spot.samples as f64).sqrt());
-        source("noise of the sensor", Acts::Each(each.collect()))
+        let name = match self.bench.touches() {
+            true => "repeatability of a touch",
+            false => "noise of the sensor",
+        };
+        source(name, Acts::Each(each.collect()))
     }
 
     fn resolution(&self) -> UncertaintySource {
@@ -115,6 +126,25 @@ impl Seen<'_> {
         let acts =
             columns.map(|column| column.iter().zip(&self.along).map(|(c, a)| c * a).collect());
         source("linearity of the sensor", Acts::Joint(acts.collect()))
+    }
+
+    /// Direction-dependent pre-travel of the probe: harmonics of the azimuth in the frame of the spindle,
+    /// fading towards its pole.
+    fn lobing(&self) -> UncertaintySource {
+        let lobing = if self.bench.touches() { self.bench.plan.probe.lobing_um } else { 0.0 };
+        let share = lobing * 1e-3 / (LOBES.count() as f64).sqrt();
+        let column = |lobes: f64, quarter: f64| {
+            let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+            let at = move |(row, normal): (&Row, &DVec3)| {
+                let n = row.spindle.transpose() * *normal;
+                let phase = lobes * n.y.atan2(n.x) - quarter * std::f64::consts::TAU;
+                share * n.x.hypot(n.y) * phase.cos()
+            };
+            rows.map(at).collect::<Vec<f64>>()
+        };
+        let columns =
+            LOBES.flat_map(|lobes| [0.0, 0.25].map(|quarter| column(f64::from(lobes), quarter)));
+        source("probe lobing", Acts::Joint(columns.collect()))
     }
 
     /// Positioning and straightness of X, Y and Z, each a smooth random function of its axis.
@@ -223,7 +253,9 @@ impl Seen<'_> {
     }
 
     fn radius(&self) -> UncertaintySource {
-        let u = self.bench.settings.radius_u_um * 1e-3;
+        // A touched sphere's radius is an unknown.
+        let stated = if self.bench.touches() { 0.0 } else { self.bench.settings.radius_u_um };
+        let u = stated * 1e-3;
         let acts = Acts::Joint(vec![vec![-u; self.normals.len()]]);
         UncertaintySource { shown: false, ..source("radius of the sphere", acts) }
     }

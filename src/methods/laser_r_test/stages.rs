@@ -9,11 +9,12 @@ use super::label::Pass;
 use super::model::{Model, Problem, Sight, placed};
 use super::observe::observe;
 use super::parameters;
+use super::touches;
 use crate::base::Position;
 use crate::estimation::null_names::name_null_space;
 use crate::methods::Refused;
 use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::record::plan::{Stage, Step};
+use crate::record::plan::{Stage, Step, StepKind};
 use crate::record::reading::Reading;
 
 /// How far the zero point may be from where it is stated, while it is not known better, mm.
@@ -39,7 +40,7 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let middle = middle(bench);
     let pose = |pass: Pass, detail: &str, rotary: Position, height_mm| {
         let label = pass.label(detail, &rotary);
-        Wanted { rotary, height_mm, label }
+        Wanted { rotary, height_mm, label, reference: false }
     };
     let poses = |all: Vec<Position>| {
         all.into_iter().map(|at| pose(Pass::Pose, "", at, middle)).collect::<Vec<_>>()
@@ -52,12 +53,20 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let heights =
         heights.map(|(i, height)| pose(Pass::Height, &(i + 1).to_string(), zero.clone(), height));
     let find = vec![pose(Pass::Find, "", zero.clone(), middle)];
+    let reference = |which: &str| {
+        let wanted = pose(Pass::Pose, which, zero.clone(), middle);
+        vec![Wanted { reference: true, ..wanted }]
+    };
+    // What is touched has no beam.
+    let heights = if bench.touches() { Vec::new() } else { heights.collect() };
     let mut tasks = vec![
         Task { name: "find the sphere", pass: Pass::Find, scans: find },
-        Task { name: "beam direction", pass: Pass::Height, scans: heights.collect() },
+        Task { name: "beam direction", pass: Pass::Height, scans: heights },
+        Task { name: "reference", pass: Pass::Pose, scans: reference("first") },
         Task { name: "zero position: tilted", pass: Pass::Pose, scans: poses(tilted) },
         Task { name: "zero position: turned", pass: Pass::Pose, scans: poses(turned) },
         Task { name: "poses", pass: Pass::Pose, scans: poses(others) },
+        Task { name: "reference, again", pass: Pass::Pose, scans: reference("last") },
     ];
     tasks.retain(|task| !task.scans.is_empty());
     Ok(tasks)
@@ -165,14 +174,34 @@ pub fn stage(
         _ => bench.settings.margin_mm,
     };
     let place = Place { doubt_mm, ..*place };
-    let numbered = (first..).zip(&task.scans);
-    let steps = numbered.map(|(number, wanted)| {
-        step(bench, &place, wanted).map(|step| Step { id: number, stage: id, ..step })
-    });
-    let steps: Vec<Step> = steps.collect::<Result<_, _>>()?;
+    let mut steps: Vec<Step> = Vec::new();
+    for wanted in &task.scans {
+        match again(bench, wanted) {
+            steps_again if !steps_again.is_empty() => steps.extend(steps_again),
+            _ if bench.touches() => steps.extend(touches::steps(bench, &place, task.pass, wanted)?),
+            _ => steps.push(step(bench, &place, wanted)?),
+        }
+    }
+    let numbered = (first..).zip(steps);
+    let steps: Vec<Step> =
+        numbered.map(|(number, step)| Step { id: number, stage: id, ..step }).collect();
     let found = (task.pass != Pass::Find).then(|| found(bench, &place));
     let ids = steps.iter().map(|step| step.id).collect();
     Ok((Stage { id, name: task.name.to_owned(), repeat: 0, steps: ids, found }, steps))
+}
+
+/// The first reference once more: the very same places.
+fn again(bench: &Bench<'_>, wanted: &Wanted) -> Vec<Step> {
+    let steps = bench.plan.steps.iter();
+    let first = steps.filter(|step| wanted.reference && step.kind == StepKind::Reference);
+    let relabelled = |step: &Step| {
+        let touch = match step.scan {
+            Some(_) => String::new(),
+            None => step.label.rsplit_once('/').map_or_else(String::new, |(_, t)| format!("/{t}")),
+        };
+        Step { label: format!("{}{touch}", wanted.label), ..step.clone() }
+    };
+    first.map(relabelled).collect()
 }
 
 fn found(bench: &Bench<'_>, place: &Place) -> Artefact {

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::centres::{BEAM, Centres};
+use super::centres::Centres;
 use super::model::{Problem, Sight};
 use super::sources::{Acts, Shape, UncertaintySource};
 use crate::estimation::coverage;
@@ -22,7 +22,7 @@ const CREDIBLE: f64 = 0.998;
 /// No centre weighs more than one of this standard uncertainty, mm.
 const LEAST_MM: f64 = 1e-6;
 
-/// What each source does to the beam (3) and the centres (3 each, machine frame): columns of unit draws.
+/// What each source does to the unknowns of the first fit: columns of unit draws.
 pub struct Effects {
     pub of: Vec<Mat<f64>>,
 }
@@ -42,10 +42,10 @@ impl Effects {
         Self { of: sources.iter().map(of).collect() }
     }
 
-    /// Covariance of a centre from the sources that the residuals show: its weight.
-    pub fn covariance(&self, sources: &[UncertaintySource], group: usize) -> DMat3 {
+    /// Covariance of the centre whose unknowns begin at `first`, from the sources that the residuals
+    /// show: its weight.
+    pub fn covariance(&self, sources: &[UncertaintySource], first: usize) -> DMat3 {
         let mut sum = DMat3::from_diagonal(DVec3::splat(LEAST_MM.powi(2)));
-        let first = BEAM + 3 * group;
         for (effect, _) in self.of.iter().zip(sources).filter(|(_, source)| source.shown) {
             for column in effect.col_iter() {
                 let by = DVec3::new(column[first], column[first + 1], column[first + 2]);
@@ -89,7 +89,7 @@ impl Solved<'_> {
 
     fn rows_of(&self, effect: &Mat<f64>, column: usize) -> Vec<f64> {
         self.rows(|i| {
-            let first = BEAM + 3 * i;
+            let first = self.centres.first(i);
             DVec3::from_array([0, 1, 2].map(|k| effect[(first + k, column)]))
         })
     }
@@ -151,8 +151,8 @@ impl Propagated {
         sources: &[UncertaintySource],
         misfit: &Misfit,
     ) -> Self {
-        let own = solved.minimum.x.len();
-        let unknowns = own + BEAM;
+        let beam = solved.centres.common();
+        let unknowns = solved.minimum.x.len() + beam;
         let mut all = Self {
             covariance: Mat::zeros(unknowns, unknowns),
             budget: Vec::new(),
@@ -163,7 +163,7 @@ impl Propagated {
             let columns: Vec<Vec<f64>> = (0..effect.ncols())
                 .map(|j| {
                     let mut x = solved.minimum.factored.solve(&solved.rows_of(effect, j));
-                    x.extend((0..BEAM).map(|k| effect[(k, j)]));
+                    x.extend((0..beam).map(|k| effect[(k, j)]));
                     x
                 })
                 .collect();
@@ -208,8 +208,8 @@ pub fn by_trials(
     trials: Trials,
 ) -> Result<Summary, MonteCarloError<Infallible>> {
     let Solved { centres, fitted, problem, minimum, into_table } = *solved;
-    let own = minimum.x.len();
-    propagate(trials, MONTE_CARLO_SEED, own + BEAM, |rng, out| {
+    let (own, beam) = (minimum.x.len(), centres.common());
+    propagate(trials, MONTE_CARLO_SEED, own + beam, |rng, out| {
         let mut by = vec![0.0; centres.rows.len()];
         for source in sources {
             let scale = if source.shown { factor } else { 1.0 };
@@ -235,7 +235,7 @@ pub fn by_trials(
         });
         let moved: Vec<DVec3> = moved.collect();
         out[..own].copy_from_slice(&problem.solve_near(minimum, &moved));
-        out[own..].copy_from_slice(&x[..BEAM]);
+        out[own..].copy_from_slice(&x[..beam]);
         Ok(())
     })
 }

@@ -49,6 +49,9 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
 
 fn gain(parts: &Parts<'_>) -> Option<String> {
     let index = parts.names.len() + 2;
+    if parts.bench.touches() {
+        return None;
+    }
     let (gain, u) = (*parts.fitted.x.get(2)?, parts.propagated.u(index));
     (gain.abs() > FAR * u && gain.abs() > GAIN).then(|| {
         format!(

@@ -4,7 +4,9 @@
 mod g2;
 mod harmonics;
 mod played;
+mod probe;
 mod refusals;
+mod whole;
 
 use serde::Deserialize;
 

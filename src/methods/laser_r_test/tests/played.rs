@@ -87,8 +87,43 @@ impl World {
         (root >= 0.0).then(|| -half - root.sqrt())
     }
 
-    pub fn play(&self, step: &Step, t_s: &mut f64) -> Vec<Reading> {
-        let scan = step.scan.as_ref().unwrap();
+    /// Where the stylus ball, its centre at `zero`, meets the sphere on the straight way of a touch.
+    fn touch(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
+        let apart = |at: &Position| {
+            let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
+            let tip = DVec3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+            tip - table.transform_point3(self.ball) - (self.shift)(self, at, t_s)
+        };
+        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+        let deviation: f64 = noise.next().unwrap();
+        let reach = self.radius + stylus + deviation * self.noise_um * 1e-3;
+        let (from, way) = (apart(&step.from), apart(&step.to) - apart(&step.from));
+        let (a, half) = (way.length_squared(), from.dot(way));
+        let root = half * half - a * (from.length_squared() - reach * reach);
+        let share = (-half - root.sqrt()) / a;
+        assert!((0.0..=1.0).contains(&share), "{}: no contact", step.label);
+        let between = |(axis, value)| (axis, value + share * (step.to.at(axis) - value));
+        let linear = step.from.only(Axis::is_linear).iter().map(between).collect();
+        step.from.updated_by(&linear)
+    }
+
+    /// Reading of a touch with a stylus ball of this radius.
+    fn touched(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
+        *t_s += 4.0;
+        vec![Reading {
+            step: step.id,
+            repeat: 0,
+            position: self.touch(step, stylus, *t_s),
+            value_mm: None,
+            sensor: step.sensor.clone(),
+            t_s: *t_s,
+            flag: Flag::None,
+            temperatures_c: Default::default(),
+        }]
+    }
+
+    pub fn play(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
+        let Some(scan) = &step.scan else { return self.touched(step, stylus, t_s) };
         let Sampling::Dwell { samples, .. } = scan.sampling else { panic!("dwells") };
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
         let mut readings = Vec::new();
@@ -130,7 +165,7 @@ pub fn run(
         plan.steps.extend(new_steps);
         for id in &stage.steps {
             let step = plan.steps.iter().find(|step| step.id == *id).unwrap();
-            readings.extend(world.play(step, &mut t_s));
+            readings.extend(world.play(step, plan.probe.ball_radius_mm, &mut t_s));
         }
         done.push(stage);
     }

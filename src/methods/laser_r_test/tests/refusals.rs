@@ -98,7 +98,7 @@ fn flagged_samples_are_excluded_and_counted() {
     .unwrap();
     five_are_right(&estimate);
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
-    assert!(said("40 of 23400 samples were not used: saturated 40"), "{:?}", estimate.warnings);
+    assert!(said("40 of 24440 samples were not used: saturated 40"), "{:?}", estimate.warnings);
 }
 
 #[test]
