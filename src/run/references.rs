@@ -32,7 +32,8 @@ struct Visit<'a> {
 /// Of the references, in the order of measurement; what is flagged says nothing.
 fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
     let good = |reading: &&Reading| reading.flag == Flag::None;
-    let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+    let same =
+        |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
     let visits = readings.chunk_by(same).filter_map(|readings| {
         let (first, count) = (readings.iter().find(good)?, readings.iter().filter(good).count());
         let is_read = |step: &&Step| step.id == first.step && step.kind == StepKind::Reference;
