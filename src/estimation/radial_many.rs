@@ -24,19 +24,17 @@ pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Option<Radial<D>> {
     }
     let mut frame = frame(points)?;
     let tolerance = TOLERANCE * (points.len() as f64).sqrt();
-    let mut before: Option<f64> = None;
+    let mut before = f64::INFINITY;
     for _ in 0..MAX_STEPS {
         let all = total(points, &frame);
         let step = Step::new(&all, &frame, points.len())?;
-        // Each step is shorter than the one before in the same proportion.
-        let next = before.map_or(step.size, |before| step.size * (step.size / before));
         // No way for plain steps.
-        if before.is_some_and(|before| step.size >= before) {
+        if step.size >= before {
             return None;
         }
-        before = Some(step.size);
+        before = step.size;
         frame = step.moved(&frame);
-        if next <= tolerance {
+        if step.size <= tolerance {
             return Some(finished(points, &frame, step));
         }
     }
