@@ -9,7 +9,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_serial::{ErrorKind, SerialPortBuilderExt, SerialStream};
 
-use super::{Link, LinkError};
+use super::{Flow, Link, LinkError};
 
 /// How long a host may take to accept a connection.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -46,6 +46,17 @@ pub async fn open(address: &Address) -> Result<Link, LinkError> {
             Link::opened(name, async move { serial(path, baud) }).await
         }
         Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
+    }
+}
+
+/// As [`open`], for a device that sends unasked.
+pub async fn listen(address: &Address) -> Result<Flow, LinkError> {
+    let name = address.to_string();
+    match address.clone() {
+        Address::Serial { path, baud } => {
+            Flow::opened(name, async move { serial(path, baud) }).await
+        }
+        Address::Tcp { host, port } => Flow::opened(name.clone(), tcp(name, host, port)).await,
     }
 }
 

@@ -4,14 +4,17 @@
 use std::io;
 
 mod address;
+pub mod can;
 mod capture;
 pub mod faults;
+mod flow;
 mod folder;
 #[cfg(test)]
 mod fuzz;
 mod lines;
 pub mod modbus;
 mod named;
+mod owner;
 mod replay;
 mod speed;
 mod stream;
@@ -19,8 +22,9 @@ mod stream;
 mod tests;
 mod wiring;
 
-pub use address::{Address, BY_ID, Pty, by_id, open, pty};
+pub use address::{Address, BY_ID, Pty, by_id, listen, open, pty};
 pub use capture::Capture;
+pub use flow::{Came, Flow};
 pub use folder::Folder;
 pub use lines::Received;
 pub use named::{HostPort, Named};

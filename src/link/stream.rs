@@ -1,26 +1,21 @@
-//! A byte stream and the one task that owns it, on a thread of its own: whatever computes or waits
-//! elsewhere, an urgent byte goes out. The handles are channels: a dropped or timed-out wait never
-//! drops an IO operation half-way.
+//! Lines in, bytes out, with an urgent way past all that is queued.
 
-use std::collections::VecDeque;
 use std::future::Future;
 use std::io;
-use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
-use tokio::sync::mpsc::error::TryRecvError;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::mpsc::error::{TryRecvError, TrySendError};
 use tokio::sync::{mpsc, oneshot};
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
 use super::capture::Speech;
 use super::lines::{Assembler, Received};
+use super::owner::{Ahead, Ends, Sink, start};
 use super::wiring::Wiring;
 
 /// Lines that may wait for their reader. A peer that floods more is the wrong peer.
 const WAITING_LINES: usize = 4096;
-/// How long the last words may take once the handle is gone.
-const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// The handle: lines in, bytes out.
 pub struct Link {
@@ -36,11 +31,6 @@ pub struct Link {
 /// error comes to whoever reads.
 #[derive(Clone)]
 pub struct Urgent(mpsc::UnboundedSender<Ahead>);
-
-struct Ahead {
-    bytes: Vec<u8>,
-    last: bool,
-}
 
 impl Urgent {
     pub fn send(&self, bytes: &[u8]) {
@@ -83,12 +73,13 @@ impl Link {
         Ok(link)
     }
 
-    fn ends(name: String) -> (Self, Ends) {
+    fn ends(name: String) -> (Self, Ends<Lines>) {
         let (lines, incoming) = mpsc::channel(WAITING_LINES);
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
         let link = Self { name, incoming, outgoing, urgent: Urgent(urgent), lost: None };
-        (link, Ends { lines, queued, urgent_queue })
+        let sink = Lines { assembler: Assembler::default(), lines };
+        (link, Ends { sink, queued, urgent_queue })
     }
 
     /// Queue one message; it is written whole, in order.
@@ -146,160 +137,30 @@ impl Link {
     }
 }
 
-/// The other ends of the handles' channels.
-struct Ends {
+/// What comes as lines.
+struct Lines {
+    assembler: Assembler,
     lines: mpsc::Sender<Result<Received, String>>,
-    queued: mpsc::UnboundedReceiver<Vec<u8>>,
-    urgent_queue: mpsc::UnboundedReceiver<Ahead>,
 }
 
-/// A thread that opens a stream, says whether it could, and owns it to the end.
-fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
-    ends: Ends,
-    open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
-    opened: oneshot::Sender<Result<(), LinkError>>,
-) -> io::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let own = async move {
-        let stream = match open.await {
-            Ok(stream) => stream,
-            Err(error) => return drop(opened.send(Err(error))),
-        };
-        let _ = opened.send(Ok(()));
-        Owner::new(stream, ends).run().await;
-    };
-    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(own))?;
-    Ok(())
-}
-
-/// What the task owns.
-struct Owner<S> {
-    reader: ReadHalf<S>,
-    writer: WriteHalf<S>,
-    ends: Ends,
-    /// After a hold nothing but urgent bytes goes out.
-    closed: bool,
-    /// Messages to be written; of the first, some bytes may be gone already.
-    pending: VecDeque<Message>,
-}
-
-struct Message {
-    bytes: Vec<u8>,
-    written: usize,
-    urgent: bool,
-}
-
-impl<S: AsyncRead + AsyncWrite> Owner<S> {
-    fn new(stream: S, ends: Ends) -> Self {
-        let (reader, writer) = tokio::io::split(stream);
-        Self { reader, writer, ends, closed: false, pending: VecDeque::new() }
-    }
-
-    async fn run(mut self) {
-        let end = self.pump().await;
-        let why = match end {
-            Ok(()) => {
-                self.say_last_words().await;
-                return;
-            }
-            Err(error) => error.to_string(),
-        };
-        let _ = self.ends.lines.send(Err(why)).await;
-    }
-
-    /// Read and write until the handle is dropped (`Ok`) or the link is lost.
-    async fn pump(&mut self) -> io::Result<()> {
-        let mut assembler = Assembler::default();
-        let mut buffer = [0; 4096];
-        loop {
-            // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
-            tokio::select! {
-                biased;
-                Some(ahead) = self.ends.urgent_queue.recv() => self.put_ahead(ahead),
-                written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
-                    advance(&mut self.pending, written?);
-                }
-                message = self.ends.queued.recv(), if self.pending.is_empty() => match message {
-                    Some(_) if self.closed => {}
-                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
-                    None => return Ok(()),
-                },
-                // The peer may have stopped reading: then the queue never comes to its end.
-                () = self.ends.lines.closed() => return Ok(()),
-                read = self.reader.read(&mut buffer) => {
-                    let count = read?;
-                    if count == 0 {
-                        return Err(io::Error::other("the other side closed it"));
-                    }
-                    self.pass_on(assembler.take(&buffer[..count]))?;
-                }
-            }
-        }
-    }
-
-    /// Behind a message that has begun and earlier urgent ones, ahead of all others.
-    fn put_ahead(&mut self, ahead: Ahead) {
-        let goes_first = |message: &&Message| message.urgent || message.written > 0;
-        let place = self.pending.iter().take_while(goes_first).count();
-        if ahead.last {
-            self.closed = true;
-            self.pending.truncate(place);
-        }
-        self.pending.insert(place, Message { bytes: ahead.bytes, written: 0, urgent: true });
-    }
-
-    fn pass_on(&self, received: Vec<Received>) -> io::Result<()> {
-        for item in received {
-            match self.ends.lines.try_send(Ok(item)) {
-                Err(mpsc::error::TrySendError::Full(_)) => {
+impl Sink for Lines {
+    fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
+        for item in self.assembler.take(bytes) {
+            match self.lines.try_send(Ok(item)) {
+                Err(TrySendError::Full(_)) => {
                     return Err(io::Error::other("the other side floods it with lines"));
                 }
-                Ok(()) | Err(mpsc::error::TrySendError::Closed(_)) => {}
+                Ok(()) | Err(TrySendError::Closed(_)) => {}
             }
         }
         Ok(())
     }
 
-    /// A hold that was asked for in the last moment still goes out.
-    async fn say_last_words(&mut self) {
-        while let Ok(bytes) = self.ends.queued.try_recv() {
-            if self.closed {
-                continue;
-            }
-            self.pending.push_back(Message { bytes, written: 0, urgent: false });
-        }
-        while let Ok(ahead) = self.ends.urgent_queue.try_recv() {
-            self.put_ahead(ahead);
-        }
-        let write = async {
-            while !self.pending.is_empty() {
-                match write_some(&mut self.writer, &self.pending).await {
-                    Ok(count) => advance(&mut self.pending, count),
-                    Err(_) => return,
-                }
-            }
-        };
-        // The stream is closed afterwards in any case.
-        let _ = timeout(LAST_WORDS, write).await;
+    async fn unwanted(&self) {
+        self.lines.closed().await;
     }
-}
 
-async fn write_some<S: AsyncWrite>(
-    writer: &mut WriteHalf<S>,
-    pending: &VecDeque<Message>,
-) -> io::Result<usize> {
-    let Some(message) = pending.front() else { return Ok(0) };
-    let count = writer.write(&message.bytes[message.written..]).await?;
-    if count == 0 && !message.bytes.is_empty() {
-        return Err(io::ErrorKind::WriteZero.into());
-    }
-    Ok(count)
-}
-
-fn advance(pending: &mut VecDeque<Message>, count: usize) {
-    let Some(message) = pending.front_mut() else { return };
-    message.written += count;
-    if message.written >= message.bytes.len() {
-        pending.pop_front();
+    async fn lost(self, why: String) {
+        let _ = self.lines.send(Err(why)).await;
     }
 }

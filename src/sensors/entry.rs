@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::{Named, Simulated, can};
+use super::{Named, Simulated, can, modbus, serial};
 use crate::record::sensor::{self, SensorKind};
 
 /// A sensor as `[[sensor]]` states it.
@@ -21,6 +21,16 @@ pub enum Reached {
     /// A simulated sensor looks at the simulated machine, which `[simulated]` describes.
     Simulated(Simulated),
     Real(Arc<dyn Named>),
+}
+
+impl Reached {
+    /// Where, in words.
+    pub fn at(&self) -> String {
+        match self {
+            Self::Simulated(_) => "simulated".to_owned(),
+            Self::Real(real) => real.at(),
+        }
+    }
 }
 
 /// The keys of [`sensor::Sensor`], and one table for each way to reach one. A new kind of sensor is a
@@ -46,6 +56,8 @@ struct Keys {
     #[serde(default = "sensor::default_incidence")]
     incidence_limit_deg: f64,
     can: Option<can::Config>,
+    serial: Option<serial::Config>,
+    modbus: Option<modbus::Config>,
     simulated: Option<Simulated>,
 }
 
@@ -58,11 +70,14 @@ impl Keys {
     fn reached(&mut self) -> Result<Reached, String> {
         let mut ways = Vec::new();
         ways.extend(self.can.take().map(|can| Reached::Real(Arc::new(can))));
+        ways.extend(self.serial.take().map(|serial| Reached::Real(Arc::new(serial))));
+        ways.extend(self.modbus.take().map(|modbus| Reached::Real(Arc::new(modbus))));
         ways.extend(self.simulated.take().map(Reached::Simulated));
         match ways.pop() {
             Some(way) if ways.is_empty() => Ok(way),
             _ => Err(format!(
-                "`{}` needs exactly one of [sensor.can] and [sensor.simulated]: how it is reached",
+                "`{}` needs exactly one of [sensor.can], [sensor.serial], [sensor.modbus] and \
+                 [sensor.simulated]: how it is reached",
                 self.name
             )),
         }

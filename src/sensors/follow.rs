@@ -5,13 +5,21 @@ use super::Sample;
 use super::layout::{Decoded, Layout, Short};
 use crate::record::reading::Flag;
 
+/// Frames of a layout.
 pub struct Follower {
     layout: Layout,
-    /// Of the frame before.
+    counting: Counting,
+}
+
+/// Whatever says a value and a count.
+pub struct Counting {
+    /// After so many samples the counter begins anew.
+    round: Option<u64>,
+    /// Of the sample before.
     count: Option<u64>,
-    /// Something was lost since the last frame, and no counter says how much.
+    /// Something was lost since the last sample, and no counter says how much.
     broken: bool,
-    /// Nobody asked for what lies between the last frame and the next.
+    /// Nobody asked for what lies between the last sample and the next.
     fresh: bool,
 }
 
@@ -22,44 +30,70 @@ enum Step {
 
 impl Follower {
     pub fn new(layout: Layout) -> Self {
-        Self { layout, count: None, broken: false, fresh: true }
+        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        Self { layout, counting }
     }
 
-    /// Frames may be missing before the next one.
+    /// As [`Counting::interrupted`].
     pub fn interrupted(&mut self) {
-        self.broken = true;
+        self.counting.interrupted();
     }
 
-    /// What lies between the last frame and the next is not missed. A count that still stands is.
+    /// As [`Counting::forget`].
     pub fn forget(&mut self) {
-        (self.broken, self.fresh) = (false, true);
+        self.counting.forget();
     }
 
     /// # Errors
     /// A frame that is too short for the layout.
     pub fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, Short> {
-        let Decoded { value, counter } = self.layout.decode(frame)?;
+        Ok(self.counting.follow(t_s, self.layout.decode(frame)?))
+    }
+}
+
+impl Counting {
+    pub fn new(round: Option<u64>) -> Self {
+        Self { round, count: None, broken: false, fresh: true }
+    }
+
+    /// Samples may be missing before the next one.
+    pub fn interrupted(&mut self) {
+        self.broken = true;
+    }
+
+    /// What lies between the last sample and the next is not missed. A count that still stands is.
+    pub fn forget(&mut self) {
+        (self.broken, self.fresh) = (false, true);
+    }
+
+    /// What comes next is the first: with a narrow counter it may have gone round to the same number.
+    pub fn begin(&mut self) {
+        self.forget();
+        self.count = None;
+    }
+
+    pub fn follow(&mut self, t_s: f64, Decoded { value, counter }: Decoded) -> Sample {
         let step = match counter {
             Some(count) => self.step(count),
             None => Step::On { missing: 0 },
         };
         let Step::On { missing } = step else {
-            return Ok(Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 });
+            return Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 };
         };
         let broken = std::mem::take(&mut self.broken) || missing > 0;
-        Ok(match value {
+        match value {
             Ok(mm) => {
                 let flag = if broken { Flag::Gap } else { Flag::None };
                 Sample { t_s, value_mm: Some(mm), flag, missing }
             }
             Err(flag) => Sample { t_s, value_mm: None, flag, missing },
-        })
+        }
     }
 
     fn step(&mut self, count: u64) -> Step {
         let fresh = std::mem::take(&mut self.fresh);
         let Some(last) = self.count.replace(count) else { return Step::On { missing: 0 } };
-        let round = 1_u64 << self.layout.counter_width().unwrap_or_default();
+        let round = self.round.unwrap_or(1);
         match (round + count - last) % round {
             // After an interruption it may have gone round.
             0 if !self.broken => Step::Stands,

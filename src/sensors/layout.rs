@@ -66,7 +66,7 @@ fn one() -> u16 {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Means {
+pub enum Means {
     /// Nothing comes back from a surface.
     NoEcho,
     Range,
@@ -97,7 +97,7 @@ impl StatusKeys {
 }
 
 impl Means {
-    fn flag(self) -> Flag {
+    pub fn flag(self) -> Flag {
         match self {
             Self::NoEcho | Self::Range => Flag::Range,
             Self::Saturated => Flag::Saturated,
@@ -125,6 +125,16 @@ pub struct Decoded {
     /// mm, or why there is none.
     pub value: Result<f64, Flag>,
     pub counter: Option<u64>,
+}
+
+impl Decoded {
+    /// A value beyond the sensor's range means nothing.
+    pub fn within(self, [least, greatest]: [f64; 2]) -> Self {
+        let value = self.value.and_then(|mm| {
+            if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(Flag::Range) }
+        });
+        Self { value, ..self }
+    }
 }
 
 /// Counters: far more than any sensor has.

@@ -23,7 +23,10 @@ mod follow;
 mod layout;
 #[cfg(test)]
 mod layout_tests;
+pub mod modbus;
+pub mod serial;
 mod simulated;
+pub mod wires;
 
 pub use entry::{Entry, Reached};
 pub use error::SensorError;

@@ -1,14 +1,15 @@
 //! Sensors that are simulated: one list of what they speak, and of the wires between the daemon and
 //! them.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Deserialize;
 
-use super::{Sensor, SensorError};
+use super::wires::Wire;
+use super::{Sensor, SensorError, modbus, serial};
 use crate::base::Clock;
 use crate::record::sensor;
-use crate::world::World;
+use crate::world::{Sensed, World};
 
 /// `[sensor.simulated]`.
 #[derive(Debug, Clone, Deserialize)]
@@ -29,6 +30,10 @@ pub struct Simulated {
 enum Speaks {
     #[default]
     Can,
+    /// Lines of text.
+    Serial,
+    SerialFrames,
+    Modbus,
 }
 
 impl Default for Simulated {
@@ -56,7 +61,36 @@ impl Simulated {
     ///
     /// # Errors
     /// What opening says.
-    pub async fn open(&self, sensor: &sensor::Sensor, _view: View) -> Result<Sensor, SensorError> {
+    pub async fn open(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
+        let name = sensor.name.as_str();
+        let tongue = match self.speaks {
+            Speaks::Serial => serial::twin::Tongue::Text,
+            Speaks::SerialFrames => serial::twin::Tongue::Frames,
+            Speaks::Modbus => {
+                let when = modbus::twin::Measures::WhenRead;
+                let at = (Wire::of(&self.wire)?, when);
+                let (sense, clock) = (self.sense(sensor, &view), view.clock);
+                let driver = modbus::twin::open(at, sense, self.rate_hz, sensor, clock).await?;
+                return Ok(Sensor::spawn(name, driver));
+            }
+            Speaks::Can => return self.on_can(sensor),
+        };
+        let at = (tongue, Wire::of(&self.wire)?);
+        let (sense, clock) = (self.sense(sensor, &view), view.clock);
+        let driver = serial::twin::open(at, sense, self.rate_hz, sensor, clock).await?;
+        Ok(Sensor::spawn(name, driver))
+    }
+
+    /// One sample after the other; with each a period passes.
+    fn sense(&self, sensor: &sensor::Sensor, view: &View) -> Box<dyn FnMut() -> Sensed + Send> {
+        let (name, world, period_s) = (sensor.name.clone(), view.world.clone(), 1.0 / self.rate_hz);
+        Box::new(move || {
+            let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
+            world.sense(&name, period_s).unwrap_or(Sensed::NoEcho)
+        })
+    }
+
+    fn on_can(&self, sensor: &sensor::Sensor) -> Result<Sensor, SensorError> {
         Err(SensorError::Strange {
             text: format!(
                 "{} ({:?} by {} at {} Hz)",

@@ -73,20 +73,6 @@ impl Config {
     }
 }
 
-/// The line with what is written of it.
-fn spoken(usual: Line, framing: Option<Framing>, parity: Option<Parity>) -> Result<Line, String> {
-    let over_tcp = matches!(usual.at, link::Named::Tcp(_));
-    if over_tcp && parity.is_some() {
-        return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
-    }
-    if !over_tcp && framing == Some(Framing::Tcp) {
-        return Err("`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned());
-    }
-    let framing = framing.unwrap_or(usual.framing);
-    let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
-    Ok(Line { framing, parity, ..usual })
-}
-
 type Behind = (Map, Option<Arc<Program>>);
 
 /// The window, and what is behind it.
@@ -115,8 +101,7 @@ impl TryFrom<Keys> for Config {
             program,
         } = keys;
         let at = link::Named::of((serial, serial_id, tcp), baud, USUAL_BAUD)?;
-        let usual = Line::usual(at);
-        let line = spoken(usual, framing, parity)?;
+        let line = Line::spoken(at, framing, parity)?;
         let framing = line.framing;
         let usual_unit = if framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
         let unit = unit.unwrap_or(usual_unit);

@@ -53,6 +53,30 @@ impl Line {
         Self { at, framing, parity: Parity::default() }
     }
 
+    /// With what a file says of it; parity is even unless it says so.
+    ///
+    /// # Errors
+    /// What does not go together, in words.
+    pub fn spoken(
+        at: Named,
+        framing: Option<Framing>,
+        parity: Option<Parity>,
+    ) -> Result<Self, String> {
+        let usual = Self::usual(at);
+        let over_tcp = matches!(usual.at, Named::Tcp(_));
+        if over_tcp && parity.is_some() {
+            return Err("`parity` belongs to `serial`; a TCP link has none: remove it".to_owned());
+        }
+        if !over_tcp && framing == Some(Framing::Tcp) {
+            return Err(
+                "`framing = \"tcp\"` needs a TCP link; on a serial line it is `rtu`".to_owned()
+            );
+        }
+        let framing = framing.unwrap_or(usual.framing);
+        let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
+        Ok(Self { framing, parity, ..usual })
+    }
+
     /// How long nothing may come for a frame to be over.
     pub(super) fn silence(&self) -> Duration {
         match self.at {

@@ -1,0 +1,179 @@
+//! What a device sends unasked, as it comes, for as long as it likes: bytes with the time at which they
+//! were read. Nobody needs to read them; then the oldest are forgotten.
+
+use std::future::Future;
+use std::io;
+use std::sync::Arc;
+
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::{broadcast, mpsc, oneshot};
+use tokio::time::{Instant, timeout_at};
+
+use super::LinkError;
+use super::capture::Speech;
+use super::owner::{Ends, Owner, Sink, start};
+use super::wiring::Wiring;
+
+/// Reads that are kept: more than eight seconds of a device that speaks a thousand times a second.
+const KEPT: usize = 8192;
+
+/// What came.
+#[derive(Debug, Clone)]
+pub enum Came {
+    /// In one read, at that time.
+    Bytes(Instant, Arc<[u8]>),
+    /// More than is kept: what came before was forgotten, unread.
+    Forgotten,
+}
+
+/// The handle: bytes in and out.
+pub struct Flow {
+    name: String,
+    incoming: broadcast::Receiver<Result<(Instant, Arc<[u8]>), String>>,
+    outgoing: mpsc::UnboundedSender<Vec<u8>>,
+    lost: Option<String>,
+}
+
+impl Flow {
+    /// Over a stream inside this process, owned by a task of the caller's runtime.
+    pub fn over(
+        name: impl Into<String>,
+        stream: impl AsyncRead + AsyncWrite + Send + 'static,
+    ) -> Self {
+        let (flow, ends) = Self::ends(name.into());
+        tokio::spawn(Owner::new(stream, ends).run());
+        flow
+    }
+
+    /// Start the owning thread and let it open its stream.
+    pub(super) async fn opened<S: AsyncRead + AsyncWrite + Send + 'static>(
+        name: String,
+        open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let (flow, ends) = Self::ends(name);
+        let (opened, result) = oneshot::channel();
+        let fault = |source| LinkError::Open { address: flow.name.clone(), source };
+        let wired = Wiring::current().of(&flow.name, Speech::Lines);
+        start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
+        result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
+        Ok(flow)
+    }
+
+    fn ends(name: String) -> (Self, Ends<Reads>) {
+        let (reads, incoming) = broadcast::channel(KEPT);
+        let (outgoing, queued) = mpsc::unbounded_channel();
+        // Nothing overtakes: no move waits on a sensor's wire.
+        let (_, urgent_queue) = mpsc::unbounded_channel();
+        let flow = Self { name, incoming, outgoing, lost: None };
+        (flow, Ends { sink: Reads(reads), queued, urgent_queue })
+    }
+
+    /// Queue bytes; they are written whole, in order.
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
+    }
+
+    /// Forget what has come and was not taken.
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub fn forget(&mut self) -> Result<(), LinkError> {
+        // Why it was lost stands behind all that came: it is looked for before it is forgotten.
+        if self.incoming.is_closed() {
+            while let Ok(came) = self.incoming.try_recv() {
+                self.lost = came.err().or(self.lost.take());
+            }
+            return Err(self.gone());
+        }
+        self.incoming = self.incoming.resubscribe();
+        Ok(())
+    }
+
+    /// What came next, or `None` when `deadline` has passed. Once lost, it stays lost.
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<Came>, LinkError> {
+        // What is dropped here waits on a channel, not on the device.
+        match timeout_at(deadline, self.incoming.recv()).await {
+            Err(_) => Ok(None),
+            Ok(Ok(Ok((at, bytes)))) => Ok(Some(Came::Bytes(at, bytes))),
+            Ok(Ok(Err(why))) => {
+                self.lost = Some(why);
+                Err(self.gone())
+            }
+            Ok(Err(RecvError::Lagged(_))) => Ok(Some(Came::Forgotten)),
+            Ok(Err(RecvError::Closed)) => Err(self.gone()),
+        }
+    }
+
+    fn gone(&self) -> LinkError {
+        let why = self.lost.clone().unwrap_or_else(|| "it was closed".to_owned());
+        LinkError::Lost { address: self.name.clone(), why }
+    }
+}
+
+struct Reads(broadcast::Sender<Result<(Instant, Arc<[u8]>), String>>);
+
+impl Sink for Reads {
+    fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
+        // Nobody listens any more: `unwanted` tells it.
+        let _ = self.0.send(Ok((Instant::now(), bytes.into())));
+        Ok(())
+    }
+
+    async fn unwanted(&self) {
+        self.0.closed().await;
+    }
+
+    async fn lost(self, why: String) {
+        let _ = self.0.send(Err(why));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tokio::io::AsyncWriteExt;
+
+    use super::*;
+
+    async fn next(flow: &mut Flow) -> Option<Vec<u8>> {
+        match flow.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap() {
+            Some(Came::Bytes(_, bytes)) => Some(bytes.to_vec()),
+            _ => None,
+        }
+    }
+
+    #[tokio::test]
+    async fn what_nobody_reads_is_forgotten_and_the_newest_is_kept() {
+        let (near, mut far) = tokio::io::duplex(64);
+        let mut flow = Flow::over("a sensor", near);
+        for _ in 0..KEPT + 10 {
+            far.write_all(b"old").await.unwrap();
+            tokio::task::yield_now().await;
+        }
+        // `None`: told that something is missing.
+        assert_eq!(next(&mut flow).await, None);
+        assert_eq!(next(&mut flow).await.unwrap(), b"old");
+        flow.forget().unwrap();
+        far.write_all(b"new").await.unwrap();
+        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+    }
+
+    #[tokio::test]
+    async fn a_lost_one_says_why_even_when_all_is_forgotten() {
+        let (near, mut far) = tokio::io::duplex(64);
+        let mut flow = Flow::over("a sensor", near);
+        far.write_all(b"last words").await.unwrap();
+        drop(far);
+        flow.outgoing.closed().await;
+        let error = flow.forget().unwrap_err();
+        assert!(error.to_string().contains("the other side closed it"), "{error}");
+    }
+}

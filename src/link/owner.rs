@@ -1,0 +1,177 @@
+//! The one task that owns a byte stream, on a thread of its own: whatever computes or waits elsewhere,
+//! an urgent byte goes out, and what comes is taken when it comes. The handles are channels: a dropped
+//! or timed-out wait never drops an IO operation half-way.
+
+use std::collections::VecDeque;
+use std::future::Future;
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::timeout;
+
+use super::LinkError;
+
+/// How long the last words may take once the handle is gone.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// Where an owner leaves what comes.
+pub(super) trait Sink: Send + 'static {
+    /// Bytes that came just now. An error ends the link.
+    fn take(&mut self, bytes: &[u8]) -> io::Result<()>;
+    /// Ends when nobody can read any more.
+    fn unwanted(&self) -> impl Future<Output = ()> + Send;
+    /// The last thing said: why the link is lost.
+    fn lost(self, why: String) -> impl Future<Output = ()> + Send;
+}
+
+pub(super) struct Ahead {
+    pub(super) bytes: Vec<u8>,
+    pub(super) last: bool,
+}
+
+/// The other ends of the handles' channels.
+pub(super) struct Ends<K> {
+    pub(super) sink: K,
+    pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
+    pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+}
+
+/// A thread that opens a stream, says whether it could, and owns it to the end.
+pub(super) fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
+    ends: Ends<impl Sink>,
+    open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+    opened: oneshot::Sender<Result<(), LinkError>>,
+) -> io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let own = async move {
+        let stream = match open.await {
+            Ok(stream) => stream,
+            Err(error) => return drop(opened.send(Err(error))),
+        };
+        let _ = opened.send(Ok(()));
+        Owner::new(stream, ends).run().await;
+    };
+    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(own))?;
+    Ok(())
+}
+
+/// What the task owns.
+pub(super) struct Owner<S, K> {
+    reader: ReadHalf<S>,
+    writer: WriteHalf<S>,
+    ends: Ends<K>,
+    /// After a hold nothing but urgent bytes goes out.
+    closed: bool,
+    /// Messages to be written; of the first, some bytes may be gone already.
+    pending: VecDeque<Message>,
+}
+
+struct Message {
+    bytes: Vec<u8>,
+    written: usize,
+    urgent: bool,
+}
+
+impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
+    pub(super) fn new(stream: S, ends: Ends<K>) -> Self {
+        let (reader, writer) = tokio::io::split(stream);
+        Self { reader, writer, ends, closed: false, pending: VecDeque::new() }
+    }
+
+    pub(super) async fn run(mut self) {
+        let end = self.pump().await;
+        let why = match end {
+            Ok(()) => {
+                self.say_last_words().await;
+                return;
+            }
+            Err(error) => error.to_string(),
+        };
+        self.ends.sink.lost(why).await;
+    }
+
+    /// Read and write until the handle is dropped (`Ok`) or the link is lost.
+    async fn pump(&mut self) -> io::Result<()> {
+        let mut buffer = [0; 4096];
+        loop {
+            // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
+            tokio::select! {
+                biased;
+                Some(ahead) = self.ends.urgent_queue.recv() => self.put_ahead(ahead),
+                written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
+                    advance(&mut self.pending, written?);
+                }
+                message = self.ends.queued.recv(), if self.pending.is_empty() => match message {
+                    Some(_) if self.closed => {}
+                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
+                    None => return Ok(()),
+                },
+                // The peer may have stopped reading: then the queue never comes to its end.
+                () = self.ends.sink.unwanted() => return Ok(()),
+                read = self.reader.read(&mut buffer) => {
+                    let count = read?;
+                    if count == 0 {
+                        return Err(io::Error::other("the other side closed it"));
+                    }
+                    self.ends.sink.take(&buffer[..count])?;
+                }
+            }
+        }
+    }
+
+    /// Behind a message that has begun and earlier urgent ones, ahead of all others.
+    fn put_ahead(&mut self, ahead: Ahead) {
+        let goes_first = |message: &&Message| message.urgent || message.written > 0;
+        let place = self.pending.iter().take_while(goes_first).count();
+        if ahead.last {
+            self.closed = true;
+            self.pending.truncate(place);
+        }
+        self.pending.insert(place, Message { bytes: ahead.bytes, written: 0, urgent: true });
+    }
+
+    /// A hold that was asked for in the last moment still goes out.
+    async fn say_last_words(&mut self) {
+        while let Ok(bytes) = self.ends.queued.try_recv() {
+            if self.closed {
+                continue;
+            }
+            self.pending.push_back(Message { bytes, written: 0, urgent: false });
+        }
+        while let Ok(ahead) = self.ends.urgent_queue.try_recv() {
+            self.put_ahead(ahead);
+        }
+        let write = async {
+            while !self.pending.is_empty() {
+                match write_some(&mut self.writer, &self.pending).await {
+                    Ok(count) => advance(&mut self.pending, count),
+                    Err(_) => return,
+                }
+            }
+        };
+        // The stream is closed afterwards in any case.
+        let _ = timeout(LAST_WORDS, write).await;
+    }
+}
+
+async fn write_some<S: AsyncWrite>(
+    writer: &mut WriteHalf<S>,
+    pending: &VecDeque<Message>,
+) -> io::Result<usize> {
+    let Some(message) = pending.front() else { return Ok(0) };
+    let count = writer.write(&message.bytes[message.written..]).await?;
+    if count == 0 && !message.bytes.is_empty() {
+        return Err(io::ErrorKind::WriteZero.into());
+    }
+    Ok(count)
+}
+
+fn advance(pending: &mut VecDeque<Message>, count: usize) {
+    let Some(message) = pending.front_mut() else { return };
+    message.written += count;
+    if message.written >= message.bytes.len() {
+        pending.pop_front();
+    }
+}

@@ -1,0 +1,130 @@
+//! `[sensor.modbus]`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::Registers;
+use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
+use crate::base::Clock;
+use crate::link::modbus::{Allowed, Framing, Line, Parity, Settings, Space};
+use crate::link::{self, HostPort};
+use crate::record::sensor;
+use crate::sensors::{Named, Opening, Sensor};
+
+/// Baud rate and parity as the Modbus serial line specification has them by default.
+const USUAL_BAUD: u32 = 19_200;
+/// Where nobody forwards, a TCP device answers this one.
+const USUAL_TCP_UNIT: u8 = 255;
+const USUAL_RTU_UNIT: u8 = 1;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    parity: Option<Parity>,
+    tcp: Option<HostPort>,
+    framing: Option<Framing>,
+    unit: Option<u8>,
+    #[serde(default = "timeout_s")]
+    timeout_s: f64,
+    /// At most so often it is read.
+    #[serde(default = "rate_hz")]
+    rate_hz: f64,
+    #[serde(default = "input")]
+    space: Space,
+    value: ValueKeys,
+    counter: Option<CounterKeys>,
+    #[serde(default)]
+    status: Vec<StatusKeys>,
+}
+
+fn timeout_s() -> f64 {
+    0.5
+}
+
+fn rate_hz() -> f64 {
+    50.0
+}
+
+fn input() -> Space {
+    Space::Input
+}
+
+/// How a sensor behind registers is reached and understood.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    pub(super) line: Line,
+    unit: u8,
+    pub(super) timeout: Duration,
+    /// Between two reads.
+    pub(super) pace: Duration,
+    pub(super) map: Map,
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
+        let line = Line::spoken(at, keys.framing, keys.parity)?;
+        let usual = if line.framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
+        let unit = keys.unit.unwrap_or(usual);
+        if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {
+            return Err(format!("`unit` is {unit}; on RTU a device has a number from 1 to 247"));
+        }
+        if !(0.01..=30.0).contains(&keys.timeout_s) {
+            return Err("`timeout_s` is a time from 0.01 to 30".to_owned());
+        }
+        if !(0.001..=1e4).contains(&keys.rate_hz) {
+            return Err(format!("`rate_hz` is {}; it lies between 0.001 and 10000", keys.rate_hz));
+        }
+        if !matches!(keys.space, Space::Input | Space::Holding) {
+            return Err("`space` is `input` or `holding`: a bit holds no distance".to_owned());
+        }
+        let timeout = Duration::from_secs_f64(keys.timeout_s);
+        let pace = Duration::from_secs_f64(1.0 / keys.rate_hz);
+        let map = Map::new(keys.space, keys.value, keys.counter, keys.status)?;
+        Ok(Self { line, unit, timeout, pace, map })
+    }
+}
+
+impl Config {
+    /// A sensor with `keys` that somebody serves on this computer.
+    ///
+    /// # Errors
+    /// What the keys refuse.
+    pub(super) fn local(at: link::Named, keys: &str) -> Result<Self, String> {
+        let served = match &at {
+            link::Named::Tcp(_) => format!("tcp = \"{at}\""),
+            link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => {
+                format!("serial = \"{at}\"\nbaud = {baud}")
+            }
+        };
+        toml::from_str(&format!("{served}\n{keys}")).map_err(|error| error.to_string())
+    }
+
+    /// What the link is held to: these registers, and no writing.
+    pub(super) fn settings(&self) -> Settings {
+        let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
+        Settings { unit: self.unit, timeout: self.timeout, allowed }
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        format!("{}, unit {}", self.line.at.in_full(), self.unit)
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let driver = Registers::open(self.clone(), sensor, clock, None).await?;
+            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+        })
+    }
+}

@@ -1,0 +1,152 @@
+//! The driver against the twin, and maps that cannot be.
+
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::config::Config;
+use super::twin::{self, Measures};
+use crate::base::clock::HostClock;
+use crate::record::reading::Flag;
+use crate::record::sensor::Sensor;
+use crate::sensors::wires::Wire;
+use crate::sensors::{Driver, Sample};
+use crate::world::Sensed;
+
+const MAP: &str = r#"
+[value]
+register = 10
+type = "i32"
+scale_mm = 0.001
+codes = [{ is = -2147483648, means = "no-echo" }]
+[counter]
+register = 12
+type = "u16"
+[[status]]
+register = 9
+bit = 2
+width = 2
+is = 3
+means = "saturated"
+[[status]]
+register = 9
+bit = 15
+means = "stale"
+"#;
+
+fn refused(text: &str) -> String {
+    toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+}
+
+fn sensor() -> Sensor {
+    serde_json::from_value(json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
+    }))
+    .unwrap()
+}
+
+#[test]
+fn registers_are_read_as_the_map_says() {
+    let config: Config = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{MAP}")).unwrap();
+    let map = &config.map;
+    assert_eq!((map.span.first, map.span.last), (9, 12));
+    let read = |words: [u16; 4]| {
+        let said = map.read(&words).unwrap();
+        (said.value, said.counter)
+    };
+    assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
+    // -1500 = FFFF FA24.
+    assert_eq!(read([8, 0xFFFF, 0xFA24, 65_535]), (Ok(-1.5), Some(65_535)));
+    assert_eq!(read([12, 0, 2000, 8]), (Err(Flag::Saturated), Some(8)));
+    assert_eq!(read([0x8000, 0, 2000, 8]), (Err(Flag::Stale), Some(8)));
+    assert_eq!(read([0, 0x8000, 0, 8]), (Err(Flag::Range), Some(8)));
+    assert_eq!(map.round(), Some(65_536));
+    // Nothing else may be reached, and nothing written.
+    let allowed = config.settings().allowed;
+    assert_eq!((allowed.read, allowed.write), (vec![map.span], vec![]));
+
+    let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
+    let nan = [0x7FC0, 0];
+    let map = |keys: &str| toml::from_str::<Config>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
+    assert_eq!(map(float).read(&nan).unwrap().value, Err(Flag::Range));
+    assert!(map(&float.replace(", nan = \"no-echo\"", "")).read(&nan).is_err());
+}
+
+#[test]
+fn maps_that_cannot_be_are_refused_in_words() {
+    let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
+    assert!(
+        map("register = 12", "register = 11")
+            .contains("`value` and `counter` overlap at register 11")
+    );
+    assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
+    assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("every reading would be the same"));
+    assert!(map("scale_mm = 0.001", "scale_mm = \"0.001\"").contains("invalid type"));
+    assert!(map("register = 12", "register = 300").contains("too many for one request"));
+    assert!(
+        map("register = 12\ntype = \"u16\"", "register = 12\ntype = \"f32\"")
+            .contains("whole number")
+    );
+    assert!(map("is = 3", "is = 4").contains("can never be 4"));
+    assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
+    assert!(
+        map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("belongs to `f32`")
+    );
+    assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit holds no distance"));
+    assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
+}
+
+fn short(sample: Sample) -> (i64, &'static str) {
+    assert_eq!(sample.missing, 0);
+    assert_eq!(sample.value_mm.is_some(), sample.flag == Flag::None);
+    (sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64), sample.flag.as_str())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_twin_measures_when_it_is_read() {
+    for wire in [Wire::Tcp, Wire::Pty] {
+        let mut place = 0;
+        let sense = move || {
+            place += 1;
+            match place {
+                4 => Sensed::NoEcho,
+                5 => Sensed::OutOfRange(11.0),
+                6 => Sensed::Saturated,
+                _ => Sensed::Distance(-0.5 * f64::from(place)),
+            }
+        };
+        let clock = Arc::new(HostClock::start());
+        let at = (wire, Measures::WhenRead);
+        let mut registers =
+            twin::open(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+        assert!(registers.on_demand());
+        // One when it was made, one for `prepare`.
+        assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
+        registers.forget().await.unwrap();
+        let expected = [(-1500, ""), (0, "range"), (0, "range"), (0, "saturated"), (-3500, "")];
+        for expected in expected {
+            assert_eq!(short(registers.next().await.unwrap()), expected, "{wire:?}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn each_measurement_of_a_running_one_is_taken_once_and_standing_is_stale() {
+    let mut place = 0;
+    let sense = move || {
+        place += 1;
+        Sensed::Distance(f64::from(place % 1000) * 0.01)
+    };
+    let clock = Arc::new(HostClock::start());
+    let at = (Wire::Tcp, Measures::AtItsRate);
+    let mut registers = twin::open(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+    let prepared = registers.prepare().await.unwrap();
+    assert!(!registers.on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
+    registers.forget().await.unwrap();
+    let mut last = 0;
+    for _ in 0..20 {
+        let (um, flag) = short(registers.next().await.unwrap());
+        assert!(flag.is_empty() && um > last, "{um} after {last}");
+        last = um;
+    }
+}

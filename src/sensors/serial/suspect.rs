@@ -1,0 +1,74 @@
+//! Why nothing that comes is understood, in words.
+
+use super::form::Form;
+use crate::sensors::SensorError;
+
+/// What came while the sensor was first listened to.
+#[derive(Debug, Default)]
+pub(super) struct Heard {
+    pub good_bytes: usize,
+    pub spoilt_bytes: usize,
+    /// The first of what could not be understood.
+    pub example: Vec<u8>,
+    /// All bytes, whole pieces or not.
+    pub bytes: usize,
+}
+
+const SHOWN: usize = 60;
+
+impl Heard {
+    pub fn spoilt(&mut self, bytes: &[u8]) {
+        self.spoilt_bytes += bytes.len();
+        if self.example.len() < SHOWN {
+            let room = SHOWN - self.example.len();
+            self.example.extend(bytes.iter().take(room));
+        }
+    }
+
+    /// More is spoilt than is good.
+    pub fn is_noise(&self) -> bool {
+        self.spoilt_bytes > self.good_bytes
+    }
+
+    pub fn suspect(&self, form: &Form, baud: Option<u32>) -> SensorError {
+        let example = self.example.escape_ascii();
+        let readable = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
+        let unreadable = self.example.iter().filter(|byte| !readable(byte)).count();
+        let (text, remedy) = match form {
+            Form::Line(_) if 8 * unreadable > self.example.len() => (
+                format!("mostly noise comes where lines should: `{example}`"),
+                wrong_speed(baud),
+            ),
+            Form::Line(_) if self.spoilt_bytes == 0 => (
+                format!("{} bytes came and no line's end", self.bytes),
+                "compare `end` of [sensor.serial.line] with the sensor's manual".to_owned(),
+            ),
+            Form::Line(_) => (
+                format!("lines come as `{example}`"),
+                "compare [sensor.serial.line] with such a line: prefix, suffix, separator, columns, and \
+                 a number where the value is"
+                    .to_owned(),
+            ),
+            Form::Frame(_) => (
+                format!("no frames in `{example}`"),
+                format!(
+                    "compare [sensor.serial.frame] with the sensor's manual: sync, length, checksum; \
+                     and {}",
+                    wrong_speed(baud)
+                ),
+            ),
+        };
+        SensorError::Strange { text, remedy }
+    }
+}
+
+fn wrong_speed(baud: Option<u32>) -> String {
+    match baud {
+        Some(baud) => format!(
+            "the sensor probably speaks at another bit rate than {baud}: set `baud` to its own"
+        ),
+        None => "the converter probably has another bit rate than the sensor: set it to the \
+                 sensor's own"
+            .to_owned(),
+    }
+}

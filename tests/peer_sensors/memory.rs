@@ -1,0 +1,55 @@
+//! Thirty minutes of samples at a thousand a second, as fast as they are asked for: memory stays as it
+//! was.
+
+use std::sync::Arc;
+
+use libtest_mimic::Failed;
+use trued::base::clock::HostClock;
+use trued::sensors::Sensor;
+use trued::sensors::serial::twin::{self, Tongue};
+use trued::sensors::wires::Wire;
+use trued::world::Sensed;
+
+use super::peer::sensor;
+
+/// At each dwell point.
+const SAMPLES: u32 = 100;
+const POINTS: u32 = 18_000;
+/// Of a full queue there would be more: a sample has 32 bytes and its line 15.
+const BOUND_KB: u64 = 16 * 1024;
+const PAGE_KB: u64 = 4;
+
+fn resident_kb() -> u64 {
+    let text = std::fs::read_to_string("/proc/self/statm").unwrap();
+    text.split(' ').nth(1).unwrap().parse::<u64>().unwrap() * PAGE_KB
+}
+
+pub fn is_flat() -> Result<(), Failed> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut place = 0_u32;
+        let sense = move || {
+            place += 1;
+            Sensed::Distance(f64::from(place % 1000) * 0.001)
+        };
+        let (at, clock) = ((Tongue::Text, Wire::Memory), Arc::new(HostClock::start()));
+        let driver = twin::open(at, Box::new(sense), 1000.0, &sensor(), clock).await?;
+        let sensor = Sensor::spawn("laser", driver);
+        sensor.prepare().await?;
+        let (mut before, mut expected) = (0, 1);
+        for point in 0..POINTS {
+            for sample in sensor.take(SAMPLES).await? {
+                expected += 1;
+                let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as u32);
+                assert_eq!(um, Some(expected % 1000));
+            }
+            if point == POINTS / 20 {
+                before = resident_kb();
+            }
+        }
+        let after = resident_kb();
+        println!("{before} kB after 1 in 20, {after} kB at the end");
+        assert!(after < before + BOUND_KB, "{before} kB became {after} kB");
+        Ok(())
+    })
+}
