@@ -148,3 +148,70 @@ fn finished<const D: usize>(points: &[[f64; D]], frame: &Frame<D>, step: Step<D>
         covariance: turn.transpose() * step.covariance * &turn,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::base::random;
+    use rand::RngExt;
+
+    /// A cap of `half` rad about a slanted axis, far from the origin, with deviations of `noise`.
+    fn cap(count: usize, half: f64, noise: f64) -> Vec<[f64; 3]> {
+        let mut stream = random::stream(7, &[count as u64]);
+        let axis = glam::DVec3::new(0.6, -0.3, 0.7).normalize();
+        let (u, v) = axis.any_orthonormal_pair();
+        let point = |_| {
+            let z: f64 = stream.random_range(half.cos()..1.0);
+            let (sin, cos) = stream.random_range(0.0..TAU).sin_cos();
+            let level = (1.0 - z * z).sqrt();
+            let radius = 10.0 + noise * stream.random_range(-1.0..1.0);
+            let offset = (u * (level * cos) + v * (level * sin) + axis * z) * radius;
+            (glam::DVec3::new(1e3, -200.0, 500.0) + offset).to_array()
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// What the sums say is what the careful way says, and they do say it.
+    #[test]
+    fn many_points_have_the_same_sphere_by_sums() {
+        for (half, noise) in [(1.5, 1e-3), (0.5, 0.1), (0.02, 1e-6), (0.5, 0.0)] {
+            let points = cap(5000, half, noise);
+            let (by_sums, by_care) = (fit(&points).unwrap(), careful(&points).unwrap());
+            let spread = (5000.0 * by_care.covariance[(3, 3)]).sqrt();
+            let rounding = 4.0 * f64::EPSILON * (10.0 * spread + 1e3);
+            let pairs = by_sums.centre.iter().zip(&by_care.centre);
+            let worst = pairs
+                .chain([(&by_sums.radius, &by_care.radius)])
+                .map(|(one, other)| (one - other).abs())
+                .fold(0.0, f64::max);
+            assert!(worst < rounding, "{half} {noise}: {worst:e} {rounding:e}");
+            for i in 0..4 {
+                for j in 0..4 {
+                    let scale = (by_care.covariance[(i, i)] * by_care.covariance[(j, j)]).sqrt();
+                    let off = by_sums.covariance[(i, j)] - by_care.covariance[(i, j)];
+                    assert!(off.abs() < 1e-9 * scale, "{half} {noise}: {off:e} of {scale:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_the_matter_is_left_to_the_careful_way() {
+        assert!(fit(&cap(1000, 0.5, 1e-3)).is_none());
+        let mut points = cap(5000, 0.5, 1e-3);
+        points[4321][1] = f64::NAN;
+        assert!(fit(&points).is_none());
+        let flat: Vec<[f64; 3]> = cap(5000, 0.5, 1e-3).iter().map(|p| [p[0], p[1], 3.0]).collect();
+        assert!(fit(&flat).is_none());
+        // No sphere at all: a cube full of points.
+        let mut stream = random::stream(8, &[]);
+        let mut side = || stream.random_range(-1.0..1.0);
+        let cube: Vec<[f64; 3]> = (0..5000).map(|_| [side(), side(), side()]).collect();
+        if let Some(found) = fit(&cube) {
+            let careful = careful(&cube).unwrap();
+            assert!((found.radius - careful.radius).abs() < 1e-9);
+        }
+    }
+}

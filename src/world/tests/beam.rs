@@ -56,7 +56,8 @@ fn an_ideal_sensor_says_the_distance_along_its_beam() {
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), Sensed::OutOfRange(-12.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), Sensed::NoEcho);
     assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), Sensed::NoEcho);
-    // With its front in the ball it is blind.
+    // Its front stands 50 mm off, and may come so near; within the ball it is blind.
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), Sensed::OutOfRange(-25.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), Sensed::NoEcho);
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
     assert_eq!(world.sense("lazer", 1.0), None);
