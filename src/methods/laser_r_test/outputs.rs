@@ -1,5 +1,7 @@
 //! The estimate in the words and units of the contract.
 
+use std::cmp::Ordering;
+
 use glam::DVec3;
 
 use super::centres::BEAM;
@@ -12,7 +14,7 @@ use crate::estimation::coverage;
 use crate::kinematics::{ErrorParameter, Shape};
 use crate::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind,
-    Function, Parameter, Unit, Verdict,
+    Function, Parameter, Unit, VectorKind, Verdict,
 };
 
 /// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
@@ -31,7 +33,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
         parameters: (0..count).map(|i| parameter(parts, i)).collect(),
         functions: functions(parts),
         circles: Vec::new(),
-        arrows: vec![deviations(parts), residuals(parts, &misses)],
+        arrows: vec![deviations(parts, &misses), residuals(parts, &misses)],
         covariance: covariance(parts, count),
         rank: parts.survey.rank,
         unknowns: own,
@@ -116,47 +118,55 @@ fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<DVec3> {
 
 /// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
 /// commanded one follows from where the sphere and the zero point are, by a machine without errors.
-fn deviations(parts: &Parts<'_>) -> ArrowFigure {
+fn deviations(parts: &Parts<'_>, residuals: &[DVec3]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
-    let all = misses(parts, &without);
-    figure(parts, "measured less commanded sphere", &all)
+    let all = misses(parts, &without).into_iter().zip(residuals);
+    let all = all.map(|(deviation, residual)| (deviation, Some(deviation - *residual))).collect();
+    figure(parts, "measured less commanded sphere", VectorKind::Paths, all)
 }
 
 fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
-    figure(parts, "residuals", misses)
+    let all = misses.iter().map(|miss| (*miss, None)).collect();
+    figure(parts, "residuals", VectorKind::Arrows, all)
 }
 
-/// One group for each position of the tilting axis.
-fn figure(parts: &Parts<'_>, symbol: &str, vectors: &[DVec3]) -> ArrowFigure {
+/// One group for each position of the tilting axis, in it by those of the turning one. Vectors with what
+/// they would be by what was identified, mm.
+fn figure(
+    parts: &Parts<'_>,
+    symbol: &str,
+    figure: VectorKind,
+    vectors: Vec<(DVec3, Option<DVec3>)>,
+) -> ArrowFigure {
     let chain = &parts.bench.chain;
     let tilting = |axis: Axis| super::parameters::tilts(chain, axis) && axis != Axis::S;
     let ball = parts.problem.model.ball(&parts.minimum.x);
-    let mut groups: Vec<(Position, Arrows)> = Vec::new();
-    for (group, vector) in parts.grouped.groups.iter().zip(vectors) {
-        let tilted = group.rotary.only(tilting);
+    let um = |vector: DVec3| (vector * 1e3).to_array();
+    let mut places: Vec<_> = parts.grouped.groups.iter().zip(vectors).collect();
+    // Angles come before names: those of one axis sort as they stand.
+    places.sort_by(|(one, _), (other, _)| {
+        let angles = |at: &Position| at.iter().map(|(_, value)| value).collect::<Vec<f64>>();
+        angles(&one.rotary).partial_cmp(&angles(&other.rotary)).unwrap_or(Ordering::Equal)
+    });
+    let mut groups: Vec<Arrows> = Vec::new();
+    for (group, (vector, modelled)) in places {
         let table = chain.machine_from_table(&placed(&group.rotary, DVec3::ZERO), &[]);
         let arrow = Arrow {
             label: in_words(&group.rotary.only(|axis| !tilting(axis))),
             at_mm: table.transform_point3(ball).to_array(),
-            vector: (*vector * 1e3).to_array(),
+            vector: um(vector),
+            modelled: modelled.map(um),
             flagged: false,
         };
-        match groups.iter_mut().find(|(at, _)| *at == tilted) {
-            Some((_, arrows)) => arrows.arrows.push(arrow),
-            None => {
-                let arrows = Arrows { name: in_words(&tilted), arrows: vec![arrow] };
-                groups.push((tilted, arrows));
-            }
+        let name = in_words(&group.rotary.only(tilting));
+        match groups.iter_mut().find(|arrows| arrows.name == name) {
+            Some(arrows) => arrows.arrows.push(arrow),
+            None => groups.push(Arrows { name, arrows: vec![arrow] }),
         }
     }
-    groups.sort_by(|(one, _), (other, _)| {
-        let at = |p: &Position| p.iter().next().map_or(0.0, |(_, value)| value);
-        at(one).total_cmp(&at(other))
-    });
-    let groups = groups.into_iter().map(|(_, arrows)| arrows).collect();
-    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups }
+    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure }
 }
 
 /// Residuals of each scan: largest less smallest, mm.
