@@ -47,16 +47,16 @@ fn chi2(estimate: &Estimate) -> f64 {
     };
     let at: Vec<usize> = TRUTH.iter().map(|(symbol, _)| place(symbol)).collect();
     let off = faer::Col::from_fn(at.len(), |i| errors(estimate)[i].0);
-    let matrix = faer::Mat::from_fn(at.len(), at.len(), |i, j| {
-        estimate.covariance.rows[at[i]][at[j]]
-    });
+    let matrix =
+        faer::Mat::from_fn(at.len(), at.len(), |i, j| estimate.covariance.rows[at[i]][at[j]]);
     let solved = faer::linalg::solvers::Solve::solve(&matrix.partial_piv_lu(), &off);
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
 #[test]
 fn u_is_true_over_a_hundred_machines() {
-    let all: Vec<Estimate> = (0..WORLDS).map(|seed| estimate(&machine(100 + seed, |text| text))).collect();
+    let all: Vec<Estimate> =
+        (0..WORLDS).map(|seed| estimate(&machine(100 + seed, |text| text))).collect();
     let mean = all.iter().map(|estimate| chi2(estimate) / 5.0).sum::<f64>() / WORLDS as f64;
     let dof = 5.0 * WORLDS as f64;
     let (low, high) = chi_square_bounds(dof, 0.99).expect("bounds");

@@ -12,7 +12,7 @@ use crate::estimation::coverage;
 use crate::kinematics::{ErrorParameter, Shape};
 use crate::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind,
-    Function, Parameter, Unit, Verdict,
+    Function, Parameter, Unit, VectorKind, Verdict,
 };
 
 /// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
@@ -31,7 +31,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
         parameters: (0..count).map(|i| parameter(parts, i)).collect(),
         functions: functions(parts),
         circles: Vec::new(),
-        arrows: vec![deviations(parts), residuals(parts, &misses)],
+        arrows: vec![deviations(parts, &misses), residuals(parts, &misses)],
         covariance: covariance(parts, count),
         rank: parts.survey.rank,
         unknowns: own,
@@ -116,31 +116,42 @@ fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<DVec3> {
 
 /// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
 /// commanded one follows from where the sphere and the zero point are, by a machine without errors.
-fn deviations(parts: &Parts<'_>) -> ArrowFigure {
+fn deviations(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
-    let all = misses(parts, &without);
-    figure(parts, "measured less commanded sphere", &all)
+    let all = self::misses(parts, &without);
+    let modelled: Vec<DVec3> = all.iter().zip(misses).map(|(all, miss)| *all - *miss).collect();
+    let figure = figure(parts, "measured less commanded sphere", &all, Some(&modelled));
+    ArrowFigure { figure: VectorKind::Paths, ..figure }
 }
 
 fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
-    figure(parts, "residuals", misses)
+    figure(parts, "residuals", misses, None)
 }
 
-/// One group for each position of the tilting axis.
-fn figure(parts: &Parts<'_>, symbol: &str, vectors: &[DVec3]) -> ArrowFigure {
+/// One group for each position of the tilting axis, in it one arrow after the other as the table turns.
+fn figure(
+    parts: &Parts<'_>,
+    symbol: &str,
+    vectors: &[DVec3],
+    modelled: Option<&[DVec3]>,
+) -> ArrowFigure {
     let chain = &parts.bench.chain;
     let tilting = |axis: Axis| super::parameters::tilts(chain, axis) && axis != Axis::S;
     let ball = parts.problem.model.ball(&parts.minimum.x);
     let mut groups: Vec<(Position, Arrows)> = Vec::new();
-    for (group, vector) in parts.grouped.groups.iter().zip(vectors) {
+    for i in in_turn(parts, tilting) {
+        let (Some(group), Some(vector)) = (parts.grouped.groups.get(i), vectors.get(i)) else {
+            continue;
+        };
         let tilted = group.rotary.only(tilting);
         let table = chain.machine_from_table(&placed(&group.rotary, DVec3::ZERO), &[]);
         let arrow = Arrow {
             label: in_words(&group.rotary.only(|axis| !tilting(axis))),
             at_mm: table.transform_point3(ball).to_array(),
             vector: (*vector * 1e3).to_array(),
+            modelled: modelled.and_then(|all| all.get(i)).map(|one| (*one * 1e3).to_array()),
             flagged: false,
         };
         match groups.iter_mut().find(|(at, _)| *at == tilted) {
@@ -156,7 +167,19 @@ fn figure(parts: &Parts<'_>, symbol: &str, vectors: &[DVec3]) -> ArrowFigure {
         at(one).total_cmp(&at(other))
     });
     let groups = groups.into_iter().map(|(_, arrows)| arrows).collect();
-    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups }
+    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
+}
+
+/// The poses in the order of what turns the table.
+fn in_turn(parts: &Parts<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
+    let turned = |i: &usize| {
+        let group = parts.grouped.groups.get(*i);
+        let turning = group.and_then(|group| group.rotary.iter().find(|(axis, _)| !tilting(*axis)));
+        turning.map_or(0.0, |(_, angle)| angle)
+    };
+    let mut order: Vec<usize> = (0..parts.grouped.groups.len()).collect();
+    order.sort_by(|one, other| turned(one).total_cmp(&turned(other)));
+    order
 }
 
 /// Residuals of each scan: largest less smallest, mm.
@@ -172,17 +195,22 @@ pub fn forms(parts: &Parts<'_>) -> Vec<f64> {
     (0..parts.grouped.groups.len()).map(of_group).collect()
 }
 
-/// The form of each scan, in the order of the poses.
+/// The form of each scan, in the order of the poses, and how the points of all scans scatter about
+/// their spheres.
 fn functions(parts: &Parts<'_>) -> Vec<Function> {
-    let y: Vec<f64> = forms(parts).into_iter().map(|mm| Unit::Um.from_internal(mm)).collect();
-    vec![Function {
-        symbol: "form".to_owned(),
-        argument: "pose".to_owned(),
+    let of = |symbol: &str, argument: &str, mm: Vec<f64>, figure| Function {
+        symbol: symbol.to_owned(),
+        argument: argument.to_owned(),
         argument_unit: String::new(),
-        x: (1..=y.len()).map(|number| number as f64).collect(),
+        x: (1..=mm.len()).map(|number| number as f64).collect(),
         unit: Unit::Um,
-        u: vec![0.0; y.len()],
-        y,
-        figure: FigureKind::Curve,
-    }]
+        u: vec![0.0; mm.len()],
+        y: mm.into_iter().map(|mm| Unit::Um.from_internal(mm)).collect(),
+        figure,
+    };
+    let points = parts.grouped.centres.off(&parts.fitted.x);
+    vec![
+        of("form", "pose", forms(parts), FigureKind::Points),
+        of("deviation", "point", points, FigureKind::Histogram),
+    ]
 }
