@@ -1,7 +1,5 @@
 //! The estimate in the words and units of the contract.
 
-use std::cmp::Ordering;
-
 use glam::DVec3;
 
 use super::centres::BEAM;
@@ -118,55 +116,70 @@ fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<DVec3> {
 
 /// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
 /// commanded one follows from where the sphere and the zero point are, by a machine without errors.
-fn deviations(parts: &Parts<'_>, residuals: &[DVec3]) -> ArrowFigure {
+fn deviations(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
-    let all = misses(parts, &without).into_iter().zip(residuals);
-    let all = all.map(|(deviation, residual)| (deviation, Some(deviation - *residual))).collect();
-    figure(parts, "measured less commanded sphere", VectorKind::Paths, all)
+    let all = self::misses(parts, &without);
+    let modelled: Vec<DVec3> = all.iter().zip(misses).map(|(all, miss)| *all - *miss).collect();
+    let figure = figure(parts, "measured less commanded sphere", &all, Some(&modelled));
+    ArrowFigure { figure: VectorKind::Paths, ..figure }
 }
 
 fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
-    let all = misses.iter().map(|miss| (*miss, None)).collect();
-    figure(parts, "residuals", VectorKind::Arrows, all)
+    figure(parts, "residuals", misses, None)
 }
 
-/// One group for each position of the tilting axis, in it by those of the turning one. Vectors with what
-/// they would be by what was identified, mm.
+/// One group for each position of the tilting axis, in it one arrow after the other as the table turns.
 fn figure(
     parts: &Parts<'_>,
     symbol: &str,
-    figure: VectorKind,
-    vectors: Vec<(DVec3, Option<DVec3>)>,
+    vectors: &[DVec3],
+    modelled: Option<&[DVec3]>,
 ) -> ArrowFigure {
     let chain = &parts.bench.chain;
     let tilting = |axis: Axis| super::parameters::tilts(chain, axis) && axis != Axis::S;
     let ball = parts.problem.model.ball(&parts.minimum.x);
-    let um = |vector: DVec3| (vector * 1e3).to_array();
-    let mut places: Vec<_> = parts.grouped.groups.iter().zip(vectors).collect();
-    // Angles come before names: those of one axis sort as they stand.
-    places.sort_by(|(one, _), (other, _)| {
-        let angles = |at: &Position| at.iter().map(|(_, value)| value).collect::<Vec<f64>>();
-        angles(&one.rotary).partial_cmp(&angles(&other.rotary)).unwrap_or(Ordering::Equal)
-    });
-    let mut groups: Vec<Arrows> = Vec::new();
-    for (group, (vector, modelled)) in places {
+    let mut groups: Vec<(Position, Arrows)> = Vec::new();
+    for i in in_turn(parts, tilting) {
+        let (Some(group), Some(vector)) = (parts.grouped.groups.get(i), vectors.get(i)) else {
+            continue;
+        };
+        let tilted = group.rotary.only(tilting);
         let table = chain.machine_from_table(&placed(&group.rotary, DVec3::ZERO), &[]);
         let arrow = Arrow {
             label: in_words(&group.rotary.only(|axis| !tilting(axis))),
             at_mm: table.transform_point3(ball).to_array(),
-            vector: um(vector),
-            modelled: modelled.map(um),
+            vector: (*vector * 1e3).to_array(),
+            modelled: modelled.and_then(|all| all.get(i)).map(|one| (*one * 1e3).to_array()),
             flagged: false,
         };
-        let name = in_words(&group.rotary.only(tilting));
-        match groups.iter_mut().find(|arrows| arrows.name == name) {
-            Some(arrows) => arrows.arrows.push(arrow),
-            None => groups.push(Arrows { name, arrows: vec![arrow] }),
+        match groups.iter_mut().find(|(at, _)| *at == tilted) {
+            Some((_, arrows)) => arrows.arrows.push(arrow),
+            None => {
+                let arrows = Arrows { name: in_words(&tilted), arrows: vec![arrow] };
+                groups.push((tilted, arrows));
+            }
         }
     }
-    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure }
+    groups.sort_by(|(one, _), (other, _)| {
+        let at = |p: &Position| p.iter().next().map_or(0.0, |(_, value)| value);
+        at(one).total_cmp(&at(other))
+    });
+    let groups = groups.into_iter().map(|(_, arrows)| arrows).collect();
+    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
+}
+
+/// The poses in the order of what turns the table.
+fn in_turn(parts: &Parts<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
+    let turned = |i: &usize| {
+        let group = parts.grouped.groups.get(*i);
+        let turning = group.and_then(|group| group.rotary.iter().find(|(axis, _)| !tilting(*axis)));
+        turning.map_or(0.0, |(_, angle)| angle)
+    };
+    let mut order: Vec<usize> = (0..parts.grouped.groups.len()).collect();
+    order.sort_by(|one, other| turned(one).total_cmp(&turned(other)));
+    order
 }
 
 /// Residuals of each scan: largest less smallest, mm.
@@ -182,17 +195,22 @@ pub fn forms(parts: &Parts<'_>) -> Vec<f64> {
     (0..parts.grouped.groups.len()).map(of_group).collect()
 }
 
-/// The form of each scan, in the order of the poses.
+/// The form of each scan, in the order of the poses, and how the points of all scans scatter about
+/// their spheres.
 fn functions(parts: &Parts<'_>) -> Vec<Function> {
-    let y: Vec<f64> = forms(parts).into_iter().map(|mm| Unit::Um.from_internal(mm)).collect();
-    vec![Function {
-        symbol: "form".to_owned(),
-        argument: "pose".to_owned(),
+    let of = |symbol: &str, argument: &str, mm: Vec<f64>, figure| Function {
+        symbol: symbol.to_owned(),
+        argument: argument.to_owned(),
         argument_unit: String::new(),
-        x: (1..=y.len()).map(|number| number as f64).collect(),
+        x: (1..=mm.len()).map(|number| number as f64).collect(),
         unit: Unit::Um,
-        u: vec![0.0; y.len()],
-        y,
-        figure: FigureKind::Curve,
-    }]
+        u: vec![0.0; mm.len()],
+        y: mm.into_iter().map(|mm| Unit::Um.from_internal(mm)).collect(),
+        figure,
+    };
+    let points = parts.grouped.centres.off(&parts.fitted.x);
+    vec![
+        of("form", "pose", forms(parts), FigureKind::Points),
+        of("deviation", "point", points, FigureKind::Histogram),
+    ]
 }
