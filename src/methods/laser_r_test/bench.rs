@@ -16,6 +16,9 @@ const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 /// Rounding of a limit in degrees.
 const SLACK: f64 = 1e-9;
 
+/// A rotary axis and its positions, degrees.
+pub type Turned = (Axis, Vec<f64>);
+
 /// A plan with what this method needs of it at hand.
 pub struct Bench<'a> {
     pub plan: &'a Plan,
@@ -95,7 +98,7 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// A named position outside the axis' limits; an axis that does not reach zero.
-    pub fn positions(&self) -> Result<[Option<(Axis, Vec<f64>)>; 2], Refused> {
+    pub fn positions(&self) -> Result<[Option<Turned>; 2], Refused> {
         let axes = of_table(&self.chain);
         let tilt = axes.iter().find(|axis| tilts(&self.chain, **axis));
         let turn = axes.iter().rev().find(|axis| Some(*axis) != tilt);

@@ -54,11 +54,7 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
     let names = parameters::names(&chosen.parameters, &bench.ball.id);
     let sources = sources(bench, &observed, &grouped, &fitted.x);
     let effects = Effects::new(&grouped.centres, &fitted, &sources);
-    let into_table: Vec<DMat3> = grouped
-        .groups
-        .iter()
-        .map(|group| bench.chain.machine_from_table(&group.rotary, &[]).matrix3.transpose())
-        .collect();
+    let into_table = into_table(bench, &grouped);
     let problem = problem(bench, &grouped, &fitted, &chosen, &effects, &sources);
     let (survey, minimum) = solve(bench, &problem, &names)?;
     let solved = Solved {
@@ -88,6 +84,12 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
         propagated,
         monte_carlo,
     })
+}
+
+/// Machine frame to table frame, of each group.
+fn into_table(bench: &Bench<'_>, grouped: &Grouped) -> Vec<DMat3> {
+    let table = |at| bench.chain.machine_from_table(at, &[]).matrix3;
+    grouped.groups.iter().map(|group| table(&group.rotary).transpose()).collect()
 }
 
 fn trials(bench: &Bench<'_>) -> Trials {

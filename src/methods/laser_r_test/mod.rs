@@ -6,6 +6,7 @@ mod centres;
 mod cross;
 mod group;
 mod identify;
+mod known;
 mod label;
 mod model;
 mod observe;
@@ -58,8 +59,8 @@ impl Method for LaserRTest {
         let passed = done.iter().filter(|stage| stage.repeat == 0).count();
         let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
         let place = match source {
-            Source::Nominal => stages::nominal(&bench),
-            Source::Measured(readings) => stages::known(&bench, readings)?,
+            Source::Nominal => known::nominal(&bench),
+            Source::Measured(readings) => known::known(&bench, readings)?,
         };
         let (stage, new_steps) = stages::stage(&bench, task, &place, id)?;
         Ok(Next::Stage { stage, new_steps })

@@ -9,10 +9,10 @@ use crate::estimation::schur::{Rows, factor};
 use crate::kinematics::Chain;
 use crate::methods::laser_r_test::bench::Bench;
 use crate::methods::laser_r_test::identify::{identify, parts};
+use crate::methods::laser_r_test::known;
 use crate::methods::laser_r_test::model::{Model, Problem, Sight, linear, placed};
 use crate::methods::laser_r_test::paper;
 use crate::methods::laser_r_test::parameters::chosen;
-use crate::methods::laser_r_test::stages;
 use crate::record::estimate::Estimate;
 
 pub const FIVE: [&str; 5] = ["EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
@@ -125,7 +125,7 @@ fn regress_beam_direction_from_three_heights() {
         let (plan, _, readings) = run(plan.clone(), &settings(), &world, 2).unwrap();
         let own = settings();
         let bench = Bench::new(&plan, &own).unwrap();
-        let beam = stages::known(&bench, &readings).unwrap().beam;
+        let beam = known::known(&bench, &readings).unwrap().beam;
         square += (beam.normalize() - world.beam).length_squared();
         assert!((beam.length() - 1.0).abs() < 1e-4, "gain {}", beam.length());
     }

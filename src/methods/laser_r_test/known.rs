@@ -1,0 +1,76 @@
+//! Where the sphere is known to be while the measurement goes on.
+
+use glam::{DMat3, DVec3};
+
+use super::bench::Bench;
+use super::cross::Place;
+use super::group::{Grouped, grouped};
+use super::model::{Model, Problem, Sight, placed};
+use super::observe::observe;
+use crate::methods::Refused;
+use crate::record::reading::Reading;
+
+/// How far the zero point may be from where it is stated, while it is not known better, mm.
+const ZERO_DOUBT_MM: f64 = 1.0;
+/// Assumed standard uncertainty of a centre while the measurement goes on, mm.
+const CENTRE_MM: f64 = 1e-3;
+
+/// As stated.
+pub fn nominal(bench: &Bench<'_>) -> Place {
+    let (zero, beam, ball) = (bench.zero(), bench.beam(), bench.centre());
+    Place { zero, beam, ball, doubt_mm: 0.0 }
+}
+
+/// From what was measured so far, by the nominal machine: sphere, zero point and beam, each as far as
+/// the readings tell it.
+///
+/// # Errors
+/// Readings in which the sphere is not seen.
+pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> {
+    let nominal = nominal(bench);
+    if readings.is_empty() {
+        return Ok(nominal);
+    }
+    let refused = |why: String| Refused {
+        why,
+        instead: "check the sphere and the sensor, and start a new run".to_owned(),
+    };
+    let mut observed = observe(bench, readings).map_err(|why| refused(why.to_string()))?;
+    let Grouped { groups, centres, .. } = grouped(bench, &mut observed)?;
+    let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
+    let sights = groups.iter().enumerate().map(|(i, group)| {
+        let at = placed(&group.rotary, group.axes(centres.centre(&fitted.x, i)));
+        Sight { at, weight: DMat3::IDENTITY / CENTRE_MM }
+    });
+    let problem = Problem {
+        model: Model { chain: bench.chain.clone(), parameters: Vec::new() },
+        sights: sights.collect(),
+        hold: Some((nominal.zero, ZERO_DOUBT_MM)),
+    };
+    let start = [nominal.zero.to_array(), nominal.ball.to_array()].concat();
+    let solved = problem.solve(start).map_err(|why| refused(why.to_string()))?;
+    let place = Place {
+        zero: problem.model.zero(&solved.x),
+        beam: centres.beam(&fitted.x),
+        ball: problem.model.ball(&solved.x),
+        doubt_mm: 0.0,
+    };
+    check_place(bench, &place)?;
+    Ok(place)
+}
+
+/// The sphere may be no further from where it is stated than is stated.
+fn check_place(bench: &Bench<'_>, place: &Place) -> Result<(), Refused> {
+    let away = (place.ball - bench.centre()).length() + (place.zero - bench.zero()).length();
+    let limit = 2.0 * bench.balls.uncertainty_mm + ZERO_DOUBT_MM;
+    if away <= limit && DVec3::is_finite(place.ball) {
+        return Ok(());
+    }
+    Err(Refused {
+        why: format!(
+            "the sphere seems to stand {away:.2} mm from its stated place, beyond {limit} mm: \
+             uncertainty_mm of [artefact] and what zero_mm may be off"
+        ),
+        instead: "check centre_mm of the sphere and zero_mm of the sensor".to_owned(),
+    })
+}
