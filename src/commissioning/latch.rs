@@ -1,4 +1,4 @@
-//! Part 6: does the control itself keep the position of a contact? A run of `latch-delay` tells: one
+//! Does the control itself keep the position of a contact? A run of `latch-delay` tells: one
 //! place of the part, touched at two feeds. It stands in the journal as such a run.
 
 use std::sync::Arc;

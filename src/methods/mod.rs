@@ -4,6 +4,7 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
+pub mod laser_r_test;
 pub mod latch_delay;
 pub mod samba;
 pub mod self_calibration;
@@ -130,7 +131,8 @@ pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>)
 }
 
 /// The names of all methods.
-pub const NAMES: [&str; 3] = [self_calibration::NAME, samba::NAME, latch_delay::NAME];
+pub const NAMES: [&str; 4] =
+    [self_calibration::NAME, samba::NAME, laser_r_test::NAME, latch_delay::NAME];
 
 /// The machine file that serves a method when a person gives none.
 #[derive(Debug, Clone, Copy)]
@@ -145,6 +147,7 @@ pub struct BuiltIn {
 pub fn built_in(name: &str) -> BuiltIn {
     match name {
         samba::NAME => samba::BUILT_IN,
+        laser_r_test::NAME => laser_r_test::BUILT_IN,
         _ => self_calibration::BUILT_IN,
     }
 }
@@ -158,6 +161,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
+    use self::laser_r_test::LaserRTest;
     use self::latch_delay::LatchDelay;
     use self::samba::Samba;
     use self::self_calibration::SelfCalibration;
@@ -166,6 +170,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
             Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
         }
         samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
+        laser_r_test::NAME => Ok(Box::new(LaserRTest::new(Deserialize::deserialize(settings)?))),
         latch_delay::NAME => Ok(Box::new(LatchDelay::new(Deserialize::deserialize(settings)?))),
         unknown => Err(D::Error::custom(format!(
             "there is no method `{unknown}`; there are {}",

@@ -24,14 +24,14 @@ impl Walk<'_> {
             (Kind::Feed, Phase::Scanning { reached, .. }) => {
                 self.has_rested(scan)?;
                 rules::feed_is("the scan is", motion, step.feed_mm_min)?;
-                self.to_point(motion, scan, reached)
+                self.reach(motion, scan, reached)
             }
             (Kind::Feed, _) => {
                 let most = approach_feed(self.request(), self.is_first());
                 rules::feed_at_most("the way to a scan", motion, most)?;
                 let ends = self.stands().updated_by(&motion.target);
                 match rules::differs(&ends, &first(scan)?, self.request().dialect) {
-                    None => self.to_point(motion, scan, 0),
+                    None => self.reach(motion, scan, 0),
                     Some(_) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
                 }
             }
@@ -43,7 +43,7 @@ impl Walk<'_> {
     }
 
     /// The point of this number is the next one.
-    fn to_point(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> Checked {
+    fn reach(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> Checked {
         let ends = self.stands().updated_by(&motion.target);
         let point = scan.path.get(number).ok_or(Reason::OffPath)?;
         if let Some(off) = rules::differs(&ends, point, self.request().dialect) {

@@ -77,7 +77,7 @@ pub struct Function {
     pub unit: Unit,
     pub y: Vec<f64>,
     pub u: Vec<f64>,
-    /// How to draw it: `curve` or `polar`.
+    /// How to draw it: `curve`, `polar`, `points` or `histogram`.
     #[serde(default)]
     pub figure: FigureKind,
 }
@@ -88,6 +88,10 @@ pub enum FigureKind {
     #[default]
     Curve,
     Polar,
+    /// Single values over a number: nothing lies between them.
+    Points,
+    /// How often which value of y occurs.
+    Histogram,
 }
 
 /// Points in a plane with the circle fitted through them: the axis position and its wander.
@@ -110,6 +114,19 @@ pub struct ArrowFigure {
     /// Of the vectors.
     pub unit: Unit,
     pub groups: Vec<Arrows>,
+    /// How to draw it: `arrows` or `paths`.
+    #[serde(default)]
+    pub figure: VectorKind,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VectorKind {
+    #[default]
+    Arrows,
+    /// Where each place was to be, and where it was found, the deviation magnified; joined in their
+    /// order, and round.
+    Paths,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -122,9 +139,12 @@ pub struct Arrows {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Arrow {
     pub label: String,
-    /// Where it begins, table frame.
+    /// Where it begins; the method says in which frame.
     pub at_mm: [f64; 3],
     pub vector: [f64; 3],
+    /// What the vector would be by what was identified.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub modelled: Option<[f64; 3]>,
     /// Worth a second look.
     #[serde(default)]
     pub flagged: bool,

@@ -104,9 +104,20 @@ fn figures(estimate: &Estimate) -> Vec<Value> {
 fn function_figure(function: &Function, k: f64) -> Value {
     context! {
         symbol => symbol(&function.symbol),
-        caption => format!("over {}, with ±U (k = {})", function.argument, number::fixed(k, 2)),
+        caption => caption(function, k),
         square => function.figure == FigureKind::Polar,
         svg => drawing(figure::function(function, k)),
+    }
+}
+
+fn caption(function: &Function, k: f64) -> String {
+    let stated = function.u.iter().any(|u| *u > 0.0);
+    match function.figure {
+        FigureKind::Histogram => {
+            format!("{} values, and the normal distribution that scatters so", function.y.len())
+        }
+        FigureKind::Points if !stated => format!("over {}", function.argument),
+        _ => format!("over {}, with ±U (k = {})", function.argument, number::fixed(k, 2)),
     }
 }
 

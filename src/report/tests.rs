@@ -175,6 +175,7 @@ fn in_space() -> Estimate {
         label: label.to_owned(),
         at_mm: [120.0, -40.0, 60.0],
         vector,
+        modelled: None,
         flagged,
     };
     let group = |name: &str, arrows| Arrows { name: name.to_owned(), arrows };
@@ -184,7 +185,12 @@ fn in_space() -> Estimate {
         group("B 90°, C 0°", vec![]),
     ];
     Estimate {
-        arrows: vec![ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }],
+        arrows: vec![ArrowFigure {
+            symbol: "residuals".to_owned(),
+            unit: Unit::Um,
+            groups,
+            figure: VectorKind::Arrows,
+        }],
         weakest: Some("EX0S together with tool_x".to_owned()),
         covariance: Covariance {
             symbols: ["EX0S", "tool_x", "EA0B"].map(str::to_owned).into(),

@@ -4,12 +4,15 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use crate::record::estimate::{Arrow, ArrowFigure};
+use crate::record::estimate::{Arrow, ArrowFigure, VectorKind};
 
 pub(super) fn vectors(figure: &ArrowFigure) -> Value {
     let common = figure::Common::of(figure);
     let groups = figure.groups.iter().map(|group| {
-        let drawn = common.as_ref().and_then(|common| common.draw(group));
+        let drawn = common.as_ref().and_then(|common| match figure.figure {
+            VectorKind::Arrows => common.draw(group),
+            VectorKind::Paths => common.draw_path(group),
+        });
         context! {
             name => group.name.as_str(),
             svg => drawn.map_or(Value::from(()), Value::from_safe_string),
@@ -24,7 +27,11 @@ pub(super) fn vectors(figure: &ArrowFigure) -> Value {
         symbol => context! { plain => figure.symbol.as_str(), base, index },
         groups => groups.collect::<Vec<_>>(),
         flagged => flagged.collect::<Vec<_>>(),
-        cut => common.is_some_and(|common| common.cuts(figure)),
+        cut => common.as_ref().is_some_and(|common| common.cuts(figure)),
+        magnified => (figure.figure == VectorKind::Paths).then(|| {
+            let magnified = common.and_then(|common| common.magnified(figure.unit));
+            magnified.map_or("magnified".to_owned(), |by| format!("magnified {by:.0} times"))
+        }),
     }
 }
 

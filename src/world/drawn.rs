@@ -26,6 +26,7 @@ enum Source {
     Scan,
     Sample,
     Linearity,
+    Tick,
 }
 
 /// Standard normal numbers of one source.
@@ -51,6 +52,11 @@ pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
 /// Deviation of one sample of a displacement sensor, in standard deviations.
 pub(super) fn sample_deviate(seed: u64, sensor: usize, sample: u64) -> f64 {
     first_normal(seed, Source::Sample, &[sensor as u64, sample])
+}
+
+/// How late it comes, in standard deviations.
+pub(super) fn sample_tick(seed: u64, sensor: usize, sample: u64) -> f64 {
+    first_normal(seed, Source::Tick, &[sensor as u64, sample])
 }
 
 /// Two to six waves over the range `span_mm` of a displacement sensor, together of standard deviation

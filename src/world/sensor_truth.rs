@@ -33,6 +33,10 @@ pub struct SensorTruth {
     pub echo_limit_deg: f64,
     /// At a smaller one the receiver is dazzled.
     pub dazzled_deg: f64,
+    /// By how much its clock is slow: a second of its own lasts so much longer.
+    pub clock_slow_ppm: f64,
+    /// Standard deviation of the moment of one sample about what its clock says.
+    pub clock_jitter_us: f64,
 }
 
 /// `amplitude·sin(2π·d/period + phase)` over the distance d.
@@ -60,6 +64,8 @@ impl Default for SensorTruth {
             lean_um: [0.0; 2],
             echo_limit_deg: 40.0,
             dazzled_deg: 0.0,
+            clock_slow_ppm: 0.0,
+            clock_jitter_us: 0.0,
         }
     }
 }
@@ -81,6 +87,8 @@ impl SensorTruth {
             ("incidence_um", self.incidence_um.is_finite()),
             ("lean_um", self.lean_um.iter().all(|v| v.is_finite())),
             ("echo_limit_deg", self.echo_limit_deg > 0.0 && self.echo_limit_deg < 90.0),
+            ("clock_slow_ppm", self.clock_slow_ppm.abs() < MOST_PPM),
+            ("clock_jitter_us", sound(self.clock_jitter_us)),
             ("dazzled_deg", sound(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {
@@ -90,6 +98,8 @@ impl SensorTruth {
     }
 }
 
+/// A quarter.
+const MOST_PPM: f64 = 250_000.0;
 /// Half a radian.
 const MOST_TILT_URAD: f64 = 500_000.0;
 

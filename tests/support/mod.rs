@@ -2,9 +2,9 @@
 
 use trued::base::{Axis, Position};
 use trued::methods::{Method, Next, Source};
-use trued::record::plan::{Plan, Stage, Step};
+use trued::record::plan::{Plan, Sampling, Scan, Stage, Step};
 use trued::record::reading::{Flag, Reading};
-use trued::world::{Speed, World};
+use trued::world::{Sensed, Speed, World};
 
 /// Play one step: over the part, down, touch, back, up.
 pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
@@ -31,6 +31,34 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     }
 }
 
+/// Look along the path of a step, sample by sample, 1000 in a second.
+fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
+    let Sampling::Dwell { dwell_s, samples } = scan.sampling else { panic!("only dwell points") };
+    let mut readings = Vec::new();
+    for point in &scan.path {
+        world.travel(point, Speed::Feed { mm_min: step.feed_mm_min });
+        world.dwell(dwell_s);
+        for _ in 0..samples {
+            let (value_mm, flag) = match world.sense(&step.sensor, 1e-3).expect("a sensor") {
+                Sensed::Distance(mm) => (Some(mm), Flag::None),
+                Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
+                Sensed::Saturated => (None, Flag::Saturated),
+            };
+            readings.push(Reading {
+                step: step.id,
+                repeat,
+                position: world.position(),
+                value_mm,
+                sensor: step.sensor.clone(),
+                t_s: world.time_s(),
+                flag,
+                temperatures_c: Default::default(),
+            });
+        }
+    }
+    readings
+}
+
 /// Measure a whole method on `world`; the plan grows with its stages.
 pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan, Vec<Reading>) {
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
@@ -39,7 +67,10 @@ pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan,
         let Next::Stage { stage, new_steps } = next else { return (plan, readings) };
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            readings.push(play(world, step, stage.repeat));
+            match &step.scan {
+                None => readings.push(play(world, step, stage.repeat)),
+                Some(scan) => readings.extend(look(world, step, scan, stage.repeat)),
+            }
         }
         done.push(stage);
     }

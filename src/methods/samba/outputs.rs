@@ -17,7 +17,7 @@ use crate::kinematics::{ErrorParameter, Shape};
 use crate::record::artefact::Balls;
 use crate::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Parameter,
-    Unit, Verdict,
+    Unit, VectorKind, Verdict,
 };
 
 /// Members of the least certain direction that are named, and how small a part still counts.
@@ -138,6 +138,7 @@ fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFig
             label: balls.balls[ball].id.clone(),
             at_mm: vector(&minimum.x, problem.ball_at(ball)).to_array(),
             vector: (misses[i] * 1e3).to_array(),
+            modelled: None,
             flagged: flagged.contains(&i),
         }
     };
@@ -146,7 +147,12 @@ fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFig
         Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
     };
     let groups = observed.commanded.iter().enumerate().map(group).collect();
-    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
+    ArrowFigure {
+        symbol: "residuals".to_owned(),
+        unit: Unit::Um,
+        groups,
+        figure: VectorKind::Arrows,
+    }
 }
 
 /// The direction in the scaled unknowns that the measurements see least.

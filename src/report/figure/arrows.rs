@@ -6,13 +6,13 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{bounds, label, round_step};
 use super::{Area, Drawn, FIT, FONT, GRID, INK, LINE, picture, text_style};
-use crate::record::estimate::{Arrow, ArrowFigure, Arrows};
+use crate::record::estimate::{Arrow, ArrowFigure, Arrows, Unit};
 use crate::report::number;
 
 /// Two square panels side by side, and the scale below.
-const PANEL: i32 = 500;
-const FOOT: i32 = 70;
-const SIZE: (u32, u32) = (2 * PANEL as u32, (PANEL + FOOT) as u32);
+pub(super) const PANEL: i32 = 500;
+pub(super) const FOOT: i32 = 70;
+pub(super) const SIZE: (u32, u32) = (2 * PANEL as u32, (PANEL + FOOT) as u32);
 /// From the middle of a panel to the farthest place, and the longest arrow that is not flagged.
 const HALF: f64 = 140.0;
 const LONGEST: f64 = 80.0;
@@ -23,10 +23,10 @@ const HEAD: f64 = 18.0;
 /// What all groups of a figure share.
 pub(in crate::report) struct Common {
     /// Middle of all places, mm.
-    middle: [f64; 3],
+    pub(super) middle: [f64; 3],
     /// Picture units per mm, and per unit of the vectors.
-    place: f64,
-    vector: f64,
+    pub(super) place: f64,
+    pub(super) vector: f64,
     /// What the scale arrow says.
     key: (f64, String),
 }
@@ -63,10 +63,7 @@ impl Common {
 
     fn panel(&self, area: &Area<'_>, panel: i32, up: usize, group: &Arrows) -> Drawn {
         let left = panel * PANEL;
-        let frame = [(left + 4, 4), (left + PANEL - 4, PANEL - 4)];
-        area.draw(&Rectangle::new(frame, GRID.stroke_width(2)))?;
-        let named = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Top));
-        area.draw(&Text::new(["XY", "XZ"][up - 1], (left + 16, 14), named))?;
+        frame(area, panel, up)?;
         // Those that matter on top.
         let order =
             drawable(group).filter(|a| !a.flagged).chain(drawable(group).filter(|a| a.flagged));
@@ -82,7 +79,7 @@ impl Common {
     fn arrow(&self, area: &Area<'_>, from: (i32, i32), along: [f64; 2], arrow: &Arrow) -> Drawn {
         let colour = if arrow.flagged { FIT } else { LINE };
         area.draw(&Circle::new(from, 4, INK.mix(0.5).filled()))?;
-        let factor = self.vector * (CUT / (self.vector * norm(arrow.vector))).min(1.0);
+        let factor = self.factor(arrow.vector);
         let by = along.map(|part| factor * part);
         drawn(area, from, by, colour)?;
         if arrow.flagged {
@@ -95,7 +92,12 @@ impl Common {
         Ok(())
     }
 
-    fn scale(&self, area: &Area<'_>) -> Drawn {
+    /// Picture units per unit of `vector`: fewer where it would be too long.
+    pub(super) fn factor(&self, vector: [f64; 3]) -> f64 {
+        self.vector * (CUT / (self.vector * norm(vector))).min(1.0)
+    }
+
+    pub(super) fn scale(&self, area: &Area<'_>) -> Drawn {
         let (value, text) = &self.key;
         let from = (24, PANEL + FOOT / 2);
         drawn(area, from, [self.vector * value, 0.0], INK)?;
@@ -105,10 +107,30 @@ impl Common {
         Ok(())
     }
 
+    /// By how much lengths in `unit` are magnified; `None` for what is no length.
+    pub(in crate::report) fn magnified(&self, unit: Unit) -> Option<f64> {
+        let per_mm = match unit {
+            Unit::Um => 1e3,
+            Unit::Mm => 1.0,
+            Unit::Urad | Unit::UmPerM | Unit::Ms => return None,
+        };
+        Some(self.vector * per_mm / self.place)
+    }
+
     /// Whether a flagged arrow is drawn shorter than it is.
     pub(in crate::report) fn cuts(&self, figure: &ArrowFigure) -> bool {
         figure.groups.iter().flat_map(drawable).any(|a| self.vector * norm(a.vector) > CUT)
     }
+}
+
+/// Of a panel, with the axes that it shows.
+pub(super) fn frame(area: &Area<'_>, panel: i32, up: usize) -> Drawn {
+    let left = panel * PANEL;
+    let frame = [(left + 4, 4), (left + PANEL - 4, PANEL - 4)];
+    area.draw(&Rectangle::new(frame, GRID.stroke_width(2)))?;
+    let named = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Top));
+    area.draw(&Text::new(["XY", "XZ"][up - 1], (left + 16, 14), named))?;
+    Ok(())
 }
 
 /// A line with a head; up is positive.
@@ -131,7 +153,7 @@ fn drawn(area: &Area<'_>, from: (i32, i32), [x, y]: [f64; 2], colour: RGBColor) 
     Ok(())
 }
 
-fn drawable(group: &Arrows) -> impl Iterator<Item = &Arrow> {
+pub(super) fn drawable(group: &Arrows) -> impl Iterator<Item = &Arrow> {
     group.arrows.iter().filter(|a| a.at_mm.iter().chain(&a.vector).all(|part| part.is_finite()))
 }
 

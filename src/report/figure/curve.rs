@@ -14,12 +14,7 @@ pub(super) fn curve(function: &Function, samples: &[Sample]) -> Option<String> {
         bounds(samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]))?;
     let (low, high) = widened((low, high));
     let x_axis = x_axis(function, samples)?;
-    let x_name = match function.argument_unit.as_str() {
-        "" => function.argument.clone(),
-        unit => format!("{} / {}", function.argument, number::argument_unit(unit)),
-    };
-    let y_name =
-        format!("{} / {}", number::plain_symbol(&function.symbol), number::unit(function.unit));
+    let (x_name, y_name) = names(function);
     picture(SIZE, |area| {
         let mut chart = super::chart(area, (x_axis, &x_name), (Ticked::round(low..high), &y_name))?;
         let upper = samples.iter().map(|sample| (sample.x, sample.y + sample.half));
@@ -33,6 +28,16 @@ pub(super) fn curve(function: &Function, samples: &[Sample]) -> Option<String> {
         }
         Ok(())
     })
+}
+
+/// Of the axes, with their units.
+pub(super) fn names(function: &Function) -> (String, String) {
+    let x_name = match function.argument_unit.as_str() {
+        "" => function.argument.clone(),
+        unit => format!("{} / {}", function.argument, number::argument_unit(unit)),
+    };
+    let unit = number::unit(function.unit);
+    (x_name, format!("{} / {unit}", number::plain_symbol(&function.symbol)))
 }
 
 /// A full turn in steps of 45° for angles, otherwise round steps over what is there.

@@ -9,7 +9,10 @@ use crate::record::estimate::{FigureKind, Function};
 mod arrows;
 mod circle;
 mod curve;
+mod histogram;
 mod matrix;
+mod paths;
+mod points;
 mod polar;
 mod scale;
 #[cfg(test)]
@@ -54,6 +57,8 @@ pub(super) fn function(function: &Function, k: f64) -> Option<String> {
     match function.figure {
         FigureKind::Curve => curve::curve(function, &samples),
         FigureKind::Polar => polar::polar(function, &samples),
+        FigureKind::Points => points::points(function, &samples),
+        FigureKind::Histogram => histogram::histogram(function, &samples),
     }
 }
 

@@ -1,6 +1,8 @@
 use super::scale::bounds;
 use super::*;
-use crate::record::estimate::{Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit};
+use crate::record::estimate::{
+    Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit, VectorKind,
+};
 
 fn wave(figure: FigureKind, count: u32) -> Function {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
@@ -29,7 +31,7 @@ fn ring(radius: f64) -> CircleFigure {
     }
 }
 
-fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
+pub(super) fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     svg.match_indices(&start)
         .filter_map(|(at, _)| svg[at + start.len()..].split('"').next())
@@ -48,7 +50,7 @@ fn coordinates(svg: &str) -> Vec<f64> {
 }
 
 /// Pixel positions that plotters cannot represent saturate at the ends of an i32.
-fn inside(svg: &str) -> bool {
+pub(super) fn inside(svg: &str) -> bool {
     coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
 }
 
@@ -87,6 +89,24 @@ fn the_band_is_k_times_u_wide() {
     }
 }
 
+/// Values 1 to 4 with ±2 about them: the bars are as long as from one value to the next but one.
+#[test]
+fn points_stand_alone_each_with_its_bar() {
+    let mut points = wave(FigureKind::Points, 4);
+    points.y = vec![1.0, 2.0, 3.0, 4.0];
+    points.u = vec![0.5; 4];
+    let svg = function(&points, 2.0).unwrap();
+    let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
+    let y_of: Vec<f64> = marks.iter().map(|m| attributes(m, "cy")[0].parse().unwrap()).collect();
+    let bars = svg.lines().filter(|line| line.contains("<polyline")).rev().take(4);
+    let bars: Vec<Vec<f64>> = bars.map(coordinates).collect();
+    for (bar, y) in bars.iter().rev().zip(&y_of) {
+        let length = (bar[3] - bar[1]).abs();
+        assert!((length - 2.0 * (y_of[0] - y_of[1])).abs() <= 2.0, "{bar:?} {y_of:?}");
+        assert!(((bar[1] + bar[3]) / 2.0 - y).abs() <= 1.0, "{bar:?} {y}");
+    }
+}
+
 /// Known by construction: a wave of 3 µm stands between the rings, 0 µm on its own.
 #[test]
 fn a_polar_figure_turns_counter_clockwise_from_the_right() {
@@ -104,7 +124,8 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
 
 #[test]
 fn strange_numbers_never_reach_the_picture() {
-    for figure in [FigureKind::Curve, FigureKind::Polar] {
+    let kinds = [FigureKind::Curve, FigureKind::Polar, FigureKind::Points, FigureKind::Histogram];
+    for figure in kinds {
         let mut flat = wave(figure, 8);
         flat.y = vec![5.0; 8];
         flat.u = vec![0.0; 8];
@@ -116,7 +137,8 @@ fn strange_numbers_never_reach_the_picture() {
         assert!(inside(&function(&one, 2.0).unwrap()));
         assert_eq!(function(&wave(figure, 0), 2.0), None);
         let many = function(&wave(figure, 720), 2.0).unwrap();
-        assert!(!many.contains("r=\"7\"") && inside(&many));
+        assert!(inside(&many));
+        assert_eq!(many.contains("r=\"7\""), figure == FigureKind::Points);
     }
     let mut holes = ring(3.0);
     (holes.x[1], holes.centre_expanded[0]) = (f64::NAN, f64::INFINITY);
@@ -168,11 +190,17 @@ fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
         label: format!("ball {n}"),
         at_mm: *at_mm,
         vector: *vector,
+        modelled: None,
         flagged: *flagged,
     };
     let arrows = all.iter().enumerate().map(arrow).collect();
     let groups = vec![Arrows { name: "B 0°".to_owned(), arrows }];
-    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups }
+    ArrowFigure {
+        symbol: "residuals".to_owned(),
+        unit: Unit::Um,
+        groups,
+        figure: VectorKind::Arrows,
+    }
 }
 
 /// Where each head begins and ends: the first corner is its tip.

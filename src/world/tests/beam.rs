@@ -56,7 +56,8 @@ fn an_ideal_sensor_says_the_distance_along_its_beam() {
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), Sensed::OutOfRange(-12.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), Sensed::NoEcho);
     assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), Sensed::NoEcho);
-    // With its front in the ball it is blind.
+    // Its front stands 50 mm off, and may come so near; within the ball it is blind.
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), Sensed::OutOfRange(-25.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), Sensed::NoEcho);
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
     assert_eq!(world.sense("lazer", 1.0), None);
@@ -208,6 +209,26 @@ fn what_is_only_declared_is_drawn_from_the_seed() {
 }
 
 #[test]
+fn a_sensor_samples_by_its_own_clock() {
+    let moments = |truth: &str| -> Vec<f64> {
+        let mut world = bench(truth).world().with_sensors(&[down()]).unwrap();
+        let moment = |_| {
+            world.sense("laser", 1e-3).unwrap();
+            world.time_s()
+        };
+        (0..4000).map(moment).collect()
+    };
+    let last = |moments: &[f64]| moments[3999];
+    assert!((last(&moments("")) - 4.0).abs() < 1e-9);
+    assert!((last(&moments("clock_slow_ppm = 50.0")) - 4.0002).abs() < 1e-9);
+    let jittered = moments("clock_jitter_us = 20.0");
+    let late = jittered.iter().zip(1..).map(|(t, n)| t - f64::from(n) * 1e-3);
+    let sd = (late.map(|late| late * late).sum::<f64>() / 4000.0).sqrt();
+    assert!((sd - 20e-6).abs() < 1e-6, "{sd}");
+    assert!(jittered.windows(2).all(|pair| pair[0] <= pair[1]));
+}
+
+#[test]
 fn the_table_drifts_under_the_beam() {
     let mut bench = bench("");
     bench.machine.drift_um_per_h = 30.0;
@@ -245,6 +266,8 @@ fn sensors_that_cannot_be_are_refused_by_name() {
         ("noise_um = nan", "noise_um"),
         ("echo_limit_deg = 90.0", "echo_limit_deg"),
         ("dazzled_deg = 45.0", "dazzled_deg"),
+        ("clock_slow_ppm = 1e6", "clock_slow_ppm"),
+        ("clock_jitter_us = -1.0", "clock_jitter_us"),
         ("linearity = [{ amplitude_um = 1.0, period_mm = 0.0 }]", "linearity"),
         ("tilt_urad = [inf, 0.0]", "tilt_urad"),
     ] {

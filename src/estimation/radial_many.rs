@@ -1,0 +1,217 @@
+//! Circle or sphere of very many points: a few of them make the start, sums over all the steps. The
+//! gradient is summed from small numbers (deviations; directions less their mean, turned so that a
+//! narrow cap does not hide in a wide one), so that the squares of the normal equations cost no digits.
+
+use faer::{Mat, Side};
+use rayon::prelude::*;
+
+use super::radial::{Radial, TOLERANCE, careful};
+use super::radial_lanes::{Frame, Sums, residuals, sums};
+
+/// Fewer are for the careful way.
+const MANY: usize = 1024;
+/// Of which the start is made.
+const FEW: usize = 256;
+/// More are not needed where points resemble a sphere at all.
+const MAX_STEPS: usize = 12;
+/// Summed at once: what is added up in order afterwards does not depend on the threads.
+const BLOCK: usize = 4096;
+
+/// `None`: too few, or something is the matter, which the careful way tells.
+pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Option<Radial<D>> {
+    if points.len() < MANY {
+        return None;
+    }
+    let mut frame = frame(points)?;
+    let tolerance = TOLERANCE * (points.len() as f64).sqrt();
+    let mut before = f64::INFINITY;
+    for _ in 0..MAX_STEPS {
+        let all = total(points, &frame);
+        let step = Step::new(&all, &frame, points.len())?;
+        // No way for plain steps.
+        if step.size >= before {
+            return None;
+        }
+        before = step.size;
+        frame = step.moved(&frame);
+        if step.size <= tolerance {
+            return Some(finished(points, &frame, step));
+        }
+    }
+    None
+}
+
+/// Centre, radius and directions as a few of the points see them.
+fn frame<const D: usize>(points: &[[f64; D]]) -> Option<Frame<D>> {
+    let few: Vec<[f64; D]> = points.iter().step_by(points.len() / FEW).copied().collect();
+    let start = careful(&few).ok()?;
+    let origin = *points.first()?;
+    let mut frame = Frame {
+        origin,
+        centre: std::array::from_fn(|k| start.centre[k] - origin[k]),
+        radius: start.radius,
+        turn: std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k)))),
+        mean: [0.0; D],
+    };
+    let seen = sums(&few, &frame);
+    let count = few.len() as f64;
+    let mean = seen.v.map(|v| v / count);
+    let scatter =
+        Mat::from_fn(D, D, |i, j| seen.vv[i.min(j)][i.max(j)] / count - mean[i] * mean[j]);
+    let own = scatter.self_adjoint_eigen(Side::Lower).ok()?;
+    frame.turn = std::array::from_fn(|i| std::array::from_fn(|k| own.U()[(k, i)]));
+    frame.mean = frame.turn.map(|row| (0..D).map(|k| row[k] * mean[k]).sum());
+    Some(frame)
+}
+
+fn total<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
+    let parts: Vec<Sums<D>> = points.par_chunks(BLOCK).map(|block| sums(block, frame)).collect();
+    parts.into_iter().fold(Sums::ZERO, |all, part| all.plus(&part))
+}
+
+struct Step<const D: usize> {
+    /// Of the centre, turned, and of the radius.
+    centre: [f64; D],
+    radius: f64,
+    covariance: Mat<f64>,
+    /// Largest, in standard uncertainties that a radial deviation of one radius would cause.
+    size: f64,
+}
+
+impl<const D: usize> Step<D> {
+    /// The radius is the mean that is left; without it D equations, nearly without each other.
+    fn new(all: &Sums<D>, frame: &Frame<D>, count: usize) -> Option<Self> {
+        let n = count as f64;
+        let mean = all.v.map(|v| v / n);
+        let square = |i: usize, j: usize| all.vv[i.min(j)][i.max(j)] - all.v[i] * mean[j];
+        let scale: [f64; D] = std::array::from_fn(|i| square(i, i).sqrt());
+        let scaled = Mat::from_fn(D, D, |i, j| square(i, j) / (scale[i] * scale[j]));
+        let own = scaled.self_adjoint_eigen(Side::Lower).ok()?;
+        let inverse = |i: usize, j: usize| -> f64 {
+            let part = |k: usize| own.U()[(i, k)] * own.U()[(j, k)] / own.S()[k];
+            (0..D).map(part).sum::<f64>() / (scale[i] * scale[j])
+        };
+        let pull: [f64; D] = std::array::from_fn(|i| all.vr[i] - mean[i] * all.r);
+        let centre: [f64; D] =
+            std::array::from_fn(|i| (0..D).map(|j| inverse(i, j) * pull[j]).sum());
+        // Where the directions stand off from, they are from 0, not from their mean.
+        let whole: [f64; D] = std::array::from_fn(|i| frame.mean[i] + mean[i]);
+        let radius = all.r / n - (0..D).map(|i| whole[i] * centre[i]).sum::<f64>();
+        let covariance = covariance(inverse, &whole, n);
+        let size = |j: usize| {
+            let moved = centre.get(j).copied().unwrap_or(radius);
+            moved.abs() / covariance[(j, j)].sqrt() / frame.radius
+        };
+        let size = (0..=D)
+            .map(size)
+            .try_fold(0.0, |most: f64, size| size.is_finite().then_some(most.max(size)))?;
+        Some(Self { centre, radius, covariance, size })
+    }
+
+    fn moved(&self, frame: &Frame<D>) -> Frame<D> {
+        let back = |k: usize| (0..D).map(|i| frame.turn[i][k] * self.centre[i]).sum::<f64>();
+        Frame {
+            centre: std::array::from_fn(|k| frame.centre[k] + back(k)),
+            radius: frame.radius + self.radius,
+            ..*frame
+        }
+    }
+}
+
+/// Of the turned centre and the radius; `whole`: the mean direction.
+fn covariance<const D: usize>(
+    inverse: impl Fn(usize, usize) -> f64,
+    whole: &[f64; D],
+    n: f64,
+) -> Mat<f64> {
+    let with = |i: usize| (0..D).map(|k| inverse(i, k) * whole[k]).sum::<f64>();
+    Mat::from_fn(D + 1, D + 1, |i, j| match (i < D, j < D) {
+        (true, true) => inverse(i, j),
+        (true, false) => -with(i),
+        (false, true) => -with(j),
+        (false, false) => 1.0 / n + (0..D).map(|k| whole[k] * with(k)).sum::<f64>(),
+    })
+}
+
+fn finished<const D: usize>(points: &[[f64; D]], frame: &Frame<D>, step: Step<D>) -> Radial<D> {
+    let mut all = vec![0.0; points.len()];
+    let blocks = points.par_chunks(BLOCK).zip(all.par_chunks_mut(BLOCK));
+    blocks.for_each(|(points, part)| residuals(points, frame, part));
+    let turn = Mat::from_fn(D + 1, D + 1, |i, k| match (i < D, k < D) {
+        (true, true) => frame.turn[i][k],
+        _ => f64::from(u8::from(i == k)),
+    });
+    Radial {
+        centre: std::array::from_fn(|k| frame.origin[k] + frame.centre[k]),
+        radius: frame.radius,
+        residuals: all,
+        covariance: turn.transpose() * step.covariance * &turn,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::base::random;
+    use rand::RngExt;
+
+    /// A cap of `half` rad about a slanted axis, far from the origin, with deviations of `noise`.
+    fn cap(count: usize, half: f64, noise: f64) -> Vec<[f64; 3]> {
+        let mut stream = random::stream(7, &[count as u64]);
+        let axis = glam::DVec3::new(0.6, -0.3, 0.7).normalize();
+        let (u, v) = axis.any_orthonormal_pair();
+        let point = |_| {
+            let z: f64 = stream.random_range(half.cos()..1.0);
+            let (sin, cos) = stream.random_range(0.0..TAU).sin_cos();
+            let level = (1.0 - z * z).sqrt();
+            let radius = 10.0 + noise * stream.random_range(-1.0..1.0);
+            let offset = (u * (level * cos) + v * (level * sin) + axis * z) * radius;
+            (glam::DVec3::new(1e3, -200.0, 500.0) + offset).to_array()
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// What the sums say is what the careful way says, and they do say it.
+    #[test]
+    fn many_points_have_the_same_sphere_by_sums() {
+        for (half, noise) in [(1.5, 1e-3), (0.5, 0.1), (0.02, 1e-6), (0.5, 0.0)] {
+            let points = cap(5000, half, noise);
+            let (by_sums, by_care) = (fit(&points).unwrap(), careful(&points).unwrap());
+            let spread = (5000.0 * by_care.covariance[(3, 3)]).sqrt();
+            let rounding = 4.0 * f64::EPSILON * (10.0 * spread + 1e3);
+            let pairs = by_sums.centre.iter().zip(&by_care.centre);
+            let worst = pairs
+                .chain([(&by_sums.radius, &by_care.radius)])
+                .map(|(one, other)| (one - other).abs())
+                .fold(0.0, f64::max);
+            assert!(worst < rounding, "{half} {noise}: {worst:e} {rounding:e}");
+            for i in 0..4 {
+                for j in 0..4 {
+                    let scale = (by_care.covariance[(i, i)] * by_care.covariance[(j, j)]).sqrt();
+                    let off = by_sums.covariance[(i, j)] - by_care.covariance[(i, j)];
+                    assert!(off.abs() < 1e-9 * scale, "{half} {noise}: {off:e} of {scale:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_the_matter_is_left_to_the_careful_way() {
+        assert!(fit(&cap(1000, 0.5, 1e-3)).is_none());
+        let mut points = cap(5000, 0.5, 1e-3);
+        points[4321][1] = f64::NAN;
+        assert!(fit(&points).is_none());
+        let flat: Vec<[f64; 3]> = cap(5000, 0.5, 1e-3).iter().map(|p| [p[0], p[1], 3.0]).collect();
+        assert!(fit(&flat).is_none());
+        // No sphere at all: a cube full of points.
+        let mut stream = random::stream(8, &[]);
+        let mut side = || stream.random_range(-1.0..1.0);
+        let cube: Vec<[f64; 3]> = (0..5000).map(|_| [side(), side(), side()]).collect();
+        if let Some(found) = fit(&cube) {
+            let careful = careful(&cube).unwrap();
+            assert!((found.radius - careful.radius).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Chase-the-ball feeds the same identification.
+
+use glam::DVec3;
+
+use super::g2::{EDGE, FIVE};
+use super::played::{TABLE_5, World, run, table_5};
+use super::{ideal, settings};
+use crate::methods::laser_r_test::Settings;
+use crate::methods::laser_r_test::bench::Bench;
+use crate::methods::laser_r_test::identify::identify;
+use crate::methods::laser_r_test::settings::By;
+use crate::record::estimate::Estimate;
+
+fn touched(noise_um: f64, seed: u64) -> Estimate {
+    let zero = DVec3::new(0.012, -0.009, -200.03);
+    let world = World { zero, radius: 10.004, ..table_5(noise_um, seed) };
+    let mut plan = ideal(0.5);
+    plan.probe.repeatability_um = Some(0.5);
+    plan.probe.lobing_um = 0.0;
+    let own = Settings { by: By::Probe, tilt_deg: vec![-60.0, -30.0, 30.0, 60.0], ..settings() };
+    let (plan, done, readings) = run(plan, &own, &world, 9).unwrap();
+    assert_eq!(done.len(), 6);
+    let bench = Bench::new(&plan, &own).unwrap();
+    identify(&bench, &readings).unwrap()
+}
+
+/// The pre-travel is in the diameter, and the stylus is nowhere near where the file says.
+#[test]
+fn paper_table_5_comes_back_by_touch() {
+    let estimate = touched(0.0, 1);
+    println!("{:?}", estimate.warnings);
+    assert_eq!((estimate.rank, estimate.unknowns), (11, 11));
+    for (i, name) in FIVE.into_iter().enumerate() {
+        let found = estimate.parameters.iter().find(|p| p.symbol == name).unwrap();
+        let error = found.value - TABLE_5[i] * EDGE[i];
+        assert!(error.abs() < 1e-2, "{name}: off by {error}");
+    }
+}
+
+#[test]
+fn regress_touches_scatter_as_predicted() {
+    let mut ratio = 0.0;
+    for seed in 0..20 {
+        let estimate = touched(0.5, seed);
+        for (i, name) in FIVE.into_iter().enumerate() {
+            let found = estimate.parameters.iter().find(|p| p.symbol == name).unwrap();
+            ratio += ((found.value - TABLE_5[i] * EDGE[i]) / found.u).powi(2) / 100.0;
+        }
+    }
+    // 100 squares, correlated: within about four standard deviations of 1.
+    println!("{ratio}");
+    assert!((0.4..=1.7).contains(&ratio), "{ratio}");
+}

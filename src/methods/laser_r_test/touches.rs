@@ -1,0 +1,55 @@
+//! Chase-the-ball: the sphere's centre from touches instead of samples.
+
+use super::bench::Bench;
+use super::cross::{Place, Wanted};
+use super::label::{Pass, in_words};
+use super::model::placed;
+use super::parameters;
+use crate::base::Point;
+use crate::methods::Refused;
+use crate::planning::{Access, Approach, BallTask};
+use crate::record::artefact::Ball;
+use crate::record::plan::{Step, StepKind};
+
+/// Touches of one measurement.
+const TOUCHES: usize = 5;
+/// Clear distance before the expected contact, and how far beyond it a slow touch may go, mm.
+const STANDOFF_MM: f64 = 0.5;
+const SEARCH_MM: f64 = 1.0;
+
+/// The touches of one measurement, not yet numbered.
+///
+/// # Errors
+/// A sphere that cannot be touched there.
+pub fn steps(
+    bench: &Bench<'_>,
+    place: &Place,
+    pass: Pass,
+    wanted: &Wanted,
+) -> Result<Vec<Step>, Refused> {
+    let refused = |why: String| Refused {
+        why: format!("at {}: {why}", in_words(&wanted.rotary)),
+        instead: "take the position out of tilt_deg and turn_deg, or set the sphere up elsewhere"
+            .to_owned(),
+    };
+    let access =
+        Access::new(bench.plan, &bench.plan.artefact).map_err(|why| refused(why.to_string()))?;
+    // Where the stylus as stated meets what the stylus as found does.
+    let xyz = parameters::expected(&bench.chain, &wanted.rotary, place.zero, place.ball)?;
+    let at = placed(&wanted.rotary, xyz);
+    let centre = bench.chain.tip_in_table(&at, Point::from_vec(bench.zero()), &[]).mm;
+    let ball = Ball { centre_mm: centre.to_array(), ..bench.ball.clone() };
+    let approach = match pass {
+        Pass::Find => {
+            let uncertainty_mm = bench.balls.uncertainty_mm;
+            Approach::Find { uncertainty_mm, standoff_mm: STANDOFF_MM }
+        }
+        _ => Approach::Slow { standoff_mm: STANDOFF_MM, search_mm: SEARCH_MM },
+    };
+    let kind = if wanted.reference { StepKind::Reference } else { StepKind::Touch };
+    let task = BallTask { ball: &ball, rotary: &wanted.rotary, approach, touches: TOUCHES };
+    let label = |touch: &str| format!("{}/{touch}", wanted.label);
+    access
+        .steps(&task, &bench.plan.probe, kind, (0, 0), label)
+        .map_err(|why| refused(why.to_string()))
+}

@@ -1,0 +1,117 @@
+//! How often which value occurs, beside the normal distribution of the same mean and scatter.
+
+use std::f64::consts::TAU;
+
+use plotters::prelude::*;
+
+use super::scale::{Ticked, bounds, round_step};
+use super::{FIT, LINE, Sample, picture};
+use crate::record::estimate::Function;
+use crate::report::number;
+
+const SIZE: (u32, u32) = (1400, 640);
+/// More columns than this say nothing more.
+const MOST_COLUMNS: f64 = 60.0;
+
+pub(super) fn histogram(function: &Function, samples: &[Sample]) -> Option<String> {
+    let values: Vec<f64> = samples.iter().map(|sample| sample.y).collect();
+    let columns = Columns::of(&values)?;
+    let tallest = columns.counts.iter().copied().max()?;
+    let normal = columns.normal(&values);
+    let top = normal.iter().map(|(_, count)| *count).fold(tallest as f64, f64::max);
+    let unit = number::unit(function.unit);
+    let x_name = format!("{} / {unit}", number::plain_symbol(&function.symbol));
+    let x_axis = Ticked::round(columns.edge(0)..columns.edge(columns.counts.len()));
+    picture(SIZE, |area| {
+        let y_axis = Ticked::round(0.0..1.08 * top);
+        let mut chart = super::chart(area, (x_axis, &x_name), (y_axis, "count"))?;
+        chart.draw_series(columns.counts.iter().enumerate().map(|(i, count)| {
+            let corners = [(columns.edge(i), *count as f64), (columns.edge(i + 1), 0.0)];
+            Rectangle::new(corners, LINE.mix(0.6).filled())
+        }))?;
+        chart.draw_series([PathElement::new(normal, FIT.stroke_width(4))])?;
+        Ok(())
+    })
+}
+
+struct Columns {
+    first: f64,
+    width: f64,
+    counts: Vec<usize>,
+}
+
+impl Columns {
+    /// Of a round width, by the rule of Freedman and Diaconis (1981): twice the distance of the
+    /// quartiles over the cube root of the count.
+    fn of(values: &[f64]) -> Option<Self> {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let (low, high) = bounds(sorted.iter().copied())?;
+        let at = |quarter: usize| sorted.get(quarter * (sorted.len() - 1) / 4).copied();
+        let wanted = 2.0 * (at(3)? - at(1)?) / (sorted.len() as f64).cbrt();
+        let least = (high - low) / MOST_COLUMNS;
+        // Where all are alike there is one column.
+        let alike = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
+        let width = [wanted.max(least), alike].into_iter().find(|width| *width > 0.0)?;
+        let width = round_step(width);
+        let first = (low / width).floor() * width;
+        let place = |value: f64| ((value - first) / width) as usize;
+        let mut counts = vec![0; place(high) + 1];
+        for value in sorted {
+            if let Some(count) = counts.get_mut(place(value)) {
+                *count += 1;
+            }
+        }
+        Some(Self { first, width, counts })
+    }
+
+    fn edge(&self, number: usize) -> f64 {
+        self.first + self.width * number as f64
+    }
+
+    /// Expected counts of a column about each place.
+    fn normal(&self, values: &[f64]) -> Vec<(f64, f64)> {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        let sd = (square / (n - 1.0)).sqrt();
+        if !(sd > 0.0 && sd.is_finite()) {
+            return Vec::new();
+        }
+        let (low, high) = (self.edge(0), self.edge(self.counts.len()));
+        let at = |step: i32| {
+            let x = low + (high - low) * f64::from(step) / 200.0;
+            let height = (-0.5 * ((x - mean) / sd).powi(2)).exp() / (sd * TAU.sqrt());
+            (x, n * self.width * height)
+        };
+        (0..=200).map(at).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_value_is_in_one_column() {
+        // Quartiles 1 apart, 8 values: columns 1 wide.
+        let values = [0.1, 0.2, 0.9, 1.0, 1.1, 1.15, 1.9, 2.5];
+        let columns = Columns::of(&values).unwrap();
+        assert_eq!((columns.first, columns.width), (0.0, 1.0));
+        assert_eq!(columns.counts, [3, 4, 1]);
+        let normal = columns.normal(&values);
+        // Over all of it nearly the whole normal distribution, whose tails are not drawn.
+        let step = 3.0 / 200.0;
+        let area: f64 = normal.iter().map(|(_, count)| count * step).sum();
+        assert!((6.9..7.9).contains(&area), "{area}");
+        let top = normal.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let mean = values.iter().sum::<f64>() / 8.0;
+        assert!((top.0 - mean).abs() <= step, "{top:?}");
+        for alike in [0.0, -3.0, 1e9] {
+            assert_eq!(Columns::of(&[alike; 5]).unwrap().counts.iter().sum::<usize>(), 5);
+        }
+        assert!(Columns::of(&[]).is_none());
+        let one_far = [vec![0.0; 1000], vec![1e6]].concat();
+        assert!(Columns::of(&one_far).unwrap().counts.len() <= 61);
+    }
+}

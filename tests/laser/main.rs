@@ -1,0 +1,73 @@
+//! The laser R-test on the built-in machine of paper 2: is what it says true, and as sure as it says?
+
+#[path = "../support/mod.rs"]
+mod support;
+
+use trued::estimation::coverage::chi_square_bounds;
+use trued::record::estimate::Estimate;
+use trued::setup::{self, MachineFile};
+
+const METHOD: &str = "laser-r-test";
+/// Paper 2, Table 5, as [simulated.errors] of the built-in machine has it: symbol, value.
+const TRUTH: [(&str, f64); 5] =
+    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+const WORLDS: u64 = 100;
+
+/// The built-in machine with another seed, and what `change` does to its text.
+fn machine(seed: u64, change: impl Fn(String) -> String) -> MachineFile {
+    let text = include_str!("../../config/laser.toml");
+    let seeded = text.replace("\nseed = 1\n", &format!("\nseed = {seed}\n"));
+    assert!(seed == 1 || seeded != text);
+    let quick = "\n[method.laser-r-test]\nmonte_carlo_trials = 100\n";
+    MachineFile::parse("laser.toml", change(seeded) + quick).expect("a sound machine file")
+}
+
+fn estimate(file: &MachineFile) -> Estimate {
+    let (method, header) = setup::header(file, METHOD, None).expect("settings");
+    let mut world = setup::world(file).expect("a world");
+    let (plan, readings) = support::measure(&mut world, method.as_ref(), header);
+    method.identify(&plan, &readings, &[]).expect("an estimate")
+}
+
+/// What is off of each parameter of [`TRUTH`], um and urad, and its standard uncertainty.
+fn errors(estimate: &Estimate) -> Vec<(f64, f64)> {
+    let of = |(symbol, truth): &(&str, f64)| {
+        let found = estimate.parameters.iter().find(|parameter| parameter.symbol == *symbol);
+        let found = found.unwrap_or_else(|| panic!("no {symbol}"));
+        (found.value - truth, found.u)
+    };
+    TRUTH.iter().map(of).collect()
+}
+
+/// χ² of the five by the stated covariance.
+fn chi2(estimate: &Estimate) -> f64 {
+    let place = |symbol: &str| {
+        let symbols = &estimate.covariance.symbols;
+        symbols.iter().position(|name| name == symbol).unwrap_or_else(|| panic!("{symbol}"))
+    };
+    let at: Vec<usize> = TRUTH.iter().map(|(symbol, _)| place(symbol)).collect();
+    let off = faer::Col::from_fn(at.len(), |i| errors(estimate)[i].0);
+    let matrix =
+        faer::Mat::from_fn(at.len(), at.len(), |i, j| estimate.covariance.rows[at[i]][at[j]]);
+    let solved = faer::linalg::solvers::Solve::solve(&matrix.partial_piv_lu(), &off);
+    off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
+}
+
+#[test]
+fn u_is_true_over_a_hundred_machines() {
+    let all: Vec<Estimate> =
+        (0..WORLDS).map(|seed| estimate(&machine(100 + seed, |text| text))).collect();
+    let mean = all.iter().map(|estimate| chi2(estimate) / 5.0).sum::<f64>() / WORLDS as f64;
+    let dof = 5.0 * WORLDS as f64;
+    let (low, high) = chi_square_bounds(dof, 0.99).expect("bounds");
+    println!("mean of χ²/5: {mean:.3}, within [{:.3}, {:.3}]", low / dof, high / dof);
+    for (number, (symbol, _)) in TRUTH.iter().enumerate() {
+        let each: Vec<(f64, f64)> = all.iter().map(|estimate| errors(estimate)[number]).collect();
+        let observed = (each.iter().map(|(off, _)| off * off).sum::<f64>() / WORLDS as f64).sqrt();
+        let predicted = (each.iter().map(|(_, u)| u * u).sum::<f64>() / WORLDS as f64).sqrt();
+        println!("{symbol}: predicted {predicted:.3}, observed {observed:.3}");
+        // Of 100 values the standard deviation is known to 7 %.
+        assert!((0.8..1.25).contains(&(predicted / observed)), "{symbol}: {predicted} {observed}");
+    }
+    assert!((low / dof..high / dof).contains(&mean), "{mean}");
+}
