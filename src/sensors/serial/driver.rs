@@ -3,13 +3,13 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use tokio::time::{Duration, Instant, sleep_until};
+use tokio::time::{Duration, Instant, sleep, sleep_until};
 
 use super::Config;
 use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
 use crate::base::Clock;
-use crate::link::{self, Came, Flow};
+use crate::link::{self, Came, Flow, LinkError};
 use crate::record::reading::Flag;
 use crate::record::sensor;
 use crate::sensors::follow::Counting;
@@ -19,6 +19,9 @@ use crate::sensors::{Driver, Prepared, Sample, SensorError};
 /// How long it is listened to before it is called ready, and how many samples are enough.
 const LISTEN: Duration = Duration::from_millis(500);
 const ENOUGH: usize = 50;
+/// How often, and how soon, a port is tried again that is still being closed.
+const REOPENED: usize = 10;
+const SHORTLY: Duration = Duration::from_millis(20);
 
 pub struct Serial {
     config: Config,
@@ -83,7 +86,16 @@ impl Serial {
 
     async fn reopen(&mut self) -> Result<(), SensorError> {
         self.flow = None;
-        self.flow = Some(link::listen(&self.config.at.address()?).await?);
+        let address = self.config.at.address()?;
+        let mut tries = REOPENED;
+        // What was held before is closed on a thread of its own.
+        self.flow = loop {
+            match link::listen(&address).await {
+                Err(LinkError::Busy { .. }) if tries > 0 => sleep(SHORTLY).await,
+                opened => break Some(opened?),
+            }
+            tries -= 1;
+        };
         Ok(())
     }
 
@@ -150,7 +162,7 @@ impl Serial {
     }
 
     fn cut(&mut self, at: Instant, bytes: &[u8]) {
-        self.heard.bytes += bytes.len();
+        self.heard.came(bytes);
         for piece in self.cutter.push(bytes) {
             match piece {
                 Piece::Whole { said, bytes } => {
