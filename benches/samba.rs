@@ -6,7 +6,7 @@
 
 use std::error::Error;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
@@ -18,6 +18,10 @@ use trued::estimation::nonlinear::Minimum;
 use trued::kinematics::{Chain, ErrorTerm};
 use trued::methods::samba::{Bar, Measured, Model, Problem, Seen};
 use trued::record::machine::Machine;
+
+mod peer;
+
+use peer::{answer, folder, scipy_python};
 
 const TILTS_DEG: [f64; 6] = [0.0, 30.0, -30.0, 60.0, -60.0, 85.0];
 const NOISE_MM: f64 = 1e-3;
@@ -193,26 +197,6 @@ fn balls() -> Result<Vec<DVec3>, Box<dyn Error>> {
         .collect()
 }
 
-fn folder() -> PathBuf {
-    Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench-scipy")
-}
-
-/// The python of a venv with scipy, made if it is not there.
-fn scipy_python() -> Result<PathBuf, Box<dyn Error>> {
-    if let Some(python) = std::env::var_os("TRUED_BENCH_PYTHON") {
-        std::fs::create_dir_all(folder())?;
-        return Ok(python.into());
-    }
-    let python = folder().join("bin/python");
-    if !python.exists() {
-        run(Command::new("python3").args(["-m", "venv"]).arg(folder()))?;
-    }
-    if run(Command::new(&python).args(["-c", "import scipy"])).is_err() {
-        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "numpy", "scipy"]))?;
-    }
-    Ok(python)
-}
-
 /// Seconds of scipy, and its unknowns in our order; BLAS on one thread or on all, which is faster.
 fn scipy(python: &Path, data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
     let mut text = String::new();
@@ -243,29 +227,4 @@ fn scipy(python: &Path, data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> 
         x[at..at + 3].copy_from_slice(&theirs[common + 3 * ball..][..3]);
     }
     Ok((*seconds, x))
-}
-
-/// The numbers that the script prints: seconds first.
-fn answer(command: &mut Command) -> Result<Vec<f64>, Box<dyn Error>> {
-    let output = run(command)?;
-    let mut numbers = Vec::new();
-    for line in output.lines() {
-        match line.strip_prefix('#') {
-            Some(comment) => println!("scipy:{comment}"),
-            None => numbers.push(line.trim().parse::<f64>()?),
-        }
-    }
-    if numbers.is_empty() {
-        return Err("the script printed nothing".into());
-    }
-    Ok(numbers)
-}
-
-fn run(command: &mut Command) -> Result<String, Box<dyn Error>> {
-    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
-    if output.status.success() {
-        Ok(String::from_utf8(output.stdout)?)
-    } else {
-        Err(format!("{command:?}: {}", String::from_utf8_lossy(&output.stderr)).into())
-    }
 }

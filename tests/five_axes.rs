@@ -56,7 +56,7 @@ fn direct(world: &mut World, block: &Block) -> Position {
             Motion::Probe { to, feed_mm_min } => {
                 found = world.probe(to, *feed_mm_min, block.step).contact;
             }
-            Motion::BackOff { to, feed_mm_min } => {
+            Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => {
                 world.travel(to, Speed::Feed { mm_min: *feed_mm_min });
             }
             Motion::Dwell { seconds } => world.dwell(*seconds),

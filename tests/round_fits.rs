@@ -55,6 +55,24 @@ fn fitted(case: &Case) -> Fitted {
     }
 }
 
+/// As in the table, and each over and over: that has the same circle or sphere, and a covariance that
+/// much smaller. So many go another way, save those that resemble neither.
+fn cases() -> Vec<Case> {
+    let round = |case: &Case| !case.name.starts_with("rough");
+    table().into_iter().chain(table().into_iter().filter(round).map(repeated)).collect()
+}
+
+fn repeated(case: Case) -> Case {
+    let times = 2000_usize.div_ceil(case.points.len());
+    let smaller = |digits: &String| format!("{:e}", number(digits) / times as f64);
+    Case {
+        points: std::iter::repeat_n(case.points, times).flatten().collect(),
+        covariance: case.covariance.iter().map(|row| row.iter().map(smaller).collect()).collect(),
+        name: format!("{}, repeated", case.name),
+        ..case
+    }
+}
+
 fn number(digits: &str) -> f64 {
     digits.parse().unwrap()
 }
@@ -62,7 +80,7 @@ fn number(digits: &str) -> f64 {
 #[test]
 fn centres_and_radii_to_the_last_digits() {
     let mut worst: (f64, &str) = (0.0, "");
-    let cases = table();
+    let cases = cases();
     for case in &cases {
         let found = fitted(case);
         let radius = number(&case.radius);
@@ -90,7 +108,7 @@ fn centres_and_radii_to_the_last_digits() {
 
 #[test]
 fn covariances_and_residuals() {
-    for case in table() {
+    for case in cases() {
         let found = fitted(&case);
         let Some(covariance) = found.covariance else { continue };
         let variance = |k: usize| number(&case.covariance[k][k]);

@@ -36,7 +36,7 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
         Some(file) => read_plan(file, &args.method)?,
         None => {
             let (method, header) = setup::header(&machine, &args.method, None)?;
-            let (plan, _) = super::plan::nominal(method.as_ref(), header)?;
+            let (plan, _) = methods::nominal(method.as_ref(), header)?;
             (method, plan)
         }
     };

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::Exit;
 use super::args::InitArgs;
 use super::failure::Failure;
+use super::run::runtime;
 use crate::controllers::{Introduction, Leave, Named};
 use crate::setup::{Draft, SetupError};
 
@@ -20,11 +21,7 @@ pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
         topology: args.topology.clone(),
     };
     let control = draft.control()?;
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::plain)?;
-    let said = runtime.block_on(introduced(&draft, control.as_ref(), args.search))?;
+    let said = runtime()?.block_on(introduced(&draft, control.as_ref(), args.search))?;
     let text = draft.write(&said)?;
     match &args.to {
         None => say!("{}", text.trim_end()),

@@ -6,6 +6,7 @@ use super::failure::Failure;
 use super::show;
 use crate::base::Axis;
 use crate::gcode::{Dialect, Program};
+use crate::methods;
 use crate::planning;
 use crate::proof::{Request, Staged, prove};
 use crate::record::plan::{Plan, Stage};
@@ -15,7 +16,7 @@ use crate::setup;
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
-    let (plan, mut stages) = nominal(method.as_ref(), header)?;
+    let (plan, mut stages) = methods::nominal(method.as_ref(), header)?;
     stages.retain(|stage| stage.repeat == 0);
     if args.json {
         show::print_json(&plan)?;
@@ -36,20 +37,6 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         }
     }
     Ok(Exit::Pass)
-}
-
-/// The plan with every stage resolved from nominal positions, and the stages.
-pub fn nominal(
-    method: &dyn crate::methods::Method,
-    mut plan: Plan,
-) -> Result<(Plan, Vec<Stage>), crate::methods::Refused> {
-    use crate::methods::{Next, Source};
-    let mut done = Vec::new();
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
-        plan.steps.extend(new_steps);
-        done.push(stage);
-    }
-    Ok((plan, done))
 }
 
 /// The whole program, each step once, and its proof. Nobody knows where the machine stands.

@@ -27,7 +27,7 @@ impl Progress {
             // Identity and way of stopping: each on a line of its own.
             Event::Announced { text } => text.split("; ").for_each(|line| self.say(line)),
             Event::StageStarted { stage } => {
-                self.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
+                self.say(&format!("{}: {} steps", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);
                 self.bar.set_position(0);
             }
@@ -57,6 +57,10 @@ impl Progress {
                     .map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)))
                     .collect();
                 self.last = format!("last {}", edge.join(" "));
+                self.bar.inc(1);
+            }
+            Event::ScanStored { samples, flagged, .. } => {
+                self.last = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
             // Why, and what to do, is the last word of the command.

@@ -4,25 +4,19 @@ use std::io::IsTerminal as _;
 use std::time::Duration;
 
 use super::Exit;
-use super::args::{SimulateArgs, Speed};
+use super::args::SimulateArgs;
 use super::failure::Failure;
+use super::run::runtime;
 use crate::base::Axis;
 use crate::link::faults::{BadWire, Planned};
 use crate::record::question::{Question, Stylus};
-use crate::setup::{self, Pace, Rehearsal};
+use crate::setup::{self, Rehearsal};
 use crate::world::Bystander;
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let pace = match args.speed {
-        Speed::Real => Pace::Real,
-        Speed::Fast => Pace::Fast,
-    };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::plain)?;
-    runtime.block_on(async {
+    let pace = args.speed.into();
+    runtime()?.block_on(async {
         let rehearsal = Rehearsal::of(&machine)?;
         let simulator = match args.faults {
             None => rehearsal.serve(pace)?,

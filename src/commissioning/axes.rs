@@ -1,4 +1,4 @@
-//! Part 4: does each axis go whereto, and as far as, its command says?
+//! Does each axis go whereto, and as far as, its command says?
 
 use std::time::Instant;
 

@@ -1,4 +1,4 @@
-//! Part 2: who is there, and does it say of itself what the machine file says of it?
+//! Who is there, and does it say of itself what the machine file says of it?
 
 use std::time::Instant;
 

@@ -9,6 +9,7 @@ use serde::Serialize;
 #[serde(rename_all = "lowercase")]
 pub enum Part {
     Links,
+    Sensors,
     Control,
     Probe,
     Axes,
@@ -20,6 +21,7 @@ impl Part {
     fn name(self) -> &'static str {
         match self {
             Self::Links => "links",
+            Self::Sensors => "sensors",
             Self::Control => "control",
             Self::Probe => "probe",
             Self::Axes => "axes",

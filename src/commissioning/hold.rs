@@ -1,4 +1,4 @@
-//! Part 5: does a halt stop the machine?
+//! Does a halt stop the machine?
 
 use std::pin::pin;
 use std::time::{Duration, Instant};

@@ -7,9 +7,8 @@ use crate::gcode::{Program, RenderError};
 use crate::proof::{JogRequest, Refusal, prove_jog};
 use crate::record::machine::AxisSpec;
 use crate::record::motion::{Block, Motion};
-use crate::record::plan::{PLAN_VERSION, Plan};
 use crate::record::question::Jog;
-use crate::setup::MachineFile;
+use crate::setup::{self, MachineFile};
 
 /// Slow enough to be watched: a millimetre, or a degree, takes a second.
 const FEED_PER_MIN: f64 = 60.0;
@@ -89,7 +88,8 @@ pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     let title = format!("jog {axis} {:+}", jog.by);
     let program = Program { title: &title, axes: &axes, log: None };
     let text = dialect.program(&program, std::slice::from_ref(&block))?;
-    let (plan, feed_at_most) = (plan(check.file), FEED_PER_MIN);
+    let plan = setup::without_steps(check.file, "check", serde_json::Value::Null);
+    let feed_at_most = FEED_PER_MIN;
     let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect, text: &text };
     prove_jog(&request)?;
     Ok(Proven { block, to })
@@ -143,22 +143,5 @@ fn motion(file: &MachineFile, jog: &Jog, to: f64) -> Motion {
         true => Motion::Guarded { to, feed_mm_min },
         false if clamped => Motion::Rapid { to },
         false => Motion::BackOff { to, feed_mm_min },
-    }
-}
-
-/// The machine and what stands in it; no steps.
-fn plan(file: &MachineFile) -> Plan {
-    Plan {
-        trued_plan: PLAN_VERSION,
-        method: "check".to_owned(),
-        settings: serde_json::Value::Null,
-        machine: file.machine.clone(),
-        probe: file.probe.clone(),
-        sensors: Vec::new(),
-        keepout: file.keepout.clone(),
-        solids: file.solids.clone(),
-        artefact: file.artefact.clone(),
-        gaps_s: Vec::new(),
-        steps: Vec::new(),
     }
 }

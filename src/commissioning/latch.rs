@@ -1,4 +1,4 @@
-//! Part 6: does the control itself keep the position of a contact? A run of `latch-delay` tells: one
+//! Does the control itself keep the position of a contact? A run of `latch-delay` tells: one
 //! place of the part, touched at two feeds. It stands in the journal as such a run.
 
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use super::axes::UNSEEN;
 use super::{Check, Ended, Part};
 use crate::controllers::ControllerError;
 use crate::methods::latch_delay::{self, Found, Latch};
-use crate::methods::{IdentifyError, Method, Next, Refused, Source};
+use crate::methods::{self, IdentifyError, Method, Refused};
 use crate::planning;
 use crate::record::event::Event;
 use crate::record::machine::{LiveCheck, Probe};
@@ -59,12 +59,8 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 }
 
 /// What a person allows.
-fn announced(method: &dyn Method, mut plan: Plan) -> Result<String, Refused> {
-    let mut stages = Vec::new();
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &stages, Source::Nominal)? {
-        plan.steps.extend(new_steps);
-        stages.push(stage);
-    }
+fn announced(method: &dyn Method, plan: Plan) -> Result<String, Refused> {
+    let (plan, stages) = methods::nominal(method, plan)?;
     let planned = planning::staged_blocks(&plan, &stages);
     let (_, seconds) =
         planned.map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })?;
@@ -206,7 +202,11 @@ fn met_nothing(error: &RunError) -> bool {
 fn remedy(error: &CycleError) -> String {
     match error {
         CycleError::Run { error, .. } => error.remedy(),
-        CycleError::Identification { why: Unidentified::Refused(error), .. } => error.remedy(),
+        CycleError::Identification { why: Unidentified::Refused(error), .. } => match error {
+            IdentifyError::Refused(_) | IdentifyError::Numerical(_) => error.remedy(),
+            // The others speak of a plan that a person has, and of a run to go on with.
+            _ => "check again".to_owned(),
+        },
         CycleError::Identification { .. } => "check again".to_owned(),
         CycleError::Store(error) => error.remedy().to_owned(),
     }

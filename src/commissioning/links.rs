@@ -1,4 +1,4 @@
-//! Part 1: is each device there? Where nothing sensible answers, the control's own room is asked what
+//! Is each device there? Where nothing sensible answers, the control's own room is asked what
 //! would.
 
 use std::time::Instant;

@@ -15,6 +15,7 @@ mod latch;
 mod links;
 mod person;
 mod probe;
+mod sensors;
 mod stop;
 mod words;
 
@@ -45,8 +46,9 @@ type Looking<'c> = Pin<Box<dyn Future<Output = Result<(), Ended>> + 'c>>;
 type Look = for<'c, 'a> fn(&'c mut Check<'a>) -> Looking<'c>;
 
 /// The parts in their order. A device more is a line here.
-const PARTS: [(Part, Look); 6] = [
+const PARTS: [(Part, Look); 7] = [
     (Part::Links, |check| Box::pin(links::look(check))),
+    (Part::Sensors, |check| Box::pin(sensors::look(check))),
     (Part::Control, |check| Box::pin(control::look(check))),
     (Part::Probe, |check| Box::pin(probe::look(check))),
     (Part::Axes, |check| Box::pin(axes::look(check))),
@@ -59,15 +61,15 @@ pub struct Check<'a> {
     file: &'a MachineFile,
     site: &'a Site<'a>,
     pace: Pace,
-    /// Takes the run that part 6 makes.
+    /// Takes the run that the last part makes.
     journal: &'a Journal,
     person: &'a mut dyn Person,
     /// Told of each finding as it comes.
     tell: &'a mut dyn FnMut(&Finding),
     stop: Stop,
-    /// Open, once part 1 is through.
+    /// Open, once the links were looked at.
     devices: Option<Devices>,
-    /// Where the machine stands, once part 2 is through.
+    /// Where the machine stands, once the control was looked at.
     stands: Option<Position>,
     /// How the sense of the probe's input is turned at the control, in its words.
     polarity: Option<String>,

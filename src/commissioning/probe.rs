@@ -1,4 +1,4 @@
-//! Part 3: is the probe's input open at rest, closed while the stylus is deflected, and open again?
+//! Is the probe's input open at rest, closed while the stylus is deflected, and open again?
 //! Nothing moves but what a person's finger moves.
 
 use std::time::{Duration, Instant};

@@ -62,9 +62,7 @@ pub(in crate::controllers) fn moved_by_hand(error: ControllerError) -> Controlle
     match error {
         ControllerError::Astray { wanted, stands } => ControllerError::NotReady {
             state: format!("it was moved by hand: it stands at {stands}, not at {wanted}"),
-            remedy: "leave the machine to trued while it measures; `trued resume` goes on from \
-                     where it stands"
-                .to_owned(),
+            remedy: "leave the machine to trued while it measures".to_owned(),
         },
         other => other,
     }

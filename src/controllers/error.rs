@@ -180,9 +180,8 @@ impl ControllerError {
                 "make [axes] min and max as narrow as the control's limits, or move the part"
             }
             Self::Late { .. } => {
-                "nothing is lost: `trued resume` goes on; if it comes again, the control's computer \
-                 is not fast enough for its servo thread: run latency-test there, use a realtime \
-                 kernel, end other programs"
+                "nothing is lost; if it comes again, the control's computer is not fast enough for its \
+                 servo thread: run latency-test there, use a realtime kernel, end other programs"
             }
             _ => REPORT,
         }

@@ -10,6 +10,8 @@ pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
 mod radial;
+mod radial_lanes;
+mod radial_many;
 pub mod schur;
 pub mod smooth;
 pub mod sphere;

@@ -4,6 +4,7 @@
 use faer::Mat;
 
 use super::linear::{LinearProblem, LinearSolution, solve};
+use super::radial_many;
 
 /// In the unit of the points.
 pub(super) struct Radial<const D: usize> {
@@ -29,14 +30,18 @@ const FLATNESS: f64 = 1e-7;
 const MAX_STEPS: usize = 1000;
 /// In standard uncertainties that a radial deviation of one radius would cause: what the rounding of
 /// the distances can cause.
-const TOLERANCE: f64 = 4e-15;
+pub(super) const TOLERANCE: f64 = 4e-15;
 /// Where the deviations are as large as the radius, steps become small slowly, or circle in their own
 /// rounding: after [`MAX_STEPS`] this is near enough.
 const SETTLED: f64 = 1e-9;
 
-/// Fits centre and radius: algebraic start (Kåsa 1976), then Gauss–Newton, each step halved until the
-/// deviations shrink.
+/// Fits centre and radius.
 pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
+    radial_many::fit(points).map_or_else(|| careful(points), Ok)
+}
+
+/// Algebraic start (Kåsa 1976), then Gauss–Newton, each step halved until the deviations shrink.
+pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
     if points.len() <= D {
         return Err(RadialError::TooFew(points.len()));
     }

@@ -1,5 +1,5 @@
 //! The least-squares sphere of points in space: the sum of the squared radial deviations is least.
-//! Made for a handful of touches on a ball.
+//! For a handful of touches on a ball, and for the samples of a scan.
 
 use super::radial::{self, Radial, RadialError};
 

@@ -62,7 +62,10 @@ impl Dialect {
         }
         let (to, feed) = match (motion, read.kind) {
             (Motion::Rapid { to }, Kind::Rapid) => (to, None),
-            (Motion::BackOff { to, feed_mm_min }, Kind::Feed)
+            (
+                Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min },
+                Kind::Feed,
+            )
             | (Motion::Guarded { to, feed_mm_min }, Kind::Probe { must_touch: false })
             | (Motion::Probe { to, feed_mm_min }, Kind::Probe { .. }) => (to, Some(*feed_mm_min)),
             (Motion::Dwell { seconds }, Kind::Dwell { seconds: read }) => {

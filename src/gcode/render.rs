@@ -86,7 +86,9 @@ fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Nam
     };
     match motion {
         Motion::Rapid { to } => moving("rapid", to, None),
-        Motion::BackOff { to, feed_mm_min } => moving("back_off", to, Some(*feed_mm_min)),
+        Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => {
+            moving("feed", to, Some(*feed_mm_min))
+        }
         Motion::Guarded { to, feed_mm_min } => moving("guarded", to, Some(*feed_mm_min)),
         Motion::Probe { to, feed_mm_min } => moving("probe", to, Some(*feed_mm_min)),
         Motion::Orient { s } => {

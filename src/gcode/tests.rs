@@ -27,6 +27,7 @@ fn blocks(orient: bool) -> Vec<Block> {
     }
     let second = vec![
         Motion::Dwell { seconds: 0.25 },
+        Motion::Feed { to: at(&[(Y, 12.3456), (Z, 1.0 / 3.0)]), feed_mm_min: 120.0 },
         Motion::Rapid { to: at(&[(X, -150.5), (Y, 99.999_99), (C, -359.999)]) },
     ];
     vec![

@@ -4,6 +4,7 @@
 use std::io;
 
 mod address;
+pub mod can;
 mod capture;
 pub mod faults;
 mod flow;

@@ -4,6 +4,7 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
+pub mod laser_r_test;
 pub mod latch_delay;
 pub mod samba;
 pub mod self_calibration;
@@ -11,6 +12,7 @@ pub mod self_calibration;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
 
 /// What a method wants next.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,6 +78,15 @@ pub trait Method: Send + Sync {
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
 
+    /// What it looks with, of the sensors that the machine has; nothing, if it touches.
+    ///
+    /// # Errors
+    /// It looks, and none of them suits.
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        let _ = sensors;
+        Ok(None)
+    }
+
     /// Whether this method can take these estimates as known; asked before anything moves. Most take
     /// none.
     fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
@@ -106,8 +117,22 @@ pub enum Source<'a> {
     Nominal,
 }
 
+/// The plan with every stage resolved from nominal positions, and the stages.
+///
+/// # Errors
+/// What a stage is refused for.
+pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
+    let mut done = Vec::new();
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    Ok((plan, done))
+}
+
 /// The names of all methods.
-pub const NAMES: [&str; 3] = [self_calibration::NAME, samba::NAME, latch_delay::NAME];
+pub const NAMES: [&str; 4] =
+    [self_calibration::NAME, samba::NAME, laser_r_test::NAME, latch_delay::NAME];
 
 /// The machine file that serves a method when a person gives none.
 #[derive(Debug, Clone, Copy)]
@@ -122,6 +147,7 @@ pub struct BuiltIn {
 pub fn built_in(name: &str) -> BuiltIn {
     match name {
         samba::NAME => samba::BUILT_IN,
+        laser_r_test::NAME => laser_r_test::BUILT_IN,
         _ => self_calibration::BUILT_IN,
     }
 }
@@ -135,6 +161,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
+    use self::laser_r_test::LaserRTest;
     use self::latch_delay::LatchDelay;
     use self::samba::Samba;
     use self::self_calibration::SelfCalibration;
@@ -143,6 +170,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
             Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
         }
         samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
+        laser_r_test::NAME => Ok(Box::new(LaserRTest::new(Deserialize::deserialize(settings)?))),
         latch_delay::NAME => Ok(Box::new(LatchDelay::new(Deserialize::deserialize(settings)?))),
         unknown => Err(D::Error::custom(format!(
             "there is no method `{unknown}`; there are {}",

@@ -20,6 +20,8 @@ pub enum PlanningError {
     Tilted { step: u32 },
     #[error("step {step} is no touch")]
     NotATouch { step: u32 },
+    #[error("step {step} is no scan that can be run: {why}")]
+    NotAScan { step: u32, why: &'static str },
     #[error("step {step} does not say where {axis} stands")]
     Incomplete { step: u32, axis: Axis },
     #[error("step {step} turns {axis} during the touch")]
@@ -52,7 +54,11 @@ impl PlanningError {
             Self::Tilted { .. } => {
                 "measure with the axis of the head where the spindle stands along Z"
             }
-            Self::NotATouch { .. } => "this version plans touches only",
+            Self::NotATouch { .. } => "this version plans touches and scans only",
+            Self::NotAScan { .. } => {
+                "correct the step in the plan: a `path` from `from` to `to`, `dwell_s` and `samples` at \
+                 each of its points, and the name of a [[sensor]]"
+            }
             Self::Incomplete { .. } | Self::Turns { .. } | Self::NoLength { .. } => {
                 "correct the step in the plan; `from` names all axes, `to` moves linear ones alone"
             }

@@ -12,6 +12,7 @@ mod measured;
 mod order;
 mod over_balls;
 mod round;
+mod scan;
 mod surroundings;
 mod time;
 mod touch;
@@ -22,6 +23,7 @@ pub use clearance::Clearance;
 pub use error::PlanningError;
 pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
 pub use order::tour;
+pub use scan::step_blocks;
 pub use time::machine_time_s;
 pub use touch::{Start, touch_block};
 
@@ -71,11 +73,13 @@ impl Blocks {
         clearance: &Clearance,
     ) -> Result<(), PlanningError> {
         let start = Start { stands: self.stands.as_ref(), first: self.stands.is_none() };
-        let block = touch_block(plan, step, repeat, start, clearance)?;
-        let begins = self.stands.take().unwrap_or_default();
-        self.seconds += machine_time_s(&block, &begins, &plan.machine);
-        self.stands = Some(end_of(&block, &begins));
-        self.blocks.push(block);
+        let blocks = step_blocks(plan, step, repeat, start, clearance)?;
+        for block in blocks {
+            let begins = self.stands.take().unwrap_or_default();
+            self.seconds += machine_time_s(&block, &begins, &plan.machine);
+            self.stands = Some(end_of(&block, &begins));
+            self.blocks.push(block);
+        }
         Ok(())
     }
 }
@@ -93,6 +97,7 @@ fn target(motion: &Motion) -> Option<Position> {
     match motion {
         Motion::Rapid { to }
         | Motion::BackOff { to, .. }
+        | Motion::Feed { to, .. }
         | Motion::Guarded { to, .. }
         | Motion::Probe { to, .. } => Some(to.clone()),
         Motion::Orient { s } => Some(Position::new().with(Axis::S, *s)),

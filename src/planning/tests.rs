@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde_json::json;
 
 use super::*;
-use crate::record::plan::{Step, StepKind};
+use crate::record::plan::{Sampling, Scan, Step, StepKind};
 
 /// Stylus 120 mm long with a ball of 3 mm; a part 100 mm high, radius 45 mm, on the table.
 fn plan(steps: Vec<Step>) -> Plan {
@@ -133,7 +133,7 @@ fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
                 assert!(length > 0.0 && length <= plan.probe.overtravel_mm);
             }
             Motion::Guarded { .. } | Motion::Orient { .. } => {}
-            Motion::Dwell { .. } => unreachable!("a touch does not dwell"),
+            Motion::Dwell { .. } | Motion::Feed { .. } => unreachable!("a touch does neither"),
         }
         stands = next;
     }
@@ -304,4 +304,49 @@ fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
     assert!(matches!(refused, PlanningError::GuardTooFast { way, .. } if (way - 5.0).abs() < 1e-9));
     plan.probe.guarded_feed_mm_min = 5000.0;
     touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap();
+}
+
+#[test]
+fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
+    let sensor = serde_json::from_value(serde_json::json!({"name": "laser",
+        "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]}));
+    let point = |x: f64, c: f64| {
+        at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)])
+    };
+    let scan = |id: u32, c: f64| Step {
+        kind: StepKind::Scan,
+        from: point(-1.0, c),
+        to: point(1.0, c),
+        feed_mm_min: 60.0,
+        sensor: "laser".into(),
+        scan: Some(Scan {
+            path: vec![point(-1.0, c), point(0.0, c), point(1.0, c)],
+            sampling: Sampling::Dwell { dwell_s: 0.5, samples: 3 },
+        }),
+        ..touch(id, 0.0, 0.0, 0.0, 0.0)
+    };
+    let mut plan = plan(vec![scan(0, 0.0), scan(1, 0.0), scan(2, 1.0)]);
+    plan.sensors = vec![sensor.unwrap()];
+    let clearance = Clearance::above(&plan).unwrap();
+    let (blocks, _) = blocks(&plan, &clearance).unwrap();
+    assert_eq!(
+        blocks.iter().map(|block| block.step).collect::<Vec<_>>(),
+        [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    );
+    let highest = |block: &Block| {
+        let heights = block.motions.iter().filter_map(|motion| target(motion)?.get(Axis::Z));
+        heights.fold(f64::NEG_INFINITY, f64::max)
+    };
+    // To the top from nobody knows where, and to turn C; otherwise 10 mm above the path.
+    assert_eq!([0, 3, 6].map(|i| highest(&blocks[i])), [450.0, 270.0, 450.0]);
+    let to_middle = [Motion::Feed { to: at(&[(Axis::X, 0.0)]), feed_mm_min: 60.0 }];
+    let rest = [Motion::Dwell { seconds: 0.5 }];
+    assert_eq!(blocks[1].motions, [&to_middle[..], &rest].concat());
+    let mut broken = plan.clone();
+    broken.steps[0].scan.as_mut().unwrap().path[1] = at(&[(Axis::X, 0.0)]);
+    let refused = super::blocks(&broken, &clearance).unwrap_err();
+    assert!(matches!(refused, PlanningError::Incomplete { step: 0, .. }), "{refused}");
+    plan.sensors.clear();
+    let refused = super::blocks(&plan, &clearance).unwrap_err();
+    assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
 }

@@ -21,9 +21,9 @@ pub fn machine_time_s(block: &Block, begins: &Position, machine: &Machine) -> f6
         };
         let (to, feed) = match motion {
             Motion::Probe { feed_mm_min, .. } => (middle(&stands, &to), Some(*feed_mm_min)),
-            Motion::Guarded { feed_mm_min, .. } | Motion::BackOff { feed_mm_min, .. } => {
-                (to, Some(*feed_mm_min))
-            }
+            Motion::Guarded { feed_mm_min, .. }
+            | Motion::BackOff { feed_mm_min, .. }
+            | Motion::Feed { feed_mm_min, .. } => (to, Some(*feed_mm_min)),
             _ => (to, None),
         };
         seconds += motion_s(&stands, &to, feed, machine);

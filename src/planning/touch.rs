@@ -43,8 +43,7 @@ pub fn touch_block(
     check_guarded_feed(plan)?;
     let (near_feed, back_feed) = (near_feed(plan, start), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
-    let stands = start.stands.cloned().unwrap_or_default();
-    let mut path = Path { stands, motions: Vec::new(), near_feed };
+    let mut path = Path::from(start.stands, near_feed);
     let end = match clearance.over_all {
         Some(safe_z) => over_the_part(&mut path, step, clearance.top_z, safe_z),
         None => over_balls::approach(&mut path, (plan, step), start.first, clearance)?,
@@ -149,8 +148,13 @@ impl Path {
         self.feed(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
+    /// Nothing yet, from where the machine `stands`.
+    pub fn from(stands: Option<&Position>, near_feed: f64) -> Self {
+        Self { stands: stands.cloned().unwrap_or_default(), motions: Vec::new(), near_feed }
+    }
+
     /// Only the axes that have somewhere to go; no motion if there is none.
-    fn feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
+    pub fn feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
         let moved: Position =
             to.iter().filter(|(axis, value)| !self.stands_at(*axis, *value)).collect();
         if !moved.is_empty() {

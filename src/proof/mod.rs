@@ -10,6 +10,8 @@
 //! - of an artefact of several bodies the touch means the one that its line meets first. A ball is met
 //!   wherever within its uncertainty it stands, and on the side that the step's `normal` says; all
 //!   other balls and stems are strangers, whom the full length of the touch passes;
+//! - each scan goes through its points one after the other, at its feed, and rests at each where it
+//!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
 //!   everything and stop within the overtravel if they should meet something all the same; the first
 //!   approach since the machine was prepared is as slow as a search;
@@ -22,7 +24,7 @@
 //! the spindle may be nearer, only to the body that is meant and its stem (which stands off as its
 //! ball does), and only as far as contact lets it come ([`touch`]).
 //!
-//! Bodies: stylus ball, stem, probe body and the solids of the tool side against artefact, keep-out
+//! Bodies: stylus ball, stem, probe body (or, in their place, the body of a sensor) and the solids of the tool side against artefact, keep-out
 //! boxes and the solids of the workpiece side and the bed; workpiece side against bed; and on one
 //! side whatever an axis moves against each other. Neighbours on one side that with all axes at zero
 //! stand nearer than the margin are *not* looked at: they are joined or built close, and the proof
@@ -39,6 +41,7 @@ mod jog;
 mod pairs;
 mod refusal;
 mod rules;
+mod scan;
 mod scene;
 mod sweep;
 mod touch;
@@ -48,6 +51,8 @@ mod walk;
 mod ball_tests;
 #[cfg(test)]
 mod jog_tests;
+#[cfg(test)]
+mod scan_tests;
 #[cfg(test)]
 mod tests;
 

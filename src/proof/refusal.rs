@@ -85,6 +85,12 @@ pub enum Reason {
     NotBackAt(Place),
     #[error("a feed move (G1) that is not the way back from a touch")]
     FeedMove,
+    #[error("a probing move in a scan, where nothing can be touched")]
+    ProbeInScan,
+    #[error("something else between two points of a scan")]
+    OffPath,
+    #[error("the scan goes to {0}")]
+    NotAtPoint(Place),
     #[error("{0} motions where one jog is meant")]
     NotOneMove(usize),
     #[error("it moves {0}, which is not the axis that is jogged")]

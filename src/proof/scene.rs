@@ -59,7 +59,8 @@ impl Scene {
         let mut builder = Builder { chain, bodies: Vec::new() };
         let uncertainty = artefact::uncertainty_mm(artefact);
         let mut not_looked_at = builder.artefact(artefact)?;
-        not_looked_at.extend(builder.probe(plan)?);
+        not_looked_at.extend(builder.tool(plan)?);
+        not_looked_at.extend(builder.bare(plan));
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
             builder.add(&keepout.name, Role::Other, Carrier::Bed, Shape::cuboid(low, high))?;
@@ -229,12 +230,32 @@ impl Builder {
         Ok(bare.map(|part| format!("stem of {}", part.name)).collect())
     }
 
-    /// Ball, stem and body of the probe, which turn with the spindle. Returns what is not declared.
-    fn probe(&mut self, plan: &Plan) -> Result<Vec<String>, Reason> {
-        let probe = &plan.probe;
-        let ball = DVec3::from_array(plan.machine.tool_mm);
+    /// What sits in the spindle and turns with it. Returns what is not declared.
+    fn tool(&mut self, plan: &Plan) -> Result<Vec<String>, Reason> {
         let turns = self.chain.topology().contains(Axis::S);
         let on = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
+        if plan.sensors.is_empty() {
+            return self.probe(plan, on);
+        }
+        let mut missing = Vec::new();
+        for sensor in &plan.sensors {
+            let [zero, along] = [sensor.zero_mm, sensor.direction].map(DVec3::from_array);
+            let front = zero - along * sensor.stand_off_mm;
+            let back = front - along * sensor.body_length_mm;
+            if sensor.body_radius_mm > 0.0 && front != back {
+                let body = Shape::cylinder(front, back, sensor.body_radius_mm);
+                self.add(&sensor.name, Role::Other, on, body)?;
+            } else {
+                missing.push(format!("body of {}", sensor.name));
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Ball, stem and body of the probe. Returns what is not declared.
+    fn probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, Reason> {
+        let probe = &plan.probe;
+        let ball = DVec3::from_array(plan.machine.tool_mm);
         self.add("stylus ball", Role::StylusBall, on, Shape::ball(ball, probe.ball_radius_mm))?;
         let end = ball + DVec3::Z * probe.stem_length_mm;
         let top = end + DVec3::Z * probe.body_length_mm;
@@ -250,15 +271,17 @@ impl Builder {
                 missing.push(name.to_owned());
             }
         }
+        Ok(missing)
+    }
+
+    /// Sides of the machine without a solid.
+    fn bare(&self, plan: &Plan) -> Vec<String> {
         let solid_on = |side: Side| {
             let carried = |on| self.chain.carried(on).map(|carried| carried.side());
             plan.solids.iter().any(|solid| carried(solid.on) == Some(side))
         };
-        for (name, side) in [("spindle nose", Side::Tool), ("table", Side::Work)] {
-            if !solid_on(side) {
-                missing.push(name.to_owned());
-            }
-        }
-        Ok(missing)
+        let sides = [("spindle nose", Side::Tool), ("table", Side::Work)];
+        let bare = sides.into_iter().filter(|(_, side)| !solid_on(*side));
+        bare.map(|(name, _)| name.to_owned()).collect()
     }
 }

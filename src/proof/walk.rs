@@ -14,8 +14,13 @@ use crate::record::proof::{Clearance, Proof};
 
 /// How far a step has come.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Phase {
+pub(super) enum Phase {
     Approach,
+    /// On the path of a scan: so many points were reached, and it stands at the last for so long, s.
+    Scanning {
+        reached: usize,
+        rested: f64,
+    },
     /// The touch is over, the machine stands where contact stopped it.
     Touched,
     /// Back at `from`.
@@ -30,7 +35,7 @@ pub struct Walk<'a> {
     scenes: Vec<Scene>,
     /// Number of the turn in hand.
     turn: Option<usize>,
-    phase: Phase,
+    pub(super) phase: Phase,
     stands: Position,
     /// Line in hand, from 1.
     line: usize,
@@ -41,7 +46,7 @@ pub struct Walk<'a> {
     blind: Vec<usize>,
 }
 
-type Checked = Result<(), Reason>;
+pub(super) type Checked = Result<(), Reason>;
 
 impl<'a> Walk<'a> {
     pub fn begin(request: &'a Request<'a>) -> Result<Self, Refusal> {
@@ -96,6 +101,19 @@ impl<'a> Walk<'a> {
         self.turns.get(self.turn?).map(|(step, _)| *step)
     }
 
+    pub(super) fn request(&self) -> &'a Request<'a> {
+        self.request
+    }
+
+    /// The first step since the machine was prepared.
+    pub(super) fn is_first(&self) -> bool {
+        self.request.first && self.turn == Some(0)
+    }
+
+    pub(super) fn stands(&self) -> &Position {
+        &self.stands
+    }
+
     /// The scene of the stage in hand; of the first one before any step.
     fn scene(&self) -> Option<&Scene> {
         let stage = self.turn.and_then(|turn| self.turns.get(turn)).map_or(0, |(_, stage)| *stage);
@@ -109,6 +127,9 @@ impl<'a> Walk<'a> {
         }
         let machine = &self.request.plan.machine;
         rules::limits(motion, machine, self.request.dialect)?;
+        if let Some((step, scan)) = self.step().and_then(|step| Some((step, step.scan.as_ref()?))) {
+            return self.scan(motion, step, scan);
+        }
         match motion.kind {
             Kind::Dwell { .. } => Ok(()),
             Kind::Feed => self.back(motion),
@@ -134,10 +155,11 @@ impl<'a> Walk<'a> {
     }
 
     fn complete(&mut self) -> Checked {
-        match self.phase {
-            Phase::Approach => return Err(Reason::Unfinished("its touch")),
-            Phase::Touched => return Err(Reason::Unfinished("its way back from contact")),
-            Phase::Back => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,
+        match (self.step().and_then(|step| step.scan.as_ref()), self.phase) {
+            (Some(scan), _) => self.scanned(scan)?,
+            (None, Phase::Touched) => return Err(Reason::Unfinished("its way back from contact")),
+            (None, Phase::Back) => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,
+            (None, _) => return Err(Reason::Unfinished("its touch")),
         }
         self.proof.steps.extend(self.nearest.take());
         Ok(())
@@ -175,7 +197,7 @@ impl<'a> Walk<'a> {
         }
         let probe = &self.request.plan.probe;
         rules::feed_at_most("a guarded move", motion, probe.guarded_feed_mm_min)?;
-        if self.request.first && self.turn == Some(0) {
+        if self.is_first() {
             rules::feed_at_most("the first approach", motion, probe.search_feed_mm_min)?;
         }
         rules::braking(motion, &self.request.plan.machine, probe)?;
@@ -226,7 +248,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The spindle turns to `s`, nobody knows which way round.
-    fn orient(&mut self, s: f64) -> Checked {
+    pub(super) fn orient(&mut self, s: f64) -> Checked {
         let turned = |by: f64| self.stands.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {
@@ -238,7 +260,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Straight to `target`.
-    fn go(&mut self, target: &Position, care: &Care) -> Checked {
+    pub(super) fn go(&mut self, target: &Position, care: &Care) -> Checked {
         let ends = self.stands.updated_by(target);
         match (self.commands(&self.stands), self.commands(&ends)) {
             (Ok(from), Ok(to)) => self.look(&Way { from, to }, care)?,

@@ -30,6 +30,12 @@ pub enum Event {
     ReadingStored {
         reading: Reading,
     },
+    /// All samples of a scan.
+    ScanStored {
+        step: u32,
+        samples: usize,
+        flagged: usize,
+    },
     Held {
         reason: String,
     },

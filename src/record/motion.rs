@@ -17,6 +17,11 @@ pub enum Motion {
         to: Position,
         feed_mm_min: f64,
     },
+    /// At feed, unguarded: along a scan, and towards it. There is nothing that could be touched.
+    Feed {
+        to: Position,
+        feed_mm_min: f64,
+    },
     /// At feed, stops on contact; contact is a fault.
     Guarded {
         to: Position,

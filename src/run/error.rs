@@ -7,6 +7,8 @@ use crate::methods::Refused;
 use crate::planning::PlanningError;
 use crate::proof::Refusal;
 use crate::record::plan::Step;
+use crate::record::reading::Flag;
+use crate::sensors::SensorError;
 use crate::store::StoreError;
 
 #[derive(Debug, thiserror::Error)]
@@ -30,6 +32,12 @@ pub enum RunError {
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
     NoFirstContact { step: u32 },
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
+    Blind { step: u32, sensor: String, flag: Flag },
+    #[error("step {step} is sampled in motion, and no control that is known here stamps positions")]
+    NotStamped { step: u32 },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
@@ -68,6 +76,13 @@ impl RunError {
                  ([artefact] centre_mm, radius_mm)?"
                     .to_owned()
             }
+            Self::Sensor(error) => error.remedy(),
+            Self::Blind { .. } => {
+                "see that the beam meets the sphere: does it stand where the machine file says, is its \
+                 surface clean, is the sensor mounted as zero_mm and direction say?"
+                    .to_owned()
+            }
+            Self::NotStamped { .. } => "plan it with dwell points".to_owned(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
             Self::NoReferences => {
@@ -99,7 +114,7 @@ impl RunError {
             Self::Controller(error) if error.step() == Some(step.id) => {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
-            Self::NoReading { .. } => {
+            Self::NoReading { step: id } | Self::Blind { step: id, .. } if *id == step.id => {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
             _ => self,

@@ -9,6 +9,7 @@ mod error;
 mod live_check;
 mod references;
 mod resume;
+mod scan;
 mod stage;
 mod timeline;
 
@@ -23,6 +24,7 @@ use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
+use crate::sensors::Sensor;
 use crate::setup::Devices;
 use crate::store::{Journal, RunId, RunState};
 
@@ -42,7 +44,9 @@ pub struct Run<'a> {
     /// Whether the part was approached since the control was prepared.
     approached: bool,
     timeline: Timeline,
-    /// A person or a touch has shown it since the machine was prepared.
+    /// What the plan looks with, once it is open.
+    looking: Vec<Sensor>,
+    /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.
     tell: &'a mut dyn FnMut(&Event),
@@ -69,6 +73,7 @@ impl<'a> Run<'a> {
             resumed: false,
             approached: false,
             timeline: Timeline::new(),
+            looking: Vec::new(),
             probe_lives: false,
             tell,
         }
@@ -113,6 +118,10 @@ impl<'a> Run<'a> {
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
         self.approached = false;
+        if !self.plan.sensors.is_empty() {
+            self.sensors_live().await?;
+            return Ok(prepared.stands);
+        }
         Ok(self.live_check().await?.unwrap_or(prepared.stands))
     }
 

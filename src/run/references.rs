@@ -1,5 +1,5 @@
-//! The references of a plan: places that are touched again and again to see whether the machine
-//! stands as it stood.
+//! The references of a plan: places that are touched, or looked at, again and again to see whether the
+//! machine stands as it stood.
 
 use crate::base::{Axis, Position};
 use crate::decision::references::{Pair, Scatter, Shift};
@@ -16,7 +16,33 @@ struct Place<'a> {
     /// The newest step that touched it.
     step: &'a Step,
     /// In the order of measurement.
-    readings: Vec<&'a Reading>,
+    visits: Vec<Visit<'a>>,
+}
+
+/// What one touch of a place said, or the mean of all samples that were taken there at once.
+#[derive(Clone, Copy)]
+struct Visit<'a> {
+    step: &'a Step,
+    repeat: u32,
+    /// Where the surface was found, against the direction of the touch or along the scan's normal, mm.
+    outward_mm: f64,
+    t_s: f64,
+}
+
+/// Of the references, in the order of measurement; what is flagged says nothing.
+fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
+    let good = |reading: &&Reading| reading.flag == Flag::None;
+    let same =
+        |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+    let visits = readings.chunk_by(same).filter_map(|readings| {
+        let (first, count) = (readings.iter().find(good)?, readings.iter().filter(good).count());
+        let is_read = |step: &&Step| step.id == first.step && step.kind == StepKind::Reference;
+        let step = plan.steps.iter().find(is_read)?;
+        let found = readings.iter().filter(good).map(|reading| outward(step, reading));
+        let outward_mm = found.sum::<f64>() / count as f64;
+        Some(Visit { step, repeat: first.repeat, outward_mm, t_s: first.t_s })
+    });
+    visits.collect()
 }
 
 /// The places that can be compared.
@@ -32,16 +58,13 @@ impl<'a> References<'a> {
         let ordinary = |reading: &Reading| reading.repeat < REPEAT_AFTER_STOP;
         let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
         let mut places: Vec<Place<'a>> = Vec::new();
-        for reading in readings.iter().take(agreed).filter(|r| r.flag == Flag::None) {
-            let is_read =
-                |step: &&Step| step.id == reading.step && step.kind == StepKind::Reference;
-            let Some(step) = plan.steps.iter().find(is_read) else { continue };
-            match places.iter_mut().find(|place| same_place(place.step, step)) {
+        for visit in visits(plan, readings.get(..agreed).unwrap_or_default()) {
+            match places.iter_mut().find(|place| same_place(place.step, visit.step)) {
                 Some(place) => {
-                    place.step = step;
-                    place.readings.push(reading);
+                    place.step = visit.step;
+                    place.visits.push(visit);
                 }
-                None => places.push(Place { step, readings: vec![reading] }),
+                None => places.push(Place { step: visit.step, visits: vec![visit] }),
             }
         }
         Self { plan, places }
@@ -75,30 +98,36 @@ impl<'a> References<'a> {
     /// How often the references are touched after a stop: where nobody has declared how touches
     /// repeat, they must tell that themselves.
     pub fn rounds(&self) -> u32 {
-        if self.plan.probe.repeatability_um.is_some() { 1 } else { 2 }
+        if self.declared_mm().is_some() { 1 } else { 2 }
+    }
+
+    /// Of a touch. How means of samples repeat is not declared: the machine's part in it is not.
+    fn declared_mm(&self) -> Option<f64> {
+        let touched = self.plan.sensors.is_empty();
+        self.plan.probe.repeatability_um.filter(|_| touched).map(|um| um * 1e-3)
     }
 
     /// Each place, its first reading after the stop (of `readings`) against its last one before; and
     /// what the limits follow from.
     pub fn compare(&self, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
+        let again = visits(self.plan, readings);
         let after = |place: &Place<'_>| -> Vec<f64> {
-            let again = readings.iter().filter(|r| r.step == place.step.id);
-            again.map(|reading| outward(place.step, &reading.position)).collect()
+            let there = again.iter().filter(|visit| visit.step.id == place.step.id);
+            there.map(|visit| visit.outward_mm).collect()
         };
         let series: Vec<Vec<f64>> =
             self.places.iter().flat_map(|place| [place.series(), after(place)]).collect();
-        let declared = self.plan.probe.repeatability_um.map(|um| um * 1e-3);
-        let scatter = Scatter::of(declared, &series);
+        let scatter = Scatter::of(self.declared_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
         let shifts = self
             .places
             .iter()
             .filter_map(|place| {
-                let is_new = |r: &&Reading| r.step == place.step.id;
-                let (before, after) = (place.readings.last()?, readings.iter().find(is_new)?);
+                let is_new = |visit: &&Visit<'_>| visit.step.id == place.step.id;
+                let (before, after) = (place.visits.last()?, again.iter().find(is_new)?);
                 let pair = Pair {
                     label: place.step.label.clone(),
-                    position_mm: [before, after].map(|r| outward(place.step, &r.position)),
+                    position_mm: [before, after].map(|visit| visit.outward_mm),
                     t_s: [before.t_s, after.t_s],
                     resolution_mm: self.resolution(place.step),
                 };
@@ -119,14 +148,17 @@ impl<'a> References<'a> {
 impl Place<'_> {
     /// What the ordinary passes read here.
     fn series(&self) -> Vec<f64> {
-        let ordinary = self.readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP);
-        ordinary.map(|reading| outward(self.step, &reading.position)).collect()
+        let ordinary = self.visits.iter().filter(|visit| visit.repeat < REPEAT_AFTER_STOP);
+        ordinary.map(|visit| visit.outward_mm).collect()
     }
 }
 
-/// Unit vector of the touch.
+/// Unit vector of the touch; of a scan, against the normal of what it looks at.
 fn direction(step: &Step) -> [(Axis, f64); 3] {
-    let way = Axis::LINEAR.map(|axis| step.to.at(axis) - step.from.at(axis));
+    let way = match step.scan {
+        None => Axis::LINEAR.map(|axis| step.to.at(axis) - step.from.at(axis)),
+        Some(_) => step.normal.map(|part| -part),
+    };
     let length = way.iter().map(|part| part * part).sum::<f64>().sqrt();
     let [x, y, z] = way.map(|part| if length > 0.0 { part / length } else { 0.0 });
     let [ax, ay, az] = Axis::LINEAR;
@@ -139,9 +171,16 @@ fn same_way(one: &Step, other: &Step) -> bool {
     along > SAME_WAY
 }
 
-/// Position against the direction of the touch, mm.
-fn outward(step: &Step, position: &Position) -> f64 {
-    -direction(step).map(|(axis, part)| part * position.at(axis)).iter().sum::<f64>()
+/// Position against the direction of the touch, mm; of a sample how near the surface is. The axes stand
+/// at the same place then, and only changes count.
+fn outward(step: &Step, reading: &Reading) -> f64 {
+    match reading.value_mm {
+        Some(distance) => -distance,
+        None => {
+            let at = |(axis, part): (Axis, f64)| part * reading.position.at(axis);
+            -direction(step).map(at).iter().sum::<f64>()
+        }
+    }
 }
 
 fn same_place(one: &Step, other: &Step) -> bool {

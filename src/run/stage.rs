@@ -6,7 +6,7 @@ use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
 use crate::methods::{Method, Next, Source};
-use crate::planning::{Clearance, Start, end_of, machine_time_s, touch_block};
+use crate::planning::{Clearance, Start, end_of, machine_time_s, step_blocks};
 use crate::proof::{self, Request, Staged};
 use crate::record::artefact::Artefact;
 use crate::record::event::Event;
@@ -15,10 +15,10 @@ use crate::record::plan::{Plan, Stage, Step};
 use crate::record::proof::Proof;
 use crate::record::reading::{Flag, Reading};
 
-/// A block with what belongs to it.
+/// The blocks of a step with what belongs to them.
 struct Task {
     step: Step,
-    block: Block,
+    blocks: Vec<Block>,
     /// Machine time from here to the end of the stage, s.
     remaining_s: f64,
     /// Where the machine stands afterwards.
@@ -48,7 +48,7 @@ impl Run<'_> {
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
-            let Task { step, block, remaining_s, ends } = task;
+            let Task { step, blocks, remaining_s, ends } = task;
             let (id, repeat) = (step.id, stage.repeat);
             (self.tell)(&Event::StepStarted {
                 step: id,
@@ -58,20 +58,46 @@ impl Run<'_> {
             });
             self.moved = true;
             self.approached = true;
-            let executed = self.devices.controller.execute(block).await;
-            let outcome = executed.map_err(|error| RunError::from(error).on(&step))?;
-            let reading = self.reading(&step, repeat, outcome).map_err(|error| error.on(&step))?;
-            self.journal.reading(self.id, &reading).await?;
-            self.readings.push(reading.clone());
-            self.probe_lives = true;
-            (self.tell)(&Event::ReadingStored { reading });
+            let measured = match &step.scan {
+                None => self.touch(&step, repeat, blocks).await,
+                Some(scan) => self.scan((&step, scan), repeat, blocks).await,
+            };
+            self.keep_readings(&step, measured.map_err(|error| error.on(&step))?).await?;
             stands = Some(ends);
         }
         Ok(stands)
     }
 
-    fn reading(&mut self, step: &Step, repeat: u32, outcome: Outcome) -> Result<Reading, RunError> {
-        Ok(Reading {
+    /// On disk, before anybody hears of it.
+    async fn keep_readings(&mut self, step: &Step, readings: Vec<Reading>) -> Result<(), RunError> {
+        match (readings.as_slice(), &step.scan) {
+            ([touch], None) => {
+                self.journal.reading(self.id, touch).await?;
+                (self.tell)(&Event::ReadingStored { reading: touch.clone() });
+            }
+            (samples, _) => {
+                self.journal.scan(self.id, samples).await?;
+                let flagged = samples.iter().filter(|sample| sample.flag != Flag::None).count();
+                let (step, samples) = (step.id, samples.len());
+                (self.tell)(&Event::ScanStored { step, samples, flagged });
+            }
+        }
+        self.readings.extend(readings);
+        self.probe_lives = true;
+        Ok(())
+    }
+
+    async fn touch(
+        &mut self,
+        step: &Step,
+        repeat: u32,
+        blocks: Vec<Block>,
+    ) -> Result<Vec<Reading>, RunError> {
+        let mut outcome = Outcome::default();
+        for block in blocks {
+            outcome = self.devices.controller.execute(block).await?;
+        }
+        Ok(vec![Reading {
             step: step.id,
             repeat,
             position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
@@ -80,7 +106,7 @@ impl Run<'_> {
             t_s: self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: Flag::None,
             temperatures_c: Default::default(),
-        })
+        }])
     }
 }
 
@@ -135,7 +161,7 @@ fn proven(
 ) -> Result<(Vec<Task>, Proof), RunError> {
     let tasks = tasks(plan, stage, found, begin)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let blocks: Vec<Block> = tasks.iter().map(|task| task.block.clone()).collect();
+    let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let program = Program { title: &stage.name, axes: &axes, log: None };
     let text = dialect
         .program(&program, &blocks)
@@ -165,12 +191,14 @@ fn tasks(
     for step in stage.steps.iter().filter_map(step_of) {
         let first = begin.first && tasks.is_empty();
         let start = Start { stands: stands.as_ref(), first };
-        let block = touch_block(plan, step, stage.repeat, start, &clearance)?;
-        let begins = stands.clone().unwrap_or_else(|| step.from.clone());
-        let seconds = machine_time_s(&block, &begins, &plan.machine);
-        let ends = end_of(&block, &begins);
+        let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
+        let (mut ends, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
+        for block in &blocks {
+            seconds += machine_time_s(block, &ends, &plan.machine);
+            ends = end_of(block, &ends);
+        }
         stands = Some(ends.clone());
-        tasks.push(Task { step: step.clone(), block, remaining_s: seconds, ends });
+        tasks.push(Task { step: step.clone(), blocks, remaining_s: seconds, ends });
     }
     let mut left = 0.0;
     for task in tasks.iter_mut().rev() {

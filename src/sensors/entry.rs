@@ -23,6 +23,16 @@ pub enum Reached {
     Real(Arc<dyn Named>),
 }
 
+impl Reached {
+    /// Where, in words.
+    pub fn at(&self) -> String {
+        match self {
+            Self::Simulated(_) => "simulated".to_owned(),
+            Self::Real(real) => real.at(),
+        }
+    }
+}
+
 /// The keys of [`sensor::Sensor`], and one table for each way to reach one. A new kind of sensor is a
 /// line here and in [`Keys::reached`].
 #[derive(Deserialize)]

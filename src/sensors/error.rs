@@ -13,6 +13,10 @@ pub enum SensorError {
     Silent { seconds: f64 },
     #[error("what the sensor says cannot be understood: {text}")]
     Strange { text: String, remedy: String },
+    #[error("the machine has no sensor `{name}`")]
+    Unknown { name: String },
+    #[error("the simulated sensor `{name}` has nothing to look at: the control is a real one")]
+    NothingToSee { name: String },
     #[error("the sensor's task has ended")]
     Gone,
 }
@@ -28,6 +32,12 @@ impl SensorError {
                     .to_owned()
             }
             Self::Strange { remedy, .. } => remedy.clone(),
+            Self::Unknown { .. } => "describe it as a [[sensor]] of the machine file".to_owned(),
+            Self::NothingToSee { .. } => {
+                "say in [[sensor]] how the real one is reached, or take `kind = \"simulated\"` in \
+                 [controller]"
+                    .to_owned()
+            }
             Self::Gone => "start again; if it happens again, report it".to_owned(),
         }
     }

@@ -36,6 +36,12 @@ enum Speaks {
     Modbus,
 }
 
+impl Default for Simulated {
+    fn default() -> Self {
+        Self { speaks: Speaks::default(), wire: memory(), rate_hz: usual_rate() }
+    }
+}
+
 fn memory() -> String {
     "memory".to_owned()
 }

@@ -1,5 +1,6 @@
 //! `--capture` of the service: a file for each run.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::Log;
@@ -7,13 +8,15 @@ use crate::link::{Capture, Wiring};
 use crate::store::RunId;
 
 /// Where they go: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number the
-/// file is `talk-begun.capture`; what stays under that name belongs to no run.
+/// file is `talk-begun.capture`; where one was left of a cycle that never became a run, the next is
+/// `talk-begun-2.capture`.
 #[derive(Clone)]
 pub(super) struct Captures(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct Begun<'a> {
     captures: &'a Captures,
+    file: PathBuf,
     capture: Capture,
     log: &'a Log,
 }
@@ -23,18 +26,20 @@ impl Captures {
         Self(file)
     }
 
-    /// A run goes on without it.
+    /// A run goes on without it. Nothing is overwritten.
     pub(super) fn begin<'a>(&'a self, log: &'a Log) -> Option<Begun<'a>> {
-        let file = self.named("begun");
-        // Of a cycle that never became a run.
-        let _ = std::fs::remove_file(&file);
-        match Capture::create(&file) {
-            Ok(capture) => Some(Begun { captures: self, capture, log }),
-            Err(error) => {
-                log(&format!("{}: no capture: {error}", file.display()));
-                None
+        let later = (2..).map(|number| self.named(&format!("begun-{number}")));
+        for file in std::iter::once(self.named("begun")).chain(later) {
+            match Capture::create(&file) {
+                Ok(capture) => return Some(Begun { captures: self, file, capture, log }),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => {
+                    log(&format!("{}: no capture: {error}", file.display()));
+                    return None;
+                }
             }
         }
+        None
     }
 
     fn named(&self, what: &str) -> PathBuf {
@@ -52,8 +57,8 @@ impl Begun<'_> {
 
     /// The run has its number.
     pub(super) fn is_of(&self, run: RunId) {
-        let (from, to) = (self.captures.named("begun"), self.captures.named(&run.to_string()));
-        if let Err(error) = keep(&from, &to) {
+        let (from, to) = (&self.file, self.captures.named(&run.to_string()));
+        if let Err(error) = keep(from, &to) {
             (self.log)(&format!("{}: {error}: the capture stays {}", to.display(), from.display()));
         }
     }
@@ -70,11 +75,39 @@ impl Begun<'_> {
 fn keep(from: &Path, to: &Path) -> std::io::Result<()> {
     match std::fs::hard_link(from, to) {
         Ok(()) => std::fs::remove_file(from),
-        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(error),
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(error),
         // A file system without links, as on a stick.
         Err(_) => {
             drop(std::fs::File::create_new(to)?);
             std::fs::rename(from, to)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_cycle_left_is_kept_and_the_next_takes_another_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let captures = Captures::new(folder.path().join("talk.capture"));
+        let left = ["talk-begun.capture", "talk-begun-2.capture"];
+        for name in left {
+            std::fs::write(folder.path().join(name), name).unwrap();
+        }
+        let log: Log = std::sync::Arc::new(|line| panic!("{line}"));
+        let begun = captures.begin(&log).unwrap();
+        begun.is_of(RunId(17));
+        begun.finish();
+        let mut names: Vec<_> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|file| file.unwrap().file_name())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["talk-17.capture", left[1], left[0]]);
+        for name in left {
+            assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), name);
         }
     }
 }

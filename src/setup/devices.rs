@@ -4,18 +4,19 @@
 use std::sync::Arc;
 
 use super::machine_file::MachineFile;
-use super::{Pace, SetupError, Site};
+use super::{Pace, Sensors, SetupError, Site};
 use crate::base::Clock;
 use crate::base::clock::HostClock;
 use crate::controllers::{Controller, Served};
 use crate::gcode::Dialect;
 use crate::record::reading::Reading;
-use crate::record::sensor::Sensor;
 use crate::world::{Truth, World};
 
 /// The machine as a run needs it.
 pub struct Devices {
     pub controller: Controller,
+    /// What the machine can look with.
+    pub sensors: Sensors,
     /// The language the control is spoken to; every stage is rendered and read back before it moves.
     pub dialect: Dialect,
     /// Used where the control does not stamp its readings.
@@ -27,7 +28,13 @@ pub struct Devices {
 impl Devices {
     /// A control that is open already, timed by the host's clock where it does not stamp.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
-        Self { controller, dialect, clock: Arc::new(HostClock::start()), _served: None }
+        let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
+        let sensors = Sensors::none(clock.clone());
+        Self { controller, sensors, dialect, clock, _served: None }
+    }
+
+    pub(super) fn with(self, add: impl FnOnce(Sensors) -> Sensors) -> Self {
+        Self { sensors: add(self.sensors), ..self }
     }
 
     /// With the other end of its wire.
@@ -62,6 +69,7 @@ pub async fn devices(
 /// The simulated truth of a machine file.
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
-    let sensors: &[Sensor] = &[];
-    Ok(World::new(&file.machine, &file.probe, &file.artefact, &truth)?.with_sensors(sensors)?)
+    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let world = World::new(&file.machine, &file.probe, &file.artefact, &truth)?;
+    Ok(world.with_sensors(&sensors)?)
 }

@@ -4,7 +4,7 @@ use super::machine_file::MachineFileError;
 use crate::controllers::ControllerError;
 use crate::gcode::DialectError;
 use crate::link::LinkError;
-use crate::methods;
+use crate::methods::{self, Refused};
 use crate::world::WorldError;
 
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +27,8 @@ pub enum SetupError {
     Link(#[from] LinkError),
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    #[error(transparent)]
+    Refused(#[from] Refused),
     #[error("the simulated machine: {0}")]
     World(#[from] WorldError),
 }
@@ -37,6 +39,7 @@ impl SetupError {
         match self {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
+            Self::Refused(refused) => Some(refused.instead.clone()),
             Self::Dialect(error) => Some(error.remedy().to_owned()),
             Self::NoRepeats { name } => Some(format!(
                 "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"

@@ -5,6 +5,7 @@ mod draft;
 mod error;
 pub mod machine_file;
 mod rehearsal;
+mod sensors;
 mod site;
 
 use std::path::Path;
@@ -14,6 +15,7 @@ pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
+pub use sensors::Sensors;
 pub use site::Site;
 
 use crate::methods::{self, Method};
@@ -47,10 +49,21 @@ pub fn header(
         method = methods::configure(name, settings)
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
+    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let looks_with = method.looks_with(&sensors)?;
     let plan = Plan {
+        sensors: looks_with.cloned().into_iter().collect(),
+        ..without_steps(file, name, method.settings())
+    };
+    Ok((method, plan))
+}
+
+/// The machine and what stands in it, for `what` is to be done there.
+pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value) -> Plan {
+    Plan {
         trued_plan: PLAN_VERSION,
-        method: name.to_owned(),
-        settings: method.settings(),
+        method: what.to_owned(),
+        settings,
         machine: file.machine.clone(),
         probe: file.probe.clone(),
         sensors: Vec::new(),
@@ -59,8 +72,7 @@ pub fn header(
         artefact: file.artefact.clone(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
-    };
-    Ok((method, plan))
+    }
 }
 
 fn check_name(method: &str) -> Result<(), SetupError> {

@@ -50,7 +50,7 @@ impl<'a> Site<'a> {
             Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
             Behind::Real(control) => {
                 let controller = control.open(&self.file.machine, dialect.clone()).await?;
-                Ok(Devices::new(controller, dialect))
+                Ok(Devices::new(controller, dialect).with(|none| none.of(&self.file.sensors)))
             }
         }
     }

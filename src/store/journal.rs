@@ -12,7 +12,7 @@ use rusqlite::Connection;
 use tokio::sync::oneshot;
 
 use super::{Fault, MachineLock, RunId, RunState, RunSummary, StoreError, StoredRun};
-use super::{folder, read, schema, write};
+use super::{folder, read, scan, schema, write};
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage, Step};
@@ -97,6 +97,12 @@ impl Journal {
     pub fn reading(&self, run: RunId, reading: &Reading) -> Pending<()> {
         let reading = reading.clone();
         self.submit(move |connection| write::reading(connection, run, &reading))
+    }
+
+    /// All samples of one scan.
+    pub fn scan(&self, run: RunId, samples: &[Reading]) -> Pending<()> {
+        let samples = samples.to_vec();
+        self.submit(move |connection| scan::keep(connection, run, &samples))
     }
 
     pub fn event(&self, run: RunId, event: &Event) -> Pending<()> {

@@ -15,6 +15,7 @@ mod folder;
 mod journal;
 mod lock;
 mod read;
+mod scan;
 mod schema;
 mod state_dir;
 #[cfg(test)]

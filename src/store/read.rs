@@ -6,12 +6,14 @@ use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::de::DeserializeOwned;
 
-use super::{Fault, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
+use super::{Fault, RunId, RunState, RunSummary, StoredEstimate, StoredRun, scan};
 use crate::base::Axis;
 use crate::record::event::Event;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
 
+/// Column of a scan's samples.
+const SAMPLES: usize = 14;
 const SUMMARY: &str = "SELECT id, started, ended, method, machine, state, program_version,
                               config_sha256, plan_sha256, config FROM runs";
 
@@ -38,10 +40,11 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
         readings: rows(
             &snapshot,
             "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
-                    x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad FROM readings",
+                    x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings",
             run,
-            reading,
-        )?,
+            readings,
+        )?
+        .concat(),
         measured_until: snapshot
             .query_row(
                 "SELECT kept FROM readings WHERE run = ?1 AND kept IS NOT NULL
@@ -113,6 +116,15 @@ fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
     })
+}
+
+/// A touch, or all samples of a scan.
+fn readings(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
+    let (head, samples) = (reading(row)?, row.get::<_, Option<String>>(SAMPLES)?);
+    match samples {
+        None => Ok(vec![head]),
+        Some(text) => scan::read(&head, &text).map_err(|error| damaged(SAMPLES, error.into())),
+    }
 }
 
 fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {

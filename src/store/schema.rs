@@ -11,7 +11,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 2] = [
+const MIGRATIONS: [&str; 3] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -90,6 +90,10 @@ DROP TABLE runs;
 ALTER TABLE runs_anew RENAME TO runs;
 ALTER TABLE readings ADD COLUMN kept TEXT;
 CREATE UNIQUE INDEX touches_once ON readings (run, step, repeat) WHERE value_mm IS NULL;
+",
+    // A scan is one row: all of its samples, or none.
+    "
+ALTER TABLE readings ADD COLUMN samples TEXT;
 ",
 ];
 

@@ -270,6 +270,34 @@ fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
 }
 
 #[test]
+fn a_scan_is_there_whole_and_once_bit_for_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let sample = |number: u32| Reading {
+        step: 4,
+        repeat: 1,
+        sensor: "laser".to_owned(),
+        temperatures_c: BTreeMap::new(),
+        ..reading(number)
+    };
+    // Every flag, with and without a value.
+    let samples: Vec<Reading> = (0..12).map(sample).collect();
+    let (before, after) = (reading(2), reading(5));
+    journal.reading(run, &before).wait().unwrap();
+    journal.scan(run, &samples).wait().unwrap();
+    journal.reading(run, &after).wait().unwrap();
+    let error = journal.scan(run, &samples[..1]).wait().unwrap_err();
+    assert!(matches!(error.fault, Fault::Doubled { step: 4, repeat: 1 }), "{error}");
+    let nan = Reading { value_mm: Some(f64::NAN), ..sample(1) };
+    let error = journal.scan(run, &[Reading { step: 6, ..nan }]).wait().unwrap_err();
+    assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+    drop(journal);
+    let stored = Journal::open(dir.path()).unwrap().load(run).unwrap();
+    assert_eq!(stored.readings, [&[before][..], &samples, &[after]].concat());
+}
+
+#[test]
 fn interruptions_join_the_plan_and_its_hash() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();

@@ -81,8 +81,7 @@ pub(super) fn reading(
 ) -> Result<(), Fault> {
     // SQLite would keep a NaN as NULL, and JSON knows no infinity: refuse both.
     let what = || format!("the reading of step {}", reading.step);
-    let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
-    if !numbers.chain([reading.t_s]).all(f64::is_finite) {
+    if !is_finite(reading) {
         return Err(Fault::NotFinite { what: what() });
     }
     let at = |axis| reading.position.get(axis);
@@ -112,6 +111,11 @@ pub(super) fn reading(
         )
         .map_err(Fault::of_reading(run, reading.step, reading.repeat))?;
     Ok(())
+}
+
+pub(super) fn is_finite(reading: &Reading) -> bool {
+    let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
+    numbers.chain([reading.t_s]).all(f64::is_finite)
 }
 
 pub(super) fn event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), Fault> {
@@ -178,12 +182,15 @@ fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> 
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }
 
-fn now() -> String {
+pub(super) fn now() -> String {
     Timestamp::now().to_string()
 }
 
 /// JSON that can be read back: a number that is not finite becomes `null`, which no number reads.
-fn json<T: Serialize + DeserializeOwned>(what: &str, value: &T) -> Result<String, Fault> {
+pub(super) fn json<T: Serialize + DeserializeOwned>(
+    what: &str,
+    value: &T,
+) -> Result<String, Fault> {
     let not_finite = |_| Fault::NotFinite { what: what.to_owned() };
     let text = serde_json::to_string(value).map_err(not_finite)?;
     serde_json::from_str::<T>(&text).map_err(not_finite)?;

@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::World;
+use super::{Speed, World};
 use crate::base::{Axis, Position};
 use crate::record::question::{Answer, Jog, Question, Seen, Stylus};
 
@@ -38,6 +38,13 @@ impl Bystander {
             }
             Question::Released { .. } | Question::May { .. } => Answer::Yes,
         }
+    }
+
+    /// Moves an axis by hand, mm or degrees.
+    pub fn shove(&self, axis: Axis, by: f64) {
+        let mut world = self.world();
+        let to = world.position().at(axis) + axis.from_edge(by);
+        world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
     /// The display has what the control itself believes.

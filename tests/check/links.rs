@@ -16,6 +16,7 @@ const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -
 const DIALECT: &str = "\ndialect = \"grbl-m19\"";
 const PTY: &str = "wire = \"pty\"";
 const MODBUS: &str = "speaks = \"modbus\"";
+const PROGRAM: &str = "speaks = \"modbus-program\"";
 const RTU: &str = "speaks = \"modbus\"\nwire = \"pty\"\nbaud = 19200";
 
 /// The sound machine file, reached by `keys`, which are made from where the control is.
@@ -182,6 +183,36 @@ pub const MISTAKES: &[Mistake] = &[
         "the control's program stopped",
         || reached(MODBUS, "\n[[simulated.fault]]\nkind = \"frozen\"\n", |served| served),
         "the control's program is stopped",
+    ),
+    row(
+        "another number of the program",
+        || with(PROGRAM, "number = 1", "number = 2"),
+        "there is no such program",
+    ),
+    row(
+        "another tool of the program",
+        || with(PROGRAM, "number = 1", "number = 1, tool = 5"),
+        "another tool is in the spindle",
+    ),
+    row(
+        "words of a row the other way",
+        || with(PROGRAM, "number = 1", "number = 1, row = { X = { order = \"cdab\" } }"),
+        "or cannot do a row",
+    ),
+    row(
+        "the call's sequence elsewhere",
+        || with(PROGRAM, "number = 1", "number = 1, parameters = { sequence = { address = 7 } }"),
+        "or cannot do a row",
+    ),
+    row(
+        "a program taken for lines",
+        || with(PROGRAM, "\nprogram = { number = 1 }", ""),
+        "a resident program is behind the window, and [controller] tells of none",
+    ),
+    row(
+        "lines taken for a program",
+        || reached(MODBUS, "", |served| served + "\nprogram = { number = 1 }"),
+        "lines are taken behind the window, no resident program",
     ),
     row("reports in inches", || set("13 = 1"), "it reports positions in inches"),
     row("reports without the probe", || set("10 = 495"), "its reports hide the probe"),

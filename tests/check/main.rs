@@ -64,6 +64,7 @@ fn a_sound_machine_passes_whatever_it_speaks() {
         "wire = \"pty\"",
         "speaks = \"modbus\"\nwire = \"tcp\"",
         "speaks = \"modbus\"\nwire = \"pty\"",
+        "speaks = \"modbus-program\"",
     ];
     thread::scope(|scope| {
         let check = |keys| scope.spawn(move || (keys, checked(&with_control(keys, &machine(&[])))));

@@ -6,7 +6,7 @@ use trued::record::question::{Answer, Jog, Question, Seen, Stylus};
 use trued::setup::{MachineFile, Site};
 use trued::world::Bystander;
 
-use super::bench::{machine, runtime, through};
+use super::bench::{failures, machine, runtime, through};
 
 fn file() -> MachineFile {
     MachineFile::parse("machine.toml", machine(&[])).unwrap()
@@ -112,4 +112,34 @@ fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
     let stands = bystander.answer(&Question::Jogged { jog, look_for: String::new() });
     assert_eq!(stands, Answer::Saw(Seen::AsSaid), "it is where it was left");
+}
+
+/// Moves another axis by hand before it lets one go.
+struct Clumsy(Bystander);
+
+impl Person for Clumsy {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        let Self(bystander) = self;
+        let answer = bystander.answer(question);
+        if let Question::MayJog { .. } = question {
+            bystander.shove(Axis::Y, 0.5);
+        }
+        Box::pin(std::future::ready(answer))
+    }
+}
+
+#[test]
+fn a_machine_that_was_moved_by_hand_is_not_jogged() {
+    let file = file();
+    runtime().block_on(async {
+        let site = Site::new(&file).unwrap();
+        let mut person = Clumsy(site.bystander().unwrap());
+        let summary = through(&file, &site, &mut person).await;
+        let told = "X +1 mm: it was moved by hand: Y stands at 0.500, not at 0.000";
+        assert!(failures(&summary).contains(told), "{summary}");
+        assert_eq!(summary.count(Verdict::Failed), 1, "nothing after it: {summary}");
+        let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
+        let moved = person.0.answer(&Question::Jogged { jog, look_for: String::new() });
+        assert_eq!(moved, Answer::Saw(Seen::Another(Axis::Y)), "what the hand moved, and no more");
+    });
 }

@@ -1,19 +1,14 @@
 //! What is refused before anything moves, and when the part is found.
 
-use trued::methods::{Next, Refused, Source};
+use trued::methods::{self, Next, Refused, Source};
 use trued::record::plan::{Plan, Stage};
 
 use crate::bench::World;
 
 /// The whole plan from nominal positions.
 fn planned(world: &World) -> Result<(Plan, Vec<Stage>), Refused> {
-    let (method, mut plan) = world.header();
-    let mut done = Vec::new();
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
-        plan.steps.extend(new_steps);
-        done.push(stage);
-    }
-    Ok((plan, done))
+    let (method, plan) = world.header();
+    methods::nominal(method.as_ref(), plan)
 }
 
 fn refused(world: &World, words: &str) {

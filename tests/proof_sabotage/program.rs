@@ -2,7 +2,7 @@
 
 use trued::base::{Axis, Position};
 use trued::gcode::{Dialect, Program};
-use trued::methods::{Next, Source};
+use trued::methods;
 use trued::planning::{self, Clearance};
 use trued::proof::{Refusal, Request, Staged, prove};
 use trued::record::plan::{Plan, Stage};
@@ -24,14 +24,8 @@ impl Rendered {
     /// The plan of `file` from nominal positions, in `dialect`.
     pub fn new(file: &str, method: &str, dialect: &str) -> Self {
         let file = MachineFile::parse("shop.toml", file.to_owned()).unwrap();
-        let (method, mut plan) = header(&file, method, None).unwrap();
-        let mut stages = Vec::new();
-        while let Next::Stage { stage, new_steps } =
-            method.next(&plan, &stages, Source::Nominal).unwrap()
-        {
-            plan.steps.extend(new_steps);
-            stages.push(stage);
-        }
+        let (method, plan) = header(&file, method, None).unwrap();
+        let (plan, stages) = methods::nominal(method.as_ref(), plan).unwrap();
         Self::of(plan, stages, dialect)
     }
 

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 use trued::base::{Axis, Position};
-use trued::methods::{Method, Next, Source};
+use trued::methods::{self, Method};
 use trued::record::plan::{Plan, Step};
 use trued::record::reading::{Flag, Reading};
 use trued::setup::{self, MachineFile};
@@ -30,14 +30,8 @@ impl Played {
             .with("simulated.centre_offset_mm", vec![0.0, 0.0])
             .with("simulated.ball_offset_mm", 0.05)
             .with("method.samba.monte_carlo_trials", 100);
-        let (method, mut plan) = setup::header(&world.file(0), "samba", None).unwrap();
-        let mut done = Vec::new();
-        loop {
-            let next = method.next(&plan, &done, Source::Nominal).unwrap();
-            let Next::Stage { stage, new_steps } = next else { break };
-            plan.steps.extend(new_steps);
-            done.push(stage);
-        }
+        let (method, plan) = setup::header(&world.file(0), "samba", None).unwrap();
+        let (plan, _) = methods::nominal(method.as_ref(), plan).unwrap();
         Self { world, method, plan }
     }
 

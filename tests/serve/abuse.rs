@@ -92,9 +92,12 @@ fn raw(port: u16) {
         stream.read_exact(&mut answer).unwrap();
         assert_eq!(answer[7..], [pdu[0] | 0x80, code], "{pdu:?}");
     }
-    // More coils than bytes for them, whole or in pieces: let go, without a word in the log.
-    let spoilt = [0, 7, 0, 0, 0, 8, 1, 15, 0, 0, 0, 9, 1, 7];
-    for pieces in [14, 5, 1] {
+    // More coils than bytes for them, whole or in pieces, more registers, a coil that is neither on nor
+    // off: let go, without a word in the log.
+    let coils: &[u8] = &[0, 7, 0, 0, 0, 8, 1, 15, 0, 0, 0, 9, 1, 7];
+    let registers: &[u8] = &[0, 7, 0, 0, 0, 9, 1, 16, 0, 0, 0, 2, 2, 0, 1];
+    let half: &[u8] = &[0, 7, 0, 0, 0, 6, 1, 5, 0, 0, 0x12, 0];
+    for (spoilt, pieces) in [(coils, 14), (coils, 5), (coils, 1), (registers, 15), (half, 12)] {
         let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
         stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();

@@ -115,6 +115,10 @@ impl Grbl {
                 self.open_probe(step, &status).await?;
                 Ok(Some(status))
             }
+            Motion::Feed { to, .. } => {
+                self.send(lines).await?;
+                self.arrive(to).await.map(Some)
+            }
             Motion::Guarded { to, .. } => {
                 if self.probe(lines).await?.hit {
                     return Err(ControllerError::UnexpectedContact { step });

@@ -6,6 +6,7 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use super::map::Map;
+use super::status::{PROGRAM_VERSION, VERSION};
 use super::{Config, KIND, otherwise};
 use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
 use crate::link::modbus::{
@@ -30,9 +31,10 @@ impl Config {
         use ControllerError as E;
         let closed = port::suspects(&self.line.at, failed);
         match failed {
-            E::Modbus(ModbusError::Refused { .. }) | E::Strange { .. } | E::Astray { .. } => {
-                self.read_otherwise(machine, leave).await
-            }
+            E::Modbus(ModbusError::Refused { .. })
+            | E::Strange { .. }
+            | E::Astray { .. }
+            | E::Garbled { .. } => self.read_otherwise(machine, leave).await,
             E::Frozen => self.heart().await,
             E::Modbus(
                 ModbusError::Late { .. }
@@ -63,6 +65,9 @@ impl Config {
         if let Some(block) = block.filter(|block| otherwise::is_status(&self.map, block)) {
             let fits = otherwise::fits(&self.map, &block, machine);
             return if fits { Vec::new() } else { otherwise::suspects(&self.map, &block, machine) };
+        }
+        if let Some(other) = other_window(&modbus, &self.map).await {
+            return vec![other];
         }
         if leave == Leave::Listen {
             return vec![Suspicion { vague: true, ..shifted() }];
@@ -183,6 +188,30 @@ impl Config {
 async fn status(modbus: &Modbus, map: &Map) -> Option<Vec<u16>> {
     let (first, count) = map.status.block();
     modbus.read(map.status.space, first, count).await.ok()
+}
+
+/// Lines where a resident program is told, or the other way round.
+async fn other_window(modbus: &Modbus, map: &Map) -> Option<Suspicion> {
+    let at = &map.status.version;
+    let block = modbus.read(map.status.space, at.address, at.count()).await.ok()?;
+    let version = at.read(&block, at.address).ok()?;
+    let lines = map.status.result.is_none();
+    let (what, remedy) = if lines && version == f64::from(PROGRAM_VERSION) {
+        (
+            "a resident program is behind the window, and [controller] tells of none",
+            "add [controller.program] to the machine file (docs/resident-program.md)",
+        )
+    } else if !lines && version == f64::from(VERSION) {
+        (
+            "lines are taken behind the window, no resident program",
+            "take [controller.program] out of the machine file (docs/line-window.md)",
+        )
+    } else {
+        return None;
+    };
+    let because = format!("it says that it is a window of version {version}");
+    let (what, remedy) = (what.to_owned(), remedy.to_owned());
+    Some(Suspicion { seen: false, vague: false, what, because, remedy })
 }
 
 fn wrong_unit(wrong: u8, right: u8) -> Suspicion {

@@ -135,6 +135,10 @@ impl ModbusControl {
                 let status = self.arrive(status, to)?;
                 self.open_probe(step, status).await
             }
+            Motion::Feed { to, .. } => {
+                let status = self.send(lines).await?;
+                self.arrive(status, to)
+            }
             Motion::Guarded { to, .. } => {
                 let seen = self.rests(seen).await?;
                 let (hit, status) = self.probe(lines, &seen).await?;

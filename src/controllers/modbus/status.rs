@@ -8,8 +8,8 @@ use crate::controllers::ControllerError;
 use crate::link::modbus::value::ValueError;
 
 /// Of this layout of the window: with lines, and with a resident program.
-const VERSION: u16 = 1;
-const PROGRAM_VERSION: u16 = 101;
+pub(super) const VERSION: u16 = 1;
+pub(super) const PROGRAM_VERSION: u16 = 101;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum State {

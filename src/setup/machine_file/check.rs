@@ -6,6 +6,7 @@ use super::error::{MachineFileError, Problem};
 use crate::base::Axis;
 use crate::record::artefact::{Artefact, Cylinder};
 use crate::record::machine::{AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
+use crate::sensors::Entry;
 
 type Checked = Result<(), MachineFileError>;
 
@@ -65,6 +66,19 @@ pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {
             let why = format!("the box `{}`: each min_mm must be below its max_mm", keepout.name);
             let problem = Problem::Section { section: "keepout".to_owned(), why };
             return Err(document.error_at(&["keepout"], problem));
+        }
+    }
+    Ok(())
+}
+
+/// Each has a name of its own.
+pub fn sensors(document: &Document, sensors: &[Entry]) -> Checked {
+    for (index, Entry { sensor, .. }) in sensors.iter().enumerate() {
+        if sensors.iter().take(index).any(|earlier| earlier.sensor.name == sensor.name) {
+            let why = format!("`{}` stands twice: give each a name of its own", sensor.name);
+            let (section, key) = ("sensor".to_owned(), "name".to_owned());
+            let problem = Problem::Value { section, key, why };
+            return Err(document.error_at_entry(&["sensor"], index, "name", problem));
         }
     }
     Ok(())

@@ -16,6 +16,7 @@ use crate::methods::{self, BuiltIn};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
+use crate::sensors::Entry;
 
 mod artefact;
 mod balls_csv;
@@ -39,11 +40,12 @@ use document::Document;
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 11] = [
+const SECTIONS: [&str; 12] = [
     "machine",
     "axes",
     "controller",
     "probe",
+    "sensor",
     "keepout",
     "solid",
     "artefact",
@@ -60,6 +62,7 @@ pub struct MachineFile {
     pub machine: Machine,
     pub controller: ControllerConfig,
     pub probe: Probe,
+    pub sensors: Vec<Entry>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
@@ -98,6 +101,9 @@ impl MachineFile {
         let machine = machine(&document)?;
         let probe = document.required(&["probe"])?;
         check::probe(&document, &probe)?;
+        let sensors: Vec<Entry> =
+            document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
+        check::sensors(&document, &sensors)?;
         let keepout: Vec<Keepout> =
             document.section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
         check::keepouts(&document, &keepout)?;
@@ -108,7 +114,17 @@ impl MachineFile {
         check::artefact(&document, &artefact)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;
-        Ok(Self { machine, controller, probe, keepout, solids, artefact, tolerance, document })
+        Ok(Self {
+            machine,
+            controller,
+            probe,
+            sensors,
+            keepout,
+            solids,
+            artefact,
+            tolerance,
+            document,
+        })
     }
 
     /// The file as it was read, for the record.

@@ -246,7 +246,8 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
     let error = driver.execute(&touch(1)).await.unwrap_err();
     let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
     assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
-    assert!(error.remedy().contains("`trued resume`"), "{}", error.remedy());
+    // It may be met where there is no run to resume.
+    assert!(!error.remedy().contains("resume"), "{}", error.remedy());
     assert_eq!(world.lock().unwrap().position(), before);
 }
 

@@ -1,0 +1,93 @@
+//! What the daemon adds to a touch: planned, proven, rendered, sent, answered, checked and in the journal,
+//! against controls that answer at once, compute nothing and move in no time. Not in it: how late the end
+//! of a real move is noticed: up to 20 ms, as a driver that waits asks so often.
+//!
+//! `cargo bench --bench overhead`, alone on the computer. The journal lies in memory (`/dev/shm`): what the
+//! disk's sync adds is told apart. Measured in rounds; the middle one must keep what is asked for, over the
+//! wire in memory and over Modbus TCP. A pseudo-terminal is told beside them.
+
+mod controls;
+mod measure;
+mod tape;
+
+use std::error::Error;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use measure::{Prepared, Round, Wire, in_memory, quantile};
+use trued::methods::NAMES;
+use trued::record::reading::Reading;
+use trued::setup;
+use trued::store::{Journal, NewRun};
+
+const ROUNDS: usize = 8;
+/// What is asked for, at the 99th percentile.
+const MOST: Duration = Duration::from_millis(5);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut slow = Vec::new();
+    for wire in Wire::ALL {
+        let prepared = Prepared::of(wire);
+        let rounds: Vec<_> = (0..ROUNDS).map(|_| prepared.round(&in_memory())).collect();
+        let p99 = touches(wire, &rounds);
+        let late = wire.has_limit() && p99 > MOST;
+        slow.extend(late.then(|| format!("{}: {:.2} ms", wire.name(), ms(p99))));
+        if wire == Wire::GrblMemory {
+            journals(&rounds[0].readings)?;
+        }
+    }
+    if slow.is_empty() { Ok(()) } else { Err(format!("above {MOST:?}: {slow:?}").into()) }
+}
+
+/// Tells of them; returns the 99th percentile of the middle round.
+fn touches(wire: Wire, rounds: &[Round]) -> Duration {
+    let touches: Vec<_> = rounds.iter().flat_map(|round| round.touches.clone()).collect();
+    let stages: Vec<_> = rounds.iter().flat_map(|round| round.stages.clone()).collect();
+    let each: Vec<_> = rounds.iter().map(|round| quantile(&round.touches, 0.99)).collect();
+    let p99 = quantile(&each, 0.5);
+    println!(
+        "{}: {} touches, median {:.2} ms, 99 % within {:.2} ms (the middle of {ROUNDS} rounds; {}), \
+         longest {:.2} ms; between two stages {:.1} ms",
+        wire.name(),
+        touches.len(),
+        ms(quantile(&touches, 0.5)),
+        ms(p99),
+        if wire.has_limit() { format!("at most {MOST:?}") } else { "no limit".to_owned() },
+        ms(quantile(&touches, 1.0)),
+        ms(quantile(&stages, 0.5)),
+    );
+    p99
+}
+
+fn journals(readings: &[Reading]) -> Result<(), Box<dyn Error>> {
+    let disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for (name, folder) in [("memory", &*in_memory()), ("the target folder's disk", disk)] {
+        let times = journal(readings, folder)?;
+        println!(
+            "  of it the journal in {name}: median {:.2} ms, 99 % within {:.2} ms",
+            ms(quantile(&times, 0.5)),
+            ms(quantile(&times, 0.99))
+        );
+    }
+    Ok(())
+}
+
+/// How long a reading takes to its place in the journal, by itself.
+fn journal(readings: &[Reading], folder: &Path) -> Result<Vec<Duration>, Box<dyn Error>> {
+    let folder = tempfile::tempdir_in(folder)?;
+    let journal = Journal::open(folder.path())?;
+    let method = NAMES[0];
+    let (_, plan) = setup::header(&setup::load(None, method)?, method, None)?;
+    let id = journal.begin(&NewRun { config: String::new(), plan }).wait()?;
+    let mut times = Vec::new();
+    for reading in readings {
+        let begun = Instant::now();
+        journal.reading(id, reading).wait()?;
+        times.push(begun.elapsed());
+    }
+    Ok(times)
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}

@@ -1,0 +1,94 @@
+//! The sphere through 1 000 000 samples of a scan, with residuals and covariance, against
+//! `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian on the same data in one
+//! run. The time of reading the data counts for neither.
+//!
+//! `cargo bench --bench sphere`. scipy comes into a venv of its own in the target folder.
+
+use std::error::Error;
+use std::f64::consts::TAU;
+use std::process::Command;
+use std::time::Instant;
+
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use trued::base::random;
+use trued::estimation::sphere::{Sphere, fit_sphere};
+
+mod peer;
+
+use peer::{answer, folder, scipy_python};
+
+const SAMPLES: usize = 1_000_000;
+const CENTRE_MM: [f64; 3] = [100.0, -50.0, 300.0];
+const RADIUS_MM: f64 = 10.0;
+const NOISE_MM: f64 = 0.5e-3;
+/// How far from the pole the beam still finds an echo.
+const CAP_DEG: f64 = 30.0;
+/// What is asked for: the peer's time over ours.
+const LEAST_RATIO: f64 = 10.0;
+const SCRIPT: &str = include_str!("sphere_scipy.py");
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let points = samples();
+    let (ours_s, ours) = ours(&points)?;
+    println!("trued: {:.2} ms for the sphere of {SAMPLES} samples", ours_s * 1e3);
+    let found = scipy_python().and_then(|python| {
+        let bytes: Vec<u8> = points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        let (script, input) = (folder().join("sphere.py"), folder().join("sphere.f64"));
+        std::fs::write(&script, SCRIPT)?;
+        std::fs::write(&input, bytes)?;
+        let command = || {
+            let mut command = Command::new(&python);
+            command.arg(&script).arg(&input);
+            command
+        };
+        let one = answer(command().env("OPENBLAS_NUM_THREADS", "1"))?;
+        let all = answer(&mut command())?;
+        Ok(if one[0] < all[0] { one } else { all })
+    });
+    let theirs = match found {
+        Ok(found) => found,
+        Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
+            println!("scipy: skipped, {why}");
+            return Ok(());
+        }
+        Err(why) => return Err(why),
+    };
+    for (k, found) in ours.centre.into_iter().chain([ours.radius]).enumerate() {
+        // A picometre; the noise leaves ten nanometres.
+        if (found - theirs[k + 1]).abs() > 1e-9 {
+            return Err(format!("unknown {k}: {found} against {} of scipy", theirs[k + 1]).into());
+        }
+    }
+    let ratio = theirs[0] / ours_s;
+    println!("scipy: {:.1} ms\nratio: {ratio:.1}", theirs[0] * 1e3);
+    if ratio < LEAST_RATIO {
+        return Err(format!("less than {LEAST_RATIO} times as fast as scipy").into());
+    }
+    Ok(())
+}
+
+/// Best of twenty: seconds, and the sphere.
+fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
+    let (mut best, sphere) = (f64::INFINITY, fit_sphere(points)?);
+    for _ in 0..20 {
+        let start = Instant::now();
+        fit_sphere(points)?;
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    Ok((best, sphere))
+}
+
+/// Evenly over the cap.
+fn samples() -> Vec<[f64; 3]> {
+    let mut stream = random::stream(1, &[3]);
+    let lowest = CAP_DEG.to_radians().cos();
+    let sample = |_| {
+        let (z, turn) = (stream.random_range(lowest..1.0), stream.random_range(0.0..TAU));
+        let noise: f64 = StandardNormal.sample(&mut stream);
+        let (radius, level) = (RADIUS_MM + NOISE_MM * noise, (1.0 - z * z).sqrt());
+        let direction = [level * turn.cos(), level * turn.sin(), z];
+        std::array::from_fn(|k| CENTRE_MM[k] + radius * direction[k])
+    };
+    (0..SAMPLES).map(sample).collect()
+}

@@ -1,0 +1,160 @@
+//! Sums over very many points of a circle or sphere, several points at once: what one Gauss–Newton
+//! step needs.
+
+use pulp::Arch;
+
+/// How points are looked at: from a centre, with their directions in a frame of their own in which
+/// none of them is small beside the others for being seen from a small cap.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame<const D: usize> {
+    /// Taken off first: near points differ from it by numbers without rounding.
+    pub origin: [f64; D],
+    /// From the origin.
+    pub centre: [f64; D],
+    pub radius: f64,
+    /// Rows: orthogonal unit vectors.
+    pub turn: [[f64; D]; D],
+    /// Taken off the turned directions: near their mean.
+    pub mean: [f64; D],
+}
+
+/// v: turned direction less the frame's mean; r: distance less radius.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sums<const D: usize> {
+    pub v: [f64; D],
+    /// On and above the diagonal.
+    pub vv: [[f64; D]; D],
+    pub vr: [f64; D],
+    pub r: f64,
+}
+
+/// Points that go through the registers together.
+const LANES: usize = 4;
+
+pub(super) fn sums<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
+    Arch::new().dispatch(
+        #[inline(always)]
+        || in_lanes(points, frame),
+    )
+}
+
+/// Distances from the centre less the radius.
+pub(super) fn residuals<const D: usize>(
+    points: &[[f64; D]],
+    frame: &Frame<D>,
+    residuals: &mut [f64],
+) {
+    Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            for (point, residual) in points.iter().zip(residuals) {
+                let (_, [distance]) = offsets(std::array::from_ref(point), frame);
+                *residual = distance - frame.radius;
+            }
+        },
+    );
+}
+
+#[inline(always)]
+fn in_lanes<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
+    let (whole, rest) = points.as_chunks::<LANES>();
+    let mut lanes = Lanes::<D, LANES>::ZERO;
+    for chunk in whole {
+        lanes.add(chunk, frame);
+    }
+    let mut single = Lanes::<D, 1>::ZERO;
+    for point in rest {
+        single.add(std::array::from_ref(point), frame);
+    }
+    lanes.total().plus(&single.total())
+}
+
+/// The sums of each lane.
+struct Lanes<const D: usize, const L: usize> {
+    v: [[f64; L]; D],
+    vv: [[[f64; L]; D]; D],
+    vr: [[f64; L]; D],
+    r: [f64; L],
+}
+
+impl<const D: usize, const L: usize> Lanes<D, L> {
+    const ZERO: Self =
+        Self { v: [[0.0; L]; D], vv: [[[0.0; L]; D]; D], vr: [[0.0; L]; D], r: [0.0; L] };
+
+    #[inline(always)]
+    fn add(&mut self, points: &[[f64; D]; L], frame: &Frame<D>) {
+        let (mut direction, distance) = offsets(points, frame);
+        let r: [f64; L] = std::array::from_fn(|l| distance[l] - frame.radius);
+        for along in &mut direction {
+            for l in 0..L {
+                along[l] /= distance[l];
+            }
+        }
+        let v: [[f64; L]; D] = std::array::from_fn(|row| {
+            let mut turned = [-frame.mean[row]; L];
+            for (along, share) in direction.iter().zip(frame.turn[row]) {
+                for l in 0..L {
+                    turned[l] += share * along[l];
+                }
+            }
+            turned
+        });
+        for i in 0..D {
+            for j in i..D {
+                add_products(&mut self.vv[i][j], &v[i], &v[j]);
+            }
+            add_products(&mut self.vr[i], &v[i], &r);
+            add_products(&mut self.v[i], &v[i], &[1.0; L]);
+        }
+        add_products(&mut self.r, &r, &[1.0; L]);
+    }
+
+    fn total(&self) -> Sums<D> {
+        let sum = |lanes: [f64; L]| lanes.into_iter().sum();
+        Sums {
+            v: self.v.map(sum),
+            vv: self.vv.map(|row| row.map(sum)),
+            vr: self.vr.map(sum),
+            r: sum(self.r),
+        }
+    }
+}
+
+impl<const D: usize> Sums<D> {
+    pub const ZERO: Self = Self { v: [0.0; D], vv: [[0.0; D]; D], vr: [0.0; D], r: 0.0 };
+
+    pub fn plus(mut self, other: &Self) -> Self {
+        for i in 0..D {
+            self.v[i] += other.v[i];
+            self.vr[i] += other.vr[i];
+            for j in 0..D {
+                self.vv[i][j] += other.vv[i][j];
+            }
+        }
+        self.r += other.r;
+        self
+    }
+}
+
+/// From the centre, each direction of space with its lanes, and their length.
+#[inline(always)]
+fn offsets<const D: usize, const L: usize>(
+    points: &[[f64; D]; L],
+    frame: &Frame<D>,
+) -> ([[f64; L]; D], [f64; L]) {
+    let offset: [[f64; L]; D] = std::array::from_fn(|k| {
+        std::array::from_fn(|l| (points[l][k] - frame.origin[k]) - frame.centre[k])
+    });
+    let mut square = [0.0; L];
+    for along in &offset {
+        add_products(&mut square, along, along);
+    }
+    (offset, square.map(f64::sqrt))
+}
+
+#[inline(always)]
+fn add_products<const L: usize>(sums: &mut [f64; L], a: &[f64; L], b: &[f64; L]) {
+    for l in 0..L {
+        sums[l] += a[l] * b[l];
+    }
+}

@@ -1,0 +1,31 @@
+//! Frames out, for whoever plays a device.
+
+use socketcan::{CanDataFrame, CanSocket, EmbeddedFrame, Socket};
+
+use super::owner::{id_of, socket};
+use super::{CanError, Frame};
+
+/// Sends frames on an interface.
+pub struct Outlet {
+    interface: String,
+    socket: CanSocket,
+}
+
+impl Outlet {
+    /// # Errors
+    /// A kernel without CAN, no such interface.
+    pub fn open(interface: &str) -> Result<Self, CanError> {
+        Ok(Self { interface: interface.to_owned(), socket: socket(interface)? })
+    }
+
+    /// Waits while the interface's queue is full.
+    ///
+    /// # Errors
+    /// The interface is down or gone.
+    pub fn send(&self, frame: &Frame) -> Result<(), CanError> {
+        let open = |source| CanError::Open { interface: self.interface.clone(), source };
+        let built = CanDataFrame::new(id_of(frame.id), frame.data());
+        let built = built.ok_or_else(|| open(std::io::ErrorKind::InvalidInput.into()))?;
+        self.socket.write_frame(&built).map_err(open)
+    }
+}

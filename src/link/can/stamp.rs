@@ -1,0 +1,61 @@
+//! The kernel stamps frames with the host's real time, which somebody may set; samples have monotonic
+//! time. What is exact is a frame's age at the moment when it is taken from the kernel.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use crate::base::Clock;
+
+pub(super) struct Stamps {
+    clock: Arc<dyn Clock>,
+    last_s: f64,
+}
+
+/// A frame does not lie longer in the kernel; what looks older was stamped before somebody set the
+/// real-time clock.
+const OLDEST_S: f64 = 60.0;
+
+impl Stamps {
+    pub(super) fn new(clock: Arc<dyn Clock>) -> Self {
+        Self { clock, last_s: f64::NEG_INFINITY }
+    }
+
+    /// Monotonic time of a frame that the kernel stamped so, and that is taken now. Never goes back.
+    pub(super) fn time_s(&mut self, stamp: Option<SystemTime>) -> f64 {
+        let (now, now_s) = (SystemTime::now(), self.clock.now_s());
+        let age = stamp.and_then(|stamp| now.duration_since(stamp).ok());
+        let age_s = age.map_or(0.0, |age| age.as_secs_f64());
+        let age_s = if age_s < OLDEST_S { age_s } else { 0.0 };
+        self.last_s = self.last_s.max(now_s - age_s);
+        self.last_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    struct Stands(f64);
+
+    impl Clock for Stands {
+        fn now_s(&self) -> f64 {
+            self.0
+        }
+    }
+
+    #[test]
+    fn a_stamp_counts_by_its_age_unless_the_real_time_was_set() {
+        let mut stamps = Stamps::new(Arc::new(Stands(100.0)));
+        let old = SystemTime::now() - Duration::from_secs(2);
+        let time_s = stamps.time_s(Some(old));
+        assert!((97.0..=98.0).contains(&time_s), "{time_s}");
+        assert!(stamps.time_s(Some(old - Duration::from_secs(1))) >= time_s, "never back");
+        let future = SystemTime::now() + Duration::from_secs(3600);
+        assert_eq!(stamps.time_s(Some(future)), 100.0);
+        let past = SystemTime::now() - Duration::from_secs(3600);
+        assert_eq!(stamps.time_s(Some(past)), 100.0);
+        assert_eq!(stamps.time_s(None), 100.0);
+    }
+}

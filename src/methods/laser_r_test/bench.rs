@@ -1,0 +1,183 @@
+//! What stands in the spindle and on the table, and where the rotary axes go.
+
+use glam::{DMat3, DVec3};
+
+use super::parameters::{of_table, tilts};
+use super::settings::Settings;
+use crate::base::{Axis, Position};
+use crate::kinematics::Chain;
+use crate::methods::Refused;
+use crate::record::artefact::{Artefact, Ball, Balls};
+use crate::record::plan::Plan;
+use crate::record::sensor::Sensor;
+
+const TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
+const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
+/// Rounding of a limit in degrees.
+const SLACK: f64 = 1e-9;
+
+/// A plan with what this method needs of it at hand.
+pub struct Bench<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub chain: Chain,
+    pub sensor: &'a Sensor,
+    pub balls: &'a Balls,
+    pub ball: &'a Ball,
+}
+
+impl<'a> Bench<'a> {
+    /// # Errors
+    /// No sensor, no sphere, a machine whose kinematics cannot be built.
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
+        settings.check()?;
+        let chain = Chain::new(&plan.machine).map_err(|why| Refused {
+            why: why.to_string(),
+            instead: "correct [machine] and [axes] in the machine file".to_owned(),
+        })?;
+        let (balls, ball) = ball(plan, settings)?;
+        let sensor = sensor(&plan.sensors, settings)?;
+        Ok(Self { plan, settings, chain, sensor, balls, ball })
+    }
+
+    pub fn zero(&self) -> DVec3 {
+        DVec3::from_array(self.sensor.zero_mm)
+    }
+
+    /// Nominal direction in which readings grow, spindle frame.
+    pub fn beam(&self) -> DVec3 {
+        DVec3::from_array(self.sensor.direction).normalize_or_zero()
+    }
+
+    pub fn centre(&self) -> DVec3 {
+        DVec3::from_array(self.ball.centre_mm)
+    }
+
+    /// From the spindle frame to the machine frame.
+    pub fn spindle(&self, rotary: &Position) -> DMat3 {
+        self.chain.machine_from_spindle(rotary, &[]).matrix3
+    }
+
+    /// From X, Y, Z to how far the spindle stands from the table, machine frame.
+    pub fn travel(&self, rotary: &Position) -> DMat3 {
+        let table = self.chain.machine_from_table(rotary, &[]).matrix3;
+        table * self.chain.linear_jacobian(rotary, &[])
+    }
+
+    /// Incidence limit, rad.
+    pub fn limit(&self) -> f64 {
+        self.sensor.incidence_limit_deg.to_radians()
+    }
+
+    /// All rotary axes at zero.
+    pub fn at_zero(&self) -> Position {
+        let axes = self.chain.topology().axes().filter(|axis| !axis.is_linear());
+        let axes = axes.filter(|axis| self.plan.machine.axes.contains_key(axis));
+        axes.map(|axis| (axis, 0.0)).collect()
+    }
+
+    /// Positions of the axis that tilts the table and of the one that turns it, zero first. An axis that
+    /// is not there has none.
+    ///
+    /// # Errors
+    /// A named position outside the axis' limits; an axis that does not reach zero.
+    pub fn positions(&self) -> Result<[Option<(Axis, Vec<f64>)>; 2], Refused> {
+        let axes = of_table(&self.chain);
+        let tilt = axes.iter().find(|axis| tilts(&self.chain, **axis));
+        let turn = axes.iter().rev().find(|axis| Some(*axis) != tilt);
+        if tilt.is_none() && turn.is_none() {
+            return Err(Refused {
+                why: format!("the table of {} has no rotary axis", self.chain.topology()),
+                instead:
+                    "this method measures rotary axes of the table; correct topology in [machine]"
+                        .to_owned(),
+            });
+        }
+        let of = |axis: Option<&Axis>, named: &[f64], otherwise: &[f64], key| {
+            axis.map(|axis| self.cut(*axis, named, otherwise, key).map(|at| (*axis, at)))
+                .transpose()
+        };
+        Ok([
+            of(tilt, &self.settings.tilt_deg, &TILT_DEG, "tilt_deg")?,
+            of(turn, &self.settings.turn_deg, &TURN_DEG, "turn_deg")?,
+        ])
+    }
+
+    fn cut(
+        &self,
+        axis: Axis,
+        named: &[f64],
+        otherwise: &[f64],
+        key: &str,
+    ) -> Result<Vec<f64>, Refused> {
+        let Some(spec) = self.plan.machine.axes.get(&axis) else { return Ok(Vec::new()) };
+        let inside = |degrees: &f64| (spec.min - SLACK..=spec.max + SLACK).contains(degrees);
+        let limits = || format!("outside its limits [{}, {}]", spec.min, spec.max);
+        if let Some(beyond) = named.iter().find(|degrees| !inside(degrees)) {
+            return Err(Refused {
+                why: format!("{key} names {axis} {beyond}°, {}", limits()),
+                instead: format!("take it out of {key}, or correct the limits in [axes.{axis}]"),
+            });
+        }
+        if !inside(&0.0) {
+            return Err(Refused {
+                why: format!("{axis} 0° lies {}", limits()),
+                instead: "this method begins with all rotary axes at zero".to_owned(),
+            });
+        }
+        let list = if named.is_empty() { otherwise } else { named };
+        let mut all = vec![0.0];
+        all.extend(list.iter().copied().filter(|degrees| inside(degrees) && *degrees != 0.0));
+        Ok(all)
+    }
+}
+
+fn ball<'a>(plan: &'a Plan, settings: &Settings) -> Result<(&'a Balls, &'a Ball), Refused> {
+    let refused = |why: String| Refused {
+        why,
+        instead: "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml"
+            .to_owned(),
+    };
+    let Artefact::Balls(balls) = &plan.artefact else {
+        return Err(refused("the artefact is no sphere".to_owned()));
+    };
+    let found = match settings.ball.as_str() {
+        "" => balls.balls.first(),
+        id => balls.balls.iter().find(|ball| ball.id == id),
+    };
+    let found = found.ok_or_else(|| refused(format!("there is no sphere `{}`", settings.ball)))?;
+    Ok((balls, found))
+}
+
+/// The sensor that the settings name, of those that there are.
+///
+/// # Errors
+/// None, none of that name, one that looks nowhere.
+pub fn sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sensor, Refused> {
+    let found = match settings.sensor.as_str() {
+        "" => sensors.first(),
+        name => sensors.iter().find(|sensor| sensor.name == name),
+    };
+    let sensor = found.ok_or_else(|| {
+        let names: Vec<&str> = sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        Refused {
+            why: match (settings.sensor.as_str(), names.as_slice()) {
+                (_, []) => "the machine has no displacement sensor".to_owned(),
+                (name, _) => format!("there is no sensor `{name}`; there are {}", names.join(", ")),
+            },
+            instead:
+                "describe the sensor in [[sensor]] of the machine file, or measure with the touch \
+                      probe: by = \"probe\" in [method.laser-r-test]"
+                    .to_owned(),
+        }
+    })?;
+    let direction = DVec3::from_array(sensor.direction);
+    if !(direction.length() - 1.0).abs().is_finite() || (direction.length() - 1.0).abs() > 0.05 {
+        return Err(Refused {
+            why: format!("direction of sensor `{}` is no unit vector", sensor.name),
+            instead: "state the direction in which its readings grow, e.g. [0.0, 0.0, -1.0]"
+                .to_owned(),
+        });
+    }
+    Ok(sensor)
+}

@@ -1,0 +1,173 @@
+//! From dwell points to the sphere's centres and the beam's direction (paper 2, Eqs. 5 and 6): the
+//! light spot p = p_c + d·t lies on a sphere of known radius about q′ = q + l. The zero position l is
+//! not told from the sphere's place here, and stands in the centre.
+//!
+//! The norm of t is left free: it is the sensor's gain. Three heights tell it and the direction; what
+//! the direction is not known moves all centres alike, as all poses are scanned at one height.
+
+use faer::Mat;
+use glam::{DMat3, DVec3};
+
+use super::observe::Scanned;
+use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use crate::estimation::schur::Rows;
+
+/// Steps to a solution nearby.
+const NEAR_STEPS: usize = 2;
+/// Unknowns of the beam: its lean along two directions across, its gain less 1.
+pub const BEAM: usize = 3;
+
+/// A dwell point of the fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Index of the centre.
+    pub group: usize,
+    /// How far the spindle stands from the table, machine frame.
+    pub at: DVec3,
+    /// Spindle frame to machine frame.
+    pub spindle: DMat3,
+    pub value: f64,
+    /// Standard uncertainty of its distance from the centre, mm.
+    pub sigma: f64,
+}
+
+/// The fit of all scans.
+#[derive(Debug, Clone)]
+pub struct Centres {
+    /// Nominal direction, and two across: columns (across, across, along), spindle frame.
+    pub frame: DMat3,
+    pub radius: f64,
+    /// Group after group.
+    pub rows: Vec<Row>,
+    pub groups: usize,
+    /// Whether the beam is unknown; otherwise it is as in `held`.
+    pub free: bool,
+    pub held: [f64; BEAM],
+}
+
+/// Columns: two directions across the beam, nearly X and Y, and the beam.
+pub fn frame(beam: DVec3) -> DMat3 {
+    let across = DVec3::X.reject_from_normalized(beam).try_normalize().unwrap_or(DVec3::Y);
+    let other = across.cross(beam);
+    // Of a beam that looks down, other is +Y.
+    DMat3::from_cols(across, other, beam)
+}
+
+impl Centres {
+    fn common(&self) -> usize {
+        if self.free { BEAM } else { 0 }
+    }
+
+    /// The beam, its norm the gain: spindle frame.
+    pub fn beam(&self, x: &[f64]) -> DVec3 {
+        let beam = if self.free { &x[..BEAM] } else { &self.held };
+        self.frame * DVec3::new(beam[0], beam[1], 1.0 + beam[2])
+    }
+
+    /// Centre of a group, machine frame as [`Row::at`].
+    pub fn centre(&self, x: &[f64], group: usize) -> DVec3 {
+        DVec3::from_slice(&x[self.common() + 3 * group..])
+    }
+
+    /// From the centre to the light spot.
+    pub fn arm(&self, x: &[f64], row: &Row) -> DVec3 {
+        row.at + row.spindle * (self.beam(x) * row.value) - self.centre(x, row.group)
+    }
+
+    /// Unweighted, outside the sphere: mm.
+    pub fn off(&self, x: &[f64]) -> Vec<f64> {
+        self.rows.iter().map(|row| self.arm(x, row).length() - self.radius).collect()
+    }
+
+    fn residuals(&self, x: &[f64]) -> Vec<f64> {
+        let off = self.off(x).into_iter().zip(&self.rows);
+        off.map(|(off, row)| -off / row.sigma).collect()
+    }
+
+    fn blocks(&self, x: &[f64]) -> Vec<Rows> {
+        let common = self.common();
+        let of_group = |group: usize| {
+            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.group == group).collect();
+            let mut block = Rows::zeros(rows.len(), 3, common);
+            for (i, row) in rows.into_iter().enumerate() {
+                let arm = self.arm(x, row);
+                let normal = arm.normalize_or_zero();
+                block.set_value(i, (self.radius - arm.length()) / row.sigma);
+                (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.sigma));
+                let across = (row.spindle * self.frame).transpose() * normal * row.value;
+                (0..common).for_each(|k| block.set_common(i, k, across[k] / row.sigma));
+            }
+            block
+        };
+        (0..self.groups).map(of_group).collect()
+    }
+
+    /// # Errors
+    /// Samples that do not fix all centres, or the beam.
+    pub fn solve(&self) -> Result<Minimum, NonlinearError> {
+        minimise(self.start(), |x| self.blocks(x), |x| self.residuals(x))
+    }
+
+    /// A radius behind the mean light spot.
+    fn start(&self) -> Vec<f64> {
+        let mut x = vec![0.0; self.common()];
+        for group in 0..self.groups {
+            let rows = self.rows.iter().filter(|row| row.group == group);
+            let beam = self.frame.z_axis;
+            let (mut sum, mut count, mut along) = (DVec3::ZERO, 0.0, DVec3::ZERO);
+            for row in rows {
+                sum += row.at + row.spindle * beam * row.value;
+                along = row.spindle * beam;
+                count += 1.0;
+            }
+            x.extend((sum / count + along * self.radius).to_array());
+        }
+        x
+    }
+
+    /// The solution for dwell points whose distances from the centre are greater by `by`, mm each, near
+    /// the one found.
+    pub fn solve_near(&self, minimum: &Minimum, by: &[f64]) -> Vec<f64> {
+        let mut x = minimum.x.clone();
+        for _ in 0..NEAR_STEPS {
+            let mut residuals = self.residuals(&x);
+            let rows = self.rows.iter().zip(by);
+            residuals.iter_mut().zip(rows).for_each(|(r, (row, by))| *r -= by / row.sigma);
+            let step = minimum.factored.solve(&residuals);
+            x.iter_mut().zip(step).for_each(|(x, dx)| *x += dx);
+        }
+        x
+    }
+
+    /// Unknowns × rows: what a distance greater by 1 mm does to the unknowns.
+    pub fn gain(&self, minimum: &Minimum) -> Mat<f64> {
+        let unknowns = minimum.x.len();
+        let mut gain = Mat::zeros(unknowns, self.rows.len());
+        let mut unit = vec![0.0; self.rows.len()];
+        for (j, row) in self.rows.iter().enumerate() {
+            unit[j] = -1.0 / row.sigma;
+            let column = minimum.factored.solve(&unit);
+            unit[j] = 0.0;
+            column.into_iter().enumerate().for_each(|(i, value)| gain[(i, j)] = value);
+        }
+        gain
+    }
+}
+
+/// Whether these dwell points fix a centre: not if the normals lie in one plane through it, all on one
+/// great circle.
+pub fn fixes_centre(scan: &Scanned, beam: DVec3, radius: f64) -> bool {
+    let points = scan.spots.iter().map(|spot| spot.at + scan.spindle * beam * spot.value);
+    let points: Vec<DVec3> = points.collect();
+    let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    let centre = mean + scan.spindle * beam * radius;
+    let mut sum = DMat3::ZERO;
+    for point in &points {
+        let n = (*point - centre).normalize_or_zero();
+        sum += DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+    }
+    points.len() >= 4 && sum.determinant() > FLAT * (points.len() as f64 / 3.0).powi(3)
+}
+
+/// Determinant of Σn·nᵀ of a flat scan, against the greatest possible.
+const FLAT: f64 = 1e-5;

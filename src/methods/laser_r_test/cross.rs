@@ -1,0 +1,174 @@
+//! One scan: two perpendicular lines of dwell points through the pole that faces the beam.
+
+use glam::DVec3;
+
+use super::bench::Bench;
+use super::label::in_words;
+use super::model::placed;
+use crate::base::{Axis, Position};
+use crate::methods::Refused;
+use crate::record::plan::{Sampling, Scan, Step, StepKind};
+
+/// Where the sphere is thought to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// The sensor's zero point, spindle frame.
+    pub zero: DVec3,
+    /// Its direction, spindle frame.
+    pub beam: DVec3,
+    /// The sphere, table frame.
+    pub ball: DVec3,
+    /// How far the sphere may be from there.
+    pub doubt_mm: f64,
+}
+
+/// A scan that is wanted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wanted {
+    pub rotary: Position,
+    /// Reading at the pole.
+    pub height_mm: f64,
+    pub label: String,
+}
+
+/// # Errors
+/// A sphere that is out of the sensor's range, seen too obliquely or from its stem's side, or out of the
+/// axes' reach.
+pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, Refused> {
+    let half = half_mm(bench, place, &wanted.rotary)?;
+    check_range(bench, place, wanted, half)?;
+    let path = path(bench, place, wanted, half)?;
+    path.iter().try_for_each(|at| check_travel(bench, &wanted.rotary, at))?;
+    let beam = bench.spindle(&wanted.rotary) * place.beam.normalize_or_zero();
+    let Settled { feed_mm_min, sampling } = settled(bench);
+    Ok(Step {
+        id: 0,
+        stage: 0,
+        kind: StepKind::Scan,
+        label: wanted.label.clone(),
+        from: path.first().cloned().unwrap_or_default(),
+        to: path.last().cloned().unwrap_or_default(),
+        feed_mm_min,
+        sensor: bench.sensor.name.clone(),
+        normal: (-beam).to_array(),
+        scan: Some(Scan { path, sampling }),
+    })
+}
+
+struct Settled {
+    feed_mm_min: f64,
+    sampling: Sampling,
+}
+
+fn settled(bench: &Bench<'_>) -> Settled {
+    let settings = bench.settings;
+    let sampling = Sampling::Dwell { dwell_s: settings.dwell_s, samples: settings.samples };
+    Settled { feed_mm_min: settings.feed_mm_min, sampling }
+}
+
+/// Half of a line: as far as the incidence limit allows with the sphere as far off as it may be.
+fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, Refused> {
+    let radius = bench.ball.radius_mm;
+    let half = radius * bench.limit().sin() - place.doubt_mm;
+    if half < 0.1 * radius {
+        return Err(Refused {
+            why: format!(
+                "at {} a sphere of {radius} mm that may stand {:.2} mm off could meet the beam beyond the \
+                 incidence limit of {}°",
+                in_words(rotary),
+                place.doubt_mm,
+                bench.sensor.incidence_limit_deg
+            ),
+            instead:
+                "lower uncertainty_mm of [artefact] (set the sphere up nearer to where the file \
+                      says), or take a larger sphere"
+                    .to_owned(),
+        });
+    }
+    let table = bench.chain.machine_from_table(rotary, &[]).matrix3;
+    let stem = table * DVec3::from_array(bench.ball.stem).normalize_or_zero();
+    let towards = -(bench.spindle(rotary) * place.beam.normalize_or_zero());
+    let free = (bench.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + bench.limit();
+    if stem.angle_between(towards) < free {
+        return Err(Refused {
+            why: format!("at {} the sphere's stem points at the sensor", in_words(rotary)),
+            instead: "take the position out of tilt_deg, or correct stem of the sphere".to_owned(),
+        });
+    }
+    Ok(half)
+}
+
+fn check_range(
+    bench: &Bench<'_>,
+    place: &Place,
+    wanted: &Wanted,
+    half: f64,
+) -> Result<(), Refused> {
+    let radius = bench.ball.radius_mm;
+    // Where the scan is farthest from the pole with the sphere as far off as it may be.
+    let reach = (half + place.doubt_mm).min(radius);
+    let sag = radius - (radius * radius - reach * reach).sqrt();
+    let [least, most] = bench.sensor.range_mm;
+    let (lowest, highest) =
+        (wanted.height_mm - place.doubt_mm, wanted.height_mm + sag + place.doubt_mm);
+    if lowest >= least && highest <= most {
+        return Ok(());
+    }
+    Err(Refused {
+        why: format!(
+            "at {} the sphere may be out of the sensor's range: readings of {lowest:.2} to {highest:.2} mm \
+             could come, the range is {least} to {most} mm",
+            in_words(&wanted.rotary)
+        ),
+        instead: "choose heights_mm nearer to the middle of the range, lower uncertainty_mm of [artefact], \
+                  or correct range_mm of the sensor"
+            .to_owned(),
+    })
+}
+
+fn path(
+    bench: &Bench<'_>,
+    place: &Place,
+    wanted: &Wanted,
+    half: f64,
+) -> Result<Vec<Position>, Refused> {
+    let rotary = &wanted.rotary;
+    let centre = super::parameters::expected(&bench.chain, rotary, place.zero, place.ball)?;
+    let into_axes = bench.travel(rotary).inverse();
+    let beam = bench.spindle(rotary) * place.beam.normalize_or_zero();
+    let along = DVec3::X.reject_from_normalized(beam).try_normalize().unwrap_or(DVec3::Y);
+    let above = -beam * (bench.ball.radius_mm + wanted.height_mm);
+    let points = bench.settings.points;
+    let line = |direction: DVec3| {
+        let share = move |k: usize| 2.0 * k as f64 / (points - 1) as f64 - 1.0;
+        (0..points).map(move |k| above + direction * (half * share(k)))
+    };
+    let offsets = line(along).chain(line(along.cross(beam)));
+    Ok(offsets.map(|by| placed(rotary, centre + into_axes * by).as_written()).collect())
+}
+
+fn check_travel(bench: &Bench<'_>, rotary: &Position, at: &Position) -> Result<(), Refused> {
+    for (axis, value) in at.iter() {
+        let Some(spec) = bench.plan.machine.axes.get(&axis) else { continue };
+        let value = axis.to_edge(value);
+        if !(spec.min - 1e-9..=spec.max + 1e-9).contains(&value) {
+            return Err(Refused {
+                why: format!(
+                    "at {} {axis} would have to go to {value:.3}, outside [{}, {}]",
+                    in_words(rotary),
+                    spec.min,
+                    spec.max
+                ),
+                instead: match axis {
+                    Axis::X | Axis::Y | Axis::Z => {
+                        "take the position out of tilt_deg and turn_deg, set the sphere up elsewhere, or \
+                         correct zero_mm of the sensor"
+                    }
+                    _ => "take the position out of tilt_deg and turn_deg",
+                }
+                .to_owned(),
+            });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,158 @@
+//! Which scans see one and the same centre.
+
+use glam::{DMat3, DVec3};
+
+use super::bench::Bench;
+use super::centres::{Centres, Row, fixes_centre, frame};
+use super::label::Pass;
+use super::observe::{Observed, Scanned};
+use super::settings::heights;
+use crate::base::{Axis, Position};
+use crate::methods::Refused;
+
+/// Assumed standard deviation of one sample where nothing is declared and nothing is seen, mm.
+const UNDECLARED_MM: f64 = 1e-3;
+/// No dwell point weighs more than one of this standard uncertainty, mm.
+const LEAST_MM: f64 = 1e-6;
+
+/// Scans of the sphere at one place.
+#[derive(Debug, Clone)]
+pub struct Group {
+    pub label: String,
+    /// All rotary axes.
+    pub rotary: Position,
+    pub t_s: f64,
+    /// From X, Y, Z to the machine frame.
+    pub travel: DMat3,
+}
+
+/// Centres to be fitted, and what each row is.
+pub struct Grouped {
+    pub groups: Vec<Group>,
+    pub centres: Centres,
+    /// Of each row: X, Y, Z, samples, time.
+    pub spots: Vec<super::observe::Spot>,
+    /// Of each row: index of its scan, and of the dwell point in it.
+    pub from: Vec<(usize, usize)>,
+    /// Different heights among the scans that the beam is found from.
+    pub heights: usize,
+}
+
+/// Standard deviation of one sample, mm.
+pub fn noise_mm(bench: &Bench<'_>, observed: &Observed) -> f64 {
+    let declared = bench.sensor.noise_um.map(|um| um * 1e-3);
+    declared.or(observed.scatter_mm()).unwrap_or(UNDECLARED_MM)
+}
+
+/// A group with its scans and their indices.
+type Member<'a> = (Group, Vec<(usize, &'a Scanned)>);
+
+/// Scans that do not fix a centre are taken out, and said in `left_out`.
+///
+/// # Errors
+/// No scan left.
+pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
+    let radius = bench.ball.radius_mm;
+    let flat = |scan: &Scanned| !fixes_centre(scan, bench.beam(), radius);
+    let lines = observed.scans.iter().filter(|scan| flat(scan)).map(|scan| {
+        format!(
+            "{}: its samples lie on one great circle or nearly, and say nothing across",
+            scan.label
+        )
+    });
+    let lines: Vec<String> = lines.collect();
+    observed.left_out.extend(lines);
+    observed.scans.retain(|scan| !flat(scan));
+    let found = observed.scans.iter().any(|scan| scan.pass != Pass::Find);
+    let all = observed.scans.iter().enumerate();
+    let used = all.filter(|(_, scan)| !found || scan.pass != Pass::Find);
+    let mut members: Vec<Member<'_>> = Vec::new();
+    for (index, scan) in used {
+        let same = |(group, scans): &&mut Member<'_>| {
+            scan.pass == Pass::Height
+                && scans.iter().all(|(_, other)| other.pass == Pass::Height)
+                && group.rotary == scan.rotary
+        };
+        match members.iter_mut().find(same) {
+            Some((_, scans)) => scans.push((index, scan)),
+            None => members.push((group(bench, scan), vec![(index, scan)])),
+        }
+    }
+    if members.is_empty() {
+        return Err(nothing(observed));
+    }
+    Ok(collect(bench, observed, members))
+}
+
+fn group(bench: &Bench<'_>, scan: &Scanned) -> Group {
+    let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
+    Group { label, t_s: 0.0, travel: bench.travel(&rotary), rotary }
+}
+
+fn nothing(observed: &Observed) -> Refused {
+    let mut why = match observed.left_out.as_slice() {
+        [] => "there are no readings of the sphere".to_owned(),
+        [first, ..] => format!("the sphere was not seen: {first}"),
+    };
+    if let Some(excluded) = observed.excluded_in_words() {
+        why = format!("{why}; {excluded}");
+    }
+    Refused {
+        why,
+        instead:
+            "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan \
+                  along two lines that cross at the pole"
+                .to_owned(),
+    }
+}
+
+fn collect(bench: &Bench<'_>, observed: &Observed, members: Vec<Member<'_>>) -> Grouped {
+    let (noise, resolution) = (noise_mm(bench, observed), resolution_mm(bench));
+    let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut from, mut most, mut index) = (Vec::new(), 0, 0);
+    for (mut group, scans) in members {
+        let poles: Vec<f64> = scans.iter().map(|(_, scan)| pole(scan)).collect();
+        most = most.max(heights(&poles));
+        let first = spots.len();
+        for (number, scan) in scans {
+            for (place, spot) in scan.spots.iter().enumerate() {
+                let sigma = (noise / (spot.samples as f64).sqrt()).hypot(resolution).max(LEAST_MM);
+                let (at, spindle, value) = (spot.at, scan.spindle, spot.value);
+                rows.push(Row { group: index, at, spindle, value, sigma });
+                spots.push(*spot);
+                from.push((number, place));
+            }
+        }
+        let times = spots[first..].iter().map(|spot| spot.t_s);
+        group.t_s = times.sum::<f64>() / (spots.len() - first).max(1) as f64;
+        groups.push(group);
+        index += 1;
+    }
+    let centres = Centres {
+        frame: frame(bench.beam()),
+        radius: bench.ball.radius_mm,
+        rows,
+        groups: groups.len(),
+        free: most >= 3,
+        held: [0.0; 3],
+    };
+    Grouped { groups, centres, spots, from, heights: most }
+}
+
+/// Least reading of a scan: that near the pole.
+fn pole(scan: &Scanned) -> f64 {
+    scan.spots.iter().map(|spot| spot.value).fold(f64::INFINITY, f64::min)
+}
+
+/// Coarsest display, as a standard uncertainty.
+fn resolution_mm(bench: &Bench<'_>) -> f64 {
+    let width = |axis| bench.plan.machine.axes.get(&axis).map_or(0.0, |a| a.resolution_um * 1e-3);
+    Axis::LINEAR.into_iter().map(width).fold(0.0, f64::max) / 12f64.sqrt()
+}
+
+impl Group {
+    /// Axis positions of a centre given in the machine frame.
+    pub fn axes(&self, centre: DVec3) -> DVec3 {
+        self.travel.inverse() * centre
+    }
+}

@@ -1,0 +1,211 @@
+//! Plan + readings → estimate.
+
+use glam::DMat3;
+
+use super::bench::Bench;
+use super::group::{Grouped, grouped};
+use super::label::Pass;
+use super::model::{Model, Problem, Sight, placed};
+use super::observe::{Observed, observe};
+use super::outputs;
+use super::parameters::{self, Chosen};
+use super::sources::{UncertaintySource, sources};
+use super::uncertainty::{Effects, Misfit, Propagated, Solved, by_trials, whitening};
+use crate::estimation::linear::{LinearError, Survey};
+use crate::estimation::monte_carlo::{Summary, Trials};
+use crate::estimation::nonlinear::{Minimum, NonlinearError};
+use crate::estimation::null_names::name_null_space;
+use crate::methods::{IdentifyError, Refused};
+use crate::record::estimate::Estimate;
+use crate::record::reading::Reading;
+
+/// Trials of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
+const MOST_TRIALS: usize = 40_000;
+/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+const STABLE_DIGITS: u32 = 1;
+
+/// Everything that the estimate is written from.
+pub struct Parts<'a> {
+    pub bench: &'a Bench<'a>,
+    pub observed: Observed,
+    pub grouped: Grouped,
+    pub fitted: Minimum,
+    pub chosen: Chosen,
+    pub problem: Problem,
+    pub minimum: Minimum,
+    pub names: Vec<String>,
+    pub survey: Survey,
+    pub into_table: Vec<DMat3>,
+    pub misfit: Misfit,
+    pub propagated: Propagated,
+    pub monte_carlo: Summary,
+}
+
+pub fn identify(bench: &Bench<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+    Ok(outputs::estimate(&parts(bench, readings)?))
+}
+
+/// # Errors
+/// Readings of another plan, too few of them, unknowns that they do not tell apart.
+pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>, IdentifyError> {
+    let (observed, grouped, fitted) = spheres(bench, readings)?;
+    let settings = bench.settings;
+    let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
+    let names = parameters::names(&chosen.parameters, &bench.ball.id);
+    let sources = sources(bench, &observed, &grouped, &fitted.x);
+    let effects = Effects::new(&grouped.centres, &fitted, &sources);
+    let into_table: Vec<DMat3> = grouped
+        .groups
+        .iter()
+        .map(|group| bench.chain.machine_from_table(&group.rotary, &[]).matrix3.transpose())
+        .collect();
+    let problem = problem(bench, &grouped, &fitted, &chosen, &effects, &sources);
+    let (survey, minimum) = solve(bench, &problem, &names)?;
+    let solved = Solved {
+        centres: &grouped.centres,
+        fitted: &fitted,
+        problem: &problem,
+        minimum: &minimum,
+        into_table: &into_table,
+    };
+    let declared = bench.sensor.noise_um.is_some();
+    let misfit = Misfit::judge(&solved, &effects, &sources, declared);
+    let propagated = Propagated::new(&solved, &effects, &sources, &misfit);
+    let monte_carlo = by_trials(&solved, &sources, misfit.factor, trials(bench))
+        .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    Ok(Parts {
+        bench,
+        observed,
+        grouped,
+        fitted,
+        chosen,
+        problem,
+        minimum,
+        names,
+        survey,
+        into_table,
+        misfit,
+        propagated,
+        monte_carlo,
+    })
+}
+
+fn trials(bench: &Bench<'_>) -> Trials {
+    match bench.settings.monte_carlo_trials {
+        0 => Trials::Adaptive { digits: STABLE_DIGITS, max: MOST_TRIALS },
+        count => Trials::Fixed(count),
+    }
+}
+
+/// The sphere's centres and the beam, from the samples that the incidence limit leaves.
+fn spheres(
+    bench: &Bench<'_>,
+    readings: &[Reading],
+) -> Result<(Observed, Grouped, Minimum), IdentifyError> {
+    let mut observed = observe(bench, readings)?;
+    let mut grouped = grouped(bench, &mut observed)?;
+    check_heights(&observed, &grouped)?;
+    let mut fitted = fit(&grouped)?;
+    if leave_out_oblique(bench, &mut observed, &grouped, &fitted) {
+        grouped = super::group::grouped(bench, &mut observed)?;
+        check_heights(&observed, &grouped)?;
+        fitted = fit(&grouped)?;
+    }
+    Ok((observed, grouped, fitted))
+}
+
+fn fit(grouped: &Grouped) -> Result<Minimum, IdentifyError> {
+    let failed = |why: NonlinearError| IdentifyError::Numerical(format!("the spheres: {why}"));
+    grouped.centres.solve().map_err(failed)
+}
+
+fn check_heights(observed: &Observed, grouped: &Grouped) -> Result<(), Refused> {
+    let (free, count) = (grouped.centres.free, grouped.heights);
+    let of_height: Vec<&str> = observed
+        .left_out
+        .iter()
+        .filter(|line| Pass::of(line) == Some(Pass::Height))
+        .map(String::as_str)
+        .collect();
+    if free {
+        return Ok(());
+    }
+    let missing = match of_height.as_slice() {
+        [] => String::new(),
+        lines => format!(" ({})", lines.join("; ")),
+    };
+    Err(Refused {
+        why: format!(
+            "the beam's direction needs scans at three heights, there are {count}{missing}; one height \
+             leaves it unknown by hundreds of urad"
+        ),
+        instead: "measure the stage `beam direction` with three heights_mm well apart".to_owned(),
+    })
+}
+
+/// Takes samples beyond the incidence limit out and counts them. Whether there were any.
+fn leave_out_oblique(
+    bench: &Bench<'_>,
+    observed: &mut Observed,
+    grouped: &Grouped,
+    fitted: &Minimum,
+) -> bool {
+    let centres = &grouped.centres;
+    let beam = centres.beam(&fitted.x).normalize_or_zero();
+    let mut beyond: Vec<(usize, usize)> = Vec::new();
+    for (row, from) in centres.rows.iter().zip(&grouped.from) {
+        let towards = -(row.spindle * beam);
+        if centres.arm(&fitted.x, row).angle_between(towards) > bench.limit() {
+            beyond.push(*from);
+        }
+    }
+    // From the last on, so that the places before stay as they are.
+    beyond.sort_unstable_by(|a, b| b.cmp(a));
+    for (scan, place) in &beyond {
+        let spot = observed.scans[*scan].spots.remove(*place);
+        *observed.excluded.entry("beyond the incidence limit").or_default() += spot.samples;
+    }
+    !beyond.is_empty()
+}
+
+fn problem(
+    bench: &Bench<'_>,
+    grouped: &Grouped,
+    fitted: &Minimum,
+    chosen: &Chosen,
+    effects: &Effects,
+    sources: &[UncertaintySource],
+) -> Problem {
+    let sight = |(i, group): (usize, &super::group::Group)| {
+        let at = placed(&group.rotary, group.axes(grouped.centres.centre(&fitted.x, i)));
+        let table = bench.chain.machine_from_table(&group.rotary, &[]).matrix3;
+        Sight { at, weight: whitening(effects.covariance(sources, i)) * table }
+    };
+    let sights = grouped.groups.iter().enumerate().map(sight).collect();
+    let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters.clone() };
+    Problem { model, sights, hold: None }
+}
+
+fn solve(
+    bench: &Bench<'_>,
+    problem: &Problem,
+    names: &[String],
+) -> Result<(Survey, Minimum), IdentifyError> {
+    let mut start = vec![0.0; problem.model.parameters.len()];
+    start.extend(bench.zero().to_array());
+    start.extend(bench.centre().to_array());
+    let lost = |survey: &Survey| IdentifyError::RankDeficient {
+        rank: survey.rank,
+        unknowns: survey.rank + survey.nullity,
+        what: name_null_space(survey.null_space.as_ref(), names),
+    };
+    let survey = problem.survey(&start).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    if survey.nullity > 0 {
+        return Err(lost(&survey));
+    }
+    let minimum = problem.solve(start).map_err(|why| match why {
+        NonlinearError::Linear(LinearError::RankDeficient(survey)) => lost(&survey),
+        other => IdentifyError::Numerical(other.to_string()),
+    })?;
+    Ok((survey, minimum))
+}

@@ -1,0 +1,60 @@
+//! What the label of a step says: `pose/B-90/C60`: why it is measured, and where the rotary axes stand.
+
+use crate::base::Position;
+
+/// Why the sphere is scanned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pass {
+    /// To find it; nothing is identified from it.
+    Find,
+    /// One of the heights that the beam's direction is found from.
+    Height,
+    /// To find its centre at one position of the rotary axes.
+    Pose,
+}
+
+const NAMES: [(Pass, &str); 3] =
+    [(Pass::Find, "find"), (Pass::Height, "height"), (Pass::Pose, "pose")];
+
+impl Pass {
+    pub fn of(label: &str) -> Option<Self> {
+        let first = label.split('/').next()?;
+        NAMES.iter().find(|(_, name)| *name == first).map(|(pass, _)| *pass)
+    }
+
+    /// `detail` tells scans at the same place apart.
+    pub fn label(self, detail: &str, rotary: &Position) -> String {
+        let name = NAMES.iter().find(|(pass, _)| *pass == self).map_or("", |(_, name)| name);
+        let parts = [name.to_owned(), detail.to_owned(), place(rotary, "", "", "/")];
+        parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
+    }
+}
+
+/// e.g. `B -90°, C 60°`.
+pub fn in_words(at: &Position) -> String {
+    place(at, " ", "°", ", ")
+}
+
+fn place(at: &Position, between: &str, unit: &str, join: &str) -> String {
+    let turned = at.iter().filter(|(axis, _)| !axis.is_linear() && axis.letter() != 'S');
+    let named: Vec<String> = turned
+        .map(|(axis, value)| format!("{axis}{between}{}{unit}", axis.to_edge(value).round() + 0.0))
+        .collect();
+    named.join(join)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Axis;
+
+    #[test]
+    fn a_label_says_why_and_where() {
+        let at = Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 1.0472);
+        assert_eq!(Pass::Pose.label("", &at), "pose/B-90/C60");
+        assert_eq!(Pass::Height.label("2", &at), "height/2/B-90/C60");
+        assert_eq!(in_words(&at), "B -90°, C 60°");
+        assert_eq!(Pass::of("height/2/B-90/C60"), Some(Pass::Height));
+        assert_eq!(Pass::of("slow/001/1/+45"), None);
+    }
+}

@@ -1,0 +1,75 @@
+//! Location errors of rotary axes from one precision sphere: the laser R-test of paper 2 with a
+//! displacement sensor in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
+
+mod bench;
+mod centres;
+mod cross;
+mod group;
+mod identify;
+mod label;
+mod model;
+mod observe;
+mod outputs;
+mod paper;
+mod parameters;
+mod settings;
+mod sources;
+mod stages;
+#[cfg(test)]
+mod tests;
+mod uncertainty;
+mod words;
+
+pub use settings::Settings;
+
+use self::bench::Bench;
+use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Stage};
+use crate::record::reading::Reading;
+
+pub const NAME: &str = "laser-r-test";
+/// One sphere on a tilting table, a laser in the spindle.
+pub(super) const BUILT_IN: BuiltIn =
+    BuiltIn { file: "laser.toml (built in)", text: include_str!("../../../config/laser.toml") };
+
+pub struct LaserRTest {
+    settings: Settings,
+}
+
+impl LaserRTest {
+    pub fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+}
+
+impl Method for LaserRTest {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        let bench = Bench::new(plan, &self.settings)?;
+        let tasks = stages::tasks(&bench)?;
+        let id = done.last().map_or(0, |stage| stage.id + 1);
+        let passed = done.iter().filter(|stage| stage.repeat == 0).count();
+        let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
+        let place = match source {
+            Source::Nominal => stages::nominal(&bench),
+            Source::Measured(readings) => stages::known(&bench, readings)?,
+        };
+        let (stage, new_steps) = stages::stage(&bench, task, &place, id)?;
+        Ok(Next::Stage { stage, new_steps })
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.check_priors(priors)?;
+        let bench = Bench::new(plan, &self.settings)?;
+        identify::identify(&bench, readings)
+    }
+}

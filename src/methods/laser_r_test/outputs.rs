@@ -1,0 +1,188 @@
+//! The estimate in the words and units of the contract.
+
+use glam::DVec3;
+
+use super::centres::BEAM;
+use super::identify::Parts;
+use super::label::in_words;
+use super::model::placed;
+use super::words;
+use crate::base::{Axis, Position};
+use crate::estimation::coverage;
+use crate::kinematics::{ErrorParameter, Shape};
+use crate::record::estimate::{
+    Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind,
+    Function, Parameter, Unit, Verdict,
+};
+
+/// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
+/// looks down), and what the sensor's scale deviates from 1.
+const BEAM_NAMES: [&str; BEAM] = ["beam_x", "beam_y", "gain"];
+
+pub fn estimate(parts: &Parts<'_>) -> Estimate {
+    let misses = misses(parts, &parts.minimum.x);
+    let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
+    let own = parts.minimum.x.len();
+    let count = own + BEAM;
+    let dof = parts.minimum.residuals.len().saturating_sub(own);
+    Estimate {
+        trued_estimate: ESTIMATE_VERSION,
+        method: super::NAME.to_owned(),
+        parameters: (0..count).map(|i| parameter(parts, i)).collect(),
+        functions: functions(parts),
+        circles: Vec::new(),
+        arrows: vec![deviations(parts), residuals(parts, &misses)],
+        covariance: covariance(parts, count),
+        rank: parts.survey.rank,
+        unknowns: own,
+        condition: parts.survey.condition,
+        weakest: None,
+        gauge: words::gauge(parts),
+        not_identifiable: words::not_identifiable(parts),
+        residual_rms_um: (square / (3 * misses.len()).max(1) as f64).sqrt() * 1e3,
+        degrees_of_freedom: dof,
+        chi2_per_dof: if dof > 0 { parts.misfit.chi2 / parts.misfit.expected } else { 0.0 },
+        verdict: Verdict::None,
+        warnings: words::warnings(parts),
+        priors: Vec::new(),
+    }
+}
+
+pub fn symbol(parts: &Parts<'_>, i: usize) -> String {
+    let of_beam = || BEAM_NAMES.get(i - parts.names.len()).map(|name| (*name).to_owned());
+    parts.names.get(i).cloned().or_else(of_beam).unwrap_or_default()
+}
+
+fn unit(parts: &Parts<'_>, i: usize) -> Unit {
+    let own = parts.names.len();
+    let of_machine = |p: &ErrorParameter| match (p.shape(), p.component().is_linear()) {
+        (Shape::Gain, _) => Unit::UmPerM,
+        (_, true) => Unit::Um,
+        (_, false) => Unit::Urad,
+    };
+    match i.checked_sub(own) {
+        Some(2) => Unit::UmPerM,
+        Some(_) => Unit::Urad,
+        None => parts.problem.model.parameters.get(i).map_or(Unit::Mm, of_machine),
+    }
+}
+
+fn value(parts: &Parts<'_>, i: usize) -> f64 {
+    let of_beam = |k: Option<usize>| k.and_then(|k| parts.fitted.x.get(k)).copied();
+    let beam = of_beam(i.checked_sub(parts.names.len())).unwrap_or_default();
+    parts.minimum.x.get(i).copied().unwrap_or(beam)
+}
+
+fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
+    let unit = unit(parts, i);
+    let dof = parts.propagated.dof(i, &parts.misfit);
+    let (k, u) = (coverage::coverage_factor(dof.unwrap_or(f64::INFINITY)), parts.propagated.u(i));
+    let budget = parts.propagated.budget.iter().map(|(source, u)| BudgetLine {
+        source: (*source).to_owned(),
+        u: unit.from_internal(u[i]),
+    });
+    let by_trials = parts.monte_carlo.standard_deviation.get(i);
+    Parameter {
+        symbol: symbol(parts, i),
+        value: unit.from_internal(value(parts, i)),
+        unit,
+        u: unit.from_internal(u),
+        expanded: unit.from_internal(k * u),
+        k,
+        dof,
+        identifiable: true,
+        u_monte_carlo: by_trials.map(|u| unit.from_internal(*u)),
+        budget: budget.collect(),
+    }
+}
+
+fn covariance(parts: &Parts<'_>, count: usize) -> Covariance {
+    let factor: Vec<f64> = (0..count).map(|i| unit(parts, i).from_internal(1.0)).collect();
+    let full = &parts.propagated.covariance;
+    let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
+    Covariance {
+        symbols: (0..count).map(|i| symbol(parts, i)).collect(),
+        rows: (0..count).map(row).collect(),
+    }
+}
+
+/// Where the machine with the errors in `x` sees the sphere, less where it is; machine frame, mm.
+fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<DVec3> {
+    let sights = parts.problem.sights.iter().zip(&parts.into_table);
+    sights
+        .map(|(sight, into)| into.transpose() * parts.problem.model.misclosure(&sight.at, x))
+        .collect()
+}
+
+/// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
+/// commanded one follows from where the sphere and the zero point are, by a machine without errors.
+fn deviations(parts: &Parts<'_>) -> ArrowFigure {
+    let mut without = parts.minimum.x.clone();
+    let errors = parts.problem.model.parameters.len();
+    without.iter_mut().take(errors).for_each(|error| *error = 0.0);
+    let all = misses(parts, &without);
+    figure(parts, "measured less commanded sphere", &all)
+}
+
+fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
+    figure(parts, "residuals", misses)
+}
+
+/// One group for each position of the tilting axis.
+fn figure(parts: &Parts<'_>, symbol: &str, vectors: &[DVec3]) -> ArrowFigure {
+    let chain = &parts.bench.chain;
+    let tilting = |axis: Axis| super::parameters::tilts(chain, axis) && axis != Axis::S;
+    let ball = parts.problem.model.ball(&parts.minimum.x);
+    let mut groups: Vec<(Position, Arrows)> = Vec::new();
+    for (group, vector) in parts.grouped.groups.iter().zip(vectors) {
+        let tilted = group.rotary.only(tilting);
+        let table = chain.machine_from_table(&placed(&group.rotary, DVec3::ZERO), &[]);
+        let arrow = Arrow {
+            label: in_words(&group.rotary.only(|axis| !tilting(axis))),
+            at_mm: table.transform_point3(ball).to_array(),
+            vector: (*vector * 1e3).to_array(),
+            flagged: false,
+        };
+        match groups.iter_mut().find(|(at, _)| *at == tilted) {
+            Some((_, arrows)) => arrows.arrows.push(arrow),
+            None => {
+                let arrows = Arrows { name: in_words(&tilted), arrows: vec![arrow] };
+                groups.push((tilted, arrows));
+            }
+        }
+    }
+    groups.sort_by(|(one, _), (other, _)| {
+        let at = |p: &Position| p.iter().next().map_or(0.0, |(_, value)| value);
+        at(one).total_cmp(&at(other))
+    });
+    let groups = groups.into_iter().map(|(_, arrows)| arrows).collect();
+    ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups }
+}
+
+/// Residuals of each scan: largest less smallest, mm.
+pub fn forms(parts: &Parts<'_>) -> Vec<f64> {
+    let off = parts.grouped.centres.off(&parts.fitted.x);
+    let of_group = |group: usize| {
+        let rows = parts.grouped.centres.rows.iter().zip(&off);
+        let here = rows.filter(|(row, _)| row.group == group).map(|(_, off)| *off);
+        let (least, most) =
+            here.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), off| (a.min(off), b.max(off)));
+        most - least
+    };
+    (0..parts.grouped.groups.len()).map(of_group).collect()
+}
+
+/// The form of each scan, in the order of the poses.
+fn functions(parts: &Parts<'_>) -> Vec<Function> {
+    let y: Vec<f64> = forms(parts).into_iter().map(|mm| Unit::Um.from_internal(mm)).collect();
+    vec![Function {
+        symbol: "form".to_owned(),
+        argument: "pose".to_owned(),
+        argument_unit: String::new(),
+        x: (1..=y.len()).map(|number| number as f64).collect(),
+        unit: Unit::Um,
+        u: vec![0.0; y.len()],
+        y,
+        figure: FigureKind::Curve,
+    }]
+}

@@ -1,0 +1,109 @@
+//! The identification as paper 2 writes it (Eqs. 5 to 7, 17 and 19, with the columns of METHODS section
+//! 2 in the place of Eq. 18): a comparison. It takes the one measurement at B = C = 0 as the truth, and
+//! the circles of both axes as the zero position; the product's own estimate estimates both.
+
+use faer::Mat;
+use glam::{DMat3, DVec3};
+
+use super::bench::Bench;
+use super::centres::Centres;
+use super::group::Grouped;
+use crate::base::{Axis, Position};
+use crate::estimation::circle::fit_circle;
+use crate::estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use crate::record::machine::Sense;
+
+/// A rotary angle that counts as zero, rad.
+const ZERO: f64 = 1e-9;
+
+/// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm; `None` for another machine than the paper's, a B table
+/// with C on it, and where its circles were not measured.
+pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64; 5]> {
+    let machine = &bench.plan.machine;
+    let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == Sense::Iso);
+    let table = super::parameters::of_table(&bench.chain);
+    if table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
+        return None;
+    }
+    let centres = unit_beam(&grouped.centres, x);
+    let fitted = centres.solve().ok()?;
+    let places: Vec<(&Position, DVec3)> = grouped
+        .groups
+        .iter()
+        .enumerate()
+        .map(|(i, group)| (&group.rotary, centres.centre(&fitted.x, i)))
+        .collect();
+    let zero = zero_position(bench, &places)?;
+    let seen: Vec<(f64, f64, DVec3)> = places
+        .iter()
+        .map(|(at, centre)| (at.at(Axis::B), at.at(Axis::C), *centre - zero))
+        .collect();
+    location_errors(&seen)
+}
+
+/// The beam of the fit, its norm 1.
+fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
+    let lean = centres.frame.transpose() * centres.beam(x).normalize_or_zero();
+    Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
+}
+
+/// Eq. (7): x and y from the circle of C at B = 0, z from that of B at C = 0.
+fn zero_position(bench: &Bench<'_>, places: &[(&Position, DVec3)]) -> Option<DVec3> {
+    let circle = |other: Axis, i: usize, j: usize| {
+        let here = places.iter().filter(|(at, _)| at.at(other).abs() < ZERO);
+        let points: Vec<[f64; 2]> = here.map(|(_, centre)| [centre[i], centre[j]]).collect();
+        fit_circle(&points).ok().map(|circle| circle.centre)
+    };
+    let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
+    let (of_c, of_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
+    let (c, b) = (point(Axis::C)?, point(Axis::B)?);
+    Some(DVec3::new(of_c[0] - c[0], of_c[1] - c[1], of_b[1] - b[2]))
+}
+
+/// Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
+pub fn location_errors(seen: &[(f64, f64, DVec3)]) -> Option<[f64; 5]> {
+    let (_, _, first) = *seen.iter().find(|(b, c, _)| b.abs() < ZERO && c.abs() < ZERO)?;
+    let others: Vec<_> = seen.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO).collect();
+    let mut a = Mat::zeros(3 * others.len(), 5);
+    let mut y = Vec::with_capacity(3 * others.len());
+    for (i, (b, c, measured)) in others.into_iter().enumerate() {
+        let nominal = nominal(*b, *c) * first;
+        y.extend((*measured - nominal).to_array());
+        for (j, column) in columns(*b, *c, first).into_iter().enumerate() {
+            (0..3).for_each(|k| a[(3 * i + k, j)] = column[k]);
+        }
+    }
+    let sigma = vec![1.0; y.len()];
+    let problem = LinearProblem {
+        a: a.as_ref(),
+        y: &y,
+        sigma: &sigma,
+        constraints: None,
+        rank_threshold: RANK_THRESHOLD,
+    };
+    solve(&problem).ok()?.x.try_into().ok()
+}
+
+/// D_b(−B)·D_c(−C).
+pub fn nominal(b: f64, c: f64) -> DMat3 {
+    DMat3::from_rotation_y(-b) * DMat3::from_rotation_z(-c)
+}
+
+/// ∂d/∂W at one pose: ∂q̂/∂W less what the measurement at B = C = 0 takes along.
+pub fn columns(b: f64, c: f64, w: DVec3) -> [DVec3; 5] {
+    let turn = nominal(b, c);
+    let (here, first) = (of_sphere(b, turn * w, w), of_sphere(0.0, w, w));
+    std::array::from_fn(|j| here[j] - turn * first[j])
+}
+
+/// ∂q̂/∂W with q the nominal place of the sphere at the pose and w that at B = C = 0.
+fn of_sphere(b: f64, q: DVec3, w: DVec3) -> [DVec3; 5] {
+    let (s, c) = b.sin_cos();
+    [
+        DVec3::new(0.0, w.z - q.z, q.y - w.y),
+        DVec3::new(q.z - w.z, 0.0, -q.x),
+        DVec3::new(-q.y, q.x, 0.0),
+        DVec3::new(c - 1.0, 0.0, s),
+        DVec3::new(-q.y * s, 0.0, q.y * c),
+    ]
+}

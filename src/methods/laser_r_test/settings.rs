@@ -1,0 +1,137 @@
+//! Settings of the method, the table `[method.laser-r-test]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+use crate::methods::Refused;
+
+/// What finds the sphere's centre.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum By {
+    /// A displacement sensor in the spindle (paper 2).
+    #[default]
+    Laser,
+    /// The touch probe: chase-the-ball.
+    Probe,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    pub by: By,
+    /// Name of the sensor. Empty: the first one of the machine file.
+    pub sensor: String,
+    /// Id of the sphere. Empty: the first one of the artefact.
+    pub ball: String,
+    /// Machine errors to identify, by ISO names. Empty: all location errors of the rotary axes of the
+    /// table that one sphere tells apart.
+    pub parameters: Vec<String>,
+    /// Orders of the harmonics of the tilting axis' error motions to be identified as well, e.g. `[2]`.
+    pub harmonics: Vec<u32>,
+    /// Positions of the rotary axis that tilts the table and of the one that turns it, as commanded.
+    /// Empty: -90 to 90 in steps of 30 and 0 to 300 in steps of 60, cut to the axes' limits.
+    pub tilt_deg: Vec<f64>,
+    pub turn_deg: Vec<f64>,
+    /// Readings at the sphere's pole at which the beam's direction is found, three or more. Empty: the
+    /// middle of the sensor's range and 0.7 of its half to either side.
+    pub heights_mm: Vec<f64>,
+    /// Dwell points of each of the two lines of a cross.
+    pub points: usize,
+    /// How far from where it is expected the sphere may be.
+    pub margin_mm: f64,
+    pub feed_mm_min: f64,
+    /// Rest at a point before the first of its samples.
+    pub dwell_s: f64,
+    pub samples: u32,
+    /// Standard uncertainty of the sphere's stated radius.
+    pub radius_u_um: f64,
+    /// Largest less smallest residual of one scan beyond which a warning is due.
+    pub form_limit_um: f64,
+    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    pub monte_carlo_trials: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            by: By::Laser,
+            sensor: String::new(),
+            ball: String::new(),
+            parameters: Vec::new(),
+            harmonics: Vec::new(),
+            tilt_deg: Vec::new(),
+            turn_deg: Vec::new(),
+            heights_mm: Vec::new(),
+            points: 13,
+            margin_mm: 0.8,
+            feed_mm_min: 600.0,
+            dwell_s: 0.1,
+            samples: 20,
+            radius_u_um: 0.5,
+            form_limit_um: 10.0,
+            monte_carlo_trials: 0,
+        }
+    }
+}
+
+/// Two readings at the pole nearer than this are one height, mm.
+pub const ONE_HEIGHT_MM: f64 = 0.5;
+
+impl Settings {
+    /// What would fail on the way, refused before the first move.
+    pub fn check(&self) -> Result<(), Refused> {
+        let must = |holds: bool, why: String, instead: &str| {
+            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
+        };
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        must(
+            (3..=1000).contains(&self.points),
+            format!("{} points on a line do not show where a sphere is highest", self.points),
+            "choose points = 13",
+        )?;
+        must(
+            positive(self.margin_mm) && positive(self.feed_mm_min) && self.samples > 0,
+            "margin_mm, feed_mm_min and samples must be greater than 0".to_owned(),
+            "leave them out, or choose about 0.8, 600 and 20",
+        )?;
+        must(
+            self.dwell_s >= 0.0 && self.dwell_s.is_finite() && self.radius_u_um >= 0.0,
+            "dwell_s and radius_u_um must not be negative".to_owned(),
+            "leave them out, or choose about 0.1 and 0.5",
+        )?;
+        must(
+            positive(self.form_limit_um),
+            "form_limit_um must be greater than 0".to_owned(),
+            "leave it out, or choose about 10",
+        )?;
+        must(
+            self.heights_mm.is_empty() || heights(&self.heights_mm) >= 3,
+            format!(
+                "heights_mm names {} heights; one height or two leave the beam's direction nearly \
+                 unknown",
+                heights(&self.heights_mm)
+            ),
+            "name three heights or more, well apart within the sensor's range, or leave heights_mm out",
+        )?;
+        must(
+            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
+            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+        )
+    }
+}
+
+/// How many heights these readings at the pole are.
+pub fn heights(poles_mm: &[f64]) -> usize {
+    let mut sorted = poles_mm.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let mut count = 0;
+    let mut last = f64::NEG_INFINITY;
+    for pole in sorted.into_iter().filter(|pole| pole.is_finite()) {
+        if pole - last > ONE_HEIGHT_MM {
+            count += 1;
+            last = pole;
+        }
+    }
+    count
+}

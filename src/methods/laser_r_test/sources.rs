@@ -1,0 +1,230 @@
+//! Sources of uncertainty as they act on dwell points: by how much each one's distance from the
+//! sphere's centre is greater, mm. The magnitudes are those that the plan declares (METHODS section 6).
+
+use glam::DVec3;
+
+use super::bench::Bench;
+use super::centres::Centres;
+use super::group::{Grouped, noise_mm};
+use super::model::placed;
+use super::observe::Observed;
+use crate::base::{Axis, Point};
+use crate::decision::references::{Pair, Scatter, Shift};
+use crate::estimation::smooth::smooth_function;
+use crate::kinematics::{ErrorParameter, Shape as Motion};
+
+/// Distribution of one independent draw of unit variance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    Normal,
+    Rectangular,
+}
+
+/// What the independent draws move.
+#[derive(Debug, Clone)]
+pub enum Acts {
+    /// A draw for each dwell point.
+    Each(Vec<f64>),
+    /// A draw for each of these columns over all dwell points.
+    Joint(Vec<Vec<f64>>),
+}
+
+#[derive(Debug, Clone)]
+pub struct UncertaintySource {
+    pub name: &'static str,
+    pub shape: Shape,
+    pub acts: Acts,
+    /// Whether the residuals show it, so that they may correct its size.
+    pub shown: bool,
+}
+
+/// Harmonics of an error motion; each takes an equal share of the declared variance. The mean is the
+/// axis' place, and the first goes with what turns on it.
+const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
+/// Part of the range over which the sensor's curve changes.
+const CURVE: f64 = 0.25;
+
+/// The dwell points as the sources see them.
+struct Seen<'a> {
+    bench: &'a Bench<'a>,
+    grouped: &'a Grouped,
+    /// Outward normal at each, machine frame.
+    normals: Vec<DVec3>,
+    /// −cos of the incidence: what a greater reading does to the distance.
+    along: Vec<f64>,
+}
+
+pub fn sources(
+    bench: &Bench<'_>,
+    observed: &Observed,
+    grouped: &Grouped,
+    x: &[f64],
+) -> Vec<UncertaintySource> {
+    let centres: &Centres = &grouped.centres;
+    let normals: Vec<DVec3> =
+        centres.rows.iter().map(|row| centres.arm(x, row).normalize_or_zero()).collect();
+    let beam = centres.beam(x).normalize_or_zero();
+    let along = centres.rows.iter().zip(&normals).map(|(row, n)| n.dot(row.spindle * beam));
+    let along = along.collect();
+    let seen = Seen { bench, grouped, normals, along };
+    let mut list = vec![
+        seen.noise(noise_mm(bench, observed)),
+        seen.resolution(),
+        seen.linearity(),
+        seen.linear_axes(),
+        seen.rotary_axes(x),
+        seen.drift(),
+        seen.interruptions(),
+        seen.radius(),
+    ];
+    list.retain(|source| match &source.acts {
+        Acts::Each(sizes) => sizes.iter().any(|size| *size != 0.0),
+        Acts::Joint(columns) => columns.iter().flatten().any(|size| *size != 0.0),
+    });
+    list
+}
+
+fn source(name: &'static str, acts: Acts) -> UncertaintySource {
+    UncertaintySource { name, shape: Shape::Normal, acts, shown: true }
+}
+
+impl Seen<'_> {
+    fn noise(&self, sample_mm: f64) -> UncertaintySource {
+        let spots = self.grouped.spots.iter().zip(&self.along);
+        let each =
+            spots.map(|(spot, along)| sample_mm * along.abs() / (spot.samples as f64).sqrt());
+        source("noise of the sensor", Acts::Each(each.collect()))
+    }
+
+    fn resolution(&self) -> UncertaintySource {
+        let axes = &self.bench.plan.machine.axes;
+        let width = |axis| axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+        let width = DVec3::from_array(Axis::LINEAR.map(width));
+        let each = self.normals.iter().map(|n| (width * *n).length() / 12f64.sqrt());
+        let acts = Acts::Each(each.collect());
+        UncertaintySource { shape: Shape::Rectangular, ..source("resolution of the axes", acts) }
+    }
+
+    /// What the sensor's curve deviates from a line, a smooth function of the reading.
+    fn linearity(&self) -> UncertaintySource {
+        let [least, most] = self.bench.sensor.range_mm;
+        let readings: Vec<f64> =
+            self.grouped.spots.iter().map(|spot| (spot.value * 20.0).round() / 20.0).collect();
+        let sigma = self.bench.sensor.linearity_um * 1e-3;
+        let columns = smooth_function(&readings, sigma, CURVE * (most - least)).into_iter();
+        let acts =
+            columns.map(|column| column.iter().zip(&self.along).map(|(c, a)| c * a).collect());
+        source("linearity of the sensor", Acts::Joint(acts.collect()))
+    }
+
+    /// Positioning and straightness of X, Y and Z, each a smooth random function of its axis.
+    fn linear_axes(&self) -> UncertaintySource {
+        let mut columns = Vec::new();
+        for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+            let Some(spec) = self.bench.plan.machine.axes.get(&axis) else { continue };
+            if spec.error_motion_um == 0.0 {
+                continue;
+            }
+            let places: Vec<f64> = self.grouped.spots.iter().map(|s| s.xyz[k].round()).collect();
+            let sigma = spec.error_motion_um * 1e-3;
+            for column in smooth_function(&places, sigma, spec.error_wavelength_mm) {
+                let along = |k: usize| {
+                    let normals = self.normals.iter().zip(&column);
+                    normals.map(|(n, by)| n[k] * by).collect::<Vec<f64>>()
+                };
+                columns.extend((0..3).map(along));
+            }
+        }
+        source("error motions of X, Y and Z", Acts::Joint(columns))
+    }
+
+    /// The table moves by `shift` (machine frame) of each group.
+    fn by_group(&self, shift: impl Fn(usize) -> DVec3) -> Vec<f64> {
+        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        rows.map(|(row, n)| -n.dot(shift(row.group))).collect()
+    }
+
+    /// Along X, Y and Z, each a few harmonics of the angle (ISO 230-7).
+    fn rotary_axes(&self, x: &[f64]) -> UncertaintySource {
+        let mut columns = Vec::new();
+        let turning = self.bench.plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
+        for (axis, spec) in turning.filter(|(_, spec)| spec.error_motion_um > 0.0) {
+            let share = spec.error_motion_um * 1e-3 / (ORDERS.count() as f64).sqrt();
+            for order in ORDERS {
+                for shape in [Motion::Cos(order), Motion::Sin(order)] {
+                    for along in Axis::LINEAR {
+                        let Ok(motion) = ErrorParameter::new(along, *axis, shape) else { continue };
+                        let shifts = self.shifts(x, motion, share);
+                        columns.push(self.by_group(|group| shifts[group]));
+                    }
+                }
+            }
+        }
+        source("error motions of rotary axes", Acts::Joint(columns))
+    }
+
+    /// Of the table at each group, machine frame, for an error motion of this size.
+    fn shifts(&self, x: &[f64], motion: ErrorParameter, size: f64) -> Vec<DVec3> {
+        let (chain, tip) = (&self.bench.chain, Point::from_vec(self.bench.zero()));
+        let groups = self.grouped.groups.iter().enumerate();
+        groups
+            .map(|(i, group)| {
+                let at = placed(&group.rotary, group.axes(self.grouped.centres.centre(x, i)));
+                let table = chain.machine_from_table(&at, &[]).matrix3;
+                let column = chain.jacobian(&at, tip, &[], &[motion]);
+                -(table * column.first().copied().unwrap_or_default()) * size
+            })
+            .collect()
+    }
+
+    /// The table against the spindle, at the declared rate, from the middle of the run.
+    fn drift(&self) -> UncertaintySource {
+        let rate = self.bench.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
+        let spots = &self.grouped.spots;
+        let mean = spots.iter().map(|spot| spot.t_s).sum::<f64>() / spots.len().max(1) as f64;
+        let along = |k: usize| {
+            let spots = spots.iter().zip(&self.normals);
+            spots.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
+        };
+        source("thermal drift", Acts::Joint((0..3).map(along).collect()))
+    }
+
+    /// What was measured after an interruption may lie apart from what was measured before, by as much
+    /// as references measured again are allowed to.
+    fn interruptions(&self) -> UncertaintySource {
+        let mut columns = Vec::new();
+        for gap_s in &self.bench.plan.gaps_s {
+            let times = || self.grouped.spots.iter().map(|spot| spot.t_s);
+            let before = times().filter(|t_s| t_s <= gap_s).reduce(f64::max);
+            let after = times().filter(|t_s| t_s > gap_s).reduce(f64::min);
+            let (Some(before), Some(after)) = (before, after) else { continue };
+            for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+                let size = self.step_mm(axis, [before, after]);
+                let spots = self.grouped.spots.iter().zip(&self.normals);
+                let step = spots.map(|(s, n)| if s.t_s > *gap_s { n[k] * size } else { 0.0 });
+                columns.push(step.collect());
+            }
+        }
+        source("steps at interruptions", Acts::Joint(columns))
+    }
+
+    fn step_mm(&self, axis: Axis, t_s: [f64; 2]) -> f64 {
+        let machine = &self.bench.plan.machine;
+        let spec = machine.axes.get(&axis);
+        let pair = Pair {
+            label: String::new(),
+            position_mm: [0.0; 2],
+            t_s,
+            resolution_mm: spec.map_or(0.0, |spec| spec.resolution_um * 1e-3),
+        };
+        let u_mm = self.bench.plan.probe.repeatability_um.unwrap_or(1.0) * 1e-3;
+        let rate = machine.drift_um_per_h * 1e-3 / 3600.0;
+        Shift::of(&pair, Scatter::Declared { u_mm }, rate).limit_mm
+    }
+
+    fn radius(&self) -> UncertaintySource {
+        let u = self.bench.settings.radius_u_um * 1e-3;
+        let acts = Acts::Joint(vec![vec![-u; self.normals.len()]]);
+        UncertaintySource { shown: false, ..source("radius of the sphere", acts) }
+    }
+}

@@ -1,0 +1,195 @@
+//! Gates G2 of METHODS section 2.
+
+use glam::{DMat3, DVec3};
+
+use super::played::{TABLE_5, World, run, table_5};
+use super::{ideal, settings};
+use crate::base::{Axis, Position};
+use crate::estimation::schur::{Rows, factor};
+use crate::kinematics::Chain;
+use crate::methods::laser_r_test::bench::Bench;
+use crate::methods::laser_r_test::identify::{identify, parts};
+use crate::methods::laser_r_test::model::{Model, Problem, Sight, linear, placed};
+use crate::methods::laser_r_test::paper;
+use crate::methods::laser_r_test::parameters::chosen;
+use crate::methods::laser_r_test::stages;
+use crate::record::estimate::Estimate;
+
+pub const FIVE: [&str; 5] = ["EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
+/// Of Table 5, in µrad and µm.
+pub const EDGE: [f64; 5] = [1e6, 1e6, 1e6, 1e3, 1e6];
+
+fn five(estimate: &Estimate) -> [(f64, f64); 5] {
+    FIVE.map(|name| {
+        let found = estimate.parameters.iter().find(|p| p.symbol == name).unwrap();
+        (found.value, found.u)
+    })
+}
+
+/// 42 poses of a sphere, sights of unit standard uncertainty `u` mm.
+pub fn problem(names: &[&str], harmonics: &[u32], ball: DVec3, u: f64) -> (Problem, Vec<f64>) {
+    let plan = ideal(1.0);
+    let chain = Chain::new(&plan.machine).unwrap();
+    let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+    let parameters = chosen(&chain, &names, harmonics).unwrap().parameters;
+    let zero = DVec3::new(0.0, 0.0, -150.0);
+    let mut sights = Vec::new();
+    for b in (-90..=90).step_by(30) {
+        for c in (0..360).step_by(60) {
+            let rotary: Position = [(Axis::B, f64::from(b)), (Axis::C, f64::from(c))]
+                .map(|(axis, degrees)| (axis, degrees.to_radians()))
+                .into_iter()
+                .collect();
+            let tip = crate::base::Point::from_vec(zero);
+            let target = crate::base::Point::from_vec(ball);
+            let at = chain.linear_axes_for(target, tip, &rotary, &[]).unwrap();
+            sights.push(Sight { at: rotary.updated_by(&at), weight: DMat3::IDENTITY / u });
+        }
+    }
+    let mut x = vec![0.0; parameters.len()];
+    x.extend(zero.to_array());
+    x.extend(ball.to_array());
+    (Problem { model: Model { chain, parameters }, sights, hold: None }, x)
+}
+
+/// The set that the topology implies is the paper's, and what it gives at 1 µm.
+#[test]
+fn paper_five_parameters_with_offset_and_sphere() {
+    let (problem, x) = problem(&[], &[], DVec3::new(80.0, 0.0, 60.0), 1e-3);
+    let names: Vec<String> = problem.model.parameters.iter().map(ToString::to_string).collect();
+    assert_eq!(names, FIVE);
+    let survey = problem.survey(&x).unwrap();
+    assert_eq!((survey.rank, survey.nullity), (11, 0));
+    assert!((survey.condition - 2.9).abs() < 0.06, "{}", survey.condition);
+    let minimum = problem.solve(x).unwrap();
+    let covariance = minimum.factored.covariance();
+    for (i, sd) in [2.3, 2.7, 2.2, 0.25, 3.0].into_iter().enumerate() {
+        let found = covariance[(i, i)].sqrt() * EDGE[i];
+        assert!((found / sd - 1.0).abs() < 0.03, "{}: {found} {sd}", FIVE[i]);
+    }
+}
+
+/// METHODS' columns are the chain's, but for what offset and sphere position take up.
+#[test]
+fn paper_columns_are_those_of_the_exact_chain() {
+    let ball = DVec3::new(80.0, -12.0, 60.0);
+    let (problem, x) = problem(&[], &[], ball, 1.0);
+    let count = 3 * problem.sights.len();
+    // Both sets side by side, projected away from offset and sphere: the rest must vanish.
+    let mut rows = Rows::zeros(count, 0, 6);
+    let mut differences = vec![vec![0.0; count]; 5];
+    for (i, sight) in problem.sights.iter().enumerate() {
+        let (b, c) = (sight.at.at(Axis::B), sight.at.at(Axis::C));
+        let turn = paper::nominal(b, c);
+        let own = problem.model.columns(&sight.at, &x);
+        let of_paper = paper::columns(b, c, ball);
+        for k in 0..3 {
+            rows.set_common(3 * i + k, k, 1.0);
+            (0..3).for_each(|j| rows.set_common(3 * i + k, 3 + j, turn.col(j)[k]));
+            for j in 0..5 {
+                // A sphere that is displaced by d is met where the axes stand by d further.
+                differences[j][3 * i + k] = of_paper[j][k] + (turn * own[j])[k];
+            }
+        }
+    }
+    let (factored, _) = factor(vec![rows]);
+    for (j, difference) in differences.iter().enumerate() {
+        let rest = factored.remainder(difference);
+        let worst = rest.iter().fold(0.0_f64, |worst, value| worst.max(value.abs()));
+        assert!(worst < 1e-9, "{}: {worst}", FIVE[j]);
+        assert!(difference.iter().any(|value| value.abs() > 1e-3) || j == 3);
+    }
+}
+
+/// The machine's axis positions in the test's own world, by fixed-point steps with its own product.
+#[test]
+fn the_chain_sees_the_sphere_where_the_paper_s_product_puts_it() {
+    let world = World { w: [3e-3, -2e-3, 1e-3, 0.1, 4e-3], ..table_5(0.0, 1) };
+    let (problem, mut x) = problem(&[], &[], world.ball, 1.0);
+    x[..5].copy_from_slice(&world.w);
+    let zero = problem.model.zero(&x);
+    for sight in &problem.sights {
+        let (b, c) = (sight.at.at(Axis::B), sight.at.at(Axis::C));
+        let at = placed(&sight.at, world.table(b, c).transform_point3(world.ball) - zero);
+        let miss = problem.model.misclosure(&at, &x).length();
+        assert!(miss < 1e-12, "{miss} at {:?}", linear(&at));
+    }
+}
+
+#[test]
+fn regress_beam_direction_from_three_heights() {
+    let plan = ideal(0.025);
+    let mut square = 0.0;
+    for seed in 0..40 {
+        let world = table_5(0.025, seed);
+        let (plan, _, readings) = run(plan.clone(), &settings(), &world, 2).unwrap();
+        let own = settings();
+        let bench = Bench::new(&plan, &own).unwrap();
+        let beam = stages::known(&bench, &readings).unwrap().beam;
+        square += (beam.normalize() - world.beam).length_squared();
+        assert!((beam.length() - 1.0).abs() < 1e-4, "gain {}", beam.length());
+    }
+    let rms_urad = (square / 40.0).sqrt() * 1e6;
+    println!("beam direction: rms {rms_urad:.2} µrad");
+    assert!(rms_urad <= 1.5, "{rms_urad}");
+}
+
+#[test]
+fn paper_table_5_comes_back_without_noise() {
+    let world = table_5(0.0, 1);
+    let (plan, done, readings) = run(ideal(0.5), &settings(), &world, 9).unwrap();
+    assert_eq!(done.len(), 5);
+    assert_eq!(plan.steps.len(), 1 + 3 + 41);
+    let own = settings();
+    let bench = Bench::new(&plan, &own).unwrap();
+    let parts = parts(&bench, &readings).unwrap();
+    assert_eq!(parts.grouped.groups.len(), 42);
+    assert_eq!(parts.observed.excluded.values().sum::<usize>(), 0);
+    for (i, (found, _)) in five(&identify(&bench, &readings).unwrap()).into_iter().enumerate() {
+        let error = found - TABLE_5[i] * EDGE[i];
+        assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", FIVE[i]);
+    }
+    // Zero point and sphere come back as well, as the world's B and C meet in the origin.
+    assert!((parts.problem.model.zero(&parts.minimum.x) - world.zero).length() < 1e-6);
+    assert!((parts.problem.model.ball(&parts.minimum.x) - world.ball).length() < 1e-6);
+}
+
+#[test]
+fn regress_noise_scatters_as_predicted() {
+    const SEEDS: u64 = 30;
+    let (mut squares, mut predicted) = ([0.0; 5], [0.0; 5]);
+    let own = settings();
+    for seed in 0..SEEDS {
+        let (plan, _, readings) = run(ideal(0.5), &own, &table_5(0.5, seed), 9).unwrap();
+        let bench = Bench::new(&plan, &own).unwrap();
+        let estimate = identify(&bench, &readings).unwrap();
+        for (i, (value, u)) in five(&estimate).into_iter().enumerate() {
+            squares[i] += (value - TABLE_5[i] * EDGE[i]).powi(2) / SEEDS as f64;
+            predicted[i] = u;
+        }
+    }
+    let mut ratio = 0.0;
+    for i in 0..5 {
+        let sd = squares[i].sqrt();
+        println!("{}: observed {sd:.3}, predicted {:.3}", FIVE[i], predicted[i]);
+        assert!(sd <= if i == 3 { 0.2 } else { 2.0 }, "{}: {sd}", FIVE[i]);
+        ratio += squares[i] / predicted[i].powi(2) / 5.0;
+    }
+    assert!((0.85..=1.15).contains(&ratio.sqrt()), "{}", ratio.sqrt());
+}
+
+/// The paper's own estimator: without noise it is right but for second order, and it stands beside ours.
+#[test]
+fn paper_own_estimator_comes_near() {
+    let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.0, 1), 9).unwrap();
+    let own = settings();
+    let bench = Bench::new(&plan, &own).unwrap();
+    let parts = parts(&bench, &readings).unwrap();
+    let found = paper::identify(&bench, &parts.grouped, &parts.fitted.x).unwrap();
+    for i in 0..5 {
+        let error = (found[i] - TABLE_5[i]) * EDGE[i];
+        assert!(error.abs() < 0.1, "{}: off by {error}", FIVE[i]);
+    }
+    let estimate = identify(&bench, &readings).unwrap();
+    assert!(estimate.gauge.iter().any(|line| line.contains("as paper 2 identifies")));
+}

@@ -1,0 +1,44 @@
+//! Error motions of B as Fourier series.
+
+use glam::DVec3;
+
+use super::g2::{FIVE, problem};
+use super::ideal;
+use crate::kinematics::Chain;
+use crate::methods::laser_r_test::parameters::chosen;
+
+const BALL: DVec3 = DVec3::new(80.0, 0.0, 60.0);
+
+#[test]
+fn paper_second_harmonics_of_b_have_full_rank() {
+    let (problem, x) = problem(&[], &[2], BALL, 1e-3);
+    let survey = problem.survey(&x).unwrap();
+    println!("condition {}", survey.condition);
+    assert_eq!((survey.rank, survey.nullity), (23, 0));
+    assert!((survey.condition - 5.5).abs() < 0.1, "{}", survey.condition);
+}
+
+/// METHODS: two directions are lost with {EA, EC}, four with {EX, EZ} as well. Two of B's first harmonics
+/// are where C lies, the others turn or move the sphere with the table.
+#[test]
+fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
+    let lost = |motions: &[&str]| {
+        let names = [&FIVE[..], motions].concat();
+        let (problem, x) = problem(&names, &[], BALL, 1e-3);
+        problem.survey(&x).unwrap().nullity
+    };
+    let angles = ["EAB_cos1", "EAB_sin1", "ECB_cos1", "ECB_sin1"];
+    assert_eq!(lost(&angles), 2);
+    let places = ["EXB_cos1", "EXB_sin1", "EZB_cos1", "EZB_sin1"];
+    assert_eq!(lost(&[&angles[..], &places].concat()), 4);
+
+    let chain = Chain::new(&ideal(1.0).machine).unwrap();
+    let chosen = chosen(&chain, &[], &[1]).unwrap();
+    println!("{:#?}", chosen.gauge);
+    let held = chosen.gauge.len();
+    assert_eq!(chosen.parameters.len() + held, 5 + 12);
+    let (problem, x) = problem(&[], &[1], BALL, 1e-3);
+    assert_eq!(problem.survey(&x).unwrap().nullity, 0);
+    assert!(chosen.gauge.iter().any(|line| line.contains("EA0C")), "{:?}", chosen.gauge);
+    assert!(chosen.gauge.iter().any(|line| line.contains("EX0C")), "{:?}", chosen.gauge);
+}

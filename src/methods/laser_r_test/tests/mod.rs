@@ -1,0 +1,54 @@
+//! What is compared with what: the readings come from `played.rs`, which multiplies rotations and
+//! translations as paper 2 writes them and meets the sphere with a straight ray.
+
+mod g2;
+mod harmonics;
+mod played;
+mod refusals;
+
+use serde::Deserialize;
+
+use crate::methods::laser_r_test::settings::Settings;
+use crate::record::plan::{PLAN_VERSION, Plan};
+use crate::record::sensor::Sensor;
+
+/// Machine, sensor and sphere of the built-in machine, nothing measured yet.
+pub fn plan() -> Plan {
+    let file = include_str!("../../../../config/laser.toml");
+    let mut file: toml::Table = file.parse().unwrap();
+    let axes = file["axes"].clone();
+    let mut part = |name: &str| file.remove(name).unwrap();
+    let mut machine = part("machine");
+    machine.as_table_mut().unwrap().insert("axes".to_owned(), axes);
+    Plan {
+        trued_plan: PLAN_VERSION,
+        method: super::NAME.into(),
+        settings: serde_json::Value::Null,
+        machine: machine.try_into().unwrap(),
+        probe: part("probe").try_into().unwrap(),
+        sensors: Vec::<Sensor>::deserialize(part("sensor")).unwrap(),
+        keepout: Vec::new(),
+        solids: Vec::deserialize(part("solid")).unwrap(),
+        artefact: part("artefact").try_into().unwrap(),
+        gaps_s: Vec::new(),
+        steps: Vec::new(),
+    }
+}
+
+/// The same without anything that moves but as commanded, and a sensor of this noise.
+pub fn ideal(noise_um: f64) -> Plan {
+    let mut plan = plan();
+    plan.machine.drift_um_per_h = 0.0;
+    for spec in plan.machine.axes.values_mut() {
+        spec.resolution_um = 0.0;
+        spec.error_motion_um = 0.0;
+    }
+    plan.sensors[0].noise_um = Some(noise_um);
+    plan.sensors[0].linearity_um = 0.0;
+    plan
+}
+
+/// Few trials: the tests of Monte Carlo ask for more.
+pub fn settings() -> Settings {
+    Settings { monte_carlo_trials: 100, ..Settings::default() }
+}

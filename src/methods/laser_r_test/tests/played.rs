@@ -1,0 +1,138 @@
+//! A machine of the test's own: paper 2, Eq. (1) as a product of plain motions, and a beam that is cut
+//! with the sphere.
+
+use glam::{DAffine3, DMat3, DVec3};
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::base::random::stream;
+use crate::base::{Axis, Position};
+use crate::methods::laser_r_test::{LaserRTest, Settings};
+use crate::methods::{Method, Next, Refused, Source};
+use crate::record::plan::{Plan, Sampling, Stage, Step};
+use crate::record::reading::{Flag, Reading};
+
+/// Paper 2, Table 5: α_BY, β_BY, γ_BY (rad), δx_CB (mm), α_CB (rad).
+pub const TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
+
+/// What is true.
+#[derive(Debug, Clone)]
+pub struct World {
+    pub w: [f64; 5],
+    /// Zero point from the spindle datum, and beam: not as the file says.
+    pub zero: DVec3,
+    pub beam: DVec3,
+    pub ball: DVec3,
+    pub radius: f64,
+    pub noise_um: f64,
+    pub seed: u64,
+    /// What else moves the table (machine frame, mm) at these positions and time.
+    pub shift: fn(&World, &Position, f64) -> DVec3,
+    /// What the sensor shows beyond the distance.
+    pub curve: fn(&World, f64) -> f64,
+}
+
+pub fn table_5(noise_um: f64, seed: u64) -> World {
+    World {
+        w: TABLE_5,
+        zero: DVec3::new(0.21, -0.34, -149.83),
+        beam: DVec3::new(1.3e-3, -0.9e-3, -1.0).normalize(),
+        ball: DVec3::new(80.4, -0.3, 60.2),
+        radius: 10.0,
+        noise_um,
+        seed,
+        shift: |_, _, _| DVec3::ZERO,
+        curve: |_, _| 0.0,
+    }
+}
+
+fn turned(matrix: DMat3) -> DAffine3 {
+    DAffine3::from_mat3(matrix)
+}
+
+fn d_a(a: f64) -> DAffine3 {
+    let (s, c) = a.sin_cos();
+    turned(DMat3::from_cols(DVec3::X, DVec3::new(0.0, c, s), DVec3::new(0.0, -s, c)))
+}
+
+fn d_b(b: f64) -> DAffine3 {
+    let (s, c) = b.sin_cos();
+    turned(DMat3::from_cols(DVec3::new(c, 0.0, -s), DVec3::Y, DVec3::new(s, 0.0, c)))
+}
+
+fn d_c(g: f64) -> DAffine3 {
+    let (s, c) = g.sin_cos();
+    turned(DMat3::from_cols(DVec3::new(c, s, 0.0), DVec3::new(-s, c, 0.0), DVec3::Z))
+}
+
+fn d_x(x: f64) -> DAffine3 {
+    DAffine3::from_translation(DVec3::X * x)
+}
+
+impl World {
+    /// Eq. (1) without the three parameters that drop out.
+    pub fn table(&self, b: f64, c: f64) -> DAffine3 {
+        let [alpha, beta, gamma, delta_x, alpha_cb] = self.w;
+        let of_b = d_a(alpha) * d_b(beta) * d_c(gamma) * d_b(-b);
+        of_b * d_x(delta_x) * d_a(alpha_cb) * d_c(-c)
+    }
+
+    /// Distance along the beam, where it meets the sphere first; the table rides on X.
+    fn distance(&self, at: &Position, t_s: f64) -> Option<f64> {
+        let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
+        let centre = table.transform_point3(self.ball) + (self.shift)(self, at, t_s);
+        let origin = DVec3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+        let (from, along) = (origin - centre, self.beam);
+        let half = from.dot(along);
+        let root = half * half - from.length_squared() + self.radius * self.radius;
+        (root >= 0.0).then(|| -half - root.sqrt())
+    }
+
+    pub fn play(&self, step: &Step, t_s: &mut f64) -> Vec<Reading> {
+        let scan = step.scan.as_ref().unwrap();
+        let Sampling::Dwell { samples, .. } = scan.sampling else { panic!("dwells") };
+        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+        let mut readings = Vec::new();
+        for at in &scan.path {
+            *t_s += 0.3;
+            let distance = self.distance(at, *t_s);
+            for _ in 0..samples {
+                *t_s += 1e-3;
+                let deviation: f64 = noise.next().unwrap();
+                let shown = |d: f64| d + (self.curve)(self, d) + deviation * self.noise_um * 1e-3;
+                readings.push(Reading {
+                    step: step.id,
+                    repeat: 0,
+                    position: at.clone(),
+                    value_mm: distance.map(shown),
+                    sensor: step.sensor.clone(),
+                    t_s: *t_s,
+                    flag: if distance.is_some() { Flag::None } else { Flag::Range },
+                    temperatures_c: Default::default(),
+                });
+            }
+        }
+        readings
+    }
+}
+
+/// What a run of the method on this world leaves, `stages` at most.
+pub fn run(
+    mut plan: Plan,
+    settings: &Settings,
+    world: &World,
+    stages: usize,
+) -> Result<(Plan, Vec<Stage>, Vec<Reading>), Refused> {
+    let method = LaserRTest::new(settings.clone());
+    let (mut done, mut readings, mut t_s) = (Vec::new(), Vec::new(), 0.0);
+    while done.len() < stages {
+        let next = method.next(&plan, &done, Source::Measured(&readings))?;
+        let Next::Stage { stage, new_steps } = next else { break };
+        plan.steps.extend(new_steps);
+        for id in &stage.steps {
+            let step = plan.steps.iter().find(|step| step.id == *id).unwrap();
+            readings.extend(world.play(step, &mut t_s));
+        }
+        done.push(stage);
+    }
+    Ok((plan, done, readings))
+}

@@ -1,0 +1,156 @@
+//! What is refused, in words, and what is counted.
+
+use super::played::{run, table_5};
+use super::{ideal, settings};
+use crate::methods::laser_r_test::bench::Bench;
+use crate::methods::laser_r_test::identify::identify;
+use crate::methods::laser_r_test::{LaserRTest, Settings};
+use crate::methods::{IdentifyError, Method, Source};
+use crate::record::artefact::{Artefact, Balls};
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Step};
+use crate::record::reading::{Flag, Reading};
+
+fn refused(plan: &Plan, settings: Settings) -> (String, String) {
+    let refused = LaserRTest::new(settings).next(plan, &[], Source::Nominal).unwrap_err();
+    (refused.why, refused.instead)
+}
+
+fn balls(plan: &mut Plan) -> &mut Balls {
+    match &mut plan.artefact {
+        Artefact::Balls(balls) => balls,
+        Artefact::Cylinder(_) => panic!("balls"),
+    }
+}
+
+#[track_caller]
+fn check(plan: &Plan, settings: Settings, why: &str, instead: &str) {
+    let (found, remedy) = refused(plan, settings);
+    println!("{found}\n  -> {remedy}");
+    assert!(found.contains(why), "{found}");
+    assert!(remedy.contains(instead), "{remedy}");
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_before_anything_moves() {
+    let plan = ideal(0.5);
+    let mut blind = plan.clone();
+    blind.sensors.clear();
+    check(&blind, settings(), "no displacement sensor", "[[sensor]]");
+    let other = Settings { sensor: "other".into(), ..settings() };
+    check(&plan, other, "no sensor `other`; there are laser", "[[sensor]]");
+    let two = Settings { heights_mm: vec![-5.0, 5.0, 5.1], ..settings() };
+    check(&plan, two, "2 heights", "three heights");
+    let far = Settings { tilt_deg: vec![0.0, 130.0], ..settings() };
+    check(&plan, far, "tilt_deg names B 130°", "tilt_deg");
+    let few = Settings { tilt_deg: vec![0.0], turn_deg: vec![90.0], ..settings() };
+    check(&plan, few, "2 poses", "more positions");
+    let mut unsure = plan.clone();
+    balls(&mut unsure).uncertainty_mm = 4.5;
+    check(&unsure, settings(), "incidence limit", "uncertainty_mm");
+    let high = Settings { heights_mm: vec![-5.0, 0.0, 9.5], ..settings() };
+    let (_, _, readings) = run(plan.clone(), &settings(), &table_5(0.0, 1), 1).unwrap();
+    assert!(!readings.is_empty());
+    let late = run(plan.clone(), &high, &table_5(0.0, 1), 9).unwrap_err();
+    assert!(late.why.contains("out of the sensor's range"), "{}", late.why);
+    let mut wide = plan.clone();
+    balls(&mut wide).balls[0].centre_mm[0] = 205.0;
+    let mut world = table_5(0.0, 1);
+    world.ball.x = 205.0;
+    let beyond = run(wide, &settings(), &world, 9).unwrap_err();
+    assert!(beyond.why.contains("would have to go to"), "{}", beyond.why);
+    let mut over = plan.clone();
+    over.machine.axes.get_mut(&crate::base::Axis::B).unwrap().max = 180.0;
+    let above = Settings { tilt_deg: vec![0.0, 60.0, 150.0], ..settings() };
+    let stem = run(over, &above, &table_5(0.0, 1), 9).unwrap_err();
+    assert!(stem.why.contains("stem"), "{}", stem.why);
+}
+
+/// A run with its readings made worse by `change`.
+fn identified(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, IdentifyError> {
+    let (plan, _, mut readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
+    let mut count = 0;
+    let mut last = u32::MAX;
+    for reading in &mut readings {
+        count = if reading.step == last { count + 1 } else { 0 };
+        last = reading.step;
+        let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
+        change(step, count, reading);
+    }
+    let own = settings();
+    let bench = Bench::new(&plan, &own).unwrap();
+    identify(&bench, &readings)
+}
+
+fn five_are_right(estimate: &Estimate) {
+    let beta = estimate.parameters.iter().find(|p| p.symbol == "EB0B").unwrap();
+    assert!((beta.value + 42.0).abs() < 4.0, "{}", beta.value);
+}
+
+#[test]
+fn flagged_samples_are_excluded_and_counted() {
+    let estimate = identified(|step, count, reading| {
+        if step.label == "pose/B30/C120" && count < 40 {
+            reading.flag = Flag::Saturated;
+            reading.value_mm = Some(99.0);
+        }
+    })
+    .unwrap();
+    five_are_right(&estimate);
+    let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
+    assert!(said("40 of 23400 samples were not used: saturated 40"), "{:?}", estimate.warnings);
+}
+
+#[test]
+fn a_pose_that_is_missing_is_named() {
+    let estimate = identified(|step, _, reading| {
+        if step.label == "pose/B30/C120" {
+            reading.flag = Flag::Stale;
+        }
+    })
+    .unwrap();
+    five_are_right(&estimate);
+    let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
+    assert!(said("pose/B30/C120: no sample that could be used"), "{:?}", estimate.warnings);
+}
+
+#[test]
+fn one_height_is_not_enough() {
+    let error = identified(|step, _, reading| {
+        if step.label.starts_with("height/1") || step.label.starts_with("height/2") {
+            reading.flag = Flag::Range;
+        }
+    })
+    .unwrap_err();
+    println!("{error}\n  -> {}", error.remedy());
+    assert!(error.to_string().contains("three heights, there are 1"), "{error}");
+    assert!(error.remedy().contains("beam direction"));
+}
+
+#[test]
+fn samples_on_one_great_circle_say_nothing_across() {
+    // The first line of every cross alone.
+    let first_line = |count: usize| count < 13 * 20;
+    let error = identified(|_, count, reading| {
+        if !first_line(count) {
+            reading.flag = Flag::Gap;
+        }
+    })
+    .unwrap_err();
+    println!("{error}\n  -> {}", error.remedy());
+    assert!(error.to_string().contains("great circle"), "{error}");
+    assert!(error.remedy().contains("two lines that cross"));
+}
+
+#[test]
+fn samples_beyond_the_incidence_limit_are_left_out_and_counted() {
+    let (mut plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
+    // The ends of a line stand at 24.8°.
+    plan.sensors[0].incidence_limit_deg = 23.0;
+    let own = settings();
+    let bench = Bench::new(&plan, &own).unwrap();
+    let estimate = identify(&bench, &readings).unwrap();
+    five_are_right(&estimate);
+    let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
+    assert!(said("beyond the incidence limit"), "{:?}", estimate.warnings);
+}

@@ -1,0 +1,155 @@
+//! What a reader of the estimate must know beside its numbers.
+
+use super::identify::Parts;
+use super::label::Pass;
+use super::outputs::{forms, symbol};
+use super::paper;
+use crate::kinematics::Shape;
+use crate::record::estimate::Unit;
+
+/// A gain that deviates from 1 by more than this many u, and by more than this, is worth a word.
+const FAR: f64 = 4.0;
+const GAIN: f64 = 1e-3;
+
+pub fn warnings(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines: Vec<String> = missing(parts);
+    lines.extend(parts.observed.excluded_in_words());
+    lines.extend(misfit(parts));
+    lines.extend(gain(parts));
+    lines.extend(form(parts));
+    lines.extend(noise(parts));
+    lines.extend(disagreement(parts));
+    lines
+}
+
+fn missing(parts: &Parts<'_>) -> Vec<String> {
+    let of_interest = |line: &&String| Pass::of(line) != Some(Pass::Find);
+    let lines = parts.observed.left_out.iter().filter(of_interest);
+    lines.map(|line| format!("not used: {line}")).collect()
+}
+
+fn misfit(parts: &Parts<'_>) -> Option<String> {
+    let misfit = &parts.misfit;
+    let against = format!("χ² {:.0}, expected {:.0}", misfit.chi2, misfit.expected);
+    if misfit.above {
+        return Some(format!(
+            "the model does not explain the sphere's places: they scatter {:.1} times more than declared \
+             ({against}); look for error motions (harmonics = [2]), squareness of X, Y and Z, drift or a \
+             loose sphere. The uncertainties are enlarged by that factor",
+            misfit.factor
+        ));
+    }
+    misfit.below.then(|| {
+        format!(
+            "the sphere's places scatter less than declared ({against}): noise_um or error_motion_um may \
+             be stated too large, and the uncertainties with it"
+        )
+    })
+}
+
+fn gain(parts: &Parts<'_>) -> Option<String> {
+    let index = parts.names.len() + 2;
+    let (gain, u) = (*parts.fitted.x.get(2)?, parts.propagated.u(index));
+    (gain.abs() > FAR * u && gain.abs() > GAIN).then(|| {
+        format!(
+            "the sensor reads {:+.0} um/m too little against X, Y and Z (u {:.0}): check its scale, and \
+             that range_mm and the sphere's radius are right",
+            Unit::UmPerM.from_internal(gain),
+            Unit::UmPerM.from_internal(u)
+        )
+    })
+}
+
+fn form(parts: &Parts<'_>) -> Option<String> {
+    let forms = forms(parts);
+    let worst = forms.iter().zip(&parts.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
+    let (form, group) = worst?;
+    (*form > parts.bench.settings.form_limit_um * 1e-3).then(|| {
+        format!(
+            "{}: residuals of the sphere's scan spread over {:.1} um; clean the sphere, and look at \
+             its radius and at incidence_limit_deg",
+            group.label,
+            form * 1e3
+        )
+    })
+}
+
+fn noise(parts: &Parts<'_>) -> Option<String> {
+    let (seen, declared) = (parts.observed.scatter_mm()?, parts.bench.sensor.noise_um? * 1e-3);
+    (seen > 1.5 * declared).then(|| {
+        format!(
+            "samples at rest scatter by {:.3} um, noise_um of the sensor says {:.3}",
+            seen * 1e3,
+            declared * 1e3
+        )
+    })
+}
+
+fn disagreement(parts: &Parts<'_>) -> Option<String> {
+    let count = parts.propagated.covariance.nrows();
+    let off = (0..count).filter(|i| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
+    let names: Vec<String> = off.map(|i| symbol(parts, i)).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the Monte Carlo one \
+             stands beside it",
+            names.join(", ")
+        )
+    })
+}
+
+pub fn gauge(parts: &Parts<'_>) -> Vec<String> {
+    let held = parts.chosen.held.iter().filter(|error| error.shape() == Shape::Location);
+    let held: Vec<String> = held.map(ToString::to_string).collect();
+    let mut lines = vec![
+        "X, Y and Z: straight, square to each other, of equal scale; what they are not stands in the \
+         result"
+            .to_owned(),
+        "zero position: from the axis of rotation nearest to the bed, whose own place stands in it"
+            .to_owned(),
+        "errors of an axis: relative to the axis that carries it; ISO 230-1's E_A0C is the sum of EA0B \
+         and EA0C here"
+            .to_owned(),
+        "the machine as it stood in the middle of the measurement".to_owned(),
+    ];
+    if !held.is_empty() {
+        lines.push(format!(
+            "held at zero, being other names for zero position, sphere or an error given: {}",
+            held.join(", ")
+        ));
+    }
+    lines.extend(parts.chosen.gauge.iter().cloned());
+    lines.extend(comparison(parts));
+    lines
+}
+
+/// The paper's own estimator beside this one.
+fn comparison(parts: &Parts<'_>) -> Option<String> {
+    let [a, b, c, x, a_cb] = paper::identify(parts.bench, &parts.grouped, &parts.fitted.x)?;
+    let urad = |value: f64| Unit::Urad.from_internal(value);
+    Some(format!(
+        "for comparison, as paper 2 identifies (the one measurement at B = C = 0 as truth): EA0B {:.2}, \
+         EB0B {:.2}, EC0B {:.2} urad, EX0C {:.2} um, EA0C {:.2} urad",
+        urad(a),
+        urad(b),
+        urad(c),
+        Unit::Um.from_internal(x),
+        urad(a_cb)
+    ))
+}
+
+pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = vec![
+        "where the axis of rotation nearest to the bed lies: it only shifts the zero position"
+            .to_owned(),
+        "radius of the sphere and what the sensor's reading is off at its zero, apart".to_owned(),
+    ];
+    let orders = &parts.bench.settings.harmonics;
+    if orders.is_empty() {
+        lines.push(
+            "error motions of the rotary axes: location errors are means over the angles measured"
+                .to_owned(),
+        );
+    }
+    lines
+}

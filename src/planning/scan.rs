@@ -1,0 +1,110 @@
+//! One scan as motions: nothing is touched, so nothing is guarded; the proof keeps all of it away from
+//! everything.
+
+use super::touch::{Path, height};
+use super::{Clearance, PlanningError, Start, limits, touch_block};
+use crate::base::{Axis, Position};
+use crate::record::motion::{Block, Motion};
+use crate::record::plan::{Plan, Sampling, Scan, Step};
+
+/// So far above its first point the way down to it becomes a feed move, mm.
+const SLOW_MM: f64 = 10.0;
+
+/// The blocks of one step: one of a touch; of a scan one for each stretch after which samples are
+/// taken, the first with the way to it.
+///
+/// # Errors
+/// As [`touch_block`]; a scan whose points do not say where all axes stand, or that is sampled in a
+/// way that cannot be.
+pub fn step_blocks(
+    plan: &Plan,
+    step: &Step,
+    repeat: u32,
+    start: Start<'_>,
+    clearance: &Clearance,
+) -> Result<Vec<Block>, PlanningError> {
+    match &step.scan {
+        None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
+        Some(scan) => scan_blocks(plan, (step, scan), repeat, start, clearance),
+    }
+}
+
+/// Up, turn and across as high as Z goes where the rotary axes or the spindle turn, otherwise no higher
+/// than the two ends of the way; down again, the last of it slowly; then from point to point.
+fn scan_blocks(
+    plan: &Plan,
+    (step, scan): (&Step, &Scan),
+    repeat: u32,
+    start: Start<'_>,
+    clearance: &Clearance,
+) -> Result<Vec<Block>, PlanningError> {
+    check(plan, step, scan)?;
+    let approach_feed = match start.first {
+        true => plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min),
+        false => plan.probe.guarded_feed_mm_min,
+    };
+    let mut path = Path::from(start.stands, approach_feed);
+    approach(&mut path, &step.from, clearance.top_z);
+    let mut blocks = Vec::new();
+    for (number, point) in scan.path.iter().enumerate() {
+        let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
+        path.feed(&point.only(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
+        if let Sampling::Dwell { dwell_s, .. } = scan.sampling {
+            path.motions.push(Motion::Dwell { seconds: dwell_s });
+            blocks.push(std::mem::take(&mut path.motions));
+        }
+    }
+    blocks.extend((!path.motions.is_empty()).then_some(path.motions));
+    let block = |motions| Block { step: step.id, repeat, motions };
+    let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
+    blocks.iter().try_for_each(|block| limits::check(block, &plan.machine))?;
+    Ok(blocks)
+}
+
+fn approach(path: &mut Path, from: &Position, top_z: f64) {
+    let z = from.at(Axis::Z);
+    let still = |(axis, value): (Axis, f64)| axis.is_linear() || path.stands_at(axis, value);
+    let level = match path.stands.get(Axis::Z) {
+        Some(stands) if from.iter().all(still) => stands.max(z + SLOW_MM),
+        _ => top_z,
+    };
+    path.rapid(&height(level.min(top_z)));
+    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
+    path.orient(from.get(Axis::S));
+    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
+    path.rapid(&height((z + SLOW_MM).min(top_z)));
+}
+
+fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
+    let id = step.id;
+    let wrong = |why| Err(PlanningError::NotAScan { step: id, why });
+    let wanted = plan.machine.axes.keys().copied().filter(|axis| *axis != Axis::S);
+    for axis in wanted {
+        if scan.path.iter().any(|point| point.get(axis).is_none()) {
+            return Err(PlanningError::Incomplete { step: id, axis });
+        }
+    }
+    let (Some(first), Some(last)) = (scan.path.first(), scan.path.last()) else {
+        return wrong("its path has no point");
+    };
+    let differs = |one: &Position, other: &Position| {
+        let same = |(axis, value)| other.get(axis).is_none_or(|other| other == value);
+        !one.iter().all(same)
+    };
+    if differs(first, &step.from) || differs(last, &step.to) {
+        return wrong("it does not begin at `from` and end at `to`");
+    }
+    if !(step.feed_mm_min.is_finite() && step.feed_mm_min > 0.0) {
+        return wrong("its feed is no speed");
+    }
+    if !plan.sensors.iter().any(|sensor| sensor.name == step.sensor) {
+        return wrong("the plan has no sensor of that name");
+    }
+    match scan.sampling {
+        Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
+        Sampling::Dwell { .. } => wrong("it rests for less than no time, or takes no sample"),
+        Sampling::Continuous { .. } => {
+            wrong("no control that this version knows stamps positions during motion")
+        }
+    }
+}

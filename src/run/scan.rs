@@ -1,0 +1,97 @@
+//! One scan: from point to point, and at each of them samples while the machine stands.
+
+use super::{Run, RunError};
+use crate::base::Position;
+use crate::record::event::Event;
+use crate::record::motion::{Block, Outcome};
+use crate::record::plan::{Sampling, Scan, Step};
+use crate::record::reading::{Flag, Reading};
+use crate::sensors::{Sample, Sensor, SensorError};
+
+impl Run<'_> {
+    /// The sensors that the plan looks with live and say something, before anything moves.
+    pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
+        self.looking.clear();
+        for wanted in self.plan.sensors.clone() {
+            let sensor = self.devices.sensors.open(&wanted.name).await?;
+            let prepared = sensor.prepare().await?;
+            self.looking.push(sensor);
+            let text = format!("{}: {}", wanted.name, prepared.identity);
+            self.note(Event::Announced { text }).await?;
+        }
+        self.probe_lives = true;
+        Ok(())
+    }
+
+    fn sensor(&self, name: &str) -> Result<&Sensor, SensorError> {
+        let named = self.looking.iter().find(|sensor| sensor.name() == name);
+        named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })
+    }
+
+    /// The blocks of a scan, one for each of its points; every sample that was taken there.
+    pub(super) async fn scan(
+        &mut self,
+        (step, scan): (&Step, &Scan),
+        repeat: u32,
+        blocks: Vec<Block>,
+    ) -> Result<Vec<Reading>, RunError> {
+        let Sampling::Dwell { samples: count, .. } = scan.sampling else {
+            return Err(RunError::NotStamped { step: step.id });
+        };
+        let mut readings = Vec::new();
+        for (number, block) in blocks.into_iter().enumerate() {
+            // On its way to the first point the sensor comes from afar, where it sees nothing.
+            let outcome = match number {
+                0 => self.devices.controller.execute(block).await?,
+                _ => self.watched(step, block).await?,
+            };
+            let stands = self.devices.controller.look().await?.stands;
+            let samples = self.sensor(&step.sensor)?.take(count).await?;
+            if !samples.iter().any(|sample| sample.value_mm.is_some()) {
+                return Err(self.blind(step, samples.first()));
+            }
+            readings.extend(self.at_point(step, repeat, (&outcome, &stands), &samples));
+        }
+        Ok(readings)
+    }
+
+    /// As long as the machine moves the surface stays in the sensor's range: otherwise it is held.
+    async fn watched(&self, step: &Step, block: Block) -> Result<Outcome, RunError> {
+        let (sensor, halt) = (self.sensor(&step.sensor)?, self.devices.controller.halt());
+        let in_range = |sample: &Sample| !matches!(sample.flag, Flag::Range | Flag::Saturated);
+        sensor.watch(in_range, move || halt.now()).await?;
+        let executed = self.devices.controller.execute(block).await;
+        match sensor.rest().await? {
+            Some(sample) => Err(self.blind(step, Some(&sample))),
+            None => Ok(executed?),
+        }
+    }
+
+    fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
+        let flag = seen.map_or(Flag::Stale, |sample| sample.flag);
+        RunError::Blind { step: step.id, sensor: step.sensor.clone(), flag }
+    }
+
+    /// The axes stood still all the while; the samples lie in time as the sensor's clock says.
+    fn at_point(
+        &mut self,
+        step: &Step,
+        repeat: u32,
+        (outcome, stands): (&Outcome, &Position),
+        samples: &[Sample],
+    ) -> Vec<Reading> {
+        let began = self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s()));
+        let first = samples.first().map_or(0.0, |sample| sample.t_s);
+        let reading = |sample: &Sample| Reading {
+            step: step.id,
+            repeat,
+            position: stands.clone(),
+            value_mm: sample.value_mm,
+            sensor: step.sensor.clone(),
+            t_s: began + (sample.t_s - first),
+            flag: sample.flag,
+            temperatures_c: Default::default(),
+        };
+        samples.iter().map(reading).collect()
+    }
+}

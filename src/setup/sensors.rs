@@ -1,0 +1,63 @@
+//! The sensors of a machine, opened when a run looks with them.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::base::Clock;
+use crate::sensors::{Entry, Reached, Sensor, SensorError, Simulated, View};
+use crate::world::World;
+
+/// What the machine file names, and what simulated ones look at.
+pub struct Sensors {
+    entries: Vec<Entry>,
+    clock: Arc<dyn Clock>,
+    world: Option<Arc<Mutex<World>>>,
+}
+
+impl Sensors {
+    /// None.
+    pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
+        Self { entries: Vec::new(), clock, world: None }
+    }
+
+    pub(super) fn of(self, entries: &[Entry]) -> Self {
+        Self { entries: entries.to_vec(), ..self }
+    }
+
+    /// All of them simulated, looking at the simulated machine.
+    pub(super) fn looking_at(self, world: Arc<Mutex<World>>) -> Self {
+        Self { world: Some(world), ..self }
+    }
+
+    /// Open the one of this name. Call inside a tokio runtime.
+    ///
+    /// # Errors
+    /// There is none; what opening says.
+    pub async fn open(&self, name: &str) -> Result<Sensor, SensorError> {
+        let named = self.entries.iter().find(|entry| entry.sensor.name == name);
+        let Entry { sensor, reached } =
+            named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
+        match (reached, &self.world) {
+            (Reached::Simulated(simulated), Some(world)) => {
+                simulated.open(sensor, view(world)).await
+            }
+            (Reached::Real(_), Some(world)) => Simulated::default().open(sensor, view(world)).await,
+            (Reached::Real(real), None) => real.open(sensor, self.clock.clone()).await,
+            (Reached::Simulated(_), None) => {
+                Err(SensorError::NothingToSee { name: name.to_owned() })
+            }
+        }
+    }
+}
+
+fn view(world: &Arc<Mutex<World>>) -> View {
+    View { world: world.clone(), clock: Arc::new(WorldClock(world.clone())) }
+}
+
+/// Simulated time.
+struct WorldClock(Arc<Mutex<World>>);
+
+impl Clock for WorldClock {
+    fn now_s(&self) -> f64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).time_s()
+    }
+}

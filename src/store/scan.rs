@@ -1,0 +1,81 @@
+//! All samples of one scan as one row: nobody finds half of them.
+
+use rusqlite::{Connection, params};
+use serde::{Deserialize, Serialize};
+
+use super::{Fault, RunId, write};
+use crate::base::Axis;
+use crate::record::reading::{Flag, Reading};
+
+/// One sample as it is kept, bit for bit: positions in the order of [`Axis::ALL`] (mm, rad), the value,
+/// the time.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    at: [Option<f64>; Axis::ALL.len()],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mm: Option<f64>,
+    t: f64,
+    #[serde(default, skip_serializing_if = "is_none")]
+    flag: Flag,
+}
+
+fn is_none(flag: &Flag) -> bool {
+    *flag == Flag::None
+}
+
+pub(super) fn keep(
+    connection: &mut Connection,
+    run: RunId,
+    samples: &[Reading],
+) -> Result<(), Fault> {
+    let Some(first) = samples.first() else { return Ok(()) };
+    let what = || format!("the scan of step {}", first.step);
+    if !samples.iter().all(write::is_finite) {
+        return Err(Fault::NotFinite { what: what() });
+    }
+    let kept: Vec<Kept> = samples.iter().map(Kept::of).collect();
+    let text = write::json(&what(), &kept)?;
+    connection
+        .execute(
+            "INSERT INTO readings (run, step, repeat, sensor, t_s, flag, temperatures_c, kept, samples)
+             VALUES (?1, ?2, ?3, ?4, ?5, '', '{}', ?6, ?7)",
+            params![
+                run.0,
+                first.step,
+                first.repeat,
+                first.sensor,
+                first.t_s,
+                write::now(),
+                text
+            ],
+        )
+        .map_err(Fault::of_reading(run, first.step, first.repeat))?;
+    Ok(())
+}
+
+/// The samples of a row whose other columns are those of `row`.
+pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_json::Error> {
+    let kept: Vec<Kept> = serde_json::from_str(samples)?;
+    let reading = |kept: Kept| {
+        let axes = Axis::ALL.into_iter().zip(kept.at);
+        Reading {
+            position: axes.filter_map(|(axis, value)| Some((axis, value?))).collect(),
+            value_mm: kept.mm,
+            t_s: kept.t,
+            flag: kept.flag,
+            ..row.clone()
+        }
+    };
+    Ok(kept.into_iter().map(reading).collect())
+}
+
+impl Kept {
+    fn of(sample: &Reading) -> Self {
+        Self {
+            at: Axis::ALL.map(|axis| sample.position.get(axis)),
+            mm: sample.value_mm,
+            t: sample.t_s,
+            flag: sample.flag,
+        }
+    }
+}
