@@ -45,8 +45,12 @@ impl Heard {
                 wrong_speed(baud),
             ),
             Form::Line(_) if self.spoilt_bytes == 0 => (
-                format!("{} bytes came and no line's end", self.bytes),
-                "compare `end` of [sensor.serial.line] with the sensor's manual".to_owned(),
+                format!("{} bytes came and no line's end: `{example}`", self.bytes),
+                format!(
+                    "compare `end` of [sensor.serial.line] with the sensor's manual; if that is nothing \
+                     it would say, {}",
+                    wrong_speed(baud)
+                ),
             ),
             Form::Line(_) => (
                 format!("lines come as `{example}`"),
