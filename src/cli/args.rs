@@ -32,6 +32,8 @@ pub enum Command {
     Identify(IdentifyArgs),
     /// Write a commented machine file from what the control says of itself; nothing moves.
     Init(InitArgs),
+    /// Show what a sensor says, sample by sample; nothing moves.
+    Watch(WatchArgs),
     /// Serve the simulated machine on a pseudo-terminal, for any program to drive.
     Simulate(SimulateArgs),
     /// List the stored runs.
@@ -207,6 +209,21 @@ pub struct InitArgs {
     /// Write it here; never over a file that is there. Without it, to standard output.
     #[arg(long, value_name = "FILE")]
     pub to: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct WatchArgs {
+    /// Its name in the machine file.
+    pub sensor: String,
+    /// The machine file, with a [[sensor]] of this name.
+    #[arg(long, value_name = "FILE")]
+    pub machine: PathBuf,
+    /// End after so many samples; silence is none.
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u64>,
+    /// Print each sample as a line of JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -9,6 +9,7 @@ use crate::gcode::RenderError;
 use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
 use crate::run::{CycleError, Unidentified};
+use crate::sensors::SensorError;
 use crate::service::ServeError;
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
@@ -38,6 +39,12 @@ impl Failure {
 impl From<SetupError> for Failure {
     fn from(error: SetupError) -> Self {
         Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+    }
+}
+
+impl From<SensorError> for Failure {
+    fn from(error: SensorError) -> Self {
+        Self::new(&error, error.remedy())
     }
 }
 

@@ -28,6 +28,7 @@ mod signals;
 mod simulate;
 mod story;
 mod terminal;
+mod watch;
 mod wires;
 
 use std::io::Write;
@@ -89,6 +90,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Identify(args) => identify::identify(&args, state),
         Command::Init(args) => init::init(&args),
         Command::Simulate(args) => simulate::simulate(&args),
+        Command::Watch(args) => watch::watch(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),

@@ -1,6 +1,7 @@
 //! What can go wrong at a sensor, and what a person should do next.
 
 use crate::link::LinkError;
+use crate::link::can::CanError;
 use crate::link::modbus::ModbusError;
 
 #[derive(Debug, thiserror::Error)]
@@ -9,6 +10,8 @@ pub enum SensorError {
     Link(#[from] LinkError),
     #[error(transparent)]
     Modbus(#[from] ModbusError),
+    #[error(transparent)]
+    Can(#[from] CanError),
     #[error("nothing came from the sensor within {seconds} s")]
     Silent { seconds: f64 },
     #[error("what the sensor says cannot be understood: {text}")]
@@ -27,6 +30,7 @@ impl SensorError {
         match self {
             Self::Link(error) => error.remedy().to_owned(),
             Self::Modbus(error) => error.remedy().to_owned(),
+            Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
                 "see that the sensor has power, that its cable is plugged in, and that it is set to send"
                     .to_owned()

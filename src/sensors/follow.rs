@@ -1,15 +1,9 @@
-//! From frames to samples: follows the sensor's counter, so that what is missing is known and what
-//! came before is not taken twice. Common to whatever sends frames.
+//! From what a sensor says to samples: follows its counter, so that what is missing is known and what
+//! came before is not taken twice. Common to all sensors.
 
 use super::Sample;
-use super::layout::{Decoded, Layout, Short};
+use super::layout::Decoded;
 use crate::record::reading::Flag;
-
-/// Frames of a layout.
-pub struct Follower {
-    layout: Layout,
-    counting: Counting,
-}
 
 /// Whatever says a value and a count.
 pub struct Counting {
@@ -26,29 +20,6 @@ pub struct Counting {
 enum Step {
     On { missing: u32 },
     Stands,
-}
-
-impl Follower {
-    pub fn new(layout: Layout) -> Self {
-        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
-        Self { layout, counting }
-    }
-
-    /// As [`Counting::interrupted`].
-    pub fn interrupted(&mut self) {
-        self.counting.interrupted();
-    }
-
-    /// As [`Counting::forget`].
-    pub fn forget(&mut self) {
-        self.counting.forget();
-    }
-
-    /// # Errors
-    /// A frame that is too short for the layout.
-    pub fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, Short> {
-        Ok(self.counting.follow(t_s, self.layout.decode(frame)?))
-    }
 }
 
 impl Counting {

@@ -4,8 +4,8 @@ use serde::Deserialize;
 
 use super::Sample;
 use super::field::Order;
-use super::follow::Follower;
-use super::layout::{CounterKeys, Layout, StatusKeys, ValueKeys};
+use super::follow::Counting;
+use super::layout::{CounterKeys, Layout, Short, StatusKeys, ValueKeys};
 use crate::record::reading::Flag;
 
 #[derive(Deserialize)]
@@ -21,6 +21,19 @@ struct Keys {
 fn layout(text: &str) -> Result<Layout, String> {
     let keys: Keys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
     Layout::new(keys.value, keys.counter, keys.status, keys.order, 8)
+}
+
+struct Follower(Layout, Counting);
+
+impl Follower {
+    fn new(layout: Layout) -> Self {
+        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        Self(layout, counting)
+    }
+
+    fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, Short> {
+        Ok(self.1.follow(t_s, self.0.decode(frame)?))
+    }
 }
 
 const WHOLE: &str = r#"
@@ -80,11 +93,11 @@ fn the_counter_tells_what_is_missing_and_what_came_before() {
     assert_eq!(read(3), sample(None, Flag::Stale, 0));
     assert_eq!(read(4), sample(one, Flag::None, 0));
     assert_eq!(read(3), sample(one, Flag::Gap, 254), "all but one round");
-    follower.interrupted();
+    follower.1.interrupted();
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 3, 0]).unwrap(), sample(one, Flag::Gap, 0));
-    follower.forget();
+    follower.1.forget();
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(one, Flag::None, 0));
-    follower.forget();
+    follower.1.forget();
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(None, Flag::Stale, 0));
 }
 

@@ -7,8 +7,9 @@ use serde::Deserialize;
 
 use super::modbus::simulated::Measures;
 use super::wires::{self, Tongue, Wire};
-use super::{Sensor, SensorError};
+use super::{Sensor, SensorError, can};
 use crate::base::Clock;
+use crate::link::can::Can;
 use crate::record::sensor;
 use crate::world::{Sensed, World};
 
@@ -74,7 +75,7 @@ impl Simulated {
                 let driver = wires::modbus(at, sense, self.rate_hz, sensor, clock).await?;
                 return Ok(Sensor::spawn(name, driver));
             }
-            Speaks::Can => return self.on_can(sensor),
+            Speaks::Can => return self.on_can(sensor, view),
         };
         let at = (tongue, Wire::of(&self.wire)?);
         let (sense, clock) = (self.sense(sensor, &view), view.clock);
@@ -91,13 +92,17 @@ impl Simulated {
         })
     }
 
-    fn on_can(&self, sensor: &sensor::Sensor) -> Result<Sensor, SensorError> {
-        Err(SensorError::Strange {
-            text: format!(
-                "{} ({:?} by {} at {} Hz)",
-                sensor.name, self.speaks, self.wire, self.rate_hz
-            ),
-            remedy: "wait for it to be built".to_owned(),
-        })
+    /// In memory, or on the CAN interface that `wire` names.
+    fn on_can(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
+        let (sense, clock) = (self.sense(sensor, &view), view.clock);
+        let config = can::Config::of_simulated(&self.wire)?;
+        if self.wire == memory() {
+            let frames = can::simulated::frames(sense, clock.clone());
+            let bus = Can::on_demand("the simulated sensor", frames);
+            return Ok(config.over(bus, sensor, clock, None));
+        }
+        let bus = config.listen(clock.clone())?;
+        let served = can::simulated::push(&self.wire, sense, self.rate_hz, clock.clone())?;
+        Ok(config.over(bus, sensor, clock, Some(served)))
     }
 }

@@ -5,6 +5,7 @@ use crate::controllers::ControllerError;
 use crate::gcode::DialectError;
 use crate::link::LinkError;
 use crate::methods::{self, Refused};
+use crate::sensors::SensorError;
 use crate::world::WorldError;
 
 #[derive(Debug, thiserror::Error)]
@@ -28,6 +29,8 @@ pub enum SetupError {
     #[error(transparent)]
     Controller(#[from] ControllerError),
     #[error(transparent)]
+    Sensor(#[from] SensorError),
+    #[error(transparent)]
     Refused(#[from] Refused),
     #[error("the simulated machine: {0}")]
     World(#[from] WorldError),
@@ -39,6 +42,7 @@ impl SetupError {
         match self {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
+            Self::Sensor(error) => Some(error.remedy()),
             Self::Refused(refused) => Some(refused.instead.clone()),
             Self::Dialect(error) => Some(error.remedy().to_owned()),
             Self::NoRepeats { name } => Some(format!(

@@ -2,9 +2,27 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::{MachineFile, SetupError, world};
 use crate::base::Clock;
+use crate::base::clock::HostClock;
 use crate::sensors::{Entry, Reached, Sensor, SensorError, Simulated, View};
 use crate::world::World;
+
+/// The sensor `name` alone: its machine is not opened. A simulated one sees what it would before anything
+/// has moved. Call inside a tokio runtime.
+///
+/// # Errors
+/// There is none of this name; a simulated world that cannot be built; what opening says.
+pub async fn sensor(file: &MachineFile, name: &str) -> Result<Sensor, SetupError> {
+    let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors);
+    let simulated = |entry: &&Entry| matches!(entry.reached, Reached::Simulated(_));
+    let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
+    let sensors = match named.filter(simulated) {
+        Some(_) => alone.looking_at(Arc::new(Mutex::new(world(file)?))),
+        None => alone,
+    };
+    Ok(sensors.open(name).await?)
+}
 
 /// What the machine file names, and what simulated ones look at.
 pub struct Sensors {

@@ -1,5 +1,9 @@
-//! Displacement sensors on a CAN bus.
+//! Displacement sensors that send frames on a CAN bus.
 
 mod config;
+mod driver;
+pub mod simulated;
+#[cfg(test)]
+mod tests;
 
 pub use config::Config;

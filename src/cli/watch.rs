@@ -1,0 +1,86 @@
+//! `trued watch`: what a sensor says, for whoever mounts or wires it.
+
+use tokio::sync::mpsc;
+
+use super::Exit;
+use super::args::WatchArgs;
+use super::failure::Failure;
+use crate::record::reading::Flag;
+use crate::sensors::{Sample, Sensor};
+use crate::setup::{self, MachineFile};
+
+pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
+    let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(Failure::plain)?;
+    runtime.block_on(async {
+        let sensor = setup::sensor(&file, &args.sensor).await?;
+        let reached = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
+        let at = reached.map(|entry| entry.reached.at()).unwrap_or_default();
+        tell!("listening: {at}; Ctrl-C ends it");
+        let mut shown = Shown { json: args.json, left: args.samples, silent: false };
+        tokio::select! {
+            ended = show(&sensor, &mut shown) => ended,
+            ended = tokio::signal::ctrl_c() => ended.map_err(Failure::plain),
+        }
+    })?;
+    Ok(Exit::Pass)
+}
+
+/// Every sample, none left out.
+async fn show(sensor: &Sensor, shown: &mut Shown) -> Result<(), Failure> {
+    let (tell, mut told) = mpsc::unbounded_channel();
+    let good = move |sample: &Sample| tell.send(*sample).is_ok();
+    sensor.watch(good, || {}).await?;
+    while let Some(sample) = told.recv().await {
+        if shown.ends_with(&sample) {
+            return Ok(());
+        }
+    }
+    // It has failed, or speaks when it is asked and only then.
+    sensor.rest().await?;
+    loop {
+        for sample in sensor.take(1).await? {
+            if shown.ends_with(&sample) {
+                return Ok(());
+            }
+        }
+    }
+}
+
+struct Shown {
+    json: bool,
+    left: Option<u64>,
+    /// Silence is told once.
+    silent: bool,
+}
+
+impl Shown {
+    /// Show it; was it the last?
+    fn ends_with(&mut self, sample: &Sample) -> bool {
+        let Sample { t_s, value_mm, flag, missing } = *sample;
+        let silent = flag == Flag::Stale;
+        if !(silent && self.silent) {
+            let flag = flag.as_str();
+            if self.json {
+                let line = serde_json::json!({
+                    "t_s": t_s, "value_mm": value_mm, "flag": flag, "missing": missing,
+                });
+                say!("{line}");
+            } else {
+                let value = value_mm.map_or("-".to_owned(), |mm| format!("{mm:.5}"));
+                let missing =
+                    if missing > 0 { format!(" ({missing} missing)") } else { String::new() };
+                say!("{t_s:12.6} s {value:>12} mm {flag}{missing}");
+            }
+        }
+        self.silent = silent;
+        self.left = match self.left {
+            Some(left) if !silent => Some(left.saturating_sub(1)),
+            left => left,
+        };
+        self.left == Some(0)
+    }
+}
