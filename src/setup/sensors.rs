@@ -14,7 +14,7 @@ use crate::world::World;
 ///
 /// # Errors
 /// There is none of this name; a simulated world that cannot be built; what opening says.
-pub async fn sensor(file: &MachineFile, name: &str) -> Result<Sensor, SetupError> {
+pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
     let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors);
     let simulated = |entry: &&Entry| matches!(entry.reached, Reached::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
