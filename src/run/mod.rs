@@ -24,8 +24,7 @@ use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
-use crate::sensors::Sensor;
-use crate::setup::Devices;
+use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
 
 /// One run of one method.
@@ -45,7 +44,7 @@ pub struct Run<'a> {
     approached: bool,
     timeline: Timeline,
     /// What the plan looks with, once it is open.
-    looking: Vec<Sensor>,
+    looking: Vec<Mounted>,
     /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.

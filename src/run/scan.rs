@@ -6,7 +6,8 @@ use crate::record::event::Event;
 use crate::record::motion::{Block, Outcome};
 use crate::record::plan::{Sampling, Scan, Step};
 use crate::record::reading::{Flag, Reading};
-use crate::sensors::{Sample, Sensor, SensorError};
+use crate::sensors::{Sample, SensorError};
+use crate::setup::Mounted;
 
 impl Run<'_> {
     /// The sensors that the plan looks with live and say something, before anything moves.
@@ -23,7 +24,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn sensor(&self, name: &str) -> Result<&Sensor, SensorError> {
+    fn sensor(&self, name: &str) -> Result<&Mounted, SensorError> {
         let named = self.looking.iter().find(|sensor| sensor.name() == name);
         named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })
     }

@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Deserialize;
 
-use super::wires::Wire;
-use super::{Sensor, SensorError, can, modbus, serial};
+use super::modbus::simulated::Measures;
+use super::wires::{self, Tongue, Wire};
+use super::{Sensor, SensorError, can};
 use crate::base::Clock;
 use crate::link::can::Can;
 use crate::record::sensor;
@@ -65,20 +66,20 @@ impl Simulated {
     pub async fn open(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
         let tongue = match self.speaks {
-            Speaks::Serial => serial::twin::Tongue::Text,
-            Speaks::SerialFrames => serial::twin::Tongue::Frames,
+            Speaks::Serial => Tongue::Text,
+            Speaks::SerialFrames => Tongue::Frames,
             Speaks::Modbus => {
-                let when = modbus::twin::Measures::WhenRead;
-                let at = (Wire::of(&self.wire)?, when);
+                let when = Measures::WhenRead;
+                let at = (when, Wire::of(&self.wire)?);
                 let (sense, clock) = (self.sense(sensor, &view), view.clock);
-                let driver = modbus::twin::open(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver = wires::modbus(at, sense, self.rate_hz, sensor, clock).await?;
                 return Ok(Sensor::spawn(name, driver));
             }
             Speaks::Can => return self.on_can(sensor, view),
         };
         let at = (tongue, Wire::of(&self.wire)?);
         let (sense, clock) = (self.sense(sensor, &view), view.clock);
-        let driver = serial::twin::open(at, sense, self.rate_hz, sensor, clock).await?;
+        let driver = wires::serial(at, sense, self.rate_hz, sensor, clock).await?;
         Ok(Sensor::spawn(name, driver))
     }
 

@@ -2,13 +2,20 @@
 
 use std::future::Future;
 use std::io;
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 
 use tokio::net::TcpListener;
 use tokio_serial::SerialStream;
 
 use super::SensorError;
+use super::modbus::simulated::{Measures, serve_on_pty, serve_on_tcp};
+use super::modbus::{self, Registers};
+use super::serial::simulated::{on_demand, send_on_pty, send_on_tcp};
+use super::serial::{self, Serial};
+use crate::base::Clock;
 use crate::link::{self, HostPort, LinkError, Named, Pty};
+use crate::record::sensor;
+use crate::world::Sensed;
 
 /// A pseudo-terminal has no speed.
 const BAUD: u32 = 115_200;
@@ -35,13 +42,75 @@ impl Wire {
     }
 }
 
-pub fn no_wire(name: &str) -> SensorError {
+fn no_wire(name: &str) -> SensorError {
     SensorError::Strange {
         text: format!("this simulated sensor has no wire `{name}`"),
         remedy:
             "set `wire` of [sensor.simulated]: `pty` or `tcp`; `memory` where it speaks `serial`"
                 .to_owned(),
     }
+}
+
+/// What a simulated sensor on a serial line says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tongue {
+    Text,
+    Frames,
+}
+
+/// Gives the next sample.
+pub type Sense = Box<dyn FnMut() -> Sensed + Send>;
+
+/// Start a sensor on a serial line, `rate_hz` samples a second, and the driver for it. In memory it
+/// says a sample when it is asked, on another wire by itself. Call inside a tokio runtime.
+///
+/// # Errors
+/// What opening says.
+pub async fn serial(
+    (tongue, wire): (Tongue, Wire),
+    sense: Sense,
+    rate_hz: f64,
+    sensor: &sensor::Sensor,
+    clock: Arc<dyn Clock>,
+) -> Result<Serial, SensorError> {
+    let (at, keep) = match wire {
+        Wire::Memory => {
+            let config = serial::Config::of_simulated(tongue, None)?;
+            let flow = on_demand(tongue, sense);
+            return Ok(Serial::over(flow, config, sensor, clock, rate_hz));
+        }
+        Wire::Pty => send_on_pty(tongue, sense, rate_hz)?,
+        Wire::Tcp => send_on_tcp(tongue, sense, rate_hz)?,
+    };
+    let config = serial::Config::of_simulated(tongue, Some(at))?;
+    let serial = Serial::open(config, sensor, clock).await;
+    // The driver holds the pseudo-terminal open now.
+    drop(keep);
+    serial
+}
+
+/// Start a sensor behind registers, `rate_hz` samples a second, and the driver for it. Call inside a
+/// tokio runtime.
+///
+/// # Errors
+/// What opening says; the wire cannot be `memory`.
+pub async fn modbus(
+    (measures, wire): (Measures, Wire),
+    sense: Sense,
+    rate_hz: f64,
+    sensor: &sensor::Sensor,
+    clock: Arc<dyn Clock>,
+) -> Result<Registers, SensorError> {
+    let (at, keep) = match wire {
+        Wire::Memory => return Err(no_wire("memory")),
+        Wire::Pty => serve_on_pty(measures, sense, rate_hz)?,
+        Wire::Tcp => serve_on_tcp(measures, sense, rate_hz)?,
+    };
+    let config = modbus::Config::of_simulated(at, rate_hz)?;
+    let simulated_hz = (measures == Measures::WhenRead).then_some(rate_hz);
+    let registers = Registers::open(config, sensor, clock, simulated_hz).await;
+    drop(keep);
+    registers
 }
 
 /// Where it is served, and for a pseudo-terminal the side that keeps it open until its client is there.

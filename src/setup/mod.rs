@@ -15,7 +15,7 @@ pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
-pub use sensors::{Sensors, sensor};
+pub use sensors::{Mounted, Sensors, sensor};
 pub use site::Site;
 
 use crate::methods::{self, Method};

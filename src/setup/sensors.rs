@@ -1,5 +1,6 @@
 //! The sensors of a machine, opened when a run looks with them.
 
+use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::{MachineFile, SetupError, world};
@@ -13,7 +14,7 @@ use crate::world::World;
 ///
 /// # Errors
 /// There is none of this name; a simulated world that cannot be built; what opening says.
-pub async fn sensor(file: &MachineFile, name: &str) -> Result<Sensor, SetupError> {
+pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
     let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors);
     let simulated = |entry: &&Entry| matches!(entry.reached, Reached::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
@@ -46,11 +47,21 @@ impl Sensors {
         Self { world: Some(world), ..self }
     }
 
-    /// Open the one of this name. Call inside a tokio runtime.
+    /// Open the one of this name: it sits in the spindle in place of the probe until dropped. Call
+    /// inside a tokio runtime.
     ///
     /// # Errors
     /// There is none; what opening says.
-    pub async fn open(&self, name: &str) -> Result<Sensor, SensorError> {
+    pub async fn open(&self, name: &str) -> Result<Mounted, SensorError> {
+        let sensor = self.opened(name).await?;
+        let world = self.world.clone();
+        if let Some(world) = &world {
+            without_probe(world, true);
+        }
+        Ok(Mounted { sensor, world })
+    }
+
+    async fn opened(&self, name: &str) -> Result<Sensor, SensorError> {
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
         let Entry { sensor, reached } =
             named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
@@ -65,6 +76,32 @@ impl Sensors {
             }
         }
     }
+}
+
+/// A sensor that a run looks with.
+pub struct Mounted {
+    sensor: Sensor,
+    world: Option<Arc<Mutex<World>>>,
+}
+
+impl Deref for Mounted {
+    type Target = Sensor;
+
+    fn deref(&self) -> &Sensor {
+        &self.sensor
+    }
+}
+
+impl Drop for Mounted {
+    fn drop(&mut self) {
+        if let Some(world) = &self.world {
+            without_probe(world, false);
+        }
+    }
+}
+
+fn without_probe(world: &Mutex<World>, away: bool) {
+    world.lock().unwrap_or_else(PoisonError::into_inner).without_probe(away);
 }
 
 fn view(world: &Arc<Mutex<World>>) -> View {

@@ -87,6 +87,8 @@ pub struct World {
     scatter_mm: f64,
     /// By a person's hand.
     deflected: bool,
+    /// Something else sits in the spindle.
+    probe_away: bool,
     /// How often each N word has probed.
     probed: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
@@ -122,6 +124,7 @@ impl World {
             command,
             scatter_mm: 0.0,
             deflected: false,
+            probe_away: false,
             probed: BTreeMap::new(),
             sensor_truths: truth.sensor.clone(),
             eyes: Vec::new(),
@@ -158,6 +161,9 @@ impl World {
         if self.deflected {
             return true;
         }
+        if self.probe_away {
+            return false;
+        }
         let axes = self.true_axes();
         let command = self.wired.truly(self.command.clone());
         self.scene.margin(&axes, &command, self.t_s) + self.scatter_mm <= 0.0
@@ -166,6 +172,12 @@ impl World {
     /// Where the axes truly stand.
     fn true_axes(&self) -> Position {
         self.wired.truly(self.play.follow(&self.command))
+    }
+
+    /// Somebody takes the probe out of the spindle, or puts it back: without it nothing is touched, and
+    /// nothing of it breaks.
+    pub fn without_probe(&mut self, away: bool) {
+        self.probe_away = away;
     }
 
     /// Somebody deflects the stylus by hand, or lets it go.
@@ -276,12 +288,18 @@ impl World {
     }
 
     fn margin(&self, path: &Path, fraction: f64) -> f64 {
+        if self.probe_away {
+            return f64::MAX;
+        }
         let (axes, command) = self.true_on(path, fraction);
         let t_s = self.t_s + path.ramp().time_s(fraction);
         self.scene.margin(&axes, &command, t_s) + self.scatter_mm
     }
 
     fn clearance(&self, path: &Path, fraction: f64) -> f64 {
+        if self.probe_away {
+            return f64::MAX;
+        }
         let (axes, command) = self.true_on(path, fraction);
         self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
     }

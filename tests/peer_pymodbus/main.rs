@@ -7,6 +7,7 @@ mod hazard;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
 mod schedules;
+mod sensor;
 mod server;
 mod window;
 mod words;
@@ -41,6 +42,9 @@ fn main() {
         trial("pymodbus_is_refused_what_the_window_refuses", window::refusals),
         trial("pymodbus_holds_through_the_window", window::hold),
         trial("pymodbus_whose_heart_stops_is_held", window::heartbeat),
+        trial("pymodbus_is_a_sensor_tcp", sensor::tcp),
+        trial("pymodbus_is_a_sensor_rtu", sensor::rtu),
+        trial("pymodbus_sensor_whose_replies_are_spoilt", sensor::spoilt),
         trial("pymodbus_fault_schedules_rtu", schedules::rtu),
         trial("pymodbus_fault_schedules_tcp", schedules::tcp),
     ];

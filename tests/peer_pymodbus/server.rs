@@ -90,6 +90,16 @@ impl Server {
         serde_json::from_str(&self.tell("writes")).unwrap()
     }
 
+    /// Measure `count` times, once each `ms`.
+    pub fn sense(&mut self, ms: f64, count: u32) {
+        assert_eq!(self.tell(&format!("sense {ms} {count}")), "true");
+    }
+
+    /// How often it has measured.
+    pub fn sensed(&mut self) -> u32 {
+        self.tell("sensed").parse().unwrap()
+    }
+
     pub fn requests(&mut self) -> u64 {
         self.tell("requests").parse().unwrap()
     }

@@ -6,8 +6,7 @@ use std::sync::Arc;
 use libtest_mimic::Failed;
 use trued::base::clock::HostClock;
 use trued::sensors::Sensor;
-use trued::sensors::serial::twin::{self, Tongue};
-use trued::sensors::wires::Wire;
+use trued::sensors::wires::{self, Tongue, Wire};
 use trued::world::Sensed;
 
 use super::peer::sensor;
@@ -33,7 +32,7 @@ pub fn is_flat() -> Result<(), Failed> {
             Sensed::Distance(f64::from(place % 1000) * 0.001)
         };
         let (at, clock) = ((Tongue::Text, Wire::Memory), Arc::new(HostClock::start()));
-        let driver = twin::open(at, Box::new(sense), 1000.0, &sensor(), clock).await?;
+        let driver = wires::serial(at, Box::new(sense), 1000.0, &sensor(), clock).await?;
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);

@@ -25,7 +25,7 @@ pub const FRAMES: &str = r#"
 sync = [0x7E, 0x81]
 length = 5
 counter = { byte = 0, width = 16, order = "little" }
-checksum = { kind = "sum" }
+checksum = { kind = "crc16-xmodem", order = "big" }
 [frame.value]
 byte = 2
 width = 24

@@ -12,7 +12,18 @@ use crate::base::Clock;
 use crate::link::modbus::{Allowed, Framing, Line, Parity, Settings, Space};
 use crate::link::{self, HostPort};
 use crate::record::sensor;
-use crate::sensors::{Named, Opening, Sensor};
+use crate::sensors::{Named, Opening, Sensor, SensorError};
+
+/// What the data sheet of the simulated sensor says.
+const SHEET: &str = r#"
+counter = { register = 1, type = "u16" }
+value = { register = 2, type = "i32", order = "cdab", scale_mm = 0.00001 }
+status = [
+    { register = 0, bit = 0, means = "no-echo" },
+    { register = 0, bit = 1, means = "range" },
+    { register = 0, bit = 2, means = "saturated" },
+]
+"#;
 
 /// Baud rate and parity as the Modbus serial line specification has them by default.
 const USUAL_BAUD: u32 = 19_200;
@@ -95,18 +106,25 @@ impl TryFrom<Keys> for Config {
 }
 
 impl Config {
-    /// A sensor with `keys` that somebody serves on this computer.
+    /// The simulated sensor, which is served at `at`.
     ///
     /// # Errors
-    /// What the keys refuse.
-    pub(super) fn local(at: link::Named, keys: &str) -> Result<Self, String> {
+    /// Never: tests open it.
+    pub(in crate::sensors) fn of_simulated(
+        at: link::Named,
+        rate_hz: f64,
+    ) -> Result<Self, SensorError> {
         let served = match &at {
             link::Named::Tcp(_) => format!("tcp = \"{at}\""),
             link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => {
-                format!("serial = \"{at}\"\nbaud = {baud}")
+                format!("serial = \"{at}\"\nbaud = {baud}\nparity = \"none\"")
             }
         };
-        toml::from_str(&format!("{served}\n{keys}")).map_err(|error| error.to_string())
+        let told = |error: toml::de::Error| SensorError::Strange {
+            text: error.to_string(),
+            remedy: "report it".to_owned(),
+        };
+        toml::from_str(&format!("{served}\nrate_hz = {rate_hz}\n{SHEET}")).map_err(told)
     }
 
     /// What the link is held to: these registers, and no writing.

@@ -55,7 +55,9 @@ impl Registers {
     /// The registers, not before it is their time.
     async fn read(&mut self) -> Result<Decoded, SensorError> {
         if self.simulated_hz.is_none() {
-            sleep_until(self.next_read).await;
+            if Instant::now() < self.next_read {
+                sleep_until(self.next_read).await;
+            }
             self.next_read = Instant::now().max(self.next_read + self.config.pace);
         }
         let span = self.config.map.span;

@@ -14,9 +14,9 @@
 mod config;
 mod driver;
 mod map;
+pub mod simulated;
 #[cfg(test)]
 mod tests;
-pub mod twin;
 
 pub use config::Config;
 pub use driver::Registers;

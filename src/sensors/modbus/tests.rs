@@ -5,11 +5,11 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::config::Config;
-use super::twin::{self, Measures};
+use super::simulated::Measures;
 use crate::base::clock::HostClock;
 use crate::record::reading::Flag;
 use crate::record::sensor::Sensor;
-use crate::sensors::wires::Wire;
+use crate::sensors::wires::{self, Wire};
 use crate::sensors::{Driver, Sample};
 use crate::world::Sensed;
 
@@ -116,9 +116,9 @@ async fn the_twin_measures_when_it_is_read() {
             }
         };
         let clock = Arc::new(HostClock::start());
-        let at = (wire, Measures::WhenRead);
+        let at = (Measures::WhenRead, wire);
         let mut registers =
-            twin::open(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+            wires::modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
         assert!(registers.on_demand());
         // One when it was made, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
@@ -138,8 +138,8 @@ async fn each_measurement_of_a_running_one_is_taken_once_and_standing_is_stale()
         Sensed::Distance(f64::from(place % 1000) * 0.01)
     };
     let clock = Arc::new(HostClock::start());
-    let at = (Wire::Tcp, Measures::AtItsRate);
-    let mut registers = twin::open(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+    let at = (Measures::AtItsRate, Wire::Tcp);
+    let mut registers = wires::modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
     let prepared = registers.prepare().await.unwrap();
     assert!(!registers.on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
     registers.forget().await.unwrap();

@@ -3,13 +3,13 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use tokio::time::{Duration, Instant, sleep_until};
+use tokio::time::{Duration, Instant, sleep, sleep_until};
 
 use super::Config;
 use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
 use crate::base::Clock;
-use crate::link::{self, Came, Flow};
+use crate::link::{self, Came, Flow, LinkError};
 use crate::record::reading::Flag;
 use crate::record::sensor;
 use crate::sensors::follow::Counting;
@@ -19,6 +19,16 @@ use crate::sensors::{Driver, Prepared, Sample, SensorError};
 /// How long it is listened to before it is called ready, and how many samples are enough.
 const LISTEN: Duration = Duration::from_millis(500);
 const ENOUGH: usize = 50;
+/// How often, and how soon, a port is tried again that is still being closed.
+const REOPENED: usize = 10;
+const SHORTLY: Duration = Duration::from_millis(20);
+
+/// What came, in its order.
+enum Ready {
+    Said(Instant, Decoded),
+    /// Something that could not be understood.
+    Broken,
+}
 
 pub struct Serial {
     config: Config,
@@ -28,7 +38,7 @@ pub struct Serial {
     cutter: Cutter,
     counting: Counting,
     /// Understood, and not yet taken.
-    ready: VecDeque<(Instant, Decoded)>,
+    ready: VecDeque<Ready>,
     heard: Heard,
     /// Samples a second of a sensor whose time stands still while nobody asks it.
     simulated_hz: Option<f64>,
@@ -83,7 +93,16 @@ impl Serial {
 
     async fn reopen(&mut self) -> Result<(), SensorError> {
         self.flow = None;
-        self.flow = Some(link::listen(&self.config.at.address()?).await?);
+        let address = self.config.at.address()?;
+        let mut tries = REOPENED;
+        // What was held before is closed on a thread of its own.
+        self.flow = loop {
+            match link::listen(&address).await {
+                Err(LinkError::Busy { .. }) if tries > 0 => sleep(SHORTLY).await,
+                opened => break Some(opened?),
+            }
+            tries -= 1;
+        };
         Ok(())
     }
 
@@ -102,7 +121,10 @@ impl Serial {
     /// Send the request, if it needs one, on a line that owes nothing.
     async fn ask(&mut self) -> Result<(), SensorError> {
         let Some(request) = self.config.request.clone() else { return Ok(()) };
-        sleep_until(self.next_request).await;
+        // A timer's shortest wait is a millisecond.
+        if Instant::now() < self.next_request {
+            sleep_until(self.next_request).await;
+        }
         if std::mem::take(&mut self.owed) {
             self.fall_quiet().await?;
         }
@@ -135,8 +157,13 @@ impl Serial {
     /// The next piece that can be understood; `None`: not before `deadline`.
     async fn said(&mut self, deadline: Instant) -> Result<Option<(Instant, Decoded)>, SensorError> {
         loop {
-            if let Some(ready) = self.ready.pop_front() {
-                return Ok(Some(ready));
+            match self.ready.pop_front() {
+                Some(Ready::Said(at, said)) => return Ok(Some((at, said))),
+                Some(Ready::Broken) => {
+                    self.counting.interrupted();
+                    continue;
+                }
+                None => {}
             }
             match self.flow()?.recv_deadline(deadline).await? {
                 None => return Ok(None),
@@ -150,18 +177,18 @@ impl Serial {
     }
 
     fn cut(&mut self, at: Instant, bytes: &[u8]) {
-        self.heard.bytes += bytes.len();
+        self.heard.came(bytes);
         for piece in self.cutter.push(bytes) {
             match piece {
                 Piece::Whole { said, bytes } => {
                     self.heard.good_bytes += bytes;
-                    self.ready.push_back((at, said));
+                    self.ready.push_back(Ready::Said(at, said));
                 }
                 Piece::Spoilt(bytes) => {
                     self.heard.spoilt(&bytes);
                     // A counter knows better.
                     if self.config.form.round().is_none() {
-                        self.counting.interrupted();
+                        self.ready.push_back(Ready::Broken);
                     }
                 }
             }
@@ -200,6 +227,7 @@ impl Driver for Serial {
         }
         self.forget_all()?;
         let (count, span) = self.listen().await?;
+        self.counting.begin();
         if self.heard.bytes == 0 {
             let seconds = LISTEN.max(self.config.timeout).as_secs_f64();
             return Err(SensorError::Silent { seconds });

@@ -8,7 +8,7 @@
 //!   known. Nothing but such pieces is silence: `Stale` after the time-out.
 //! - The counter stands: the sample came before, `Stale`.
 //! - A line without prefix, suffix, fixed number of columns or counter can lose a digit on its way and
-//!   still be a number. Nothing tells that; a frame with a checksum does.
+//!   still be a number. Nothing tells that; a checksum does, one of a single byte 255 times in 256.
 //! - The time of a sample is that at which the read that completed it returned.
 
 mod checksum;
@@ -18,10 +18,11 @@ mod driver;
 mod form;
 mod frame;
 mod line;
+mod sheet;
+pub mod simulated;
 mod suspect;
 #[cfg(test)]
 mod tests;
-pub mod twin;
 
 pub use config::Config;
 pub use driver::Serial;

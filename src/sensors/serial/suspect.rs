@@ -9,20 +9,23 @@ pub(super) struct Heard {
     pub good_bytes: usize,
     pub spoilt_bytes: usize,
     /// The first of what could not be understood.
-    pub example: Vec<u8>,
-    /// All bytes, whole pieces or not.
+    example: Vec<u8>,
+    /// All bytes, whole pieces or not, and the first of them.
     pub bytes: usize,
+    first: Vec<u8>,
 }
 
 const SHOWN: usize = 60;
 
 impl Heard {
+    pub fn came(&mut self, bytes: &[u8]) {
+        self.bytes += bytes.len();
+        append(&mut self.first, bytes);
+    }
+
     pub fn spoilt(&mut self, bytes: &[u8]) {
         self.spoilt_bytes += bytes.len();
-        if self.example.len() < SHOWN {
-            let room = SHOWN - self.example.len();
-            self.example.extend(bytes.iter().take(room));
-        }
+        append(&mut self.example, bytes);
     }
 
     /// More is spoilt than is good.
@@ -31,17 +34,23 @@ impl Heard {
     }
 
     pub fn suspect(&self, form: &Form, baud: Option<u32>) -> SensorError {
-        let example = self.example.escape_ascii();
+        let example = if self.example.is_empty() { &self.first } else { &self.example };
         let readable = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
-        let unreadable = self.example.iter().filter(|byte| !readable(byte)).count();
+        let unreadable = example.iter().filter(|byte| !readable(byte)).count();
+        let noise = 8 * unreadable > example.len();
+        let example = example.escape_ascii();
         let (text, remedy) = match form {
-            Form::Line(_) if 8 * unreadable > self.example.len() => (
+            Form::Line(_) if noise => (
                 format!("mostly noise comes where lines should: `{example}`"),
                 wrong_speed(baud),
             ),
             Form::Line(_) if self.spoilt_bytes == 0 => (
-                format!("{} bytes came and no line's end", self.bytes),
-                "compare `end` of [sensor.serial.line] with the sensor's manual".to_owned(),
+                format!("{} bytes came and no line's end: `{example}`", self.bytes),
+                format!(
+                    "compare `end` of [sensor.serial.line] with the sensor's manual; if that is nothing \
+                     it would say, {}",
+                    wrong_speed(baud)
+                ),
             ),
             Form::Line(_) => (
                 format!("lines come as `{example}`"),
@@ -60,6 +69,11 @@ impl Heard {
         };
         SensorError::Strange { text, remedy }
     }
+}
+
+fn append(shown: &mut Vec<u8>, bytes: &[u8]) {
+    let room = SHOWN.saturating_sub(shown.len());
+    shown.extend(bytes.iter().take(room));
 }
 
 fn wrong_speed(baud: Option<u32>) -> String {

@@ -10,12 +10,11 @@ use tokio::net::{TcpListener, TcpStream};
 use super::config::Config;
 use super::cut::{Cutter, Piece};
 use super::driver::Serial;
-use super::twin::{self, Tongue};
 use crate::base::clock::HostClock;
 use crate::link::{Pty, pty_at};
 use crate::record::reading::Flag;
 use crate::record::sensor::Sensor;
-use crate::sensors::wires::Wire;
+use crate::sensors::wires::{self, Sense, Tongue, Wire};
 use crate::sensors::{Driver, Sample, SensorError};
 use crate::world::Sensed;
 
@@ -300,7 +299,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
 }
 
 /// 0 to 9 and what has no value, round and round.
-fn sense() -> twin::Sense {
+fn sense() -> Sense {
     let mut place = 0_u32;
     Box::new(move || {
         place += 1;
@@ -325,7 +324,7 @@ fn expected(place: u32) -> (i64, &'static str) {
 async fn the_twin_in_memory_measures_when_it_is_asked() {
     for tongue in [Tongue::Text, Tongue::Frames] {
         let at = (tongue, Wire::Memory);
-        let mut serial = twin::open(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial = wires::serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
         assert!(serial.on_demand());
         // The first was for `prepare`.
@@ -340,7 +339,7 @@ async fn the_twin_in_memory_measures_when_it_is_asked() {
 async fn the_twin_on_a_wire_sends_by_itself() {
     for (tongue, wire) in [(Tongue::Text, Wire::Tcp), (Tongue::Frames, Wire::Pty)] {
         let mut serial =
-            twin::open((tongue, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
+            wires::serial((tongue, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
         assert!(!serial.on_demand());
         serial.forget().await.unwrap();

@@ -9,6 +9,10 @@ JSON on stdout; the first line says where it listens.
 
     value N          every input register, and holding registers 0 to 9, hold N
     faults A B ..    what happens to the next requests, one each
+    sense MS COUNT   be a sensor: so many measurements, one each so many milliseconds, in input registers 100
+                     (status), 101 (counter), 102 and 103 (micrometres, low word first), all at once
+    sensed           how many measurements it has made; each is 37 um more than the one before, status 2
+                     with each tenth
     writes           all writes so far: [[address, [words]], ..]
     requests         how many requests have come
 
@@ -23,6 +27,7 @@ import json
 import socket
 import struct
 import sys
+import time
 from collections import deque
 
 from pymodbus.datastore import ModbusSequentialDataBlock, ModbusServerContext, ModbusSlaveContext
@@ -31,6 +36,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 
 faults, writes, requests = deque(), [], 0
+sensed, sensing = 0, None
 
 
 class Counted(ModbusSequentialDataBlock):
@@ -117,8 +123,27 @@ def spoil(reply, fault):
         reply.registers = registers + [registers[0]]
 
 
+async def sense(milliseconds, count):
+    """Asyncio runs one thing at a time: no reply is made between two of the registers."""
+    global sensed
+    begun = time.monotonic()
+    while sensed < count:
+        sensed += 1
+        um = sensed * 37 & 0xFFFFFFFF
+        words = [2 if sensed % 10 == 0 else 0, sensed & 0xFFFF, um & 0xFFFF, um >> 16]
+        inputs.setValues(101, words)
+        await asyncio.sleep(begun + sensed * milliseconds / 1000 - time.monotonic())
+
+
 def command(line):
+    global sensing, sensed
     word, *rest = line.split()
+    if word == "sense":
+        sensed = 0
+        sensing = asyncio.ensure_future(sense(float(rest[0]), int(rest[1])))
+        return True
+    if word == "sensed":
+        return sensed
     if word == "value":
         inputs.values = [int(rest[0])] * 200
         holding.values[:10] = [int(rest[0])] * 10

@@ -16,9 +16,11 @@ Commands come a line each on standard input:
 
 Text: `#COUNTER MICROMETRES` and carriage return, line feed; counter round at 1000; `ERR` in place of a number.
 Frames: 7E 81, counter (16 bit, low byte first), micrometres (24 bit two's complement, high byte first; the
-least one says that there is none), sum of these five bytes.
+least one says that there is none), CRC of these five bytes (CRC-16/XMODEM, which is binascii's crc_hqx),
+high byte first.
 """
 
+import binascii
 import json
 import os
 import pty
@@ -38,7 +40,7 @@ def piece(count, um):
     if FORM != "frames":
         return b"#%d %s\r\n" % (count, b"ERR" if um is None else b"%d" % um)
     body = count.to_bytes(2, "little") + (NONE if um is None else um).to_bytes(3, "big", signed=True)
-    return b"\x7e\x81" + body + bytes([sum(body) & 255])
+    return b"\x7e\x81" + body + binascii.crc_hqx(body, 0).to_bytes(2, "big")
 
 
 class Sensor:

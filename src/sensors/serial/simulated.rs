@@ -6,113 +6,47 @@
 //! byte first; then CRC-16/MODBUS of what stands behind AA 55, low byte first.
 
 use std::io;
-use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::{MissedTickBehavior, interval};
 
-use super::{Config, Serial};
-use crate::base::Clock;
-use crate::link::Flow;
-use crate::record::sensor;
-use crate::sensors::SensorError;
-use crate::sensors::wires::{Wire, on_pty, on_tcp};
+use crate::link::{Flow, LinkError};
+use crate::sensors::wires::{Sense, Served, Tongue, on_pty, on_tcp};
 use crate::world::Sensed;
 
-/// Gives the next sample.
-pub type Sense = Box<dyn FnMut() -> Sensed + Send>;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tongue {
-    Text,
-    Frames,
-}
-
-const TEXT: &str = r#"
-[line]
-end = "\r\n"
-prefix = "D"
-suffix = ";"
-separator = ","
-columns = 2
-counter = { column = 2, round = 65536 }
-[line.value]
-column = 1
-scale_mm = 1.0
-codes = [
-    { is = "NOECHO", means = "no-echo" },
-    { is = "RANGE", means = "range" },
-    { is = "SATURATED", means = "saturated" },
-]
-"#;
-
-const FRAMES: &str = r#"
-[frame]
-sync = [0xAA, 0x55]
-length = 7
-order = "big"
-value = { byte = 0, width = 32, signed = true, scale_mm = 0.00001 }
-counter = { byte = 4, width = 16 }
-status = [
-    { byte = 6, bit = 0, means = "no-echo" },
-    { byte = 6, bit = 1, means = "range" },
-    { byte = 6, bit = 2, means = "saturated" },
-]
-checksum = { kind = "crc16-modbus", order = "little" }
-"#;
-
-const REQUEST: &str = "request = \"M\\n\"\n";
 /// Of the wire inside this process.
 const WIRE_BYTES: usize = 4096;
 const COUNTS_PER_MM: f64 = 1e5;
 
-impl Tongue {
-    fn config(self, request: &str) -> Result<Config, SensorError> {
-        let layout = if self == Self::Text { TEXT } else { FRAMES };
-        toml::from_str(&format!("serial = \"memory\"\n{request}{layout}")).map_err(|error| {
-            SensorError::Strange { text: error.to_string(), remedy: "report it".to_owned() }
-        })
-    }
+/// One inside this process, that says a sample for each line's end that it gets. Call inside a tokio
+/// runtime.
+pub fn on_demand(tongue: Tongue, sense: Sense) -> Flow {
+    let (near, far) = tokio::io::duplex(WIRE_BYTES);
+    tokio::spawn(Twin { tongue, count: 0, sense }.answer(far));
+    Flow::over("the simulated sensor", near)
 }
 
-/// Start one, `rate_hz` samples a second, and the driver for it. In memory it says a sample when it is
-/// asked, on another wire by itself. Call inside a tokio runtime.
+/// One on a pseudo-terminal, that sends by itself until its client has gone.
 ///
 /// # Errors
-/// What opening says.
-pub async fn open(
-    (tongue, wire): (Tongue, Wire),
-    sense: Sense,
-    rate_hz: f64,
-    sensor: &sensor::Sensor,
-    clock: Arc<dyn Clock>,
-) -> Result<Serial, SensorError> {
-    let twin = Twin { tongue, count: 0, sense };
-    let (at, keep) = match wire {
-        Wire::Memory => {
-            let (near, far) = tokio::io::duplex(WIRE_BYTES);
-            tokio::spawn(twin.answer(far));
-            let config = tongue.config(REQUEST)?;
-            let flow = Flow::over("the simulated sensor", near);
-            return Ok(Serial::over(flow, config, sensor, clock, rate_hz));
+/// What making the wire says.
+pub fn send_on_pty(tongue: Tongue, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let mut twin = Twin { tongue, count: 0, sense };
+    on_pty(move |device| async move { drop(twin.send(device, rate_hz).await) })
+}
+
+/// One on a TCP port, that sends by itself to one client after the other.
+///
+/// # Errors
+/// What opening the port says.
+pub fn send_on_tcp(tongue: Tongue, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let mut twin = Twin { tongue, count: 0, sense };
+    on_tcp(move |listener| async move {
+        while let Ok((stream, _)) = listener.accept().await {
+            drop(twin.send(stream, rate_hz).await);
         }
-        Wire::Pty => on_pty(move |device| async move {
-            let mut twin = twin;
-            drop(twin.send(device, rate_hz).await);
-        })?,
-        Wire::Tcp => on_tcp(move |listener| async move {
-            let mut twin = twin;
-            while let Ok((stream, _)) = listener.accept().await {
-                drop(twin.send(stream, rate_hz).await);
-            }
-        })?,
-    };
-    let config = Config { at, ..tongue.config("")? };
-    let serial = Serial::open(config, sensor, clock).await;
-    // The driver holds the pseudo-terminal open now.
-    drop(keep);
-    serial
+    })
 }
 
 struct Twin {

@@ -13,25 +13,9 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_modbus::server::{Service, rtu, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
 
-use super::{Config, Registers};
-use crate::base::Clock;
-use crate::record::sensor;
-use crate::sensors::SensorError;
-use crate::sensors::wires::{Wire, no_wire, on_pty, on_tcp};
+use crate::link::LinkError;
+use crate::sensors::wires::{Sense, Served, on_pty, on_tcp};
 use crate::world::Sensed;
-
-/// Gives the next sample.
-pub type Sense = Box<dyn FnMut() -> Sensed + Send>;
-
-const MAP: &str = r#"
-counter = { register = 1, type = "u16" }
-value = { register = 2, type = "i32", order = "cdab", scale_mm = 0.00001 }
-status = [
-    { register = 0, bit = 0, means = "no-echo" },
-    { register = 0, bit = 1, means = "range" },
-    { register = 0, bit = 2, means = "saturated" },
-]
-"#;
 
 const COUNTS_PER_MM: f64 = 1e5;
 
@@ -44,46 +28,34 @@ pub enum Measures {
     AtItsRate,
 }
 
-/// Start one, `rate_hz` samples a second, and the driver for it. Call inside a tokio runtime.
+/// One on a pseudo-terminal (RTU, whatever the unit), `rate_hz` samples a second.
 ///
 /// # Errors
-/// What opening says; the wire cannot be `memory`.
-pub async fn open(
-    (wire, measures): (Wire, Measures),
-    sense: Sense,
-    rate_hz: f64,
-    sensor: &sensor::Sensor,
-    clock: Arc<dyn Clock>,
-) -> Result<Registers, SensorError> {
-    let inner = Arc::new(Mutex::new(Inner { words: [0; 4], sense }));
-    let twin = Twin { inner, measures };
-    twin.measure();
-    let measuring = twin.clone();
-    let measuring = async move { measuring.at_rate(rate_hz).await };
-    let (at, keep) = match wire {
-        Wire::Memory => return Err(no_wire("memory")),
-        Wire::Pty => on_pty(move |device| async move {
-            let serve = rtu::Server::new(device).serve_forever(twin);
-            tokio::select! { _ = serve => {}, () = measuring => {} }
-        })?,
-        Wire::Tcp => on_tcp(move |listener| async move {
-            let connected = move |stream: TcpStream, _| {
-                let twin = twin.clone();
-                async move { stream.set_nodelay(true).map(|()| Some((twin, stream))) }
-            };
-            let server = tcp::Server::new(listener);
-            tokio::select! { _ = server.serve(&connected, |_| {}) => {}, () = measuring => {} }
-        })?,
-    };
-    let parity = if wire == Wire::Pty { "parity = \"none\"" } else { "" };
-    let config = Config::local(at, &format!("rate_hz = {rate_hz}\n{parity}\n{MAP}"));
-    let config =
-        config.map_err(|text| SensorError::Strange { text, remedy: "report it".to_owned() })?;
-    let simulated_hz = (measures == Measures::WhenRead).then_some(rate_hz);
-    let registers = Registers::open(config, sensor, clock, simulated_hz).await;
-    // The driver holds the pseudo-terminal open now.
-    drop(keep);
-    registers
+/// What making the wire says.
+pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let twin = Twin::new(measures, sense);
+    let measuring = twin.clone().at_rate(rate_hz);
+    on_pty(move |device| async move {
+        let serve = rtu::Server::new(device).serve_forever(twin);
+        tokio::select! { _ = serve => {}, () = measuring => {} }
+    })
+}
+
+/// One on a TCP port, `rate_hz` samples a second.
+///
+/// # Errors
+/// What opening the port says.
+pub fn serve_on_tcp(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let twin = Twin::new(measures, sense);
+    let measuring = twin.clone().at_rate(rate_hz);
+    on_tcp(move |listener| async move {
+        let connected = move |stream: TcpStream, _| {
+            let twin = twin.clone();
+            async move { stream.set_nodelay(true).map(|()| Some((twin, stream))) }
+        };
+        let server = tcp::Server::new(listener);
+        tokio::select! { _ = server.serve(&connected, |_| {}) => {}, () = measuring => {} }
+    })
 }
 
 struct Inner {
@@ -98,6 +70,13 @@ struct Twin {
 }
 
 impl Twin {
+    /// It has measured once.
+    fn new(measures: Measures, sense: Sense) -> Self {
+        let twin = Self { inner: Arc::new(Mutex::new(Inner { words: [0; 4], sense })), measures };
+        twin.measure();
+        twin
+    }
+
     async fn at_rate(self, rate_hz: f64) {
         if self.measures == Measures::WhenRead {
             std::future::pending::<()>().await;

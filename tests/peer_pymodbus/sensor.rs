@@ -1,0 +1,112 @@
+//! pymodbus as a displacement sensor: each measurement is taken once, what is missing is counted, and
+//! registers that stand are stale.
+
+use std::sync::Arc;
+
+use libtest_mimic::Failed;
+use trued::base::clock::HostClock;
+use trued::link::Named;
+use trued::link::modbus::Framing;
+use trued::record::reading::Flag;
+use trued::sensors::modbus::{Config, Registers};
+use trued::sensors::{Driver, Sample, SensorError};
+
+use super::server::{Server, on_a_runtime};
+
+const MAP: &str = r#"
+timeout_s = 0.4
+rate_hz = 1000
+unit = 1
+counter = { register = 101, type = "u16", gaps = true }
+value = { register = 102, type = "i32", order = "cdab", scale_mm = 0.001 }
+status = [{ register = 100, bit = 1, means = "no-echo" }]
+"#;
+
+/// More than it measures before it stands.
+const RANGE_MM: [f64; 2] = [-100.0, 100.0];
+
+async fn driver(server: &Server) -> Registers {
+    let at = match server.at() {
+        Named::Serial { path, baud } => {
+            format!("serial = \"{}\"\nbaud = {baud}\nparity = \"none\"", path.display())
+        }
+        other => format!("tcp = \"{other}\""),
+    };
+    let config: Config = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
+    let sensor = serde_json::from_value(serde_json::json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM
+    }));
+    let clock = Arc::new(HostClock::start());
+    Registers::open(config, &sensor.unwrap(), clock, None).await.unwrap()
+}
+
+/// Each sample is the measurement that its place says, the places counted by what is missing.
+fn place(samples: &[Sample], first: u32) -> u32 {
+    let mut place = first;
+    for sample in samples {
+        place += sample.missing + 1;
+        let expected = if place % 10 == 0 { None } else { Some(i64::from(place) * 37) };
+        let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as i64);
+        assert_eq!(um, expected, "measurement {place}");
+        let gap = expected.is_some() && sample.missing > 0;
+        assert_eq!(sample.flag == Flag::Gap, gap, "measurement {place}");
+    }
+    place
+}
+
+async fn measures(framing: Framing) -> Result<(), Failed> {
+    const COUNT: u32 = 600;
+    let mut server = Server::start(framing);
+    let mut driver = driver(&server).await;
+    server.sense(5.0, COUNT);
+    let prepared = driver.prepare().await?;
+    assert!(prepared.rate_hz > 5.0, "{prepared:?}");
+    driver.forget().await?;
+    let mut samples = vec![driver.next().await?];
+    while samples.last().is_some_and(|sample| sample.flag != Flag::Stale) {
+        samples.push(driver.next().await?);
+    }
+    // It stands: the one before was the last.
+    samples.pop();
+    assert_eq!(server.sensed(), COUNT);
+    let um = samples.iter().find_map(|sample| sample.value_mm).unwrap() * 1000.0;
+    let empty = samples.iter().take_while(|sample| sample.value_mm.is_none()).count();
+    let before = (um / 37.0).round() as u32 - 1 - u32::try_from(empty)?;
+    let gaps: u32 = samples.iter().skip(1).map(|sample| sample.missing).sum();
+    assert_eq!(place(&samples[1..], before + 1), COUNT);
+    println!("{} samples, {gaps} missing of {COUNT} from {} on", samples.len(), before + 1);
+    assert!(samples.len() > 100, "{}", samples.len());
+    Ok(())
+}
+
+pub fn tcp() -> Result<(), Failed> {
+    on_a_runtime(measures(Framing::Tcp))
+}
+
+pub fn rtu() -> Result<(), Failed> {
+    on_a_runtime(measures(Framing::Rtu))
+}
+
+/// A reply that is late, cut or of another unit is a stale sample; the next is the sensor's own again. A
+/// sensor whose registers are not there is refused.
+pub fn spoilt() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Rtu);
+        let mut driver = driver(&server).await;
+        server.sense(20.0, 100_000);
+        driver.prepare().await?;
+        for fault in ["drop", "short", "unit", "corrupt", "delay:0.6", "fewer"] {
+            driver.forget().await?;
+            server.faults(&[fault]);
+            let stale = driver.next().await?;
+            assert_eq!((stale.flag, stale.value_mm), (Flag::Stale, None), "{fault}");
+            let sample = driver.next().await?;
+            assert_ne!(sample.flag, Flag::Stale, "after {fault}");
+        }
+        server.faults(&["exception:2"]);
+        let refused = driver.next().await.unwrap_err();
+        assert!(matches!(refused, SensorError::Modbus(_)), "{refused}");
+        assert!(refused.remedy().contains("register map"), "{}", refused.remedy());
+        Ok(())
+    })
+}
