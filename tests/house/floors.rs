@@ -26,7 +26,7 @@ const SEAMS: [&str; 4] = ["methods", "controllers", "sensors", "service"];
 const PURE_UP_TO: usize = 4;
 /// On the lower floors all the same: it opens ports.
 const IMPURE: [&str; 1] = ["link"];
-const IO: [&str; 10] = [
+const IO: [&str; 11] = [
     "std::fs",
     "std::net",
     "std::process",
@@ -37,6 +37,7 @@ const IO: [&str; 10] = [
     "tokio_modbus",
     "tokio_serial",
     "rusqlite",
+    "socketcan",
 ];
 const CLOCKS: [&str; 3] = ["std::time::Instant", "std::time::SystemTime", "jiff"];
 const CHANCE: [&str; 5] =

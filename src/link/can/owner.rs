@@ -20,7 +20,7 @@ use crate::base::Clock;
 const PAUSE: Duration = Duration::from_millis(100);
 /// What the kernel may keep while this thread does not run, bytes; it grants less if it wants.
 const KEPT_BY_KERNEL: usize = 1 << 20;
-/// ARP type and flags within an identifier's word, as in the kernel's `can.h`.
+/// Flags and bits of an identifier's word, as in the kernel's `can.h`.
 const EXTENDED: u32 = 0x8000_0000;
 const REMOTE: u32 = 0x4000_0000;
 const STANDARD_BITS: u32 = 0x7FF;

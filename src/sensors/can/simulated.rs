@@ -37,9 +37,6 @@ fn bytes(count: u16, sensed: Sensed) -> [u8; 6] {
 }
 
 /// Frames one after the other, when they are asked for.
-///
-/// # Errors
-/// None: its identifier has 11 bits.
 pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<Frame> + Send {
     let mut count = 0_u16;
     move || {
