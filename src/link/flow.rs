@@ -27,10 +27,13 @@ pub enum Came {
     Forgotten,
 }
 
+/// Bytes and when they were read; or why no more will come.
+type Heard = Result<(Instant, Arc<[u8]>), String>;
+
 /// The handle: bytes in and out.
 pub struct Flow {
     name: String,
-    incoming: broadcast::Receiver<Result<(Instant, Arc<[u8]>), String>>,
+    incoming: broadcast::Receiver<Heard>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
     lost: Option<String>,
 }
@@ -117,7 +120,7 @@ impl Flow {
     }
 }
 
-struct Reads(broadcast::Sender<Result<(Instant, Arc<[u8]>), String>>);
+struct Reads(broadcast::Sender<Heard>);
 
 impl Sink for Reads {
     fn take(&mut self, bytes: &[u8]) -> io::Result<()> {

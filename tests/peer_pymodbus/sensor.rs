@@ -45,7 +45,7 @@ fn place(samples: &[Sample], first: u32) -> u32 {
     let mut place = first;
     for sample in samples {
         place += sample.missing + 1;
-        let expected = if place % 10 == 0 { None } else { Some(i64::from(place) * 37) };
+        let expected = if place.is_multiple_of(10) { None } else { Some(i64::from(place) * 37) };
         let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as i64);
         assert_eq!(um, expected, "measurement {place}");
         let gap = expected.is_some() && sample.missing > 0;

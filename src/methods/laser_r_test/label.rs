@@ -50,7 +50,8 @@ mod tests {
 
     #[test]
     fn a_label_says_why_and_where() {
-        let at = Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 1.0472);
+        let at =
+            Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 60f64.to_radians());
         assert_eq!(Pass::Pose.label("", &at), "pose/B-90/C60");
         assert_eq!(Pass::Height.label("2", &at), "height/2/B-90/C60");
         assert_eq!(in_words(&at), "B -90°, C 60°");

@@ -59,9 +59,12 @@ fn clock() -> Arc<HostClock> {
     Arc::new(HostClock::start())
 }
 
+/// Value or flag, and the counter.
+type Told = (Result<f64, Flag>, Option<u64>);
+
 /// What the cutter makes of `bytes`: values or flags with their counters, and `None` where something
 /// was spoilt.
-fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<(Result<f64, Flag>, Option<u64>)>> {
+fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
     let mut cutter = Cutter::new(config(layout).form);
     cutter.begin(false);
     let pieces = parts.iter().flat_map(|part| cutter.push(part)).collect::<Vec<_>>();
@@ -72,7 +75,7 @@ fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<(Result<f64, Flag>, Option<u
     pieces.into_iter().map(told).collect()
 }
 
-fn mm(value: f64, count: u64) -> Option<(Result<f64, Flag>, Option<u64>)> {
+fn mm(value: f64, count: u64) -> Option<Told> {
     Some((Ok(value), Some(count)))
 }
 
