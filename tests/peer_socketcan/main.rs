@@ -12,6 +12,7 @@ use libtest_mimic::{Arguments, Completion, Failed, Trial};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
 const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketcan");
 const MACHINE: &str = include_str!("../../config/simulated.toml");
+const LASER: &str = include_str!("../../config/laser.toml");
 const SCENES: &str = include_str!("scenes");
 
 const FRAMES: i64 = 10_000;
@@ -59,6 +60,16 @@ fn on(interface: &str, timeout_s: f64) -> String {
          counter = {{ byte = 0, width = 16 }}\n\
          status = [{{ byte = 5, bit = 0, means = \"no-echo\" }}]\n"
     ))
+}
+
+/// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points,
+/// as the guest is slow.
+fn scanning() -> String {
+    let memory = "speaks = \"can\"\nwire = \"memory\"\n";
+    assert!(LASER.contains(memory));
+    let text = LASER.replace(memory, "speaks = \"can\"\nwire = \"vcan0\"\n");
+    text + "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+            points = 7\nsamples = 5\nmonte_carlo_trials = 100\n"
 }
 
 /// On this computer, whatever its kernel: refused, with what to do.
@@ -110,6 +121,7 @@ fn in_the_guest(cache: &Path) -> Result<(), Failed> {
         ("none.toml", on("can7", 0.5)),
         ("lo.toml", on("lo", 0.5)),
         ("twin.toml", machine(twin)),
+        ("run.toml", scanning()),
     ] {
         std::fs::write(data.join(name), text)?;
     }
@@ -151,6 +163,7 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
         ("twin.status", 0),
         ("twin.stale", 0),
         ("twin.missing", 0),
+        ("run.status", 0),
         ("none.status", 1),
         ("lo.status", 1),
     ];
@@ -165,6 +178,14 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
             if said.get(&format!("{scene}.{key}")).map(String::as_str) != Some(wanted) {
                 return Err(format!("{scene}.{key} is not {wanted}\n{told}"));
             }
+        }
+    }
+    // Paper 2, Table 5, as the simulated machine has it; what a few poses can say of it.
+    for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)]
+    {
+        let came: Option<f64> = said.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
+        if came.is_none_or(|came: f64| (came - truth).abs() > limit) {
+            return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
     }
     let words = [
