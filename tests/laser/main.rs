@@ -53,10 +53,21 @@ fn chi2(estimate: &Estimate) -> f64 {
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
+/// One of each world, in their order.
+fn in_parallel(one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimate> {
+    const THREADS: u64 = 2;
+    let one = &one;
+    let part = |k: u64| (WORLDS * k / THREADS..WORLDS * (k + 1) / THREADS).map(one);
+    std::thread::scope(|scope| {
+        let each = |k| scope.spawn(move || part(k).collect::<Vec<_>>());
+        let threads: Vec<_> = (0..THREADS).map(each).collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("no panic")).collect()
+    })
+}
+
 #[test]
 fn u_is_true_over_a_hundred_machines() {
-    let all: Vec<Estimate> =
-        (0..WORLDS).map(|seed| estimate(&machine(100 + seed, |text| text))).collect();
+    let all = in_parallel(|seed| estimate(&machine(100 + seed, |text| text)));
     let mean = all.iter().map(|estimate| chi2(estimate) / 5.0).sum::<f64>() / WORLDS as f64;
     let dof = 5.0 * WORLDS as f64;
     let (low, high) = chi_square_bounds(dof, 0.99).expect("bounds");
@@ -70,4 +81,35 @@ fn u_is_true_over_a_hundred_machines() {
         assert!((0.8..1.25).contains(&(predicted / observed)), "{symbol}: {predicted} {observed}");
     }
     assert!((low / dof..high / dof).contains(&mean), "{mean}");
+}
+
+/// Through the program: control, sensor, proof, journal; twice the same, and identified again the same.
+#[test]
+fn a_run_says_the_same_twice_and_is_near_the_truth() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("laser.toml");
+    let text = include_str!("../../config/laser.toml").to_owned()
+        + "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+           monte_carlo_trials = 100\n";
+    std::fs::write(&file, text).expect("written");
+    let run = |state: &str| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_trued"))
+            .args(["run", METHOD, "--json", "--machine"])
+            .arg(&file)
+            .arg("--state")
+            .arg(folder.path().join(state))
+            .output()
+            .expect("started");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        output.stdout
+    };
+    let first = run("first");
+    assert_eq!(first, run("second"));
+    let estimate: Estimate = serde_json::from_slice(&first).expect("an estimate");
+    assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
+    for (error, (symbol, _)) in errors(&estimate).iter().zip(TRUTH) {
+        let (off, u) = error;
+        assert!(off.abs() < 4.0 * u, "{symbol} is off by {off}, u {u}");
+    }
 }
