@@ -103,9 +103,9 @@ fn acknowledge(args: &ResumeArgs, stored: &StoredRun) -> Result<Event, Failure> 
     let lost = story::position_lost(stored);
     let ask = match lost {
         true => {
-            "are all axes homed, for the control may have lost its position? is the way free, the stylus whole?"
+            "are all axes homed, for the control may have lost its position? is the way free, what sits in the spindle whole?"
         }
-        false => "is the way free, the stylus whole?",
+        false => "is the way free, what sits in the spindle whole?",
     };
     let who = match &args.acknowledge {
         Some(name) => name.trim().to_owned(),

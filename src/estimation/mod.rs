@@ -6,6 +6,7 @@ pub mod circle_lanes;
 pub mod coverage;
 mod gram_schmidt;
 pub mod linear;
+pub mod misfit;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;

@@ -77,6 +77,13 @@ impl RunError {
                     .to_owned()
             }
             Self::Sensor(error) => error.remedy(),
+            Self::Blind { flag: Flag::Stale, .. } => {
+                "the sensor has fallen silent: see to its cable, its power and its link".to_owned()
+            }
+            Self::Blind { flag: Flag::Saturated, .. } => {
+                "too much light comes back: lower the sensor's exposure or power, or take a duller sphere"
+                    .to_owned()
+            }
             Self::Blind { .. } => {
                 "see that the beam meets the sphere: does it stand where the machine file says, is its \
                  surface clean, is the sensor mounted as zero_mm and direction say?"

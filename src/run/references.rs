@@ -15,14 +15,18 @@ const SAME_WAY: f64 = 0.999_85;
 struct Place<'a> {
     /// The newest step that touched it.
     step: &'a Step,
+    point: usize,
     /// In the order of measurement.
     visits: Vec<Visit<'a>>,
 }
 
-/// What one touch of a place said, or the mean of all samples that were taken there at once.
+/// What one touch of a place said, or the mean of all samples that were taken there at once. Of a scan
+/// each point is a place: its flanks see what moves across the beam.
 #[derive(Clone, Copy)]
 struct Visit<'a> {
     step: &'a Step,
+    /// Number of the point within the scan.
+    point: usize,
     repeat: u32,
     /// Where the surface was found, against the direction of the touch or along the scan's normal, mm.
     outward_mm: f64,
@@ -34,15 +38,17 @@ fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
     let good = |reading: &&Reading| reading.flag == Flag::None;
     let same =
         |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
-    let visits = readings.chunk_by(same).filter_map(|readings| {
+    let stands = |one: &Reading, other: &Reading| one.position == other.position;
+    let visit = |(point, readings): (usize, &[Reading])| {
         let (first, count) = (readings.iter().find(good)?, readings.iter().filter(good).count());
         let is_read = |step: &&Step| step.id == first.step && step.kind == StepKind::Reference;
         let step = plan.steps.iter().find(is_read)?;
         let found = readings.iter().filter(good).map(|reading| outward(step, reading));
         let outward_mm = found.sum::<f64>() / count as f64;
-        Some(Visit { step, repeat: first.repeat, outward_mm, t_s: first.t_s })
-    });
-    visits.collect()
+        Some(Visit { step, point, repeat: first.repeat, outward_mm, t_s: first.t_s })
+    };
+    let steps = readings.chunk_by(same);
+    steps.flat_map(|step| step.chunk_by(stands).enumerate().filter_map(visit)).collect()
 }
 
 /// The places that can be compared.
@@ -59,12 +65,18 @@ impl<'a> References<'a> {
         let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
         let mut places: Vec<Place<'a>> = Vec::new();
         for visit in visits(plan, readings.get(..agreed).unwrap_or_default()) {
-            match places.iter_mut().find(|place| same_place(place.step, visit.step)) {
+            let there = |place: &&mut Place<'_>| {
+                place.point == visit.point && same_place(place.step, visit.step)
+            };
+            match places.iter_mut().find(there) {
                 Some(place) => {
                     place.step = visit.step;
                     place.visits.push(visit);
                 }
-                None => places.push(Place { step: visit.step, visits: vec![visit] }),
+                None => {
+                    let Visit { step, point, .. } = visit;
+                    places.push(Place { step, point, visits: vec![visit] });
+                }
             }
         }
         Self { plan, places }
@@ -85,12 +97,15 @@ impl<'a> References<'a> {
         let touches =
             |stage: &&Stage| self.places.iter().any(|place| stage.steps.contains(&place.step.id));
         // They were planned for what was found there, not for what a later stage searches.
+        let mut steps: Vec<u32> = self.places.iter().map(|place| place.step.id).collect();
+        // The points of a scan are places of one step.
+        steps.dedup();
         let theirs = stages.iter().rev().find(touches);
         Stage {
             id: last.map_or(0, |stage| stage.id),
             name: "references after a stop".to_owned(),
             repeat: REPEAT_AFTER_STOP + stops as u32,
-            steps: self.places.iter().map(|place| place.step.id).collect(),
+            steps,
             found: theirs.or(last).and_then(|stage| stage.found.clone()),
         }
     }
@@ -112,7 +127,7 @@ impl<'a> References<'a> {
     pub fn compare(&self, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
         let again = visits(self.plan, readings);
         let after = |place: &Place<'_>| -> Vec<f64> {
-            let there = again.iter().filter(|visit| visit.step.id == place.step.id);
+            let there = again.iter().filter(|visit| place.is_of(visit));
             there.map(|visit| visit.outward_mm).collect()
         };
         let series: Vec<Vec<f64>> =
@@ -123,10 +138,10 @@ impl<'a> References<'a> {
             .places
             .iter()
             .filter_map(|place| {
-                let is_new = |visit: &&Visit<'_>| visit.step.id == place.step.id;
+                let is_new = |visit: &&Visit<'_>| place.is_of(visit);
                 let (before, after) = (place.visits.last()?, again.iter().find(is_new)?);
                 let pair = Pair {
-                    label: place.step.label.clone(),
+                    label: place.label(),
                     position_mm: [before, after].map(|visit| visit.outward_mm),
                     t_s: [before.t_s, after.t_s],
                     resolution_mm: self.resolution(place.step),
@@ -146,6 +161,17 @@ impl<'a> References<'a> {
 }
 
 impl Place<'_> {
+    fn is_of(&self, visit: &Visit<'_>) -> bool {
+        (visit.step.id, visit.point) == (self.step.id, self.point)
+    }
+
+    fn label(&self) -> String {
+        match self.step.scan {
+            None => self.step.label.clone(),
+            Some(_) => format!("{}, point {}", self.step.label, self.point + 1),
+        }
+    }
+
     /// What the ordinary passes read here.
     fn series(&self) -> Vec<f64> {
         let ordinary = self.visits.iter().filter(|visit| visit.repeat < REPEAT_AFTER_STOP);

@@ -2,6 +2,7 @@
 
 use super::{Run, RunError};
 use crate::base::Position;
+use crate::controllers::ControllerError;
 use crate::record::event::Event;
 use crate::record::motion::{Block, Outcome};
 use crate::record::plan::{Sampling, Scan, Step};
@@ -42,29 +43,40 @@ impl Run<'_> {
         let mut readings = Vec::new();
         for (number, block) in blocks.into_iter().enumerate() {
             // On its way to the first point the sensor comes from afar, where it sees nothing.
-            let outcome = match number {
-                0 => self.devices.controller.execute(block).await?,
-                _ => self.watched(step, block).await?,
+            let good: fn(&Sample) -> bool = match number {
+                0 => |sample| sample.flag != Flag::Saturated,
+                _ => |sample| matches!(sample.flag, Flag::None | Flag::Gap),
             };
+            let outcome = self.watched(step, block, good).await?;
+            let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
             let samples = self.sensor(&step.sensor)?.take(count).await?;
             if !samples.iter().any(|sample| sample.value_mm.is_some()) {
                 return Err(self.blind(step, samples.first()));
             }
-            readings.extend(self.at_point(step, repeat, (&outcome, &stands), &samples));
+            readings.extend(self.at_point(step, repeat, (own_s, &stands), &samples));
         }
         Ok(readings)
     }
 
-    /// As long as the machine moves the surface stays in the sensor's range: otherwise it is held.
-    async fn watched(&self, step: &Step, block: Block) -> Result<Outcome, RunError> {
+    /// As long as the machine moves all that the sensor says is `good`: otherwise the machine is held.
+    async fn watched(
+        &self,
+        step: &Step,
+        block: Block,
+        good: fn(&Sample) -> bool,
+    ) -> Result<Outcome, RunError> {
         let (sensor, halt) = (self.sensor(&step.sensor)?, self.devices.controller.halt());
-        let in_range = |sample: &Sample| !matches!(sample.flag, Flag::Range | Flag::Saturated);
-        sensor.watch(in_range, move || halt.now()).await?;
+        sensor.watch(good, move || halt.now()).await?;
         let executed = self.devices.controller.execute(block).await;
-        match sensor.rest().await? {
-            Some(sample) => Err(self.blind(step, Some(&sample))),
-            None => Ok(executed?),
+        let watched = sensor.rest().await;
+        match executed {
+            // What the control says of itself comes first, but for the hold that the sensor has asked for.
+            Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
+            executed => match watched? {
+                Some(sample) => Err(self.blind(step, Some(&sample))),
+                None => Ok(executed?),
+            },
         }
     }
 
@@ -78,10 +90,10 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         repeat: u32,
-        (outcome, stands): (&Outcome, &Position),
+        (own_s, stands): (f64, &Position),
         samples: &[Sample],
     ) -> Vec<Reading> {
-        let began = self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s()));
+        let began = self.timeline.at(own_s);
         let first = samples.first().map_or(0.0, |sample| sample.t_s);
         let reading = |sample: &Sample| Reading {
             step: step.id,

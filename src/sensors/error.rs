@@ -28,8 +28,11 @@ impl SensorError {
     /// What to do next.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Link(error) => error.remedy().to_owned(),
-            Self::Modbus(error) => error.remedy().to_owned(),
+            Self::Link(_) | Self::Modbus(_) => {
+                "see that the sensor has power and its cable is plugged in, and compare its address and \
+                 speed with its table in [[sensor]]"
+                    .to_owned()
+            }
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
                 "see that the sensor has power, that its cable is plugged in, and that it is set to send"

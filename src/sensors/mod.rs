@@ -26,6 +26,8 @@ mod layout_tests;
 pub mod modbus;
 pub mod serial;
 mod simulated;
+#[cfg(test)]
+mod tests;
 pub mod wires;
 
 pub use entry::{Entry, Reached};
@@ -78,6 +80,9 @@ pub trait Driver: Send + 'static {
     fn on_demand(&self) -> bool;
 }
 
+/// Who says nothing so often in a row says nothing.
+const MOST_SILENT: u32 = 3;
+
 type Good = Box<dyn Fn(&Sample) -> bool + Send>;
 type Act = Box<dyn Fn() + Send>;
 
@@ -110,7 +115,7 @@ impl Sensor {
         self.ask(Request::Prepare).await
     }
 
-    /// The next `count` samples, none from before this call.
+    /// The next `count` samples, none from before this call; fewer of a sensor that falls silent.
     pub async fn take(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
         self.ask(|answer| Request::Take(count, answer)).await
     }
@@ -156,9 +161,14 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
 
 async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, SensorError> {
     driver.forget().await?;
-    let mut samples = Vec::new();
+    let (mut samples, mut silent) = (Vec::new(), 0);
     for _ in 0..count {
-        samples.push(driver.next().await?);
+        let sample = driver.next().await?;
+        silent = if sample.flag == Flag::Stale { silent + 1 } else { 0 };
+        samples.push(sample);
+        if silent == MOST_SILENT {
+            break;
+        }
     }
     Ok(samples)
 }
@@ -173,7 +183,7 @@ async fn watch(
     if driver.on_demand() {
         return Ok(None);
     }
-    driver.forget().await?;
+    driver.forget().await.inspect_err(|_| act())?;
     while inbox.is_empty() && !inbox.is_closed() {
         let sample = driver.next().await.inspect_err(|_| act())?;
         if !good(&sample) {

@@ -3,7 +3,8 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 
 use super::modbus::simulated::Measures;
 use super::wires::{self, Tongue, Wire};
@@ -22,8 +23,16 @@ pub struct Simulated {
     #[serde(default = "memory")]
     wire: String,
     /// Samples a second.
-    #[serde(default = "usual_rate")]
+    #[serde(default = "usual_rate", deserialize_with = "rate")]
     rate_hz: f64,
+}
+
+fn rate<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
+    let hz = f64::deserialize(keys)?;
+    if (0.1..=1e5).contains(&hz) {
+        return Ok(hz);
+    }
+    Err(D::Error::custom(format!("`rate_hz` is {hz}; it lies between 0.1 and 100000")))
 }
 
 /// The list: a new simulated sensor is a line here and in the match below.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::{MachineFile, SetupError, world};
 use crate::base::Clock;
 use crate::base::clock::HostClock;
-use crate::sensors::{Entry, Reached, Sensor, SensorError, Simulated, View};
+use crate::sensors::{Entry, Reached, Sensor, SensorError, View};
 use crate::world::World;
 
 /// The sensor `name` alone: its machine is not opened. A simulated one sees what it would before anything
@@ -69,8 +69,7 @@ impl Sensors {
             (Reached::Simulated(simulated), Some(world)) => {
                 simulated.open(sensor, view(world)).await
             }
-            (Reached::Real(_), Some(world)) => Simulated::default().open(sensor, view(world)).await,
-            (Reached::Real(real), None) => real.open(sensor, self.clock.clone()).await,
+            (Reached::Real(real), _) => real.open(sensor, self.clock.clone()).await,
             (Reached::Simulated(_), None) => {
                 Err(SensorError::NothingToSee { name: name.to_owned() })
             }

@@ -10,8 +10,9 @@ use super::observe::{Observed, observe};
 use super::outputs;
 use super::parameters::{self, Chosen};
 use super::sources::{UncertaintySource, sources};
-use super::uncertainty::{Effects, Misfit, Propagated, Solved, by_trials, whitening};
+use super::uncertainty::{self, Effects, Propagated, Solved, by_trials, whitening};
 use crate::estimation::linear::{LinearError, Survey};
+use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{Summary, Trials};
 use crate::estimation::nonlinear::{Minimum, NonlinearError};
 use crate::estimation::null_names::name_null_space;
@@ -65,7 +66,7 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
         into_table: &into_table,
     };
     let declared = bench.sensor.noise_um.is_some();
-    let misfit = Misfit::judge(&solved, &effects, &sources, declared);
+    let misfit = uncertainty::misfit(&solved, &effects, &sources, declared);
     let propagated = Propagated::new(&solved, &effects, &sources, &misfit);
     let monte_carlo = by_trials(&solved, &sources, misfit.factor, trials(bench))
         .map_err(|why| IdentifyError::Numerical(why.to_string()))?;

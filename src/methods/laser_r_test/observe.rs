@@ -9,8 +9,11 @@ use super::label::Pass;
 use super::model::linear;
 use crate::base::Position;
 use crate::methods::IdentifyError;
-use crate::record::plan::{REPEAT_AFTER_STOP, Sampling, Step};
+use crate::record::plan::{REPEAT_AFTER_STOP, Sampling, Scan, Step};
 use crate::record::reading::{Flag, Reading};
+
+/// Axes that move less than this stand, mm.
+const STANDS_MM: f64 = 0.005;
 
 /// One place at which samples were taken, their mean.
 #[derive(Debug, Clone, Copy)]
@@ -122,8 +125,8 @@ fn scanned(
 ) -> Scanned {
     let rotary = step.from.only(|axis| !axis.is_linear());
     let travel = bench.travel(&rotary);
-    let mut bins: BTreeMap<usize, Vec<Spot>> = BTreeMap::new();
-    for (count, reading) in readings.iter().enumerate() {
+    let mut spots: Vec<Spot> = Vec::new();
+    for reading in readings {
         observed.samples += 1;
         // A touch is at no distance.
         let value = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
@@ -134,9 +137,10 @@ fn scanned(
         };
         let xyz = linear(&reading.position);
         let spot = Spot { xyz, at: travel * xyz, value, samples: 1, t_s: reading.t_s };
-        bins.entry(bin(step, xyz, count)).or_default().push(spot);
+        spots.push(spot);
     }
-    let spots = bins.into_values().map(|all| mean(&all, &mut observed.within)).collect();
+    let points = points(step, spots);
+    let spots = points.iter().map(|all| mean(all, &mut observed.within)).collect();
     Scanned {
         pass,
         label: measurement(step).to_owned(),
@@ -146,15 +150,22 @@ fn scanned(
     }
 }
 
-/// Which samples are of one point: at dwells the nearest of the path, on the way each by itself.
-fn bin(step: &Step, xyz: DVec3, count: usize) -> usize {
-    let Some(scan) = &step.scan else { return count };
-    if let Sampling::Continuous { .. } = scan.sampling {
-        return count;
+/// Samples are of one point as long as the axes stand; on the way, and of touches, each is by itself.
+/// Where the axes stood decides, not the plan: its points may have been others when it was measured.
+fn points(step: &Step, spots: Vec<Spot>) -> Vec<Vec<Spot>> {
+    let dwells = |scan: &Scan| matches!(scan.sampling, Sampling::Dwell { .. });
+    let mut points: Vec<Vec<Spot>> = Vec::new();
+    for spot in spots {
+        let stands = |point: &&mut Vec<Spot>| {
+            let first = point.first();
+            first.is_some_and(|first| first.xyz.distance(spot.xyz) < STANDS_MM)
+        };
+        match points.last_mut().filter(stands) {
+            Some(point) if step.scan.as_ref().is_some_and(dwells) => point.push(spot),
+            _ => points.push(vec![spot]),
+        }
     }
-    let away = |at: &Position| linear(at).distance_squared(xyz);
-    let points = scan.path.iter().enumerate();
-    points.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map_or(count, |(index, _)| index)
+    points
 }
 
 fn mean(all: &[Spot], within: &mut (f64, usize)) -> Spot {

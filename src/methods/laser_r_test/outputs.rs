@@ -18,6 +18,8 @@ use crate::record::estimate::{
 /// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
 /// looks down), and what the sensor's scale deviates from 1.
 const BEAM_NAMES: [&str; BEAM] = ["beam_x", "beam_y", "gain"];
+/// Its place among them.
+const GAIN: usize = 2;
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts, &parts.minimum.x);
@@ -61,7 +63,7 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
         (_, false) => Unit::Urad,
     };
     match i.checked_sub(own) {
-        Some(2) => Unit::UmPerM,
+        Some(GAIN) => Unit::UmPerM,
         Some(_) => Unit::Urad,
         None => parts.problem.model.parameters.get(i).map_or(Unit::Mm, of_machine),
     }
@@ -69,8 +71,15 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
 
 fn value(parts: &Parts<'_>, i: usize) -> f64 {
     let of_beam = |k: Option<usize>| k.and_then(|k| parts.fitted.x.get(k)).copied();
-    let beam = of_beam(i.checked_sub(parts.names.len())).unwrap_or_default();
+    let own = i.checked_sub(parts.names.len());
+    let beam = of_beam(own).unwrap_or_default();
+    let beam = if own == Some(GAIN) { gain(beam) } else { beam };
     parts.minimum.x.get(i).copied().unwrap_or(beam)
+}
+
+/// What the sensor says of a distance, less 1: the fit's unknown is the distance of what it says.
+pub fn gain(unknown: f64) -> f64 {
+    1.0 / (1.0 + unknown) - 1.0
 }
 
 fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
@@ -97,7 +106,9 @@ fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
 }
 
 fn covariance(parts: &Parts<'_>, count: usize) -> Covariance {
-    let factor: Vec<f64> = (0..count).map(|i| unit(parts, i).from_internal(1.0)).collect();
+    let sign = |i: usize| if i == parts.names.len() + GAIN { -1.0 } else { 1.0 };
+    let factor: Vec<f64> =
+        (0..count).map(|i| sign(i) * unit(parts, i).from_internal(1.0)).collect();
     let full = &parts.propagated.covariance;
     let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
     Covariance {

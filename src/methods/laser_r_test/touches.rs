@@ -13,9 +13,9 @@ use crate::record::plan::{Step, StepKind};
 
 /// Touches of one measurement.
 const TOUCHES: usize = 5;
-/// Clear distance before the expected contact, and how far beyond it a slow touch may go, mm.
-const STANDOFF_MM: f64 = 0.5;
-const SEARCH_MM: f64 = 1.0;
+/// Clear distance before the expected contact, and how far beyond it a slow touch may go, beside how far
+/// the sphere may be from where it is expected, mm.
+const CLEAR_MM: f64 = 0.2;
 
 /// The touches of one measurement, not yet numbered.
 ///
@@ -42,9 +42,12 @@ pub fn steps(
     let approach = match pass {
         Pass::Find => {
             let uncertainty_mm = bench.balls.uncertainty_mm;
-            Approach::Find { uncertainty_mm, standoff_mm: STANDOFF_MM }
+            Approach::Find { uncertainty_mm, standoff_mm: CLEAR_MM }
         }
-        _ => Approach::Slow { standoff_mm: STANDOFF_MM, search_mm: SEARCH_MM },
+        _ => {
+            let margin_mm = bench.settings.margin_mm + CLEAR_MM;
+            Approach::Slow { standoff_mm: margin_mm, search_mm: margin_mm }
+        }
     };
     let kind = if wanted.reference { StepKind::Reference } else { StepKind::Touch };
     let task = BallTask { ball: &ball, rotary: &wanted.rotary, approach, touches: TOUCHES };

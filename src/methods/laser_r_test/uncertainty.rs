@@ -12,13 +12,12 @@ use super::centres::Centres;
 use super::model::{Problem, Sight};
 use super::sources::{Acts, Shape, UncertaintySource};
 use crate::estimation::coverage;
+use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
 use crate::estimation::nonlinear::Minimum;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6c61_7365;
-/// Probability that χ² stays within its bounds where all is as declared.
-const CREDIBLE: f64 = 0.998;
 /// No centre weighs more than one of this standard uncertainty, mm.
 const LEAST_MM: f64 = 1e-6;
 
@@ -96,45 +95,18 @@ impl Solved<'_> {
 }
 
 /// The residuals of the poses against what is declared.
-#[derive(Debug, Clone, Copy)]
-pub struct Misfit {
-    pub chi2: f64,
-    /// What it is on average where all is as declared.
-    pub expected: f64,
-    /// Effective degrees of freedom of χ² (Satterthwaite).
-    pub dof: f64,
-    /// Factor on the standard uncertainties of the sources that the residuals show.
-    pub factor: f64,
-    pub above: bool,
-    pub below: bool,
-}
-
-impl Misfit {
-    pub fn judge(
-        solved: &Solved<'_>,
-        effects: &Effects,
-        sources: &[UncertaintySource],
-        declared: bool,
-    ) -> Self {
-        let mut left: Vec<Vec<f64>> = Vec::new();
-        for (effect, _) in effects.of.iter().zip(sources) {
-            let columns = (0..effect.ncols()).map(|j| solved.rows_of(effect, j));
-            left.extend(columns.map(|rows| solved.minimum.factored.remainder(&rows)));
-        }
-        let rows = solved.minimum.residuals.len();
-        let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
-        let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
-        let dof = expected * expected / (&left * left.transpose()).squared_norm_l2();
-        let chi2: f64 = solved.minimum.residuals.iter().map(|r| r * r).sum();
-        let bounds = coverage::chi_square_bounds(dof, CREDIBLE);
-        let ratio = chi2 / expected;
-        let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let above = declared && beyond(&|(_, upper)| ratio * dof > upper);
-        let below = declared && beyond(&|(lower, _)| ratio * dof < lower);
-        let judged = above || (!declared && bounds.is_some());
-        let factor = if judged { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, dof, factor, above, below }
+pub fn misfit(
+    solved: &Solved<'_>,
+    effects: &Effects,
+    sources: &[UncertaintySource],
+    declared: bool,
+) -> Misfit {
+    let mut left: Vec<Vec<f64>> = Vec::new();
+    for (effect, _) in effects.of.iter().zip(sources) {
+        let columns = (0..effect.ncols()).map(|j| solved.rows_of(effect, j));
+        left.extend(columns.map(|rows| solved.minimum.factored.remainder(&rows)));
     }
+    Misfit::judge(&solved.minimum.residuals, &left, declared)
 }
 
 /// First-order propagation. Unknowns: those of the second fit, then the beam's.

@@ -2,7 +2,7 @@
 
 use super::identify::Parts;
 use super::label::Pass;
-use super::outputs::{forms, symbol};
+use super::outputs::{self, forms, symbol};
 use super::paper;
 use crate::kinematics::Shape;
 use crate::record::estimate::Unit;
@@ -52,11 +52,11 @@ fn gain(parts: &Parts<'_>) -> Option<String> {
     if parts.bench.touches() {
         return None;
     }
-    let (gain, u) = (*parts.fitted.x.get(2)?, parts.propagated.u(index));
+    let (gain, u) = (outputs::gain(*parts.fitted.x.get(2)?), parts.propagated.u(index));
     (gain.abs() > FAR * u && gain.abs() > GAIN).then(|| {
         format!(
-            "the sensor reads {:+.0} um/m too little against X, Y and Z (u {:.0}): check its scale, and \
-             that range_mm and the sphere's radius are right",
+            "the sensor says {:+.0} um/m more than X, Y and Z move (u {:.0}): check its scale, and that \
+             range_mm and the sphere's radius are right",
             Unit::UmPerM.from_internal(gain),
             Unit::UmPerM.from_internal(u)
         )

@@ -12,7 +12,7 @@ use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
-use super::uncertainty::{Misfit, Propagated, Weights, by_trials};
+use super::uncertainty::{self, Propagated, Weights, by_trials};
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::monte_carlo::Trials;
 use crate::estimation::nonlinear::{Minimum, NonlinearError};
@@ -45,7 +45,7 @@ pub fn identify(
     let u_bars: Vec<f64> = lengths.iter().map(|length| length_u_mm(length)).collect();
     let declared = plan.probe.repeatability_um.is_some();
     let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
-    let misfit = Misfit::judge(&weights, &minimum, &sources, declared);
+    let misfit = uncertainty::misfit(&weights, &minimum, &sources, declared);
     let propagated = Propagated::new(&weights, &minimum.factored, &sources, &misfit);
     let trials = trials(settings, &problem, &sources);
     let monte_carlo = by_trials(&problem, &minimum, &measured, &sources, misfit.factor, trials)

@@ -11,14 +11,13 @@ use rand_distr::{Distribution, StandardNormal};
 use super::fit::{Measured, Problem};
 use super::sources::{Draw, Shape, UncertaintySource};
 use crate::estimation::coverage;
+use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
 use crate::estimation::nonlinear::Minimum;
 use crate::estimation::schur::Factored;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
-/// Probability that χ² stays within its bounds where all is as declared.
-const CREDIBLE: f64 = 0.998;
 
 /// How what is measured stands in the rows of the problem.
 #[derive(Clone, Copy)]
@@ -41,53 +40,15 @@ pub struct Propagated {
 }
 
 /// The residuals against what is declared.
-#[derive(Debug, Clone, Copy)]
-pub struct Misfit {
-    /// Weighted sum of squares.
-    pub chi2: f64,
-    /// What it is on average where all is as declared: the degrees of freedom, less where sources
-    /// that move many measurements together are declared.
-    pub expected: f64,
-    /// Effective degrees of freedom of χ².
-    pub dof: f64,
-    /// Factor on the standard uncertainties of the sources that the residuals show.
-    pub factor: f64,
-    /// Beyond its bounds: above, below.
-    pub above: bool,
-    pub below: bool,
-}
-
-impl Misfit {
-    /// χ² of the residuals against its distribution under `sources`: that of a sum of squares with
-    /// the mean and the variance that they make (Satterthwaite). Declared sizes stand unless the
-    /// residuals contradict them; without a declaration the residuals judge.
-    pub fn judge(
-        weights: &Weights<'_>,
-        minimum: &Minimum,
-        sources: &[UncertaintySource],
-        declared: bool,
-    ) -> Self {
-        let columns: Vec<Vec<f64>> = sources
-            .iter()
-            .flat_map(|source| &source.draws)
-            .map(|draw| minimum.factored.remainder(&weights.rows(draw)))
-            .collect();
-        let rows = minimum.residuals.len();
-        let left = Mat::from_fn(rows, columns.len(), |i, j| columns[j][i]);
-        let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
-        let joint =
-            if rows < columns.len() { &left * left.transpose() } else { left.transpose() * &left };
-        let dof = expected * expected / joint.squared_norm_l2();
-        let chi2: f64 = minimum.residuals.iter().map(|r| r * r).sum();
-        let bounds = coverage::chi_square_bounds(dof, CREDIBLE);
-        let ratio = chi2 / expected;
-        let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let above = declared && beyond(&|(_, upper)| ratio * dof > upper);
-        let below = declared && beyond(&|(lower, _)| ratio * dof < lower);
-        let judged = above || (!declared && bounds.is_some());
-        let factor = if judged { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, dof, factor, above, below }
-    }
+pub fn misfit(
+    weights: &Weights<'_>,
+    minimum: &Minimum,
+    sources: &[UncertaintySource],
+    declared: bool,
+) -> Misfit {
+    let draws = sources.iter().flat_map(|source| &source.draws);
+    let left = draws.map(|draw| minimum.factored.remainder(&weights.rows(draw)));
+    Misfit::judge(&minimum.residuals, &left.collect::<Vec<_>>(), declared)
 }
 
 impl Propagated {

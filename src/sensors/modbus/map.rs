@@ -164,7 +164,7 @@ impl TryFrom<StatusKeys> for Status {
     fn try_from(
         StatusKeys { register, bit, width, is, means }: StatusKeys,
     ) -> Result<Self, String> {
-        if width == 0 || bit + width > 16 {
+        if width == 0 || bit.saturating_add(width) > 16 {
             return Err(format!("`status` at register {register}: a register has bits 0 to 15"));
         }
         let mask = u16::MAX >> (16 - width);
