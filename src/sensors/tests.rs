@@ -43,7 +43,9 @@ fn sensor(flags: &[Flag], broken: bool) -> Sensor {
 async fn held(sensor: &Sensor) -> (u32, Result<Option<Sample>, SensorError>) {
     let held = Arc::new(AtomicU32::new(0));
     let count = held.clone();
-    let act = move || drop(count.fetch_add(1, Ordering::SeqCst));
+    let act = move || {
+        count.fetch_add(1, Ordering::SeqCst);
+    };
     sensor.watch(|sample| sample.flag == Flag::None, act).await.unwrap();
     tokio::time::sleep(Duration::from_millis(50)).await;
     let ended = sensor.rest().await;
