@@ -10,6 +10,7 @@ pub mod misfit;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
+pub mod propagated;
 mod radial;
 mod radial_lanes;
 mod radial_many;
@@ -17,6 +18,7 @@ pub mod schur;
 pub mod smooth;
 pub mod sphere;
 pub mod trigonometric;
+pub mod whitening;
 
 #[cfg(test)]
 mod tests;

@@ -27,7 +27,7 @@ pub use capture::Capture;
 pub use flow::{Came, Flow};
 pub use folder::Folder;
 pub use lines::Received;
-pub use named::{HostPort, Named};
+pub use named::{HostPort, Named, timeout};
 pub use replay::{CaptureError, Replay};
 pub use speed::{heard, pty_at};
 pub use stream::{Link, Urgent};

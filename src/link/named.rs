@@ -2,11 +2,22 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Deserialize;
 
 use super::wiring::Wiring;
 use super::{Address, BY_ID, LinkError, by_id};
+
+/// `timeout_s` of a link.
+///
+/// # Errors
+/// A time that no link should wait, in words.
+pub fn timeout(seconds: f64) -> Result<Duration, String> {
+    let sensible = (0.01..=30.0).contains(&seconds);
+    let words = || "`timeout_s` is a time from 0.01 to 30".to_owned();
+    sensible.then(|| Duration::from_secs_f64(seconds)).ok_or_else(words)
+}
 
 /// A name or an address, a colon and a port; whether somebody listens there shows on opening.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]

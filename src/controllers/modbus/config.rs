@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use serde::Deserialize;
 
@@ -10,15 +9,9 @@ use super::program::{self, Program};
 use super::{Map, ModbusControl, map};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
-use crate::link::modbus::{Framing, Line, Parity};
+use crate::link::modbus::{Device, DeviceKeys, Framing, Parity};
 use crate::link::{self, HostPort};
 use crate::record::machine::Machine;
-
-/// Baud rate and parity as the Modbus serial line specification has them by default.
-const USUAL_BAUD: u32 = 19_200;
-/// Where nobody forwards, a TCP device answers this one.
-const USUAL_TCP_UNIT: u8 = 255;
-const USUAL_RTU_UNIT: u8 = 1;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -49,9 +42,7 @@ fn dialect() -> String {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    pub(super) line: Line,
-    pub(super) unit: u8,
-    pub(super) timeout: Duration,
+    pub(super) device: Device,
     pub(super) map: Map,
     /// A resident program behind the window, instead of lines.
     pub(super) program: Option<Arc<Program>>,
@@ -67,9 +58,7 @@ impl Config {
     pub(in crate::controllers) fn local(at: link::Named, resident: bool) -> Result<Self, String> {
         let program = resident.then(program::Keys::default);
         let (map, program) = window(map::keys::Keys::default(), program)?;
-        let timeout = Duration::from_secs_f64(timeout_s());
-        let (line, unit, dialect) = (Line::usual(at), USUAL_RTU_UNIT, dialect());
-        Ok(Self { line, unit, timeout, map, program, dialect })
+        Ok(Self { device: Device::usual(at, timeout_s()), map, program, dialect: dialect() })
     }
 }
 
@@ -100,18 +89,10 @@ impl TryFrom<Keys> for Config {
             registers,
             program,
         } = keys;
-        let at = link::Named::of((serial, serial_id, tcp), baud, USUAL_BAUD)?;
-        let line = Line::spoken(at, framing, parity)?;
-        let framing = line.framing;
-        let usual_unit = if framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
-        let unit = unit.unwrap_or(usual_unit);
-        if framing == Framing::Rtu && !(1..=247).contains(&unit) {
-            return Err(format!("`unit` is {unit}; on RTU a device has a number from 1 to 247"));
-        }
-        let timeout = Some(timeout_s).filter(|seconds| (0.01..=30.0).contains(seconds));
-        let timeout = timeout.ok_or("`timeout_s` is a time from 0.01 to 30")?;
+        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = Device::try_from(device)?;
         let (map, program) = window(registers.unwrap_or_default(), program)?;
-        Ok(Self { line, unit, timeout: Duration::from_secs_f64(timeout), map, program, dialect })
+        Ok(Self { device, map, program, dialect })
     }
 }
 
@@ -121,7 +102,7 @@ impl Named for Config {
     }
 
     fn at(&self) -> String {
-        format!("{}, unit {}", self.line.at.in_full(), self.unit)
+        self.device.in_full()
     }
 
     fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {

@@ -29,7 +29,7 @@ impl Config {
         leave: Leave,
     ) -> Vec<Suspicion> {
         use ControllerError as E;
-        let closed = port::suspects(&self.line.at, failed);
+        let closed = port::suspects(&self.device.line.at, failed);
         match failed {
             E::Modbus(ModbusError::Refused { .. })
             | E::Strange { .. }
@@ -55,8 +55,8 @@ impl Config {
         let all = |space| Range { space, first: 0, last: u16::MAX };
         let read = vec![all(Space::Input), all(Space::Holding)];
         let allowed = Allowed { read, write: Vec::new() };
-        let settings = Settings { unit: self.unit, timeout: self.timeout, allowed };
-        stranger::open_modbus(&self.line, &settings).await
+        let settings = Settings { unit: self.device.unit, timeout: self.device.timeout, allowed };
+        stranger::open_modbus(&self.device.line, &settings).await
     }
 
     async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Suspicion> {
@@ -102,15 +102,18 @@ impl Config {
     }
 
     fn unasked(&self, failed: &ControllerError) -> Suspicion {
-        let (what, remedy) = match self.line.at {
+        let (what, remedy) = match self.device.line.at {
             Named::Tcp(_) => (
-                format!("wrong unit ({}), wrong port, or another kind of control", self.unit),
+                format!(
+                    "wrong unit ({}), wrong port, or another kind of control",
+                    self.device.unit
+                ),
                 "compare [controller] unit, tcp and kind with the control's manual, or let others be tried",
             ),
             _ => (
                 format!(
                     "wrong unit ({}), speed, parity or port, or another kind of control",
-                    self.unit
+                    self.device.unit
                 ),
                 "compare [controller] unit, baud, parity and serial with the control's manual, or let others \
                  be tried",
@@ -127,26 +130,28 @@ impl Config {
 
     /// Who else answers, and how.
     async fn elsewhere(&self, failed: &ControllerError) -> Vec<Suspicion> {
-        let found = match self.line.at.address() {
+        let found = match self.device.line.at.address() {
             Ok(Address::Serial { path, baud }) => self.on_the_line(&path, baud).await,
             Ok(Address::Tcp { .. }) => self.behind_the_socket().await,
             Err(_) => None,
         };
-        let at = self.line.to_string();
+        let at = self.device.line.to_string();
         let because =
             || format!("{failed}; asked under other numbers and in other languages as well");
         vec![found.unwrap_or_else(|| stranger::nobody(&at, &because()))]
     }
 
     async fn on_the_line(&self, path: &str, baud: u32) -> Option<Suspicion> {
-        for unit in UNITS.filter(|unit| *unit != self.unit) {
-            if stranger::answers_modbus(&self.line, unit).await {
-                return Some(wrong_unit(self.unit, unit));
+        for unit in UNITS.filter(|unit| *unit != self.device.unit) {
+            if stranger::answers_modbus(&self.device.line, unit).await {
+                return Some(wrong_unit(self.device.unit, unit));
             }
         }
         for parity in [Parity::Even, Parity::None, Parity::Odd] {
-            let line = Line { parity, ..self.line.clone() };
-            if parity != self.line.parity && stranger::answers_modbus(&line, self.unit).await {
+            let line = Line { parity, ..self.device.line.clone() };
+            if parity != self.device.line.parity
+                && stranger::answers_modbus(&line, self.device.unit).await
+            {
                 return Some(wrong_line(
                     "wrong parity",
                     &format!("parity = \"{parity:?}\"").to_lowercase(),
@@ -155,9 +160,9 @@ impl Config {
         }
         for other in stranger::SPEEDS.into_iter().filter(|speed| *speed != baud) {
             let at = Named::Serial { path: path.into(), baud: other };
-            for parity in [self.line.parity, Parity::Even, Parity::None] {
-                let line = Line { at: at.clone(), parity, ..self.line.clone() };
-                if stranger::answers_modbus(&line, self.unit).await {
+            for parity in [self.device.line.parity, Parity::Even, Parity::None] {
+                let line = Line { at: at.clone(), parity, ..self.device.line.clone() };
+                if stranger::answers_modbus(&line, self.device.unit).await {
                     let parity = format!("{parity:?}").to_lowercase();
                     let keys = format!("baud = {other}, parity = \"{parity}\"");
                     let what =
@@ -170,18 +175,19 @@ impl Config {
     }
 
     async fn behind_the_socket(&self) -> Option<Suspicion> {
-        for unit in TCP_UNITS.into_iter().filter(|unit| *unit != self.unit) {
-            if stranger::answers_modbus(&self.line, unit).await {
-                return Some(wrong_unit(self.unit, unit));
+        for unit in TCP_UNITS.into_iter().filter(|unit| *unit != self.device.unit) {
+            if stranger::answers_modbus(&self.device.line, unit).await {
+                return Some(wrong_unit(self.device.unit, unit));
             }
         }
-        let framing = if self.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
-        let line = Line { framing, ..self.line.clone() };
-        if stranger::answers_modbus(&line, self.unit).await {
+        let framing =
+            if self.device.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
+        let line = Line { framing, ..self.device.line.clone() };
+        if stranger::answers_modbus(&line, self.device.unit).await {
             let key = format!("framing = \"{framing:?}\"").to_lowercase();
             return Some(wrong_line("wrong framing: the converter passes other frames on", &key));
         }
-        stranger::on_tcp(&self.line.at, KIND).await
+        stranger::on_tcp(&self.device.line.at, KIND).await
     }
 }
 

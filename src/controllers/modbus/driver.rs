@@ -71,9 +71,10 @@ impl ModbusControl {
                     .to_owned(),
             });
         }
-        let (line, map) = (config.line.clone(), config.map.clone());
-        let name = format!("{line}, unit {}", config.unit);
-        let (window, halt) = Window::open(line, config.unit, config.timeout, map).await?;
+        let (line, map) = (config.device.line.clone(), config.map.clone());
+        let name = format!("{line}, unit {}", config.device.unit);
+        let (window, halt) =
+            Window::open(line, config.device.unit, config.device.timeout, map).await?;
         let tolerance = |axis: &Axis| (*axis, arrival::tolerance(*axis, machine.axes.get(axis)));
         let driver = Self {
             window,

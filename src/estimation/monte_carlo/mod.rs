@@ -5,6 +5,7 @@
 mod block;
 mod linear;
 mod normal;
+mod shape;
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -14,6 +15,7 @@ use block::{Block, Joined};
 
 pub use linear::{BLOCK, LinearPropagation, Moments};
 pub use normal::NormalLanes;
+pub use shape::Shape;
 
 /// Trials of a block; its intervals are read from its own sorted values (JCGM 101, 7.9.4: at least
 /// 10⁴ for 95 %).
@@ -33,6 +35,13 @@ pub enum Trials {
         digits: u32,
         max: usize,
     },
+}
+
+impl Trials {
+    /// As many as a person asked for; 0 leaves it to the adaptive rule.
+    pub fn asked(count: usize, digits: u32, max: usize) -> Self {
+        if count == 0 { Self::Adaptive { digits, max } } else { Self::Fixed(count) }
+    }
 }
 
 /// What the trials show, one entry per output.

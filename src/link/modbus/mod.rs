@@ -27,6 +27,7 @@ use tokio::sync::{mpsc, oneshot};
 
 mod allowed;
 mod ask;
+mod device;
 mod error;
 mod exchange;
 mod line;
@@ -37,6 +38,7 @@ pub mod value;
 mod wire;
 
 pub use allowed::{Allowed, Range};
+pub use device::{Device, DeviceKeys};
 pub use error::ModbusError;
 pub use line::{Framing, Line, Parity};
 

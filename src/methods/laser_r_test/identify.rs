@@ -10,12 +10,14 @@ use super::observe::{Observed, observe};
 use super::outputs;
 use super::parameters::{self, Chosen};
 use super::sources::{UncertaintySource, sources};
-use super::uncertainty::{self, Effects, Propagated, Solved, by_trials, whitening};
+use super::uncertainty::{self, Effects, Solved, by_covariance, by_trials};
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{Summary, Trials};
 use crate::estimation::nonlinear::{Minimum, NonlinearError};
 use crate::estimation::null_names::name_null_space;
+use crate::estimation::propagated::Propagated;
+use crate::estimation::whitening::whitening;
 use crate::methods::{IdentifyError, Refused};
 use crate::record::estimate::Estimate;
 use crate::record::reading::Reading;
@@ -67,8 +69,9 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
     };
     let declared = bench.sensor.noise_um.is_some();
     let misfit = uncertainty::misfit(&solved, &effects, &sources, declared);
-    let propagated = Propagated::new(&solved, &effects, &sources, &misfit);
-    let monte_carlo = by_trials(&solved, &sources, misfit.factor, trials(bench))
+    let propagated = by_covariance(&solved, &effects, &sources, &misfit);
+    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MOST_TRIALS);
+    let monte_carlo = by_trials(&solved, &sources, misfit.factor, trials)
         .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
     Ok(Parts {
         bench,
@@ -91,13 +94,6 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
 fn into_table(bench: &Bench<'_>, grouped: &Grouped) -> Vec<DMat3> {
     let table = |at| bench.chain.machine_from_table(at, &[]).matrix3;
     grouped.groups.iter().map(|group| table(&group.rotary).transpose()).collect()
-}
-
-fn trials(bench: &Bench<'_>) -> Trials {
-    match bench.settings.monte_carlo_trials {
-        0 => Trials::Adaptive { digits: STABLE_DIGITS, max: MOST_TRIALS },
-        count => Trials::Fixed(count),
-    }
 }
 
 /// The sphere's centres and the beam, from the samples that the incidence limit leaves.

@@ -10,15 +10,9 @@ use super::model::placed;
 use super::observe::Observed;
 use crate::base::{Axis, Point};
 use crate::decision::references::{Pair, Scatter, Shift};
+use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::{ErrorParameter, Shape as Motion};
-
-/// Distribution of one independent draw of unit variance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    Normal,
-    Rectangular,
-}
 
 /// What the independent draws move.
 #[derive(Debug, Clone)]

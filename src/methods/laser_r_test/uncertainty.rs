@@ -5,16 +5,14 @@ use std::convert::Infallible;
 
 use faer::Mat;
 use glam::{DMat3, DVec3};
-use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
 
 use super::centres::Centres;
 use super::model::{Problem, Sight};
-use super::sources::{Acts, Shape, UncertaintySource};
-use crate::estimation::coverage;
+use super::sources::{Acts, UncertaintySource};
 use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
 use crate::estimation::nonlinear::Minimum;
+use crate::estimation::propagated::Propagated;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6c61_7365;
@@ -53,18 +51,6 @@ impl Effects {
         }
         sum
     }
-}
-
-/// W with Wᵀ·W = Σ⁻¹: the inverse of the lower root.
-pub fn whitening(covariance: DMat3) -> DMat3 {
-    let c = |i: usize, j: usize| covariance.col(j)[i];
-    let l00 = c(0, 0).sqrt();
-    let (l10, l20) = (c(1, 0) / l00, c(2, 0) / l00);
-    let l11 = (c(1, 1) - l10 * l10).sqrt();
-    let l21 = (c(2, 1) - l20 * l10) / l11;
-    let l22 = (c(2, 2) - l20 * l20 - l21 * l21).sqrt();
-    let columns = [DVec3::new(l00, l10, l20), DVec3::new(0.0, l11, l21), DVec3::Z * l22];
-    DMat3::from_cols(columns[0], columns[1], columns[2]).inverse()
 }
 
 /// Both fits, solved.
@@ -110,66 +96,28 @@ pub fn misfit(
 }
 
 /// First-order propagation. Unknowns: those of the second fit, then the beam's.
-pub struct Propagated {
-    pub covariance: Mat<f64>,
-    pub budget: Vec<(&'static str, Vec<f64>)>,
-    shown: Vec<f64>,
-}
-
-impl Propagated {
-    pub fn new(
-        solved: &Solved<'_>,
-        effects: &Effects,
-        sources: &[UncertaintySource],
-        misfit: &Misfit,
-    ) -> Self {
-        let beam = solved.centres.common();
-        let unknowns = solved.minimum.x.len() + beam;
-        let mut all = Self {
-            covariance: Mat::zeros(unknowns, unknowns),
-            budget: Vec::new(),
-            shown: vec![0.0; unknowns],
+pub fn by_covariance(
+    solved: &Solved<'_>,
+    effects: &Effects,
+    sources: &[UncertaintySource],
+    misfit: &Misfit,
+) -> Propagated {
+    let beam = solved.centres.common();
+    let mut all = Propagated::new(solved.minimum.x.len() + beam);
+    for (effect, source) in effects.of.iter().zip(sources) {
+        let draw = |j: usize| {
+            let mut x = solved.minimum.factored.solve(&solved.rows_of(effect, j));
+            x.extend((0..beam).map(|k| effect[(k, j)]));
+            x
         };
-        for (effect, source) in effects.of.iter().zip(sources) {
-            let factor = if source.shown { misfit.factor } else { 1.0 };
-            let columns: Vec<Vec<f64>> = (0..effect.ncols())
-                .map(|j| {
-                    let mut x = solved.minimum.factored.solve(&solved.rows_of(effect, j));
-                    x.extend((0..beam).map(|k| effect[(k, j)]));
-                    x
-                })
-                .collect();
-            let total = Mat::from_fn(unknowns, columns.len(), |i, j| factor * columns[j][i]);
-            all.add(source, &total);
-        }
-        all
+        let draws: Vec<Vec<f64>> = (0..effect.ncols()).map(draw).collect();
+        all.add(source.name, source.shown, &draws, misfit);
     }
-
-    fn add(&mut self, source: &UncertaintySource, effect: &Mat<f64>) {
-        let share = effect * effect.transpose();
-        let variance: Vec<f64> = (0..share.nrows()).map(|i| share[(i, i)]).collect();
-        if source.shown {
-            self.shown.iter_mut().zip(&variance).for_each(|(sum, v)| *sum += v);
-        }
-        self.budget.push((source.name, variance.into_iter().map(f64::sqrt).collect()));
-        self.covariance += share;
-    }
-
-    pub fn u(&self, unknown: usize) -> f64 {
-        self.covariance[(unknown, unknown)].max(0.0).sqrt()
-    }
-
-    /// Effective degrees of freedom; `None`: infinitely many.
-    pub fn dof(&self, unknown: usize, misfit: &Misfit) -> Option<f64> {
-        let (all, shown) = (self.covariance[(unknown, unknown)], self.shown[unknown]);
-        let known = if misfit.factor == 1.0 { f64::INFINITY } else { misfit.dof };
-        let parts = [(shown, known), (all - shown, f64::INFINITY)];
-        Some(coverage::effective_dof(&parts)).filter(|dof| dof.is_finite())
-    }
+    all
 }
 
 /// Monte Carlo through the whole identification: the dwell points are drawn anew, the spheres are
-/// fitted again, and then the machine. Unknowns as in [`Propagated`].
+/// fitted again, and then the machine. Unknowns as in [`by_covariance`].
 ///
 /// # Errors
 /// Fewer than two trials.
@@ -185,10 +133,7 @@ pub fn by_trials(
         let mut by = vec![0.0; centres.rows.len()];
         for source in sources {
             let scale = if source.shown { factor } else { 1.0 };
-            let mut unit = || match source.shape {
-                Shape::Normal => StandardNormal.sample(rng),
-                Shape::Rectangular => (rng.random::<f64>() - 0.5) * 12f64.sqrt(),
-            };
+            let mut unit = || source.shape.draw(rng);
             match &source.acts {
                 Acts::Each(sizes) => {
                     by.iter_mut().zip(sizes).for_each(|(by, size)| *by += scale * size * unit());

@@ -12,12 +12,13 @@ use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::{UncertaintySource, sources, weighting};
 use super::suspects::Solved;
-use super::uncertainty::{self, Propagated, Weights, by_trials};
+use super::uncertainty::{self, Weights, by_covariance, by_trials};
 use crate::estimation::linear::{LinearError, Survey};
 use crate::estimation::monte_carlo::Trials;
 use crate::estimation::nonlinear::{Minimum, NonlinearError};
 use crate::estimation::null_names::name_null_space;
 use crate::estimation::schur::factor;
+use crate::estimation::whitening::whitening;
 use crate::kinematics::Chain;
 use crate::methods::{IdentifyError, Refused};
 use crate::record::artefact::{Balls, Length};
@@ -46,7 +47,7 @@ pub fn identify(
     let declared = plan.probe.repeatability_um.is_some();
     let weights = Weights { problem: &problem, whitening: &whitening, u_bars: &u_bars };
     let misfit = uncertainty::misfit(&weights, &minimum, &sources, declared);
-    let propagated = Propagated::new(&weights, &minimum.factored, &sources, &misfit);
+    let propagated = by_covariance(&weights, &minimum.factored, &sources, &misfit);
     let trials = trials(settings, &problem, &sources);
     let monte_carlo = by_trials(&problem, &minimum, &measured, &sources, misfit.factor, trials)
         .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
@@ -191,22 +192,6 @@ fn problem(
     Problem::new(model, places, seen, bars.collect(), count, stylus)
 }
 
-/// W = L⁻¹ with Σ = L·Lᵀ.
-fn whitening(covariance: DMat3) -> DMat3 {
-    let c = |i: usize, j: usize| covariance.col(j)[i];
-    let l00 = c(0, 0).sqrt();
-    let (l10, l20) = (c(1, 0) / l00, c(2, 0) / l00);
-    let l11 = (c(1, 1) - l10 * l10).sqrt();
-    let l21 = (c(2, 1) - l20 * l10) / l11;
-    let l22 = (c(2, 2) - l20 * l20 - l21 * l21).sqrt();
-    let l = DMat3::from_cols(
-        DVec3::new(l00, l10, l20),
-        DVec3::new(0.0, l11, l21),
-        DVec3::new(0.0, 0.0, l22),
-    );
-    l.inverse()
-}
-
 fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
     match why {
         NonlinearError::Linear(LinearError::RankDeficient(survey)) => {
@@ -223,11 +208,6 @@ fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
 fn trials(settings: &Settings, problem: &Problem, sources: &[UncertaintySource]) -> Trials {
     let draws: usize = sources.iter().flat_map(|s| &s.draws).map(|draw| draw.values.len()).sum();
     let work = draws + 100 * problem.rows_count() + 1;
-    match settings.monte_carlo_trials {
-        0 => Trials::Adaptive {
-            digits: STABLE_DIGITS,
-            max: (MOST_WORK / work).clamp(LEAST_TRIALS, 200_000),
-        },
-        count => Trials::Fixed(count),
-    }
+    let max = (MOST_WORK / work).clamp(LEAST_TRIALS, 200_000);
+    Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, max)
 }

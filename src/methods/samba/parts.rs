@@ -3,11 +3,11 @@
 use super::fit::Measured;
 use super::settings::Settings;
 use super::suspects::Solved;
-use super::uncertainty::Propagated;
 use crate::base::Position;
 use crate::estimation::linear::Survey;
 use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::Summary;
+use crate::estimation::propagated::Propagated;
 use crate::record::artefact::Length;
 use crate::record::plan::Plan;
 

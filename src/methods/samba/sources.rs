@@ -9,18 +9,12 @@ use glam::{DMat3, DVec3};
 
 use super::observe::{Observed, Sight};
 use crate::base::Axis;
+use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::Chain;
 use crate::record::artefact::Length;
 use crate::record::machine::AxisSpec;
 use crate::record::plan::Plan;
-
-/// Distribution of one independent draw of unit variance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    Normal,
-    Rectangular,
-}
 
 /// What one independent draw moves: neighbouring entries from `first` on.
 #[derive(Debug, Clone)]

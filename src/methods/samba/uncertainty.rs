@@ -3,17 +3,14 @@
 
 use std::convert::Infallible;
 
-use faer::Mat;
 use glam::{DMat3, DVec3};
-use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
 
 use super::fit::{Measured, Problem};
-use super::sources::{Draw, Shape, UncertaintySource};
-use crate::estimation::coverage;
+use super::sources::{Draw, UncertaintySource};
 use crate::estimation::misfit::Misfit;
 use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
 use crate::estimation::nonlinear::Minimum;
+use crate::estimation::propagated::Propagated;
 use crate::estimation::schur::Factored;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
@@ -29,16 +26,6 @@ pub struct Weights<'a> {
     pub u_bars: &'a [f64],
 }
 
-/// First-order propagation.
-pub struct Propagated {
-    /// Unknowns × unknowns, mm, rad, mm/mm.
-    pub covariance: Mat<f64>,
-    /// Per source: standard uncertainty of each unknown.
-    pub budget: Vec<(&'static str, Vec<f64>)>,
-    /// Per unknown: variance from the sources whose size the residuals judge.
-    shown: Vec<f64>,
-}
-
 /// The residuals against what is declared.
 pub fn misfit(
     weights: &Weights<'_>,
@@ -51,45 +38,19 @@ pub fn misfit(
     Misfit::judge(&minimum.residuals, &left.collect::<Vec<_>>(), declared)
 }
 
-impl Propagated {
-    pub fn new(
-        weights: &Weights<'_>,
-        factored: &Factored,
-        sources: &[UncertaintySource],
-        misfit: &Misfit,
-    ) -> Self {
-        let unknowns = weights.problem.unknowns();
-        let mut covariance = Mat::zeros(unknowns, unknowns);
-        let mut shown = vec![0.0; unknowns];
-        let mut budget = Vec::new();
-        for source in sources {
-            let factor = if source.shown { misfit.factor } else { 1.0 };
-            let draws = source.draws.iter();
-            let effects: Vec<Vec<f64>> =
-                draws.map(|draw| factored.solve(&weights.rows(draw))).collect();
-            let effect = Mat::from_fn(unknowns, effects.len(), |i, j| factor * effects[j][i]);
-            let share = &effect * effect.transpose();
-            let variance: Vec<f64> = (0..unknowns).map(|i| share[(i, i)]).collect();
-            if source.shown {
-                shown.iter_mut().zip(&variance).for_each(|(sum, v)| *sum += v);
-            }
-            budget.push((source.name, variance.into_iter().map(f64::sqrt).collect()));
-            covariance += share;
-        }
-        Self { covariance, budget, shown }
+/// First-order propagation. Unknowns: mm, rad, mm/mm.
+pub fn by_covariance(
+    weights: &Weights<'_>,
+    factored: &Factored,
+    sources: &[UncertaintySource],
+    misfit: &Misfit,
+) -> Propagated {
+    let mut all = Propagated::new(weights.problem.unknowns());
+    for source in sources {
+        let draws = source.draws.iter().map(|draw| factored.solve(&weights.rows(draw)));
+        all.add(source.name, source.shown, &draws.collect::<Vec<_>>(), misfit);
     }
-
-    pub fn u(&self, unknown: usize) -> f64 {
-        self.covariance[(unknown, unknown)].max(0.0).sqrt()
-    }
-
-    /// Effective degrees of freedom; `None`: infinitely many.
-    pub fn dof(&self, unknown: usize, misfit: &Misfit) -> Option<f64> {
-        let (all, shown) = (self.covariance[(unknown, unknown)], self.shown[unknown]);
-        let known = if misfit.factor == 1.0 { f64::INFINITY } else { misfit.dof };
-        let parts = [(shown, known), (all - shown, f64::INFINITY)];
-        Some(coverage::effective_dof(&parts)).filter(|dof| dof.is_finite())
-    }
+    all
 }
 
 impl Weights<'_> {
@@ -130,11 +91,7 @@ pub fn by_trials(
         for source in sources {
             let scale = if source.shown { factor } else { 1.0 };
             for draw in &source.draws {
-                let unit: f64 = match source.shape {
-                    Shape::Normal => StandardNormal.sample(rng),
-                    Shape::Rectangular => (rng.random::<f64>() - 0.5) * 12f64.sqrt(),
-                };
-                disturb(&mut drawn, draw, scale * unit);
+                disturb(&mut drawn, draw, scale * source.shape.draw(rng));
             }
         }
         out.copy_from_slice(&problem.solve_near(minimum, &drawn));

@@ -24,6 +24,8 @@ use crate::record::reading::{Flag, Reading};
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
+/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+const STABLE_DIGITS: u32 = 2;
 
 /// Bound of the adaptive rule, which usually stops before: 200 000 trials, fewer for large designs,
 /// so that it stays a matter of seconds.
@@ -192,21 +194,9 @@ fn propagate_by_trials(
     scale: TouchScale,
     settings: &Settings,
 ) -> Result<Summary, IdentifyError> {
-    use rand::RngExt;
-    use rand_distr::{Distribution, StandardNormal};
-    let trials = match settings.monte_carlo_trials {
-        0 => Trials::Adaptive { digits: 2, max: most_trials(fit) },
-        count => Trials::Fixed(count),
-    };
+    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, most_trials(fit));
     propagate(trials, MONTE_CARLO_SEED, parameters.len(), |rng, out| {
-        let generator = std::cell::RefCell::new(rng);
-        let disturbed = disturb(
-            radii,
-            sources,
-            scale,
-            || StandardNormal.sample(&mut *generator.borrow_mut()),
-            || generator.borrow_mut().random::<f64>() - 0.5,
-        );
+        let disturbed = disturb(radii, sources, scale, rng);
         let x = fit.solve(&disturbed).x;
         for (value, parameter) in out.iter_mut().zip(parameters) {
             *value = dot(&parameter.coefficients, &x);

@@ -7,16 +7,10 @@ use faer::Mat;
 use super::model::{Layout, Observation};
 use super::settings::Spindle;
 use crate::base::Axis;
+use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::record::machine::AxisSpec;
 use crate::record::plan::Plan;
-
-/// Distribution of one independent draw of unit variance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    Normal,
-    Rectangular,
-}
 
 pub struct UncertaintySource {
     pub name: &'static str,

@@ -2,9 +2,10 @@
 //! (JCGM 100 and JCGM 101; METHODS section 6).
 
 use faer::Mat;
+use rand::Rng;
 
 use super::algebra::multiply;
-use super::sources::{Shape, UncertaintySource, is_touch_by_touch};
+use super::sources::{UncertaintySource, is_touch_by_touch};
 use crate::estimation::coverage;
 
 /// First-order propagation to linear outputs (outputs × unknowns coefficients).
@@ -82,23 +83,16 @@ impl Propagated {
     }
 }
 
-/// Radii disturbed by one draw of every source. `normal` and `uniform` give independent numbers of
-/// unit variance and of unit width about zero.
+/// Radii disturbed by one draw of every source.
 pub fn disturb(
     radii: &[f64],
     sources: &[UncertaintySource],
     scale: TouchScale,
-    mut normal: impl FnMut() -> f64,
-    mut uniform: impl FnMut() -> f64,
+    rng: &mut impl Rng,
 ) -> Vec<f64> {
     let mut disturbed = radii.to_vec();
     for source in sources {
-        let draws: Vec<f64> = (0..source.factor.ncols())
-            .map(|_| match source.shape {
-                Shape::Normal => normal(),
-                Shape::Rectangular => uniform() * 12f64.sqrt(),
-            })
-            .collect();
+        let draws: Vec<f64> = (0..source.factor.ncols()).map(|_| source.shape.draw(rng)).collect();
         let factor = if is_touch_by_touch(source) { scale.factor } else { 1.0 };
         for (r, change) in disturbed.iter_mut().zip(multiply(&source.factor, &draws)) {
             *r += factor * change;

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::Registers;
 use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
 use crate::base::Clock;
-use crate::link::modbus::{Allowed, Framing, Line, Parity, Settings, Space};
+use crate::link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
 use crate::link::{self, HostPort};
 use crate::record::sensor;
 use crate::sensors::{Named, Opening, Sensor, SensorError};
@@ -24,12 +24,6 @@ status = [
     { register = 0, bit = 2, means = "saturated" },
 ]
 "#;
-
-/// Baud rate and parity as the Modbus serial line specification has them by default.
-const USUAL_BAUD: u32 = 19_200;
-/// Where nobody forwards, a TCP device answers this one.
-const USUAL_TCP_UNIT: u8 = 255;
-const USUAL_RTU_UNIT: u8 = 1;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -70,9 +64,7 @@ fn input() -> Space {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    pub(super) line: Line,
-    unit: u8,
-    pub(super) timeout: Duration,
+    pub(super) device: Device,
     /// Between two reads.
     pub(super) pace: Duration,
     pub(super) map: Map,
@@ -82,26 +74,18 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
-        let line = Line::spoken(at, keys.framing, keys.parity)?;
-        let usual = if line.framing == Framing::Tcp { USUAL_TCP_UNIT } else { USUAL_RTU_UNIT };
-        let unit = keys.unit.unwrap_or(usual);
-        if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {
-            return Err(format!("`unit` is {unit}; on RTU a device has a number from 1 to 247"));
-        }
-        if !(0.01..=30.0).contains(&keys.timeout_s) {
-            return Err("`timeout_s` is a time from 0.01 to 30".to_owned());
-        }
+        let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
+        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = Device::try_from(device)?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
             return Err(format!("`rate_hz` is {}; it lies between 0.001 and 10000", keys.rate_hz));
         }
         if !matches!(keys.space, Space::Input | Space::Holding) {
             return Err("`space` is `input` or `holding`: a bit holds no distance".to_owned());
         }
-        let timeout = Duration::from_secs_f64(keys.timeout_s);
         let pace = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let map = Map::new(keys.space, keys.value, keys.counter, keys.status)?;
-        Ok(Self { line, unit, timeout, pace, map })
+        Ok(Self { device, pace, map })
     }
 }
 
@@ -130,13 +114,13 @@ impl Config {
     /// What the link is held to: these registers, and no writing.
     pub(super) fn settings(&self) -> Settings {
         let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
-        Settings { unit: self.unit, timeout: self.timeout, allowed }
+        Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
     }
 }
 
 impl Named for Config {
     fn at(&self) -> String {
-        format!("{}, unit {}", self.line.at.in_full(), self.unit)
+        self.device.in_full()
     }
 
     fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {

@@ -40,7 +40,7 @@ impl Registers {
         clock: Arc<dyn Clock>,
         simulated_hz: Option<f64>,
     ) -> Result<Self, SensorError> {
-        let link = Modbus::open(config.line.clone(), config.settings()).await?;
+        let link = Modbus::open(config.device.line.clone(), config.settings()).await?;
         Ok(Self {
             range_mm: sensor.range_mm,
             clock,
@@ -105,7 +105,7 @@ impl Driver for Registers {
             self.counting.follow(self.clock.now_s(), first);
             let begun = Instant::now();
             let mut count = 0;
-            while count < ENOUGH && begun.elapsed() < LISTEN.max(2 * self.config.timeout) {
+            while count < ENOUGH && begun.elapsed() < LISTEN.max(2 * self.config.device.timeout) {
                 let stands = self.next().await?.flag == Flag::Stale;
                 count += usize::from(!stands);
             }
@@ -141,7 +141,7 @@ impl Driver for Registers {
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
-        let end = Instant::now() + self.config.timeout;
+        let end = Instant::now() + self.config.device.timeout;
         loop {
             match self.sample().await {
                 Ok(sample) if sample.flag == Flag::Stale && Instant::now() < end => {}

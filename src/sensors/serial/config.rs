@@ -54,9 +54,7 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
-        if !(0.01..=30.0).contains(&keys.timeout_s) {
-            return Err("`timeout_s` is a time from 0.01 to 30".to_owned());
-        }
+        let timeout = link::timeout(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
             return Err(
                 "`request` is empty; leave it out where the sensor sends by itself".to_owned()
@@ -83,7 +81,6 @@ impl TryFrom<Keys> for Config {
             }
         };
         let request = keys.request.map(String::into_bytes);
-        let timeout = Duration::from_secs_f64(keys.timeout_s);
         Ok(Self { at, timeout, request, pace, form })
     }
 }

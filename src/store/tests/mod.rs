@@ -1,5 +1,6 @@
+mod files;
+
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use rusqlite::Connection;
 
@@ -309,93 +310,4 @@ fn interruptions_join_the_plan_and_its_hash() {
     let stored = journal.load(run).unwrap();
     assert_eq!(stored.plan.gaps_s, [12.5, 40.0]);
     assert_eq!(sha256(&stored.plan).unwrap(), stored.summary.plan_sha256);
-}
-
-/// A journal as the first version wrote it.
-#[test]
-fn an_older_journal_is_brought_up_to_date() {
-    let dir = tempfile::tempdir().unwrap();
-    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
-    old.execute_batch(include_str!("../../tests/data/journal_version_1.sql")).unwrap();
-    drop(old);
-    let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.runs().unwrap()[0].id;
-    let stored = journal.load(run).unwrap();
-    assert_eq!((stored.readings.len(), stored.measured_until), (1, None));
-    journal.set_state(run, RunState::Closed).wait().unwrap();
-    let next = journal.begin(&new_run()).wait().unwrap();
-    assert!(next > run);
-    let error = journal.reading(RunId(77), &reading(0)).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
-}
-
-#[test]
-fn the_lock_says_who_and_proves_that_a_run_is_dead() {
-    let dir = tempfile::tempdir().unwrap();
-    let journal = Journal::open(dir.path()).unwrap();
-    let mill = journal.begin(&new_run()).wait().unwrap();
-    let held = journal.begin(&new_run()).wait().unwrap();
-    journal.set_state(held, RunState::Held).wait().unwrap();
-    let mut other = new_run();
-    other.plan.machine.name = "lathe".to_owned();
-    let lathe = journal.begin(&other).wait().unwrap();
-
-    let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
-    let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
-    let LockError::Held { holder: Some(holder), .. } = &refused else { panic!("{refused}") };
-    assert_eq!((holder.pid, holder.machine.as_str()), (std::process::id(), "mill"));
-    assert!(refused.to_string().contains(&format!("by process {}", std::process::id())));
-
-    assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [mill]);
-    let states: Vec<_> = journal.runs().unwrap().iter().map(|run| (run.id, run.state)).collect();
-    assert_eq!(
-        states,
-        [(mill, RunState::Interrupted), (held, RunState::Held), (lathe, RunState::Running)]
-    );
-    drop(lock);
-    MachineLock::acquire(dir.path(), "mill").unwrap();
-}
-
-#[test]
-fn names_of_machines_cannot_leave_the_lock_directory() {
-    let dir = tempfile::tempdir().unwrap();
-    let names = ["../../mill", "..", "", "a/b", "a-b", "ä".repeat(300).as_str()].map(str::to_owned);
-    let locks: Vec<_> = names.iter().map(|name| MachineLock::acquire(dir.path(), name)).collect();
-    assert!(locks.iter().all(Result::is_ok), "{locks:?}");
-    let files = std::fs::read_dir(dir.path().join("locks")).unwrap().count();
-    assert_eq!(files, names.len());
-}
-
-#[test]
-fn many_may_open_a_new_journal_at_once() {
-    let dir = tempfile::tempdir().unwrap();
-    let opened: Vec<_> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..8)
-            .map(|_| scope.spawn(|| Journal::open(dir.path())?.begin(&new_run()).wait()))
-            .collect();
-        handles.into_iter().map(|handle| handle.join().unwrap()).collect()
-    });
-    for run in &opened {
-        assert!(run.is_ok(), "{run:?}");
-    }
-    assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 8);
-}
-
-#[test]
-fn a_strange_file_is_left_as_it_is() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("journal.sqlite");
-    std::fs::write(&path, "not a database, but a shopping list of some length").unwrap();
-    let before = std::fs::read(&path).unwrap();
-    assert!(matches!(fault(dir.path()), Fault::Damaged(_)));
-    assert_eq!(std::fs::read(&path).unwrap(), before);
-
-    std::fs::remove_file(&path).unwrap();
-    drop(Journal::open(dir.path()).unwrap());
-    Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
-    assert!(matches!(fault(dir.path()), Fault::Newer { found: 99, .. }));
-}
-
-fn fault(dir: &Path) -> Fault {
-    Journal::open(dir).map(drop).unwrap_err().fault
 }
