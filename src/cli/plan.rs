@@ -9,7 +9,7 @@ use crate::gcode::{Dialect, Program};
 use crate::methods;
 use crate::planning;
 use crate::proof::{Request, Staged, prove};
-use crate::record::plan::{Plan, Stage};
+use crate::record::plan::{Plan, Sampling, Stage};
 use crate::record::proof::Proof;
 use crate::setup;
 
@@ -26,9 +26,14 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         for line in summary(&proof, &plan) {
             tell!("{line}");
         }
-        tell!(
-            "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
-        );
+        match at_dwells(&plan) {
+            Some(what) => tell!(
+                "for reading: {what}; a plain sender takes none, and does not watch the sensor's range"
+            ),
+            None => tell!(
+                "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
+            ),
+        }
     } else {
         describe(&plan, &stages)?;
         let (_, proof) = program(&plan, &stages, machine.controller.control.dialect())?;
@@ -45,7 +50,11 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::staged_blocks(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let program = Program { title: &plan.method, axes: &axes, log: None };
+    let title = match at_dwells(plan) {
+        Some(what) => format!("{}; {what}", plan.method),
+        None => plan.method.clone(),
+    };
+    let program = Program { title: &title, axes: &axes, log: None };
     let text = dialect.program(&program, &blocks)?;
     let staged: Vec<Staged> = stages
         .iter()
@@ -56,6 +65,17 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
     let proof = prove(&request)
         .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
     Ok((text, proof))
+}
+
+/// What happens where the machine rests before a sensor, if a step does so.
+fn at_dwells(plan: &Plan) -> Option<String> {
+    let scans = plan.steps.iter().filter_map(|step| Some((step, step.scan.as_ref()?.sampling)));
+    let mut dwells = scans.filter_map(|(step, sampling)| match sampling {
+        Sampling::Dwell { samples, .. } => Some((step, samples)),
+        Sampling::Continuous { .. } => None,
+    });
+    let (step, samples) = dwells.next()?;
+    Some(format!("at each G4 trued takes {samples} samples of {}", step.sensor))
 }
 
 /// What was found, for a person.

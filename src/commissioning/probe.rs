@@ -9,6 +9,7 @@ use super::{Check, Ended, Part, control};
 use crate::controllers::Look;
 use crate::record::question::{Answer, Question, Stylus};
 
+const NOBODY: &str = "nobody is there to deflect the stylus";
 const POLL: Duration = Duration::from_millis(20);
 
 /// What the input did.
@@ -46,15 +47,20 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 
 /// `None`, and it is told, if it cannot be looked at.
 async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
+    if !mounted(check).await? {
+        let rests_closed = look_at(check, since).await?.probe_closed;
+        nobody(check, since, rests_closed, "the touch probe does not sit in the spindle");
+        return Ok(None);
+    }
     let asked = check.ask(Question::Stylus(Stylus::Free)).await?;
     let rests_closed = look_at(check, since).await?.probe_closed;
     if asked != Answer::Yes {
-        nobody(check, since, rests_closed);
+        nobody(check, since, rests_closed, NOBODY);
         return Ok(None);
     }
     let pressed = check.ask(Question::Stylus(Stylus::Deflected)).await?;
     if pressed != Answer::Yes {
-        nobody(check, since, rests_closed);
+        nobody(check, since, rests_closed, NOBODY);
         return Ok(None);
     }
     let answers = becomes(check, since, !rests_closed).await?;
@@ -63,15 +69,20 @@ async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, En
     Ok(Some(Seen { rests_closed, answers, comes_back }))
 }
 
-fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool) {
+/// Where a sensor may sit in the probe's place, a person is asked to put the probe back.
+async fn mounted(check: &mut Check<'_>) -> Result<bool, Ended> {
+    let swapped = !check.file.sensors.is_empty();
+    Ok(!swapped || check.ask(Question::Stylus(Stylus::Mounted)).await? != Answer::No)
+}
+
+fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool, why: &str) {
     if rests_closed {
-        let remedy = "free the stylus; with somebody at the terminal the check tells whether the input is \
-                      inverted or stuck";
+        let remedy = "free the stylus (with a sensor in the probe's place the input must read open as well); \
+                      with somebody at the terminal the check tells whether the input is inverted or stuck";
         check.failed(Part::Probe, since, "the probe reads closed", remedy);
     } else {
         check.well(Part::Probe, since, "open at rest");
-        check
-            .not_looked_at(Part::Probe, "nobody is there to deflect the stylus: whether it closes");
+        check.not_looked_at(Part::Probe, format!("{why}: whether it closes"));
     }
 }
 

@@ -26,6 +26,11 @@ pub fn of(question: &Question) -> String {
             jog.axis,
             amount(jog.axis, 25)
         ),
+        Question::Stylus(Stylus::Mounted) => {
+            "From here on the touch probe is needed: put it into the spindle where a sensor sits in its place, \
+             and switch it on. Does it sit there? yes / no"
+                .to_owned()
+        }
         Question::Stylus(Stylus::Free) => {
             "Nobody and nothing touches the stylus. Is it so? yes / no".to_owned()
         }

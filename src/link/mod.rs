@@ -59,21 +59,21 @@ impl LinkError {
     pub fn remedy(&self) -> String {
         match self {
             Self::Missing { .. } => {
-                "check the cable and [controller] in the machine file".to_owned()
+                "check the cable, and the address in the machine file".to_owned()
             }
             Self::Busy { .. } => {
                 "close the other program (a sender, a terminal), then start again".to_owned()
             }
             Self::Denied { .. } => "give this user the device's group (often dialout)".to_owned(),
-            Self::Open { .. } => "check [controller] in the machine file".to_owned(),
+            Self::Open { .. } => "check the address in the machine file".to_owned(),
             Self::NoneNamed { .. } => {
-                "plug the device in and switch it on; [controller] serial_id takes a name as `ls \
+                "plug the device in and switch it on; serial_id takes a name as `ls \
                  /dev/serial/by-id` shows it, or a part of it that no other name has"
                     .to_owned()
             }
             Self::Lost { .. } => {
                 "the state of the machine is unknown: look at it, then mend the link; a port that \
-                 comes back under another name is found by [controller] serial_id"
+                 comes back under another name is found by serial_id"
                     .to_owned()
             }
         }

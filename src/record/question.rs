@@ -18,6 +18,8 @@ pub struct Jog {
 /// How the stylus is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stylus {
+    /// The touch probe sits in the spindle, and no other sensor in its place.
+    Mounted,
     /// Nobody and nothing touches it.
     Free,
     /// Pressed aside by hand, and held there.

@@ -3,6 +3,7 @@
 mod figure;
 mod number;
 pub mod page;
+mod planned;
 mod proven;
 pub mod readings_csv;
 mod related;

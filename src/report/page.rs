@@ -3,10 +3,9 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::{figure, number, proven, related, vectors};
-use crate::record::artefact::{Artefact, Balls, Cylinder};
+use super::{figure, number, planned, proven, related, vectors};
 use crate::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
-use crate::record::plan::{Plan, StepKind};
+use crate::record::plan::Plan;
 use crate::record::proof::Proof;
 
 const TEMPLATE: &str = include_str!("page.html");
@@ -53,7 +52,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             gauge => estimate.gauge.clone(),
             not_identifiable => estimate.not_identifiable.clone(),
             quality => quality(estimate),
-            plan => plan_rows(plan),
+            plan => planned::rows(plan),
             proof => proof(plan, &facts.proofs),
             facts => fact_rows(facts, &estimate.priors),
             story => facts.story.clone(),
@@ -179,7 +178,7 @@ fn budget(parameters: &[Parameter]) -> Value {
     context! { sources, rows }
 }
 
-type Rows = Vec<(String, String)>;
+pub type Rows = Vec<(String, String)>;
 
 fn quality(estimate: &Estimate) -> Rows {
     let mut rows = vec![
@@ -192,66 +191,6 @@ fn quality(estimate: &Estimate) -> Rows {
     ];
     rows.retain(|(_, text)| !text.is_empty());
     rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
-}
-
-fn plan_rows(plan: &Plan) -> Rows {
-    let count = |kind| plan.steps.iter().filter(|step| step.kind == kind).count();
-    let kinds = [
-        (StepKind::Touch, "touches"),
-        (StepKind::Reference, "reference touches"),
-        (StepKind::Scan, "scans"),
-        (StepKind::Index, "index moves"),
-        (StepKind::Prompt, "prompts"),
-    ];
-    let steps = kinds.map(|(kind, name)| (count(kind), name));
-    let steps = steps.into_iter().filter(|(count, _)| *count > 0);
-    let steps: Vec<_> = steps.map(|(count, name)| format!("{name}: {count}")).collect();
-    let rows = [
-        ("Topology", plan.machine.topology.clone()),
-        ("Stylus tip from spindle datum", vector(plan.machine.tool_mm)),
-        ("Stylus ball radius", format!("{} mm", plan.probe.ball_radius_mm)),
-        ("Artefact", artefact(&plan.artefact)),
-        ("Steps", steps.join(", ")),
-    ];
-    let settings = plan.settings.as_object().into_iter().flatten();
-    let settings = settings.map(|(key, value)| (format!("Setting {key}"), value.to_string()));
-    rows.map(|(name, text)| (name.to_owned(), text)).into_iter().chain(settings).collect()
-}
-
-fn artefact(artefact: &Artefact) -> String {
-    match artefact {
-        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => format!(
-            "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
-            vector(*centre_mm)
-        ),
-        Artefact::Balls(artefact) => balls(artefact),
-    }
-}
-
-fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
-    let radii = balls.iter().map(|ball| ball.radius_mm);
-    let (least, most) = (radii.clone().fold(f64::INFINITY, f64::min), radii.fold(0.0, f64::max));
-    let radius = match balls.len() {
-        0 => String::new(),
-        _ if least == most => format!(", radius {most} mm"),
-        _ => format!(", radius {least} to {most} mm"),
-    };
-    let certified = lengths.iter().map(|length| {
-        let u_um = 1e3 * length.u_mm;
-        let u_um = number::fixed(u_um, number::decimals(u_um));
-        format!("{} to {}: {} mm (u = {u_um} µm)", length.from, length.to, length.mm)
-    });
-    let certified: Vec<String> = certified.collect();
-    let lengths = match certified.as_slice() {
-        [] => "no certified length".to_owned(),
-        some => format!("certified lengths {}", some.join(", ")),
-    };
-    let plural = if balls.len() == 1 { "" } else { "s" };
-    format!("{} ball{plural}{radius}; {lengths}", balls.len())
-}
-
-fn vector([x, y, z]: [f64; 3]) -> String {
-    format!("({x}, {y}, {z}) mm")
 }
 
 fn fact_rows(facts: &Facts, priors: &[String]) -> Rows {

@@ -240,6 +240,26 @@ fn balls_are_told_in_words() {
     assert!(told(&plan).contains("1 ball, radius 15 mm; no certified length"));
 }
 
+/// Where a laser looks no stylus is told of, and what is measured again are scans.
+#[test]
+fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
+    let mut plan = plan("mill");
+    let laser = serde_json::json!({"name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1],
+                                   "range_mm": [-10, 10], "noise_um": 0.5});
+    plan.sensors.push(serde_json::from_value(laser).unwrap());
+    let scan = serde_json::json!({"path": [], "dwell_s": 0.1, "samples": 8});
+    let mut step = plan.steps[0].clone();
+    step.kind = crate::record::plan::StepKind::Reference;
+    step.scan = Some(serde_json::from_value(scan).unwrap());
+    plan.steps = vec![step];
+    let page = render(&plan, &example(), &facts()).unwrap();
+    for text in ["Sensor laser", "range -10 to 10 mm, noise 0.5 µm declared", "reference scans: 1"]
+    {
+        assert!(page.contains(text), "{text}");
+    }
+    assert!(!page.contains("Stylus") && !page.contains("reference touches"));
+}
+
 #[test]
 fn the_page_stands_alone() {
     let page = render(&plan("mill"), &in_space(), &facts()).unwrap();

@@ -28,6 +28,9 @@ pub enum RunError {
     /// With the label of the step that the fault names.
     #[error("{label}, {source}")]
     OnStep { label: String, source: Box<RunError> },
+    /// What the probe's input says while a sensor sits in the probe's place.
+    #[error("{source}; yet `{sensor}` sits in the probe's place")]
+    ProbeInput { sensor: String, source: Box<RunError> },
     #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
@@ -65,6 +68,13 @@ impl RunError {
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
             Self::OnStep { source, .. } => source.remedy(),
+            Self::ProbeInput { .. } => {
+                "the control's probe input must read open while a sensor sits in the spindle. Is the probe, \
+                 taken out, pressed where it lies, or its receiver in error because it sees none? An input \
+                 that is open only while a probe closes the circuit needs a plug that does so. If the \
+                 machine was under way, look first whether the sensor has met something"
+                    .to_owned()
+            }
             Self::DeadProbe { .. } => {
                 "deflect the stylus and watch the probe's input at the control: is the probe on, its \
                  battery fresh, its cable whole?"
@@ -114,6 +124,18 @@ impl RunError {
         }
     }
 
+    /// The same of a run that looks with `sensor`: there is no stylus that could be pressed.
+    pub(super) fn of_sensor(self, sensor: &str) -> Self {
+        use ControllerError::{ProbeClosed, StillTripped, UnexpectedContact};
+        let closed = |error: &ControllerError| {
+            matches!(error, ProbeClosed | StillTripped { .. } | UnexpectedContact { .. })
+        };
+        match self.of_control().is_some_and(closed) {
+            true => Self::ProbeInput { sensor: sensor.to_owned(), source: Box::new(self) },
+            false => self,
+        }
+    }
+
     /// Of a step that was under way: what names the step by its number tells its label as well, by
     /// which a person knows what was to be touched, and from where.
     pub(super) fn on(self, step: &Step) -> Self {
@@ -132,7 +154,7 @@ impl RunError {
     pub fn of_control(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),
-            Self::OnStep { source, .. } => source.of_control(),
+            Self::OnStep { source, .. } | Self::ProbeInput { source, .. } => source.of_control(),
             _ => None,
         }
     }

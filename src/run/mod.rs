@@ -96,7 +96,11 @@ impl<'a> Run<'a> {
                 self.note(Event::Finished).await
             }
             Err(error) => {
-                let error = if self.probe_lives { error } else { error.of_first_touch() };
+                let error = match self.plan.sensors.first() {
+                    Some(sensor) => error.of_sensor(&sensor.name),
+                    None if self.probe_lives => error,
+                    None => error.of_first_touch(),
+                };
                 self.keep(&error).await;
                 Err(error)
             }

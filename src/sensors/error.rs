@@ -28,11 +28,17 @@ impl SensorError {
     /// What to do next.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Link(_) | Self::Modbus(_) => {
-                "see that the sensor has power and its cable is plugged in, and compare its address and \
-                 speed with its table in [[sensor]]"
+            // Of the machine, whose state nobody need doubt, the link's own words would speak.
+            Self::Link(LinkError::Lost { .. })
+            | Self::Modbus(ModbusError::Lost { .. } | ModbusError::Ended { .. }) => {
+                "see to the sensor's power and cable; a port that comes back under another name is found \
+                 by serial_id"
                     .to_owned()
             }
+            Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {
+                format!("{}; of the sensor it stands in its table in [[sensor]]", error.remedy())
+            }
+            Self::Modbus(error) => error.remedy(),
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
                 "see that the sensor has power, that its cable is plugged in, and that it is set to send"

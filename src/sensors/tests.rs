@@ -77,3 +77,16 @@ async fn silence_is_not_waited_for_again_and_again() {
     use Flag::{None, Stale};
     assert_eq!(flags, [None, Stale, None, Stale, Stale, Stale]);
 }
+
+/// What failed there is said, and that it is the sensor's: nobody need look at the control for it.
+#[test]
+fn a_sensors_link_has_remedies_of_its_own() {
+    use crate::link::LinkError;
+    let address = || "/dev/ttyUSB9".to_owned();
+    let denied = SensorError::from(LinkError::Denied { address: address() }).remedy();
+    assert!(denied.contains("dialout") && denied.contains("[[sensor]]"), "{denied}");
+    let lost = LinkError::Lost { address: address(), why: "gone".to_owned() };
+    assert!(!SensorError::from(lost).remedy().contains("state of the machine"));
+    let missing = SensorError::from(LinkError::Missing { address: address() }).remedy();
+    assert!(!missing.contains("[controller]"), "{missing}");
+}

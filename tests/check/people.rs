@@ -102,6 +102,46 @@ fn with_a_probe_that_nobody_deflects_nothing_may_move() {
     assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
 }
 
+/// A sensor may still sit where the probe belongs.
+#[test]
+fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
+    let file = MachineFile::parse("laser.toml", include_str!("../../config/laser.toml").to_owned());
+    let file = file.unwrap();
+    let checked = |answer: Option<Answer>| {
+        runtime().block_on(async {
+            let site = Site::new(&file).unwrap();
+            let mut asked = Asked { bystander: site.bystander().unwrap(), answer, asked: 0 };
+            let summary = through(&file, &site, &mut asked).await;
+            assert_eq!((asked.asked, summary.count(Verdict::Failed)), (1, 0), "{summary}");
+            summary.to_string()
+        })
+    };
+    let told = checked(Some(Answer::No));
+    assert!(
+        told.contains("the touch probe does not sit in the spindle: whether it closes"),
+        "{told}"
+    );
+    let told = checked(None);
+    assert!(told.contains("open at rest, closed while deflected, open again"), "{told}");
+}
+
+/// Answers so whether the probe sits in the spindle, as the bystander if not told how.
+struct Asked {
+    bystander: Bystander,
+    answer: Option<Answer>,
+    asked: usize,
+}
+
+impl Person for Asked {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        let mounted = matches!(question, Question::Stylus(Stylus::Mounted));
+        self.asked += usize::from(mounted);
+        let told = self.answer.filter(|_| mounted);
+        let answer = told.unwrap_or_else(|| self.bystander.answer(question));
+        Box::pin(std::future::ready(answer))
+    }
+}
+
 #[test]
 fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
     let but =

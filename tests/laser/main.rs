@@ -102,9 +102,13 @@ impl Desk {
         self.0.path().join(name).display().to_string()
     }
 
-    fn says(&self, arguments: &[&str]) -> Vec<u8> {
+    fn output(&self, arguments: &[&str]) -> std::process::Output {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_trued"));
-        let output = command.args(arguments).output().expect("started");
+        command.args(arguments).output().expect("started")
+    }
+
+    fn says(&self, arguments: &[&str]) -> Vec<u8> {
+        let output = self.output(arguments);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
         output.stdout
@@ -144,5 +148,33 @@ fn the_same_machine_may_be_touched_instead() {
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     for ((off, u), (symbol, _)) in errors(&estimate).iter().zip(TRUTH) {
         assert!(off.abs() < 4.0 * u, "{symbol} is off by {off}, u {u}");
+    }
+}
+
+/// No stylus is there that could be freed.
+#[test]
+fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
+    let desk = Desk::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
+    let (file, state) = (desk.path("laser.toml"), desk.path("state"));
+    let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("the probe reads closed; yet `laser` sits in the probe's place"),
+        "{said}"
+    );
+    assert!(said.contains("must read open while a sensor sits in the spindle"), "{said}");
+    assert!(!said.contains("free the stylus"), "{said}");
+}
+
+#[test]
+fn a_printed_program_says_what_happens_where_it_rests() {
+    let desk = Desk::new(SHORT);
+    for dialect in ["grbl-m19", "linuxcnc"] {
+        let file = desk.path("laser.toml");
+        let program = desk.says(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
+        let program = String::from_utf8(program).expect("text");
+        let title = "(laser-r-test; at each G4 trued takes 20 samples of laser)";
+        assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
     }
 }

@@ -39,9 +39,13 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
             misfit.factor
         ));
     }
+    let stated = match parts.bench.touches() {
+        true => "repeatability_um",
+        false => "noise_um",
+    };
     misfit.below.then(|| {
         format!(
-            "the sphere's places scatter less than declared ({against}): noise_um or error_motion_um may \
+            "the sphere's places scatter less than declared ({against}): {stated} or error_motion_um may \
              be stated too large, and the uncertainties with it"
         )
     })
@@ -67,17 +71,25 @@ fn form(parts: &Parts<'_>) -> Option<String> {
     let forms = forms(parts);
     let worst = forms.iter().zip(&parts.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
     let (form, group) = worst?;
+    let (of, remedy) = match parts.bench.touches() {
+        true => (
+            "touches of the sphere",
+            "clean the sphere and the stylus, and see that both are tight",
+        ),
+        false => (
+            "the sphere's scan",
+            "clean the sphere, and look at its radius and at incidence_limit_deg",
+        ),
+    };
     (*form > parts.bench.settings.form_limit_um * 1e-3).then(|| {
-        format!(
-            "{}: residuals of the sphere's scan spread over {:.1} um; clean the sphere, and look at \
-             its radius and at incidence_limit_deg",
-            group.label,
-            form * 1e3
-        )
+        format!("{}: residuals of {of} spread over {:.1} um; {remedy}", group.label, form * 1e3)
     })
 }
 
 fn noise(parts: &Parts<'_>) -> Option<String> {
+    if parts.bench.touches() {
+        return None;
+    }
     let (seen, declared) = (parts.observed.scatter_mm()?, parts.bench.sensor.noise_um? * 1e-3);
     (seen > 1.5 * declared).then(|| {
         format!(
@@ -108,8 +120,10 @@ pub fn gauge(parts: &Parts<'_>) -> Vec<String> {
         "X, Y and Z: straight, square to each other, of equal scale; what they are not stands in the \
          result"
             .to_owned(),
-        "zero position: from the axis of rotation nearest to the bed, whose own place stands in it"
-            .to_owned(),
+        format!(
+            "{}: from the axis of rotation nearest to the bed, whose own place stands in it",
+            zero(parts)
+        ),
         "errors of an axis: relative to the axis that carries it; ISO 230-1's E_A0C is the sum of EA0B \
          and EA0C here"
             .to_owned(),
@@ -117,7 +131,8 @@ pub fn gauge(parts: &Parts<'_>) -> Vec<String> {
     ];
     if !held.is_empty() {
         lines.push(format!(
-            "held at zero, being other names for zero position, sphere or an error given: {}",
+            "held at zero, being other names for {}, sphere or an error given: {}",
+            zero(parts),
             held.join(", ")
         ));
     }
@@ -141,11 +156,25 @@ fn comparison(parts: &Parts<'_>) -> Option<String> {
     ))
 }
 
+/// What the axes carry to the sphere.
+fn zero(parts: &Parts<'_>) -> &'static str {
+    match parts.bench.touches() {
+        true => "stylus centre",
+        false => "zero position",
+    }
+}
+
 pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     let mut lines = vec![
-        "where the axis of rotation nearest to the bed lies: it only shifts the zero position"
-            .to_owned(),
-        "radius of the sphere and what the sensor's reading is off at its zero, apart".to_owned(),
+        format!(
+            "where the axis of rotation nearest to the bed lies: it only shifts the {}",
+            zero(parts)
+        ),
+        match parts.bench.touches() {
+            true => "radius of the sphere, radius of the stylus ball and the probe's mean pre-travel, apart",
+            false => "radius of the sphere and what the sensor's reading is off at its zero, apart",
+        }
+        .to_owned(),
     ];
     let orders = &parts.bench.settings.harmonics;
     if orders.is_empty() {

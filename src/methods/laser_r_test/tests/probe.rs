@@ -37,6 +37,17 @@ fn paper_table_5_comes_back_by_touch() {
     }
 }
 
+/// No sensor was there.
+#[test]
+fn what_a_touch_cannot_know_is_told_in_words_of_a_touch() {
+    let estimate = touched(0.5, 1);
+    let told = [estimate.not_identifiable, estimate.gauge, estimate.warnings].concat().join("; ");
+    assert!(told.contains("mean pre-travel") && told.contains("stylus centre"), "{told}");
+    for word in ["sensor", "zero position", "noise_um", "incidence"] {
+        assert!(!told.contains(word), "{word}: {told}");
+    }
+}
+
 #[test]
 fn regress_touches_scatter_as_predicted() {
     let mut ratio = 0.0;

@@ -1,0 +1,94 @@
+//! The plan in a few rows: with what was measured, what, and how often.
+
+use super::number;
+use super::page::Rows;
+use crate::record::artefact::{Artefact, Balls, Cylinder};
+use crate::record::plan::{Plan, StepKind};
+use crate::record::sensor::Sensor;
+
+pub fn rows(plan: &Plan) -> Rows {
+    let mut rows = vec![("Topology".to_owned(), plan.machine.topology.clone())];
+    rows.extend(in_spindle(plan));
+    rows.push(("Artefact".to_owned(), artefact(&plan.artefact)));
+    rows.push(("Steps".to_owned(), steps(plan)));
+    let settings = plan.settings.as_object().into_iter().flatten();
+    rows.extend(settings.map(|(key, value)| (format!("Setting {key}"), value.to_string())));
+    rows
+}
+
+/// What measures: the sensors that sit in the probe's place, otherwise the stylus.
+fn in_spindle(plan: &Plan) -> Rows {
+    let stylus = [
+        ("Stylus tip from spindle datum".to_owned(), vector(plan.machine.tool_mm)),
+        ("Stylus ball radius".to_owned(), format!("{} mm", plan.probe.ball_radius_mm)),
+    ];
+    let told = |sensor: &Sensor| {
+        let ([least, most], [i, j, k]) = (sensor.range_mm, sensor.direction);
+        let noise = sensor.noise_um.map_or(String::new(), |um| format!(", noise {um} µm declared"));
+        let text = format!(
+            "zero point {} from the spindle datum, readings grow along ({i}, {j}, {k}) (both nominal), \
+             range {least} to {most} mm{noise}",
+            vector(sensor.zero_mm)
+        );
+        (format!("Sensor {}", sensor.name), text)
+    };
+    if plan.sensors.is_empty() {
+        return stylus.into();
+    }
+    plan.sensors.iter().map(told).collect()
+}
+
+/// How many of each kind.
+fn steps(plan: &Plan) -> String {
+    let count = |kind, scan: Option<bool>| {
+        let of_kind = plan.steps.iter().filter(|step| step.kind == kind);
+        of_kind.filter(|step| scan.is_none_or(|scan| step.scan.is_some() == scan)).count()
+    };
+    let kinds = [
+        (StepKind::Touch, None, "touches"),
+        (StepKind::Reference, Some(false), "reference touches"),
+        (StepKind::Scan, None, "scans"),
+        (StepKind::Reference, Some(true), "reference scans"),
+        (StepKind::Index, None, "index moves"),
+        (StepKind::Prompt, None, "prompts"),
+    ];
+    let steps = kinds.map(|(kind, scan, name)| (count(kind, scan), name));
+    let steps = steps.into_iter().filter(|(count, _)| *count > 0);
+    steps.map(|(count, name)| format!("{name}: {count}")).collect::<Vec<_>>().join(", ")
+}
+
+fn artefact(artefact: &Artefact) -> String {
+    match artefact {
+        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => format!(
+            "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
+            vector(*centre_mm)
+        ),
+        Artefact::Balls(artefact) => balls(artefact),
+    }
+}
+
+fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
+    let radii = balls.iter().map(|ball| ball.radius_mm);
+    let (least, most) = (radii.clone().fold(f64::INFINITY, f64::min), radii.fold(0.0, f64::max));
+    let radius = match balls.len() {
+        0 => String::new(),
+        _ if least == most => format!(", radius {most} mm"),
+        _ => format!(", radius {least} to {most} mm"),
+    };
+    let certified = lengths.iter().map(|length| {
+        let u_um = 1e3 * length.u_mm;
+        let u_um = number::fixed(u_um, number::decimals(u_um));
+        format!("{} to {}: {} mm (u = {u_um} µm)", length.from, length.to, length.mm)
+    });
+    let certified: Vec<String> = certified.collect();
+    let lengths = match certified.as_slice() {
+        [] => "no certified length".to_owned(),
+        some => format!("certified lengths {}", some.join(", ")),
+    };
+    let plural = if balls.len() == 1 { "" } else { "s" };
+    format!("{} ball{plural}{radius}; {lengths}", balls.len())
+}
+
+fn vector([x, y, z]: [f64; 3]) -> String {
+    format!("({x}, {y}, {z}) mm")
+}
