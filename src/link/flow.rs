@@ -35,6 +35,7 @@ pub struct Flow {
     name: String,
     incoming: broadcast::Receiver<Heard>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
+    empty: mpsc::UnboundedSender<oneshot::Sender<()>>,
     lost: Option<String>,
 }
 
@@ -68,8 +69,9 @@ impl Flow {
         let (outgoing, queued) = mpsc::unbounded_channel();
         // Nothing overtakes: no move waits on a sensor's wire.
         let (_, urgent_queue) = mpsc::unbounded_channel();
-        let flow = Self { name, incoming, outgoing, lost: None };
-        (flow, Ends { sink: Reads(reads), queued, urgent_queue })
+        let (empty, emptied) = mpsc::unbounded_channel();
+        let flow = Self { name, incoming, outgoing, empty, lost: None };
+        (flow, Ends { sink: Reads(reads), queued, urgent_queue, emptied })
     }
 
     /// Queue bytes; they are written whole, in order.
@@ -80,11 +82,17 @@ impl Flow {
         self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
     }
 
-    /// Forget what has come and was not taken.
+    /// Forget what has come and was not taken, be it still in the kernel. (What an adapter holds back
+    /// for its next packet nobody can see.)
     ///
     /// # Errors
     /// The link is lost.
-    pub fn forget(&mut self) -> Result<(), LinkError> {
+    pub async fn forget(&mut self) -> Result<(), LinkError> {
+        let (told, emptied) = oneshot::channel();
+        if self.empty.send(told).is_ok() {
+            // An owner that ends meanwhile is seen below.
+            let _ = emptied.await;
+        }
         // Why it was lost stands behind all that came: it is looked for before it is forgotten.
         if self.incoming.is_closed() {
             while let Ok(came) = self.incoming.try_recv() {
@@ -164,7 +172,18 @@ mod tests {
         // `None`: told that something is missing.
         assert_eq!(next(&mut flow).await, None);
         assert_eq!(next(&mut flow).await.unwrap(), b"old");
-        flow.forget().unwrap();
+        flow.forget().await.unwrap();
+        far.write_all(b"new").await.unwrap();
+        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+    }
+
+    /// The owner has not run since these bytes came: they wait where the kernel would keep them.
+    #[tokio::test]
+    async fn what_nobody_has_read_yet_is_forgotten_as_well() {
+        let (near, mut far) = tokio::io::duplex(1 << 16);
+        let mut flow = Flow::over("a sensor", near);
+        far.write_all(&[7; 20_000]).await.unwrap();
+        flow.forget().await.unwrap();
         far.write_all(b"new").await.unwrap();
         assert_eq!(next(&mut flow).await.unwrap(), b"new");
     }
@@ -176,7 +195,7 @@ mod tests {
         far.write_all(b"last words").await.unwrap();
         drop(far);
         flow.outgoing.closed().await;
-        let error = flow.forget().unwrap_err();
+        let error = flow.forget().await.unwrap_err();
         assert!(error.to_string().contains("the other side closed it"), "{error}");
     }
 }

@@ -3,18 +3,25 @@
 //! or timed-out wait never drops an IO operation half-way.
 
 use std::collections::VecDeque;
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::io;
+use std::pin::pin;
+use std::task::Poll;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio::sync::{mpsc, oneshot};
+use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::LinkError;
 
 /// How long the last words may take once the handle is gone.
 const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// Reads that what waits in the kernel may take, and looks in a row that find nothing there.
+const MOST_WAITING: usize = 64;
+const QUIET: usize = 2;
 
 /// Where an owner leaves what comes.
 pub(super) trait Sink: Send + 'static {
@@ -36,6 +43,8 @@ pub(super) struct Ends<K> {
     pub(super) sink: K,
     pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+    /// Who wants to be told once all that has come already was left with the sink.
+    pub(super) emptied: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
 }
 
 /// A thread that opens a stream, says whether it could, and owns it to the end.
@@ -110,15 +119,46 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
                 },
                 // The peer may have stopped reading: then the queue never comes to its end.
                 () = self.ends.sink.unwanted() => return Ok(()),
+                Some(told) = self.ends.emptied.recv() => {
+                    self.take_waiting(&mut buffer).await?;
+                    let _ = told.send(());
+                }
                 read = self.reader.read(&mut buffer) => {
                     let count = read?;
-                    if count == 0 {
-                        return Err(io::Error::other("the other side closed it"));
-                    }
-                    self.ends.sink.take(&buffer[..count])?;
+                    self.leave(&buffer, count)?;
                 }
             }
         }
+    }
+
+    fn leave(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
+        if count == 0 {
+            return Err(io::Error::other("the other side closed it"));
+        }
+        self.ends.sink.take(buffer.get(..count).unwrap_or_default())
+    }
+
+    /// All that waits in the kernel by now. Of a device that never pauses, no more than fits there.
+    async fn take_waiting(&mut self, buffer: &mut [u8]) -> io::Result<()> {
+        let mut quiet = 0;
+        for _ in 0..MOST_WAITING {
+            let mut read = pin!(self.reader.read(buffer));
+            // Cancel safe: a read that is not ready has moved no byte.
+            match poll_fn(|context| Poll::Ready(read.as_mut().poll(context))).await {
+                Poll::Ready(count) => {
+                    let count = count?;
+                    self.leave(buffer, count)?;
+                    quiet = 0;
+                }
+                // The kernel is asked again once the runtime has looked there.
+                Poll::Pending if quiet < QUIET => {
+                    quiet += 1;
+                    yield_now().await;
+                }
+                Poll::Pending => break,
+            }
+        }
+        Ok(())
     }
 
     /// Behind a message that has begun and earlier urgent ones, ahead of all others.

@@ -79,7 +79,9 @@ impl Link {
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
         let link = Self { name, incoming, outgoing, urgent: Urgent(urgent), lost: None };
         let sink = Lines { assembler: Assembler::default(), lines };
-        (link, Ends { sink, queued, urgent_queue })
+        // Nobody asks a line to be emptied.
+        let (_, emptied) = mpsc::unbounded_channel();
+        (link, Ends { sink, queued, urgent_queue, emptied })
     }
 
     /// Queue one message; it is written whole, in order.

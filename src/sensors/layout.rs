@@ -161,15 +161,25 @@ impl Layout {
         if let Some(field) = counter.filter(|counter| counter.width > WIDEST_COUNTER) {
             return Err(format!("`counter.width` is {}; {WIDEST_COUNTER} at most", field.width));
         }
-        let mut says = Vec::new();
+        let mut says: Vec<(Field, Option<i128>, Flag)> = Vec::new();
         for (name, keys) in status_names().zip(&status) {
             let field = placed(&name, keys.place(), keys.order.or(order))?;
             let is = keys.is.map(|is| possible(&name, is, field)).transpose()?;
+            // Several words may stand in the same bits, each with a number of its own.
+            let same = says.iter().position(|(other, said, _)| {
+                *other == field && said.is_none_or(|said| Some(said) == is)
+            });
+            if let Some(other) = same {
+                return Err(format!(
+                    "`status {}` and `{name}` hold at once: they stand in the same bits; give each an \
+                     `is` of its own, the one without behind the others",
+                    other + 1
+                ));
+            }
             says.push((field, is, keys.means.flag()));
         }
         let named = [("value".to_owned(), place)].into_iter();
         let named = named.chain(counter.map(|counter| ("counter".to_owned(), counter)));
-        // Several words may stand in the same bits.
         let first =
             |at: usize, place: Field| !says.iter().take(at).any(|(other, ..)| *other == place);
         let words = status_names().zip(says.iter().map(|(field, ..)| *field)).enumerate();

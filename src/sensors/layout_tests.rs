@@ -125,6 +125,16 @@ fn what_cannot_be_is_refused_with_its_key() {
             "`value` and `status 1` overlap at byte 0, bit 3",
         ),
         (
+            "value = { byte = 0, width = 8, scale_mm = 1.0 }\n[[status]]\nbyte = 1\nmeans = \"range\"\n\
+             [[status]]\nbyte = 1\nis = 1\nmeans = \"stale\"",
+            "`status 1` and `status 2` hold at once",
+        ),
+        (
+            "value = { byte = 0, width = 8, scale_mm = 1.0 }\n[[status]]\nbyte = 1\nis = 1\n\
+             means = \"range\"\n[[status]]\nbyte = 1\nis = 1\nmeans = \"stale\"",
+            "`status 1` and `status 2` hold at once",
+        ),
+        (
             "value = { byte = 0, width = 8, scale_mm = 1.0 }\ncounter = { byte = 1, width = 33 }",
             "`counter.width` is 33",
         ),

@@ -15,9 +15,9 @@ use crate::record::sensor;
 use crate::world::{Sensed, World};
 
 /// `[sensor.simulated]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Simulated {
+struct Keys {
     #[serde(default)]
     speaks: Speaks,
     #[serde(default = "memory")]
@@ -25,6 +25,40 @@ pub struct Simulated {
     /// Samples a second.
     #[serde(default = "usual_rate", deserialize_with = "rate")]
     rate_hz: f64,
+}
+
+/// A simulated sensor. In memory it measures when it is asked, and the world's time goes on by its
+/// samples alone. Whatever sends by itself over another wire measures in wall time: then the world's
+/// time goes on with it, and a run is not the same twice.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Simulated {
+    way: Way,
+    rate_hz: f64,
+}
+
+#[derive(Debug, Clone)]
+enum Way {
+    /// In memory, or on the interface of this name.
+    Can(String),
+    Serial(Tongue, Wire),
+    Modbus(Wire),
+}
+
+impl TryFrom<Keys> for Simulated {
+    type Error = String;
+
+    /// # Errors
+    /// A wire that it does not have, in words.
+    fn try_from(Keys { speaks, wire, rate_hz }: Keys) -> Result<Self, String> {
+        let way = match speaks {
+            Speaks::Can => Way::Can(wire),
+            Speaks::Serial => Way::Serial(Tongue::Text, Wire::of(&wire)?),
+            Speaks::SerialFrames => Way::Serial(Tongue::Frames, Wire::of(&wire)?),
+            Speaks::Modbus => Way::Modbus(Wire::of(&wire)?.beyond_memory()?),
+        };
+        Ok(Self { way, rate_hz })
+    }
 }
 
 fn rate<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
@@ -49,7 +83,7 @@ enum Speaks {
 
 impl Default for Simulated {
     fn default() -> Self {
-        Self { speaks: Speaks::default(), wire: memory(), rate_hz: usual_rate() }
+        Self { way: Way::Can(memory()), rate_hz: usual_rate() }
     }
 }
 
@@ -74,22 +108,20 @@ impl Simulated {
     /// What opening says.
     pub async fn open(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
-        let tongue = match self.speaks {
-            Speaks::Serial => Tongue::Text,
-            Speaks::SerialFrames => Tongue::Frames,
-            Speaks::Modbus => {
-                let when = Measures::WhenRead;
-                let at = (when, Wire::of(&self.wire)?);
-                let (sense, clock) = (self.sense(sensor, &view), view.clock);
-                let driver = wires::modbus(at, sense, self.rate_hz, sensor, clock).await?;
-                return Ok(Sensor::spawn(name, driver));
+        let (sense, clock) = (self.sense(sensor, &view), view.clock.clone());
+        match &self.way {
+            Way::Can(wire) => self.on_can(wire, sensor, view),
+            Way::Serial(tongue, wire) => {
+                let at = (*tongue, *wire);
+                let driver = wires::serial(at, sense, self.rate_hz, sensor, clock).await?;
+                Ok(Sensor::spawn(name, driver))
             }
-            Speaks::Can => return self.on_can(sensor, view),
-        };
-        let at = (tongue, Wire::of(&self.wire)?);
-        let (sense, clock) = (self.sense(sensor, &view), view.clock);
-        let driver = wires::serial(at, sense, self.rate_hz, sensor, clock).await?;
-        Ok(Sensor::spawn(name, driver))
+            Way::Modbus(wire) => {
+                let at = (Measures::WhenRead, *wire);
+                let driver = wires::modbus(at, sense, self.rate_hz, sensor, clock).await?;
+                Ok(Sensor::spawn(name, driver))
+            }
+        }
     }
 
     /// One sample after the other; with each a period passes.
@@ -101,17 +133,21 @@ impl Simulated {
         })
     }
 
-    /// In memory, or on the CAN interface that `wire` names.
-    fn on_can(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
+    fn on_can(
+        &self,
+        wire: &str,
+        sensor: &sensor::Sensor,
+        view: View,
+    ) -> Result<Sensor, SensorError> {
         let (sense, clock) = (self.sense(sensor, &view), view.clock);
-        let config = can::Config::of_simulated(&self.wire)?;
-        if self.wire == memory() {
+        let config = can::Config::of_simulated(wire)?;
+        if wire == memory() {
             let frames = can::simulated::frames(sense, clock.clone());
             let bus = Can::on_demand("the simulated sensor", frames);
             return Ok(config.over(bus, sensor, clock, None));
         }
         let bus = config.listen(clock.clone())?;
-        let served = can::simulated::push(&self.wire, sense, self.rate_hz, clock.clone())?;
+        let served = can::simulated::push(wire, sense, self.rate_hz, clock.clone())?;
         Ok(config.over(bus, sensor, clock, Some(served)))
     }
 }

@@ -90,3 +90,16 @@ fn a_sensors_link_has_remedies_of_its_own() {
     let missing = SensorError::from(LinkError::Missing { address: address() }).remedy();
     assert!(!missing.contains("[controller]"), "{missing}");
 }
+
+#[test]
+fn a_wire_that_a_simulated_sensor_does_not_have_is_refused_with_the_file() {
+    let refused = |keys: &str| toml::from_str::<super::Simulated>(keys).unwrap_err().to_string();
+    assert!(refused("speaks = \"modbus\"").contains("needs `wire = \"tcp\"`"));
+    assert!(refused("speaks = \"modbus\"\nwire = \"memory\"").contains("needs `wire = \"tcp\"`"));
+    assert!(refused("speaks = \"serial\"\nwire = \"udp\"").contains("`wire` is `udp`"));
+    for sound in
+        ["", "wire = \"vcan0\"", "speaks = \"modbus\"\nwire = \"pty\"", "speaks = \"serial\""]
+    {
+        assert!(toml::from_str::<super::Simulated>(sound).is_ok(), "{sound}");
+    }
+}

@@ -32,22 +32,24 @@ pub enum Wire {
 impl Wire {
     /// # Errors
     /// Another name, in words.
-    pub fn of(name: &str) -> Result<Self, SensorError> {
+    pub fn of(name: &str) -> Result<Self, String> {
         match name {
             "memory" => Ok(Self::Memory),
             "pty" => Ok(Self::Pty),
             "tcp" => Ok(Self::Tcp),
-            _ => Err(no_wire(name)),
+            _ => Err(format!("`wire` is `{name}`; it is `memory`, `pty` or `tcp`")),
         }
     }
-}
 
-fn no_wire(name: &str) -> SensorError {
-    SensorError::Strange {
-        text: format!("this simulated sensor has no wire `{name}`"),
-        remedy:
-            "set `wire` of [sensor.simulated]: `pty` or `tcp`; `memory` where it speaks `serial`"
-                .to_owned(),
+    /// # Errors
+    /// Registers are not served in memory, in words.
+    pub fn beyond_memory(self) -> Result<Self, String> {
+        match self {
+            Self::Memory => {
+                Err("`speaks = \"modbus\"` needs `wire = \"tcp\"` or `wire = \"pty\"`".to_owned())
+            }
+            other => Ok(other),
+        }
     }
 }
 
@@ -93,7 +95,7 @@ pub async fn serial(
 /// tokio runtime.
 ///
 /// # Errors
-/// What opening says; the wire cannot be `memory`.
+/// What opening says; nothing is there in memory (see [`Wire::beyond_memory`]).
 pub async fn modbus(
     (measures, wire): (Measures, Wire),
     sense: Sense,
@@ -102,7 +104,12 @@ pub async fn modbus(
     clock: Arc<dyn Clock>,
 ) -> Result<Registers, SensorError> {
     let (at, keep) = match wire {
-        Wire::Memory => return Err(no_wire("memory")),
+        Wire::Memory => {
+            return Err(SensorError::Strange {
+                text: "registers are not served in memory".to_owned(),
+                remedy: "take `wire = \"tcp\"`".to_owned(),
+            });
+        }
         Wire::Pty => serve_on_pty(measures, sense, rate_hz)?,
         Wire::Tcp => serve_on_tcp(measures, sense, rate_hz)?,
     };

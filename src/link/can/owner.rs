@@ -94,13 +94,13 @@ impl Owner {
                 Some(why) => why,
                 None => return,
             };
-            self.tell(Heard::Down(why.to_string()));
+            self.turn(Heard::Down(why.to_string()));
             drop(socket);
             socket = match self.again() {
                 Some(socket) => socket,
                 None => return,
             };
-            self.tell(Heard::Up);
+            self.turn(Heard::Up);
         }
     }
 
@@ -151,10 +151,47 @@ impl Owner {
         }
     }
 
-    /// What is no frame may be told too late, but not instead of one.
+    /// The interface's own state is told whatever happens, behind the frames that came before it:
+    /// no frame comes meanwhile that could be missed.
+    fn turn(&mut self, heard: Heard) {
+        if self.lost > 0 && self.heard.blocking_send(Heard::Lost(self.lost)).is_ok() {
+            self.lost = 0;
+        }
+        // Nobody is there any more: `run` sees it.
+        let _ = self.heard.blocking_send(heard);
+    }
+
+    /// What is neither frame nor state may be told too late, but not instead of a frame.
     fn tell(&self, heard: Heard) {
         if self.heard.capacity() > WAITING_FRAMES / 2 {
             let _ = self.heard.try_send(heard);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::clock::HostClock;
+
+    /// A reader that looks elsewhere for so long that its queue is full still learns of it.
+    #[test]
+    fn an_interface_that_goes_down_is_told_behind_a_full_queue() {
+        let (heard, mut receiver) = mpsc::channel(WAITING_FRAMES);
+        let id = Id::new(0x181, false).unwrap();
+        let stamps = Stamps::new(Arc::new(HostClock::start()));
+        let mut owner = Owner { interface: "can0".to_owned(), id, stamps, heard, lost: 0 };
+        for _ in 0..WAITING_FRAMES + 3 {
+            owner.pass_on(Frame::new(0.0, id, &[1]));
+        }
+        let told = std::thread::spawn(move || {
+            owner.turn(Heard::Down("off".to_owned()));
+            owner.turn(Heard::Up);
+        });
+        let frames = (0..WAITING_FRAMES).map(|_| receiver.blocking_recv());
+        assert!(frames.into_iter().all(|heard| matches!(heard, Some(Heard::Frame(_)))));
+        let rest: Vec<Heard> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
+        assert_eq!(rest, [Heard::Lost(3), Heard::Down("off".to_owned()), Heard::Up]);
+        told.join().unwrap();
     }
 }

@@ -77,6 +77,12 @@ impl Default for Settings {
 /// Two readings at the pole nearer than this are one height, mm.
 pub const ONE_HEIGHT_MM: f64 = 0.5;
 
+/// Bounds that nobody meets who does not slip by a digit or a unit.
+const MOST_SAMPLES: u32 = 10_000;
+const LONGEST_DWELL_S: f64 = 60.0;
+/// Beyond it no table of poses tells anything.
+const MOST_ORDER: u32 = 36;
+
 impl Settings {
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
@@ -95,10 +101,18 @@ impl Settings {
             "leave them out, or choose about 0.8, 600 and 20",
         )?;
         must(
-            self.dwell_s >= 0.0 && self.dwell_s.is_finite() && self.radius_u_um >= 0.0,
-            "dwell_s and radius_u_um must not be negative".to_owned(),
+            self.samples <= MOST_SAMPLES,
+            format!("{} samples at each dwell point are more than {MOST_SAMPLES}", self.samples),
+            "choose about 20: the machine drifts while it stands there for longer",
+        )?;
+        must(
+            (0.0..=LONGEST_DWELL_S).contains(&self.dwell_s) && self.radius_u_um >= 0.0,
+            format!(
+                "dwell_s lies between 0 and {LONGEST_DWELL_S}; radius_u_um must not be negative"
+            ),
             "leave them out, or choose about 0.1 and 0.5",
         )?;
+        self.check_orders()?;
         must(
             positive(self.form_limit_um),
             "form_limit_um must be greater than 0".to_owned(),
@@ -118,6 +132,26 @@ impl Settings {
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
+    }
+}
+
+impl Settings {
+    fn check_orders(&self) -> Result<(), Refused> {
+        let orders = || self.harmonics.iter().enumerate();
+        let twice =
+            |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);
+        let beyond = |order: &&u32| !(1..=MOST_ORDER).contains(*order);
+        let (why, instead) = match (self.harmonics.iter().find(beyond), orders().find(twice)) {
+            (Some(order), _) => (
+                format!("harmonics names order {order}; it lies between 1 and {MOST_ORDER}"),
+                "name orders that the positions of tilt_deg can tell apart, e.g. harmonics = [2]",
+            ),
+            (None, Some((_, order))) => {
+                (format!("harmonics names order {order} twice"), "name each order once")
+            }
+            (None, None) => return Ok(()),
+        };
+        Err(Refused { why, instead: instead.to_owned() })
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use tokio::time::{Duration, Instant, sleep_until};
 
 use super::Config;
+use super::standing::Standing;
 use crate::base::Clock;
 use crate::link::modbus::{Modbus, ModbusError};
 use crate::record::reading::Flag;
@@ -23,6 +24,8 @@ pub struct Registers {
     clock: Arc<dyn Clock>,
     link: Modbus,
     counting: Counting,
+    /// Where no counter tells, and its noise does.
+    standing: Option<Standing>,
     /// Samples a second of a sensor whose time stands still while nobody reads it.
     simulated_hz: Option<f64>,
     next_read: Instant,
@@ -46,6 +49,11 @@ impl Registers {
             clock,
             link,
             counting: Counting::new(config.map.round()),
+            // Of one that measures when it is read nothing stands.
+            standing: match simulated_hz {
+                Some(_) => None,
+                None => Standing::of(&config.map, sensor, config.device.timeout),
+            },
             simulated_hz,
             next_read: Instant::now(),
             config,
@@ -74,6 +82,11 @@ impl Registers {
 
     async fn sample(&mut self) -> Result<Sample, SensorError> {
         let said = self.read().await?.within(self.range_mm);
+        if let (Some(standing), Ok(mm)) = (&mut self.standing, said.value)
+            && standing.sees(mm, Instant::now())
+        {
+            return Ok(self.stale());
+        }
         let mut sample = self.counting.follow(self.clock.now_s(), said);
         if !self.config.map.gaps {
             sample.missing = 0;
@@ -82,6 +95,21 @@ impl Registers {
             }
         }
         Ok(sample)
+    }
+
+    /// With what nobody could see of it.
+    fn identity(&self) -> String {
+        let unseen = match (self.config.map.round(), &self.standing, self.simulated_hz) {
+            (Some(_), ..) | (_, _, Some(_)) => "",
+            (None, Some(_), None) => {
+                ", without a counter: that it stands is seen by its noise alone"
+            }
+            (None, None, None) => {
+                ", without a counter: should its value stand, nobody sees it (noise_um of four counts or \
+                 more would show it)"
+            }
+        };
+        format!("Modbus sensor at {}{unseen}", self.config.at())
     }
 
     fn stale(&self) -> Sample {
@@ -105,15 +133,20 @@ impl Driver for Registers {
             self.counting.follow(self.clock.now_s(), first);
             let begun = Instant::now();
             let mut count = 0;
-            while count < ENOUGH && begun.elapsed() < LISTEN.max(2 * self.config.device.timeout) {
+            let all_the_same = |standing: &Option<Standing>, count: usize| {
+                standing.as_ref().is_some_and(|seen| seen.times() as usize >= count)
+            };
+            while (count < ENOUGH || all_the_same(&self.standing, count))
+                && begun.elapsed() < LISTEN.max(2 * self.config.device.timeout)
+            {
                 let stands = self.next().await?.flag == Flag::Stale;
                 count += usize::from(!stands);
             }
-            if count == 0 {
+            if count == 0 || self.standing.as_ref().is_some_and(Standing::stood) {
                 return Err(SensorError::Strange {
-                    text:
-                        "its registers stand: the counter is always the same, or the status says so"
-                            .to_owned(),
+                    text: "its registers stand: counter or value is always the same, or the status says \
+                           so"
+                        .to_owned(),
                     remedy: "see that the sensor measures; compare `counter` and `status` of \
                              [sensor.modbus] with its manual"
                         .to_owned(),
@@ -121,7 +154,7 @@ impl Driver for Registers {
             }
             rate_hz = count as f64 / begun.elapsed().as_secs_f64();
         }
-        Ok(Prepared { identity: format!("Modbus sensor at {}", self.config.at()), rate_hz })
+        Ok(Prepared { identity: self.identity(), rate_hz })
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {

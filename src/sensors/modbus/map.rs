@@ -109,6 +109,7 @@ impl Map {
         let counter =
             counter.map(|counter| (counter.register, number(counter.kind, counter.order)));
         let status = status.into_iter().map(Status::try_from).collect::<Result<Vec<_>, _>>()?;
+        told_apart(&status)?;
         Ok(Self {
             span: span(space, place, counter, &status)?,
             value: place,
@@ -120,6 +121,11 @@ impl Map {
             gaps,
             status,
         })
+    }
+
+    /// mm of one count; none of a number that is not counted.
+    pub fn count_mm(&self) -> f64 {
+        if self.value.1.kind.is_float() { 0.0 } else { self.scale_mm.abs() }
     }
 
     /// After how many samples the counter begins anew, if there is one.
@@ -175,6 +181,32 @@ impl TryFrom<StatusKeys> for Status {
         }
         Ok(Self { register, bit, mask, is, flag: means.flag() })
     }
+}
+
+/// Several words may stand in the same bits, each with a number of its own; bits are not shared in part.
+fn told_apart(status: &[Status]) -> Result<(), String> {
+    for (at, one) in status.iter().enumerate() {
+        let bits = |of: &Status| of.mask << of.bit;
+        let before = status.iter().take(at).filter(|other| other.register == one.register);
+        for other in before.filter(|other| bits(other) & bits(one) != 0) {
+            let (first, second) = (other.bit, one.bit);
+            if bits(other) != bits(one) {
+                return Err(format!(
+                    "`status` at register {}: the bits from {first} and those from {second} overlap: \
+                     compare both with the sensor's manual",
+                    one.register
+                ));
+            }
+            if other.is.is_none_or(|is| Some(is) == one.is) {
+                return Err(format!(
+                    "`status` at register {}, bit {first}: two words hold at once; give each an `is` of its \
+                     own, the one without behind the others",
+                    one.register
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn check_value(value: &ValueKeys) -> Result<(), String> {

@@ -2,8 +2,9 @@
 //! rate in one request.
 //!
 //! - Registers show the newest sample alone. With a counter a sample is taken once, and nothing that
-//!   was there before `forget`; a counter that stands for the time-out is `Stale`. Without one nobody
-//!   can tell registers that stand from a surface that rests.
+//!   was there before `forget`; a counter that stands for the time-out is `Stale`. Without one registers
+//!   that stand are told from a surface that rests by the sensor's noise alone, where that is declared
+//!   and finer than its counts.
 //! - What the sensor measured between two reads was not asked for, and is not missing; with
 //!   `counter.gaps = true` it is (`Gap`): for a sensor that is read faster than it measures.
 //! - One request reads all. Whether the sensor itself writes a long value in two parts, and was read
@@ -15,6 +16,7 @@ mod config;
 mod driver;
 mod map;
 pub mod simulated;
+mod standing;
 #[cfg(test)]
 mod tests;
 

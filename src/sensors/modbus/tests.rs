@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use serde_json::json;
 
+use super::Registers;
 use super::config::Config;
-use super::simulated::Measures;
+use super::simulated::{Measures, serve_on_tcp};
 use crate::base::clock::HostClock;
 use crate::record::reading::Flag;
 use crate::record::sensor::Sensor;
@@ -88,6 +89,10 @@ fn maps_that_cannot_be_are_refused_in_words() {
             .contains("whole number")
     );
     assert!(map("is = 3", "is = 4").contains("can never be 4"));
+    assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
+    assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("two words hold at once"));
+    let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
+    assert!(toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
     assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
     assert!(
         map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("belongs to `f32`")
@@ -148,5 +153,39 @@ async fn each_measurement_of_a_running_one_is_taken_once_and_standing_is_stale()
         let (um, flag) = short(registers.next().await.unwrap());
         assert!(flag.is_empty() && um > last, "{um} after {last}");
         last = um;
+    }
+}
+
+/// The newest value alone: whether it stands shows in its noise, if that is declared.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_show() {
+    let prepared = async |noise_um: Option<f64>, step: f64| {
+        let mut place = 0.0;
+        let sense = move || {
+            place += step;
+            Sensed::Distance(place % 1.0)
+        };
+        let (at, _) = serve_on_tcp(Measures::AtItsRate, Box::new(sense), 100.0).unwrap();
+        let value =
+            "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
+        let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
+        let config = toml::from_str::<Config>(&config).unwrap();
+        let sensor = Sensor { noise_um, ..sensor() };
+        let clock = Arc::new(HostClock::start());
+        let mut registers = Registers::open(config, &sensor, clock, None).await.unwrap();
+        registers
+            .prepare()
+            .await
+            .map(|prepared| prepared.identity)
+            .map_err(|error| error.to_string())
+    };
+    let stands = prepared(Some(0.5), 0.0).await.unwrap_err();
+    assert!(stands.contains("value is always the same"), "{stands}");
+    let lives = prepared(Some(0.5), 0.013).await.unwrap();
+    assert!(lives.contains("seen by its noise alone"), "{lives}");
+    // Coarser than its noise, or of unknown noise: nobody can know, and it is said.
+    for noise_um in [None, Some(0.01)] {
+        let unseen = prepared(noise_um, 0.0).await.unwrap();
+        assert!(unseen.contains("should its value stand, nobody sees it"), "{unseen}");
     }
 }

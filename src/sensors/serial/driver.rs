@@ -110,11 +110,11 @@ impl Serial {
         self.flow.as_mut().ok_or(SensorError::Gone)
     }
 
-    fn forget_all(&mut self) -> Result<(), SensorError> {
+    async fn forget_all(&mut self) -> Result<(), SensorError> {
         self.ready.clear();
         self.counting.begin();
         self.cutter.begin(self.config.request.is_none());
-        self.flow()?.forget()?;
+        self.flow()?.forget().await?;
         Ok(())
     }
 
@@ -133,7 +133,7 @@ impl Serial {
         self.cutter.begin(false);
         // What came unasked is no answer.
         let flow = self.flow()?;
-        flow.forget()?;
+        flow.forget().await?;
         flow.send(&request)?;
         Ok(())
     }
@@ -221,11 +221,11 @@ impl Serial {
 
 impl Driver for Serial {
     async fn prepare(&mut self) -> Result<Prepared, SensorError> {
-        let lost = self.forget_all().is_err();
+        let lost = self.forget_all().await.is_err();
         if lost && !self.on_demand() {
             self.reopen().await?;
         }
-        self.forget_all()?;
+        self.forget_all().await?;
         let (count, span) = self.listen().await?;
         self.counting.begin();
         if self.heard.bytes == 0 {
@@ -245,7 +245,7 @@ impl Driver for Serial {
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {
-        self.forget_all()
+        self.forget_all().await
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {

@@ -43,6 +43,14 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     check(&plan, two, "2 heights", "three heights");
     let far = Settings { tilt_deg: vec![0.0, 130.0], ..settings() };
     check(&plan, far, "tilt_deg names B 130°", "tilt_deg");
+    let endless = Settings { samples: 2_000_000_000, ..settings() };
+    check(&plan, endless, "more than 10000", "about 20");
+    let asleep = Settings { dwell_s: 1e9, ..settings() };
+    check(&plan, asleep, "dwell_s lies between 0 and 60", "0.1");
+    let twice = Settings { harmonics: vec![2, 3, 2], ..settings() };
+    check(&plan, twice, "order 2 twice", "once");
+    let fast = Settings { harmonics: vec![4_000_000_000], ..settings() };
+    check(&plan, fast, "order 4000000000", "harmonics = [2]");
     let few = Settings { tilt_deg: vec![0.0], turn_deg: vec![90.0], ..settings() };
     check(&plan, few, "2 poses", "more positions");
     let mut unsure = plan.clone();
