@@ -8,10 +8,12 @@
 //! ```
 //!
 //! A line is: seconds since the beginning, the link's number, a mark, the rest. `=` opens the link (once
-//! more after it was lost): how it speaks (`lines`, `modbus-rtu`, `modbus-tcp`, `files`) and its name; `>` is
+//! more after it was lost): how it speaks (`lines`, `modbus-rtu`, `modbus-tcp`, `files`, `samples`) and its name; `>` is
 //! what was sent, `<` what came, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for what is not printable.
 //! Of shared files each is a file's name and, behind a line feed, its text; a name alone is one that is not
-//! there. What is read stands there when it has changed. Lines that begin with `#` are comments.
+//! there. What is read stands there when it has changed. Of a sensor it is what was asked of it and the samples
+//! that it gave, whatever it speaks: frames and bytes that come unasked fit no command, and could not be
+//! replayed. Lines that begin with `#` are comments.
 
 use std::fmt;
 use std::fs::File;
@@ -33,10 +35,12 @@ pub(super) enum Speech {
     ModbusRtu,
     ModbusTcp,
     Files,
+    Samples,
 }
 
 impl Speech {
-    pub(super) const ALL: [Self; 4] = [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files];
+    pub(super) const ALL: [Self; 5] =
+        [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files, Self::Samples];
 
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -44,6 +48,7 @@ impl Speech {
             Self::ModbusRtu => "modbus-rtu",
             Self::ModbusTcp => "modbus-tcp",
             Self::Files => "files",
+            Self::Samples => "samples",
         }
     }
 }

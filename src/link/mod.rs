@@ -18,6 +18,7 @@ mod owner;
 mod replay;
 mod speed;
 mod stream;
+mod talk;
 #[cfg(test)]
 mod tests;
 mod wiring;
@@ -31,6 +32,7 @@ pub use named::{HostPort, Named, timeout};
 pub use replay::{CaptureError, Replay};
 pub use speed::{heard, pty_at};
 pub use stream::{Link, Urgent};
+pub use talk::Talk;
 pub use wiring::Wiring;
 
 /// What can go wrong on a link.

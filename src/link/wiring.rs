@@ -33,7 +33,8 @@ impl Wiring {
         WIRING.scope(self, opening).await
     }
 
-    pub(super) fn current() -> Self {
+    /// That of the future that runs.
+    pub fn current() -> Self {
         WIRING.try_with(Self::clone).unwrap_or_default()
     }
 

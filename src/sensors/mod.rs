@@ -12,6 +12,7 @@ use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::base::Clock;
+use crate::link::Talk;
 use crate::record::reading::Flag;
 use crate::record::sensor;
 
@@ -28,6 +29,7 @@ pub mod serial;
 mod simulated;
 #[cfg(test)]
 mod tests;
+mod told;
 pub mod wires;
 
 pub use entry::{Entry, Reached};
@@ -87,6 +89,7 @@ type Good = Box<dyn Fn(&Sample) -> bool + Send>;
 type Act = Box<dyn Fn() + Send>;
 
 enum Request {
+    Captured(Talk),
     Prepare(oneshot::Sender<Result<Prepared, SensorError>>),
     Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(Good, Act),
@@ -105,6 +108,22 @@ impl Sensor {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(serve(driver, inbox));
         Self { name: name.into(), requests }
+    }
+
+    /// A capture in its place. Call inside a tokio runtime.
+    pub fn replayed(name: impl Into<String>, talk: Talk) -> Self {
+        let (requests, inbox) = mpsc::channel(1);
+        tokio::spawn(told::replay(talk, inbox));
+        Self { name: name.into(), requests }
+    }
+
+    /// From now on what it is asked and says goes into a capture.
+    ///
+    /// # Errors
+    /// Its task has ended.
+    pub async fn captured(self, talk: Talk) -> Result<Self, SensorError> {
+        self.requests.send(Request::Captured(talk)).await.map_err(|_| SensorError::Gone)?;
+        Ok(self)
     }
 
     pub fn name(&self) -> &str {
@@ -148,12 +167,26 @@ impl Sensor {
 
 /// The driver's task: requests one after the other until the handle is dropped.
 async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
-    let mut seen = Ok(None);
+    let (mut seen, mut talk) = (Ok(None), Talk::plain());
     while let Some(request) = inbox.recv().await {
         match request {
-            Request::Prepare(answer) => drop(answer.send(driver.prepare().await)),
-            Request::Take(count, answer) => drop(answer.send(take(&mut driver, count).await)),
-            Request::Watch(good, act) => seen = watch(&mut driver, &inbox, good, act).await,
+            Request::Captured(by) => talk = by,
+            Request::Prepare(answer) => {
+                talk.asked(told::PREPARE);
+                let prepared = driver.prepare().await;
+                prepared.iter().for_each(|prepared| talk.said(&told::prepared(prepared)));
+                drop(answer.send(prepared));
+            }
+            Request::Take(count, answer) => {
+                talk.asked(&told::take(count));
+                let samples = take(&mut driver, count).await;
+                samples.iter().flatten().for_each(|sample| talk.said(&told::sample(sample)));
+                drop(answer.send(samples));
+            }
+            Request::Watch(good, act) => {
+                talk.asked(told::WATCH);
+                seen = watch(&mut driver, &inbox, (good, act), &talk).await;
+            }
             Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
         }
     }
@@ -177,8 +210,8 @@ async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, Senso
 async fn watch(
     driver: &mut impl Driver,
     inbox: &mpsc::Receiver<Request>,
-    good: Good,
-    act: Act,
+    (good, act): (Good, Act),
+    talk: &Talk,
 ) -> Result<Option<Sample>, SensorError> {
     if driver.on_demand() {
         return Ok(None);
@@ -186,6 +219,7 @@ async fn watch(
     driver.forget().await.inspect_err(|_| act())?;
     while inbox.is_empty() && !inbox.is_closed() {
         let sample = driver.next().await.inspect_err(|_| act())?;
+        talk.said(&told::sample(&sample));
         if !good(&sample) {
             act();
             return Ok(Some(sample));

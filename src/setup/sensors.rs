@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::{MachineFile, SetupError, world};
 use crate::base::Clock;
 use crate::base::clock::HostClock;
+use crate::link::{Talk, Wiring};
 use crate::sensors::{Entry, Reached, Sensor, SensorError, View};
 use crate::world::World;
 
@@ -30,12 +31,14 @@ pub struct Sensors {
     entries: Vec<Entry>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<World>>>,
+    /// That of the control: sensors are opened when a run looks with them.
+    wiring: Wiring,
 }
 
 impl Sensors {
     /// None.
     pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
-        Self { entries: Vec::new(), clock, world: None }
+        Self { entries: Vec::new(), clock, world: None, wiring: Wiring::current() }
     }
 
     pub(super) fn of(self, entries: &[Entry]) -> Self {
@@ -65,7 +68,11 @@ impl Sensors {
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
         let Entry { sensor, reached } =
             named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
-        match (reached, &self.world) {
+        let talk = Talk::over(&self.wiring, &format!("sensor {name}"));
+        if talk.is_replayed() {
+            return Ok(Sensor::replayed(name, talk));
+        }
+        let opened = match (reached, &self.world) {
             (Reached::Simulated(simulated), Some(world)) => {
                 simulated.open(sensor, view(world)).await
             }
@@ -73,7 +80,8 @@ impl Sensors {
             (Reached::Simulated(_), None) => {
                 Err(SensorError::NothingToSee { name: name.to_owned() })
             }
-        }
+        };
+        opened?.captured(talk).await
     }
 }
 

@@ -139,6 +139,32 @@ fn a_run_says_the_same_twice_and_is_near_the_truth() {
     }
 }
 
+/// Control and sensor, without either.
+#[test]
+fn a_captured_run_replays_to_the_same_bytes() {
+    let desk = Desk::new(SHORT);
+    let (file, state, capture) =
+        (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
+    let run = |how: &[&str]| {
+        desk.says(
+            &[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat(),
+        )
+    };
+    let measured = run(&["--capture", &capture]);
+    // The machine is another one now: what comes out is what was captured.
+    let text = std::fs::read_to_string(&file).expect("read");
+    std::fs::write(&file, text.replace("\nseed = 1\n", "\nseed = 2\n")).expect("written");
+    assert!(run(&[]) != measured, "the test could not fail");
+    assert!(run(&["--replay", &capture]) == measured, "a replay gives something else");
+    // One sample is another one.
+    let text = std::fs::read_to_string(&capture).expect("read");
+    let (before, rest) = text.rsplit_once(" - 0\\n").expect("a sample");
+    let (before, value) = before.rsplit_once(' ').expect("its value");
+    let off: f64 = value.parse::<f64>().expect("a number") + 1.0;
+    std::fs::write(&capture, format!("{before} {off} - 0\\n{rest}")).expect("written");
+    assert!(run(&["--replay", &capture]) != measured, "the samples are not those of the capture");
+}
+
 #[test]
 fn the_same_machine_may_be_touched_instead() {
     let desk = Desk::new(&format!("{SHORT}by = \"probe\"\n"));

@@ -102,7 +102,7 @@ impl Clock for Replay {
 
 fn script(track: &Track) -> Box<dyn Script> {
     match track.speech {
-        Speech::Lines => Box::new(lines::Lines::new(track)),
+        Speech::Lines | Speech::Samples => Box::new(lines::Lines::new(track)),
         Speech::ModbusRtu => Box::new(registers::Registers::new(track, frames::Frames::Rtu)),
         Speech::ModbusTcp => Box::new(registers::Registers::new(track, frames::Frames::Tcp)),
         Speech::Files => Box::new(files::Files::new(track)),
