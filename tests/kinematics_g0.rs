@@ -31,6 +31,7 @@ fn machine(topology: &str, reversed: &[Axis]) -> Machine {
         axes: parsed.axes().map(|axis| (axis, spec(axis))).collect(),
         tool_mm: [0.0; 3],
         drift_um_per_h: 0.0,
+        squareness_urad: 0.0,
     }
 }
 

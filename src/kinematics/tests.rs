@@ -17,6 +17,7 @@ fn machine(topology: &str) -> Machine {
         axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
         tool_mm: [0.0; 3],
         drift_um_per_h: 0.0,
+        squareness_urad: 0.0,
     }
 }
 

@@ -42,6 +42,9 @@ pub struct Machine {
     /// of X, Y and Z, and of a round part's radius.
     #[serde(default)]
     pub drift_um_per_h: f64,
+    /// Standard deviation of what each two of X, Y and Z lack of a right angle.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub squareness_urad: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

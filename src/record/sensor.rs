@@ -39,6 +39,10 @@ pub struct Sensor {
     /// Standard deviation of what its curve deviates from a straight line over its range, um.
     #[serde(default)]
     pub linearity_um: f64,
+    /// What a surface adds that leans by 45°, um: standard deviation of a part that goes as the squared
+    /// tangent of its lean, and of one along each of two directions across, as the tangent.
+    #[serde(default)]
+    pub incidence_um: f64,
     /// Samples at a greater angle between beam and surface normal are not used.
     #[serde(default = "default_incidence")]
     pub incidence_limit_deg: f64,

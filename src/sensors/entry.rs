@@ -53,6 +53,8 @@ struct Keys {
     noise_um: Option<f64>,
     #[serde(default)]
     linearity_um: f64,
+    #[serde(default)]
+    incidence_um: f64,
     #[serde(default = "sensor::default_incidence")]
     incidence_limit_deg: f64,
     can: Option<can::Config>,
@@ -100,6 +102,7 @@ impl TryFrom<Keys> for Entry {
             body_length_mm: keys.body_length_mm,
             noise_um: keys.noise_um,
             linearity_um: keys.linearity_um,
+            incidence_um: keys.incidence_um,
             incidence_limit_deg: keys.incidence_limit_deg,
         };
         check(&sensor)?;
@@ -128,6 +131,7 @@ fn check(sensor: &sensor::Sensor) -> Result<(), String> {
         ("body_length_mm", sensor.body_length_mm),
         ("noise_um", sensor.noise_um.unwrap_or_default()),
         ("linearity_um", sensor.linearity_um),
+        ("incidence_um", sensor.incidence_um),
     ];
     if let Some((key, _)) = sizes.iter().find(|(_, size)| *size < 0.0) {
         return Err(format!("`{key}` must not be negative"));

@@ -61,10 +61,12 @@ impl Beam {
         if !(span > 0.0 && span.is_finite()) {
             return nonsense("range_mm");
         }
-        if !(nominal.noise_um.unwrap_or_default() >= 0.0 && nominal.linearity_um >= 0.0) {
-            return nonsense("noise_um or linearity_um");
+        let noise_um = nominal.noise_um.unwrap_or_default();
+        if !(noise_um >= 0.0 && nominal.linearity_um >= 0.0 && nominal.incidence_um >= 0.0) {
+            return nonsense("noise_um, linearity_um or incidence_um");
         }
         truth.check()?;
+        let truth = slanting(truth, nominal, seed, number);
         let across = across(direction);
         let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
         let drawn = || drawn::linearity(seed, number, nominal.linearity_um, span);
@@ -134,6 +136,15 @@ impl Beam {
         let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
         (self.truth.incidence_um * tangent2 + lean) * 1e-3
     }
+}
+
+/// What is declared of surfaces that lean is drawn, unless something is said of it.
+fn slanting(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
+    if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
+        return truth;
+    }
+    let (incidence_um, lean_um) = drawn::incidence(seed, number, nominal.incidence_um);
+    SensorTruth { incidence_um, lean_um, ..truth }
 }
 
 /// Unit vectors across `direction`, near the two axes that are not nearest to it.

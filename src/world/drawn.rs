@@ -27,6 +27,8 @@ enum Source {
     Sample,
     Linearity,
     Tick,
+    Squareness,
+    Incidence,
 }
 
 /// Standard normal numbers of one source.
@@ -226,11 +228,20 @@ impl RandomFunction {
     }
 }
 
-/// Positioning and straightness error motions of X, Y and Z.
+/// What a surface that leans adds, um: as the squared tangent of its lean, and along two directions
+/// across as the tangent.
+pub(super) fn incidence(seed: u64, sensor: usize, sigma_um: f64) -> (f64, [f64; 2]) {
+    let draw = |part| sigma_um * first_normal(seed, Source::Incidence, &[sensor as u64, part]);
+    (draw(0), [draw(1), draw(2)])
+}
+
+/// Positioning, straightness and squareness of X, Y and Z.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LinearErrors {
     /// Of each axis along X, Y and Z.
     motions: [[RandomFunction; 3]; 3],
+    /// How far X goes with Y, X with Z, Y with Z, rad.
+    square: DVec3,
 }
 
 impl LinearErrors {
@@ -241,7 +252,13 @@ impl LinearErrors {
             RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
         };
         let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
-        Self { motions: std::array::from_fn(along) }
+        Self { motions: std::array::from_fn(along), square: DVec3::ZERO }
+    }
+
+    /// With axes that are not square, each two of this standard deviation, rad.
+    pub fn askew(self, seed: u64, sigma: f64) -> Self {
+        let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
+        Self { square: DVec3::new(draw(0), draw(1), draw(2)), ..self }
     }
 
     /// The same functions, fast within these distances of zero on X, Y and Z, mm.
@@ -252,6 +269,7 @@ impl LinearErrors {
                 let reach = reach.next().unwrap_or_default();
                 along.map(|function| function.tabulated(reach))
             }),
+            ..self
         }
     }
 
@@ -260,7 +278,9 @@ impl LinearErrors {
         let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
             DVec3::from_array(along.each_ref().map(|function| function.at(q)))
         };
-        self.motions.iter().zip(command).map(of_axis).sum()
+        let motions: DVec3 = self.motions.iter().zip(command).map(of_axis).sum();
+        let ([_, y, z], square) = (command, self.square);
+        motions + DVec3::new(square.x * y + square.y * z, square.z * z, 0.0)
     }
 }
 

@@ -56,6 +56,7 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
         probe.stylus_offset_um,
         probe.overtravel_mm,
         machine.drift_um_per_h,
+        machine.squareness_urad,
         truth.roughness_um,
         truth.ball_offset_mm,
         truth.ball_diameter_um,

@@ -53,6 +53,7 @@ impl Scene {
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
         let linear_errors =
             LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
+        let linear_errors = linear_errors.askew(seed, machine.squareness_urad * 1e-6);
         let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
         let rotary_errors: Result<_, WorldError> = turning
             .filter(|(_, spec)| spec.error_motion_um != 0.0)

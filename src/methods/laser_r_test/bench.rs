@@ -179,6 +179,7 @@ fn stylus(plan: &Plan) -> Sensor {
         body_length_mm: 0.0,
         noise_um: plan.probe.repeatability_um,
         linearity_um: 0.0,
+        incidence_um: 0.0,
         incidence_limit_deg: 180.0,
     }
 }

@@ -45,6 +45,8 @@ pub struct Settings {
     pub samples: u32,
     /// Standard uncertainty of the sphere's stated radius.
     pub radius_u_um: f64,
+    /// Standard deviation of the sphere's form about its mean sphere, along any direction.
+    pub form_u_um: f64,
     /// Largest less smallest residual of one scan beyond which a warning is due.
     pub form_limit_um: f64,
     /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
@@ -68,6 +70,7 @@ impl Default for Settings {
             dwell_s: 0.1,
             samples: 20,
             radius_u_um: 0.5,
+            form_u_um: 0.0,
             form_limit_um: 10.0,
             monte_carlo_trials: 0,
         }
@@ -106,9 +109,11 @@ impl Settings {
             "choose about 20: the machine drifts while it stands there for longer",
         )?;
         must(
-            (0.0..=LONGEST_DWELL_S).contains(&self.dwell_s) && self.radius_u_um >= 0.0,
+            (0.0..=LONGEST_DWELL_S).contains(&self.dwell_s)
+                && self.radius_u_um >= 0.0
+                && self.form_u_um >= 0.0,
             format!(
-                "dwell_s lies between 0 and {LONGEST_DWELL_S}; radius_u_um must not be negative"
+                "dwell_s lies between 0 and {LONGEST_DWELL_S}; radius_u_um and form_u_um must not be negative"
             ),
             "leave them out, or choose about 0.1 and 0.5",
         )?;

@@ -1,6 +1,8 @@
 //! Sources of uncertainty as they act on dwell points: by how much each one's distance from the
 //! sphere's centre is greater, mm. The magnitudes are those that the plan declares (METHODS section 6).
 
+mod outside;
+
 use glam::DVec3;
 
 use super::bench::Bench;
@@ -77,6 +79,9 @@ pub fn sources(
         seen.drift(),
         seen.interruptions(),
         seen.radius(),
+        seen.squareness(),
+        seen.form(),
+        seen.incidence(),
     ];
     list.retain(|source| match &source.acts {
         Acts::Each(sizes) => sizes.iter().any(|size| *size != 0.0),

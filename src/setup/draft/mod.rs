@@ -154,6 +154,7 @@ fn nobodys() -> Machine {
         axes: Default::default(),
         tool_mm: [0.0; 3],
         drift_um_per_h: 0.0,
+        squareness_urad: 0.0,
     }
 }
 

@@ -14,6 +14,7 @@ pub fn machine(document: &Document, machine: &Machine) -> Checked {
     let check = Check(document);
     check.that(!machine.name.trim().is_empty(), &["machine", "name"], "must not be empty")?;
     check.not_negative(&["machine", "drift_um_per_h"], machine.drift_um_per_h)?;
+    check.not_negative(&["machine", "squareness_urad"], machine.squareness_urad)?;
     for (axis, spec) in &machine.axes {
         check.axis(*axis, spec)?;
     }

@@ -21,6 +21,7 @@ pub fn machine(topology: &str) -> Machine {
         axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
         tool_mm: TOOL.to_array(),
         drift_um_per_h: 0.0,
+        squareness_urad: 0.0,
     }
 }
 

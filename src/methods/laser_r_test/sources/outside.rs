@@ -1,0 +1,60 @@
+//! What no unknown of the model takes, by the magnitude that is declared: squareness of X, Y and Z, the
+//! sphere's form, what the sensor says of a surface that leans.
+
+use glam::{DMat3, DVec3};
+
+use super::{Acts, Seen, UncertaintySource, source};
+
+impl Seen<'_> {
+    /// Axes that are not square: X follows Y and Z, Y follows Z, in proportion.
+    pub(super) fn squareness(&self) -> UncertaintySource {
+        const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+        let sigma = self.bench.plan.machine.squareness_urad * 1e-6;
+        let spots = &self.grouped.spots;
+        let sum: DVec3 = spots.iter().map(|spot| spot.xyz).sum();
+        let mean = sum / spots.len().max(1) as f64;
+        let column = |(along, over): (usize, usize)| {
+            let spots = spots.iter().zip(&self.normals);
+            spots.map(|(spot, n)| n[along] * sigma * (spot.xyz[over] - mean[over])).collect()
+        };
+        source("squareness of X, Y and Z", Acts::Joint(PAIRS.map(column).into()))
+    }
+
+    /// An oval that turns with the table: the radius along a unit vector u is longer by uᵀ·S·u, S
+    /// symmetric and without trace, of the declared standard deviation along every u.
+    pub(super) fn form(&self) -> UncertaintySource {
+        let sigma = self.bench.settings.form_u_um * 1e-3;
+        let outward = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
+            let rotary = self.grouped.groups.get(row.group).map(|group| &group.rotary);
+            let table = rotary.map(|at| self.bench.chain.machine_from_table(at, &[]).matrix3);
+            table.unwrap_or(DMat3::IDENTITY).transpose() * *normal
+        });
+        let outward: Vec<DVec3> = outward.collect();
+        let over = |of: &dyn Fn(&DVec3) -> f64| outward.iter().map(|u| sigma * of(u)).collect();
+        // Variances 1 on and 1/2 off the diagonal, less the trace: 2/3 is left along every u.
+        let own = |k: usize| over(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
+        let mixed = |i: usize, j: usize| over(&move |u| 3f64.sqrt() * u[i] * u[j]);
+        let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
+        source("form of the sphere", Acts::Joint(columns.into()))
+    }
+
+    /// What a surface that does not face the beam adds to a reading: as the squared tangent of its lean,
+    /// and as the tangent along two directions across, each of the declared standard deviation at 45°.
+    pub(super) fn incidence(&self) -> UncertaintySource {
+        let looks = !self.bench.touches();
+        let sigma = if looks { self.bench.sensor.incidence_um * 1e-3 } else { 0.0 };
+        let frame = self.grouped.centres.frame;
+        let leans = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
+            let n = (row.spindle * frame).transpose() * *normal;
+            // Facing the beam n is (0, 0, −1).
+            [n.x / -n.z, n.y / -n.z]
+        });
+        let leans: Vec<[f64; 2]> = leans.collect();
+        let over = |of: fn(&[f64; 2]) -> f64| {
+            let rows = leans.iter().zip(&self.along);
+            rows.map(|(lean, along)| sigma * along * of(lean)).collect()
+        };
+        let columns = [over(|[x, y]| x * x + y * y), over(|[x, _]| *x), over(|[_, y]| *y)];
+        source("lean of the surface", Acts::Joint(columns.into()))
+    }
+}
