@@ -103,8 +103,10 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     match scan.sampling {
         Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
         Sampling::Dwell { .. } => wrong("it rests for less than no time, or takes no sample"),
-        Sampling::Continuous { .. } => {
-            wrong("no control that this version knows stamps positions during motion")
+        Sampling::Continuous { .. } if scan.path.len() < 2 => {
+            wrong("samples are to be taken on its way, and it has no way")
         }
+        Sampling::Continuous { rate_hz } if rate_hz.is_finite() && rate_hz > 0.0 => Ok(()),
+        Sampling::Continuous { .. } => wrong("its rate takes no sample"),
     }
 }

@@ -36,8 +36,12 @@ pub enum RunError {
     Sensor(#[from] SensorError),
     #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
     Blind { step: u32, sensor: String, flag: Flag },
-    #[error("step {step} is sampled in motion, and no control that is known here stamps positions")]
+    #[error(
+        "step {step} is sampled in motion, and this control does not stamp where its axes stand"
+    )]
     NotStamped { step: u32 },
+    #[error("step {step} was to be sampled in motion: {why}")]
+    Unswept { step: u32, why: String },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
@@ -89,7 +93,12 @@ impl RunError {
                  surface clean, is the sensor mounted as zero_mm and direction say?"
                     .to_owned()
             }
-            Self::NotStamped { .. } => "plan it with dwell points".to_owned(),
+            Self::NotStamped { .. } => {
+                "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
+                 the machine file ([controller.sampler])"
+                    .to_owned()
+            }
+            Self::Unswept { .. } => "plan it with dwell points (sampling = \"dwell\")".to_owned(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
             Self::NoReferences => {
@@ -121,7 +130,11 @@ impl RunError {
             Self::Controller(error) if error.step() == Some(step.id) => {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
-            Self::NoReading { step: id } | Self::Blind { step: id, .. } if *id == step.id => {
+            Self::NoReading { step: id }
+            | Self::Blind { step: id, .. }
+            | Self::Unswept { step: id, .. }
+                if *id == step.id =>
+            {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
             _ => self,

@@ -50,6 +50,7 @@ impl Run<'_> {
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
+        self.can_sweep(&self.plan.steps)?;
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Known before the first touch: whatever is read from here on was read after the gap.

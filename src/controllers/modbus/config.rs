@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use super::program::{self, Program};
 use super::{Map, ModbusControl, map};
+use crate::base::Clock;
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::modbus::{Framing, Line, Parity};
@@ -124,7 +125,12 @@ impl Named for Config {
         format!("{}, unit {}", self.line.at.in_full(), self.unit)
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        _clock: Arc<dyn Clock>,
+    ) -> Opening<'a> {
         Box::pin(async move {
             let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
             Ok(Controller::spawn(driver, halt))
