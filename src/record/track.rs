@@ -46,17 +46,13 @@ impl Track {
     }
 
     /// How many positions.
-    pub fn len(&self) -> usize {
+    pub fn positions(&self) -> usize {
         self.times_s.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.times_s.is_empty()
     }
 
     /// How often positions are missing between its first and its last.
     pub fn gaps(&self) -> usize {
-        self.gaps.iter().filter(|gap| **gap < self.len()).count()
+        self.gaps.iter().filter(|gap| **gap < self.positions()).count()
     }
 
     /// Where the axes stood; `None` before the first position, after the last, and in a gap.
@@ -78,13 +74,13 @@ impl Track {
     /// From the last position within `still` (mm or rad) of the first one to the first that lies so near
     /// the last one: when the axes set out and when they arrived. `None`: they did not move.
     pub fn moving_s(&self, still: f64) -> Option<(f64, f64)> {
-        let (first, last) = (self.number(0)?, self.number(self.len().checked_sub(1)?)?);
+        let (first, last) = (self.number(0)?, self.number(self.positions().checked_sub(1)?)?);
         let near = |number: usize, stands: &[f64]| {
             let at = self.number(number).unwrap_or_default();
             at.iter().zip(stands).all(|(at, stands)| (at - stands).abs() <= still)
         };
-        let set_out = (0..self.len()).find(|number| !near(*number, first))?.saturating_sub(1);
-        let stands_from = (0..self.len()).rev().find(|number| !near(*number, last))? + 1;
+        let set_out = (0..self.positions()).find(|number| !near(*number, first))?.saturating_sub(1);
+        let stands_from = (0..self.positions()).rev().find(|number| !near(*number, last))? + 1;
         Some((*self.times_s.get(set_out)?, *self.times_s.get(stands_from)?))
     }
 
@@ -127,7 +123,7 @@ mod tests {
         for t_s in [9.999, 11.001, 12.5, 13.999, 15.001, f64::NAN] {
             assert_eq!(y(t_s), None, "{t_s}");
         }
-        assert_eq!((track().len(), track().gaps()), (4, 1));
+        assert_eq!((track().positions(), track().gaps()), (4, 1));
         assert_eq!(Track::default().at(1.0), None);
     }
 
@@ -137,10 +133,10 @@ mod tests {
         for (t_s, values) in [(1.0, &[1.0, 1.0][..]), (0.5, &[9.0, 9.0]), (2.0, &[2.0, 2.0])] {
             back.push(t_s, values.iter().copied());
         }
-        assert_eq!((back.len(), back.at(1.5)), (2, None));
+        assert_eq!((back.positions(), back.at(1.5)), (2, None));
         back.push(3.0, [3.0]);
         back.push(4.0, [4.0, 4.0]);
-        assert_eq!((back.len(), back.at(3.5), back.gaps()), (3, None, 2));
+        assert_eq!((back.positions(), back.at(3.5), back.gaps()), (3, None, 2));
     }
 
     #[test]

@@ -43,6 +43,6 @@ mod watch;
 
 pub use config::Config;
 pub use driver::{LinuxCnc, Settings};
-pub use sampler::{Config as SamplerConfig, Sampler};
+pub use sampler::Sampler;
 
 pub const KIND: &str = "linuxcnc";

@@ -3,6 +3,8 @@
 //! it is kept while a block runs that wants it. `docs/linuxcnc-sampler.md` is the recipe.
 
 mod record;
+#[cfg(test)]
+mod tests;
 mod ticks;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,6 +22,7 @@ use crate::record::track::Track;
 
 /// How long it is listened to before anything moves: its period shows then.
 const LISTEN: Duration = Duration::from_millis(1300);
+const GATHERED: Duration = Duration::from_millis(100);
 /// How long a tick may be on its way: a pipe may hold 4096 bytes, and a network a second.
 const ON_THE_WAY: Duration = Duration::from_secs(3);
 const POLL: Duration = Duration::from_millis(5);
@@ -143,11 +146,16 @@ impl Sampler {
                 "name it in [controller.sampler] axes, and give it a pin of the sampler",
             ));
         }
+        let silent = |name: &str, why: String| {
+            not_ready(&format!("{name}: {why}"), &format!("see that it runs: {RECIPE}"))
+        };
+        // What had gathered before anybody listened comes at once.
+        self.until(f64::NEG_INFINITY).await.map_err(|why| silent(&self.name, why))?;
+        sleep(GATHERED).await;
         let before = self.heard().record.newest.as_ref().map(|stands| stands.tick);
         sleep(LISTEN).await;
-        let newest = self.until(self.clock.now_s()).await.map_err(|why| {
-            not_ready(&format!("{}: {why}", self.name), &format!("see that it runs: {RECIPE}"))
-        })?;
+        let now_s = self.clock.now_s();
+        let newest = self.until(now_s).await.map_err(|why| silent(&self.name, why))?;
         let period_s = before.and_then(|tick| self.heard().record.ticks.wrong_period_s(tick));
         if let Some(period_s) = period_s {
             return Err(not_ready(
