@@ -10,8 +10,8 @@ use crate::record::plan::{Plan, Sampling, Scan, Step};
 /// So far above its first point the way down to it becomes a feed move, mm.
 const SLOW_MM: f64 = 10.0;
 
-/// The blocks of one step: one of a touch; of a scan one for each stretch after which samples are
-/// taken, the first with the way to it.
+/// The blocks of one step: one of a touch; of a scan with dwell points one for each stretch after which
+/// samples are taken, the first with the way to it; of a continuous one a single block, without a rest.
 ///
 /// # Errors
 /// As [`touch_block`]; a scan whose points do not say where all axes stand, or that is sampled in a
