@@ -1,7 +1,7 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
-use crate::decision::references::{Scatter, Shift};
+use crate::decision::references::{Scatter, Shift, in_words};
 use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
@@ -32,8 +32,8 @@ pub enum RunError {
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
     NoFirstContact { step: u32 },
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
+    #[error("sensor `{name}`: {source}")]
+    Sensor { name: String, source: SensorError },
     #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
     Blind { step: u32, sensor: String, flag: Flag },
     #[error(
@@ -51,7 +51,7 @@ pub enum RunError {
     NoReferences,
     #[error(
         "the machine does not stand as it stood before the stop: {}; {}",
-        list(shifts), scatter.in_words()
+        in_words(shifts), scatter.in_words()
     )]
     Moved { shifts: Vec<Shift>, scatter: Scatter },
     #[error("nothing more is measured, because it could not be kept: {0}")]
@@ -80,7 +80,7 @@ impl RunError {
                  ([artefact] centre_mm, radius_mm)?"
                     .to_owned()
             }
-            Self::Sensor(error) => error.remedy(),
+            Self::Sensor { source, .. } => source.remedy(),
             Self::Blind { flag: Flag::Stale, .. } => {
                 "the sensor has fallen silent: see to its cable, its power and its link".to_owned()
             }
@@ -164,8 +164,4 @@ impl RunError {
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
-}
-
-fn list(shifts: &[Shift]) -> String {
-    shifts.iter().map(Shift::to_string).collect::<Vec<_>>().join(", ")
 }

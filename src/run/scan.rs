@@ -17,9 +17,9 @@ use crate::setup::Mounted;
 /// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
 const MOST_SAMPLES: usize = 1_000_000;
 
-/// On its way to the first point the sensor comes from afar, where it sees nothing.
+/// On its way to the first point the sensor comes from afar, where it sees nothing; it says so.
 fn on_the_way(sample: &Sample) -> bool {
-    sample.flag != Flag::Saturated
+    !matches!(sample.flag, Flag::Saturated | Flag::Stale)
 }
 
 fn in_sight(sample: &Sample) -> bool {
@@ -36,8 +36,9 @@ impl Run<'_> {
     pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
         self.looking.clear();
         for wanted in self.plan.sensors.clone() {
-            let sensor = self.devices.sensors.open(&wanted.name).await?;
-            let prepared = sensor.prepare().await?;
+            let fault = |source| RunError::Sensor { name: wanted.name.clone(), source };
+            let sensor = self.devices.sensors.open(&wanted.name).await.map_err(fault)?;
+            let prepared = sensor.prepare().await.map_err(fault)?;
             self.looking.push(sensor);
             let text = format!("{}: {}", wanted.name, prepared.identity);
             self.note(Event::Announced { text }).await?;
@@ -60,9 +61,9 @@ impl Run<'_> {
         }
     }
 
-    fn sensor(&self, name: &str) -> Result<&Mounted, SensorError> {
-        let named = self.looking.iter().find(|sensor| sensor.name() == name);
-        named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })
+    fn sensor(&self, step: &Step) -> Result<&Mounted, RunError> {
+        let named = self.looking.iter().find(|sensor| sensor.name() == step.sensor);
+        named.ok_or_else(|| faulty(step)(SensorError::Unknown { name: step.sensor.clone() }))
     }
 
     /// The blocks of a scan; every sample that was taken along it.
@@ -94,7 +95,10 @@ impl Run<'_> {
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
-            let samples = self.sensor(&step.sensor)?.take(count).await?;
+            let samples = self.sensor(step)?.take(count).await.map_err(faulty(step))?;
+            if samples.len() < count as usize {
+                return Err(self.blind(step, samples.last()));
+            }
             if !samples.iter().any(|sample| sample.value_mm.is_some()) {
                 return Err(self.blind(step, samples.first()));
             }
@@ -110,14 +114,14 @@ impl Run<'_> {
         block: Block,
         good: impl Fn(&Sample) -> bool + Send + 'static,
     ) -> Result<Outcome, RunError> {
-        let (sensor, halt) = (self.sensor(&step.sensor)?, self.devices.controller.halt());
-        sensor.watch(good, move || halt.now()).await?;
+        let (sensor, halt) = (self.sensor(step)?, self.devices.controller.halt());
+        sensor.watch(good, move || halt.now()).await.map_err(faulty(step))?;
         let executed = self.devices.controller.execute(block).await;
         let watched = sensor.rest().await;
         match executed {
             // What the control says of itself comes first, but for the hold that the sensor has asked for.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
-            executed => match watched? {
+            executed => match watched.map_err(faulty(step))? {
                 Some(sample) => Err(self.blind(step, Some(&sample))),
                 None => Ok(executed?),
             },
@@ -218,4 +222,10 @@ impl Run<'_> {
         };
         samples.iter().map(reading).collect()
     }
+}
+
+/// What the sensor that `step` looks with has met.
+fn faulty(step: &Step) -> impl Fn(SensorError) -> RunError {
+    let name = step.sensor.clone();
+    move |source| RunError::Sensor { name: name.clone(), source }
 }

@@ -10,7 +10,7 @@ use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
 use crate::base::{Axis, Point};
-use crate::decision::references::{Pair, Scatter, Shift};
+use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::{ErrorParameter, Shape as Motion};
 
@@ -254,7 +254,8 @@ impl Seen<'_> {
         };
         let u_mm = self.bench.plan.probe.repeatability_um.unwrap_or(1.0) * 1e-3;
         let rate = machine.drift_um_per_h * 1e-3 / 3600.0;
-        Shift::of(&pair, Scatter::Declared { u_mm }, rate).limit_mm
+        let limits = Limits::new(Scatter::Declared { u_mm }, places(self.bench.plan), rate);
+        Shift::of(&pair, &limits).limit_mm
     }
 
     fn radius(&self) -> UncertaintySource {
