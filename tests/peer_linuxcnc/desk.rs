@@ -71,10 +71,11 @@ impl Desk {
         Self::of(rig, &format!("{head}{BALLS}"), &faster)
     }
 
-    /// With a laser over one ball, and LinuxCNC's sampler.
-    pub fn with_laser(rig: &Rig, streams: &Streams) -> Result<Self, Failed> {
+    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this line more.
+    pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let ports = [
+            ("[controller.sampler]", &*format!("[controller.sampler]\n{line}")),
             ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.positions)),
             ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
         ];

@@ -222,7 +222,7 @@ pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
     let rig = rig()?;
     put_laser(&rig, [0.0, 0.0])?;
     let mut streams = Streams::of(&rig)?;
-    let desk = Desk::with_laser(&rig, &streams)?;
+    let desk = Desk::with_laser(&rig, &streams, "")?;
     let mut latencies_ms = Vec::new();
     for delay in [0.0, DELAY_MS] {
         streams.delay_ms(delay)?;
@@ -250,11 +250,29 @@ pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
     Ok(())
 }
 
+/// Pins in another order than the machine file has them.
+pub fn wrong_pins_are_refused() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_laser(&rig, [0.0, 0.0])?;
+    let streams = Streams::of(&rig)?;
+    let swapped = "axes = [\"Z\", \"Y\", \"X\", \"B\", \"C\"]";
+    let (readings, moved, ended) = run(passes(&Desk::with_laser(&rig, &streams, swapped)?))?;
+    match ended {
+        Err(error) if !moved && readings.is_empty() => {
+            let said = format!("{error}; {}", error.remedy());
+            eprintln!("{said}");
+            let named = ["X stands at 0.000", "says 200.000", "joint.N.pos-fb"];
+            if named.iter().all(|words| said.contains(words)) { Ok(()) } else { Err(said.into()) }
+        }
+        other => Err(format!("moved: {moved}, {other:?}").into()),
+    }
+}
+
 /// `trued run laser-r-test` with its scans in motion.
 pub fn finds_the_true_axes() -> Result<(), Failed> {
     let rig = rig()?;
     put_laser(&rig, LEAN)?;
     let mut streams = Streams::of(&rig)?;
     streams.delay_ms(DELAY_MS)?;
-    finds_at(&Desk::with_laser(&rig, &streams)?, "laser-r-test", &TRUTH)
+    finds_at(&Desk::with_laser(&rig, &streams, "")?, "laser-r-test", &TRUTH)
 }
