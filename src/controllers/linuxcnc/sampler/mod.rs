@@ -28,9 +28,10 @@ const ON_THE_WAY: Duration = Duration::from_secs(3);
 const POLL: Duration = Duration::from_millis(5);
 /// The task looks so often whether anybody still wants it.
 const WANTED: Duration = Duration::from_secs(1);
-/// Two tellings of where an axis stands are the same so near, mm or rad: axes under control are never
+/// Two tellings of where an axis stands are the same so near, mm and rad: axes under control are never
 /// quite still.
-const SAME: f64 = 0.01;
+const SAME_MM: f64 = 0.01;
+const SAME_RAD: f64 = 0.001;
 const RECIPE: &str = "docs/linuxcnc-sampler.md has its halcmd lines";
 
 /// `[controller.sampler]`.
@@ -229,7 +230,8 @@ impl Sampler {
         let said: Vec<f64> = heard.record.inside(&newest.at, self.mm).collect();
         let mut axes = heard.record.axes().iter().zip(said);
         let far = |axis: Axis, said: f64| {
-            stands.get(axis).is_some_and(|stands| (stands - said).abs() > SAME)
+            let same = if axis.is_linear() { SAME_MM } else { SAME_RAD };
+            stands.get(axis).is_some_and(|stands| (stands - said).abs() > same)
         };
         let (axis, said) = axes.find(|(axis, said)| far(**axis, *said))?;
         let (at, said) = (axis.to_edge(stands.at(*axis)), axis.to_edge(said));
