@@ -15,9 +15,14 @@ use crate::world::Bystander;
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
+    let (_, plan) = setup::header(&machine, &args.method, None)?;
     let pace = args.speed.into();
     runtime()?.block_on(async {
         let rehearsal = Rehearsal::of(&machine)?;
+        if let Some(sensor) = plan.sensors.first() {
+            rehearsal.without_probe();
+            tell!("`{}` is in the spindle, the probe is not", sensor.name);
+        }
         let simulator = match args.faults {
             None => rehearsal.serve(pace)?,
             Some(seed) => rehearsal.serve_badly(pace, BadWire::to_rehearse(seed), planned)?,

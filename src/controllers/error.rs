@@ -56,6 +56,8 @@ pub enum ControllerError {
     Doubtful { step: u32, first: String, again: String },
     #[error("held at the machine: the control says {state}")]
     HeldThere { state: String },
+    #[error("step {step}: nobody can say where the axes stood while they moved: {why}")]
+    Unstamped { step: u32, why: String, remedy: String },
     #[error("the probe {}", fault.says())]
     Probe { fault: ProbeFault },
     #[error("held on request")]
@@ -88,6 +90,7 @@ impl ControllerError {
             | Self::UnexpectedContact { step }
             | Self::StillTripped { step }
             | Self::Doubtful { step, .. }
+            | Self::Unstamped { step, .. }
             | Self::Render { step, .. } => Some(*step),
             _ => None,
         }
@@ -100,7 +103,8 @@ impl ControllerError {
             Self::Modbus(error) => return error.remedy(),
             Self::NotReady { remedy, .. }
             | Self::Strange { remedy, .. }
-            | Self::Unsupported { remedy, .. } => {
+            | Self::Unsupported { remedy, .. }
+            | Self::Unstamped { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }

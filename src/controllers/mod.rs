@@ -13,7 +13,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use tokio::sync::{mpsc, oneshot};
 
-use crate::base::Position;
+use crate::base::{Clock, Position};
 use crate::gcode::Dialect;
 use crate::record::machine::Machine;
 use crate::record::motion::{Block, Outcome};
@@ -39,8 +39,14 @@ pub trait Named: fmt::Debug + Send + Sync {
     fn dialect(&self) -> &str;
     /// Where it is reached, in words.
     fn at(&self) -> String;
-    /// Open its links and start its task. Nothing is commanded yet. Call inside a tokio runtime.
-    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a>;
+    /// Open its links and start its task. What it stamps has the time of `clock`, unless it has a clock
+    /// of its own. Nothing is commanded yet. Call inside a tokio runtime.
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        clock: Arc<dyn Clock>,
+    ) -> Opening<'a>;
     /// Why it could not be opened or prepared, which `failed` has told; the most likely first, and
     /// none where nothing is found. It opens links of its own: whoever held them has let go. Nothing
     /// moves. Call inside a tokio runtime.
@@ -111,6 +117,10 @@ pub trait Driver: Send + 'static {
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
     /// What it says of itself, prepared or not. Nothing moves and nothing is set.
     fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
+    /// Whether the outcome of a block that moves at feed has its track.
+    fn stamps(&self) -> bool {
+        false
+    }
     /// Restore the modal state found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
@@ -151,14 +161,21 @@ enum Request {
 pub struct Controller {
     requests: mpsc::Sender<Request>,
     halt: Halt,
+    stamps: bool,
 }
 
 impl Controller {
     /// Start the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
+        let stamps = driver.stamps();
         tokio::spawn(serve(driver, inbox, halt.clone()));
-        Self { requests, halt }
+        Self { requests, halt, stamps }
+    }
+
+    /// Whether it stamps where the axes stand while they move: see [`Outcome::track`].
+    pub fn stamps(&self) -> bool {
+        self.stamps
     }
 
     pub fn halt(&self) -> Halt {

@@ -13,6 +13,7 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
 use super::{Controller, ControllerError, Named, grbl, modbus};
+use crate::base::clock::HostClock;
 use crate::gcode::Dialect;
 use crate::link::faults::{BadWire, Planned};
 use crate::link::{self, HostPort, Link, LinkError};
@@ -239,7 +240,7 @@ impl Simulated {
                 let resident = self.speaks == Speaks::ModbusProgram;
                 let config = modbus::Config::local(served.at.clone(), resident);
                 let config = config.map_err(|text| ControllerError::Garbled { text })?;
-                config.open(machine, dialect).await?
+                config.open(machine, dialect, Arc::new(HostClock::start())).await?
             }
         };
         Ok((controller, Some(served)))

@@ -1,6 +1,6 @@
 //! Coverage factors and degrees of freedom (GUM, JCGM 100, annex G) and χ² bounds.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 /// The probability of ±2 standard deviations of a normal distribution, 95.45 %.
 pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
@@ -19,9 +19,14 @@ pub fn coverage_factor(dof: f64) -> f64 {
 }
 
 /// t such that a Student variable with `dof` degrees of freedom lies within ±t with `probability`;
-/// infinite without degrees of freedom.
+/// infinite without degrees of freedom, the normal distribution's for `f64::INFINITY`.
 pub fn two_sided(probability: f64, dof: f64) -> f64 {
     let upper = 0.5 * (1.0 + probability);
+    if dof >= MANY {
+        let z = Normal::standard().inverse_cdf(upper);
+        // As in [`coverage_factor`].
+        return z + (z.powi(3) + z) / (4.0 * dof);
+    }
     StudentsT::new(0.0, 1.0, dof).map_or(f64::INFINITY, |student| student.inverse_cdf(upper))
 }
 
@@ -74,6 +79,16 @@ mod tests {
         assert!((coverage_factor(0.999 * MANY) - coverage_factor(MANY)).abs() < 1e-6);
         assert_eq!(coverage_factor(0.0), f64::INFINITY);
         assert_eq!(coverage_factor(f64::NAN), f64::INFINITY);
+    }
+
+    /// Tables of the normal distribution: 95 %, 99.73 %; and what joins them.
+    #[test]
+    fn regress_two_sided_tables() {
+        assert!((two_sided(0.95, f64::INFINITY) - 1.959_964).abs() < 1e-6);
+        assert!((two_sided(0.997_300_204, f64::INFINITY) - 3.0).abs() < 1e-6);
+        assert!((two_sided(0.95, 10.0) - 2.228_139).abs() < 1e-5);
+        assert!((two_sided(0.99, 0.999 * MANY) - two_sided(0.99, MANY)).abs() < 1e-6);
+        assert_eq!(two_sided(0.95, f64::NAN), f64::INFINITY);
     }
 
     /// GUM example H.1.6: components in nm and their degrees of freedom give 16.

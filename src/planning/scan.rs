@@ -10,8 +10,8 @@ use crate::record::plan::{Plan, Sampling, Scan, Step};
 /// So far above its first point the way down to it becomes a feed move, mm.
 const SLOW_MM: f64 = 10.0;
 
-/// The blocks of one step: one of a touch; of a scan one for each stretch after which samples are
-/// taken, the first with the way to it.
+/// The blocks of one step: one of a touch; of a scan with dwell points one for each stretch after which
+/// samples are taken, the first with the way to it; of a continuous one a single block, without a rest.
 ///
 /// # Errors
 /// As [`touch_block`]; a scan whose points do not say where all axes stand, or that is sampled in a
@@ -103,8 +103,10 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     match scan.sampling {
         Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
         Sampling::Dwell { .. } => wrong("it rests for less than no time, or takes no sample"),
-        Sampling::Continuous { .. } => {
-            wrong("no control that this version knows stamps positions during motion")
+        Sampling::Continuous { .. } if scan.path.len() < 2 => {
+            wrong("samples are to be taken on its way, and it has no way")
         }
+        Sampling::Continuous { rate_hz } if rate_hz.is_finite() && rate_hz > 0.0 => Ok(()),
+        Sampling::Continuous { .. } => wrong("its rate takes no sample"),
     }
 }

@@ -350,3 +350,37 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     let refused = super::blocks(&plan, &clearance).unwrap_err();
     assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
 }
+
+#[test]
+fn a_continuous_scan_is_one_block_without_a_rest() {
+    let sensor = serde_json::json!({"name": "laser",
+        "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]});
+    let point = |x: f64| {
+        at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, 0.0)])
+    };
+    let scan = |path: Vec<Position>, rate_hz| Step {
+        kind: StepKind::Scan,
+        from: path[0].clone(),
+        to: path[path.len() - 1].clone(),
+        feed_mm_min: 60.0,
+        sensor: "laser".into(),
+        scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz } }),
+        ..touch(0, 0.0, 0.0, 0.0, 0.0)
+    };
+    let of = |path: &[f64], rate_hz| {
+        let mut plan = plan(vec![scan(path.iter().map(|x| point(*x)).collect(), rate_hz)]);
+        plan.sensors = vec![serde_json::from_value(sensor.clone()).unwrap()];
+        let clearance = Clearance::above(&plan).unwrap();
+        blocks(&plan, &clearance).map(|(blocks, _)| blocks)
+    };
+    let found = of(&[-1.0, 1.0, -1.0], 1000.0).unwrap();
+    assert_eq!(found.len(), 1);
+    let way = |x: f64| Motion::Feed { to: at(&[(Axis::X, x)]), feed_mm_min: 60.0 };
+    let motions = &found[0].motions;
+    assert_eq!(motions[motions.len() - 2..], [way(1.0), way(-1.0)]);
+    assert!(!motions.iter().any(|motion| matches!(motion, Motion::Dwell { .. })));
+    let why = |path: &[f64], rate| of(path, rate).unwrap_err().to_string();
+    assert!(why(&[1.0], 1000.0).contains("it has no way"), "{}", why(&[1.0], 1000.0));
+    assert!(why(&[1.0, 2.0], 0.0).contains("takes no sample"), "{}", why(&[1.0, 2.0], 0.0));
+    assert!(why(&[1.0, 2.0], f64::NAN).contains("takes no sample"));
+}

@@ -87,6 +87,8 @@ pub enum Reason {
     FeedMove,
     #[error("a probing move in a scan, where nothing can be touched")]
     ProbeInScan,
+    #[error("a rest in a scan whose samples are taken on the way")]
+    RestInScan,
     #[error("something else between two points of a scan")]
     OffPath,
     #[error("the scan goes to {0}")]

@@ -1,5 +1,5 @@
 //! A scan in the text: the points of its path one after the other, at its feed, with a rest at each
-//! where samples are taken. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`].
+//! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`].
 
 use super::refusal::Reason;
 use super::rules;
@@ -17,6 +17,9 @@ impl Walk<'_> {
     pub(super) fn scan(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> Checked {
         match (motion.kind, self.phase) {
             (Kind::Dwell { seconds }, Phase::Scanning { reached, rested }) => {
+                if matches!(scan.sampling, Sampling::Continuous { .. }) {
+                    return Err(Reason::RestInScan);
+                }
                 self.phase = Phase::Scanning { reached, rested: rested + seconds };
                 Ok(())
             }

@@ -87,3 +87,49 @@ fn the_body_of_the_sensor_keeps_the_margin_on_all_of_its_way() {
     let proof = proven_from(&bare, WHOLE, Some(&beside())).unwrap();
     assert!(proof.not_looked_at.contains(&"body of laser".to_owned()), "{proof:?}");
 }
+
+/// The same three points without a rest, and back to the middle.
+fn on_the_way() -> Plan {
+    looking(|plan| {
+        let step = &mut plan["steps"][0];
+        let back = step["path"][1].clone();
+        step["path"].as_array_mut().unwrap().push(back.clone());
+        step["to"] = back;
+        let step = step.as_object_mut().unwrap();
+        step.remove("dwell_s");
+        step.remove("samples");
+        step.insert("rate_hz".into(), 1000.0.into());
+    })
+}
+
+const FLOWING: &str = "N0 G53 G0 X-5\nN0 G53 G0 Z171\nN0 G53 G1 Z161 F1500\nN0 G53 G1 X0 F60\n\
+                       N0 G53 G1 X5 F60\nN0 G53 G1 X0 F60\n";
+
+#[test]
+fn a_continuous_scan_goes_on_from_point_to_point() {
+    let plan = on_the_way();
+    let proof = proven_from(&plan, FLOWING, Some(&beside())).unwrap();
+    assert_eq!((proof.motions, proof.steps.len()), (6, 1));
+    let refused = |from: &str, to: &str| {
+        assert!(FLOWING.contains(from), "{from}");
+        let text = FLOWING.replacen(from, to, 1);
+        proven_from(&plan, &text, Some(&beside())).unwrap_err().reason
+    };
+    let rests = |reason| matches!(reason, Reason::RestInScan);
+    assert!(rests(refused("N0 G53 G1 X5", "N0 G4 P0.5\nN0 G53 G1 X5")));
+    assert!(rests(refused("N0 G53 G1 X0 F60", "N0 G4 P0.001\nN0 G53 G1 X0 F60")));
+    let last = "X5 F60\nN0 G53 G1 X0 F60\n";
+    assert!(rests(refused(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G4 P0.5\n")));
+    let place = |reason| matches!(reason, Reason::NotAtPoint(_));
+    assert!(place(refused("X0 F60", "X0.01 F60")));
+    assert!(place(refused("N0 G53 G1 X0 F60\n", "")));
+    assert!(place(refused("X0 F60", "X0 Y0.1 F60")));
+    let feed = |reason| matches!(reason, Reason::Feed { .. });
+    assert!(feed(refused("X5 F60", "X5 F59")));
+    assert!(feed(refused("X5 F60", "X5 F180")));
+    assert!(matches!(refused(last, "X5 F60\n"), Reason::Unfinished(_)));
+    let off = |reason| matches!(reason, Reason::OffPath);
+    assert!(off(refused("N0 G53 G1 X5", "N0 G53 G0 X1\nN0 G53 G1 X5")));
+    assert!(off(refused(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 X5 F60\n")));
+    assert!(off(refused("N0 G53 G1 X5 F60", "N0 G38.3 X5 F60")));
+}

@@ -10,3 +10,4 @@ pub mod proof;
 pub mod question;
 pub mod reading;
 pub mod sensor;
+pub mod track;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::track::Track;
 use crate::base::Position;
 
 /// One move. Only the axes named in `to` move; all of them together, along a straight line.
@@ -56,4 +57,6 @@ pub struct Outcome {
     pub touch: Option<Position>,
     /// Time of the trigger where the control stamps it, s; otherwise the host's clock is used.
     pub t_s: Option<f64>,
+    /// Of a block that moves at feed, where the control stamps positions: all the while.
+    pub track: Option<Track>,
 }

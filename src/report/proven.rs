@@ -1,16 +1,16 @@
-//! What was proven before anything moved: in words, and as a function of the touch.
+//! What was proven before anything moved: in words, and touch by touch, or scan by scan.
 
 use super::number;
 use crate::record::estimate::{FigureKind, Function, Unit};
 use crate::record::plan::Plan;
 use crate::record::proof::{Clearance, Proof};
 
-/// The smallest clearance of each touch, in the order of the run; `None` without any.
+/// The smallest clearance of each touch or scan, in the order of the run; `None` without any.
 pub(super) fn function(proofs: &[Proof]) -> Option<Function> {
     let y: Vec<f64> = touches(proofs).map(|clearance| clearance.clearance_mm).collect();
     (!y.is_empty()).then(|| Function {
         symbol: "clearance".to_owned(),
-        argument: "touch".to_owned(),
+        argument: "touch or scan".to_owned(),
         argument_unit: String::new(),
         x: (1..=y.len()).map(|n| n as f64).collect(),
         unit: Unit::Mm,

@@ -1,7 +1,7 @@
 //! How a run can end before its end.
 
 use crate::controllers::ControllerError;
-use crate::decision::references::{Scatter, Shift};
+use crate::decision::references::{Scatter, Shift, in_words};
 use crate::gcode::RenderError;
 use crate::methods::Refused;
 use crate::planning::PlanningError;
@@ -35,12 +35,16 @@ pub enum RunError {
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
     NoFirstContact { step: u32 },
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
+    #[error("sensor `{name}`: {source}")]
+    Sensor { name: String, source: SensorError },
     #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
     Blind { step: u32, sensor: String, flag: Flag },
-    #[error("step {step} is sampled in motion, and no control that is known here stamps positions")]
+    #[error(
+        "step {step} is sampled in motion, and this control does not stamp where its axes stand"
+    )]
     NotStamped { step: u32 },
+    #[error("step {step} was to be sampled in motion: {why}")]
+    Unswept { step: u32, why: String },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
@@ -50,7 +54,7 @@ pub enum RunError {
     NoReferences,
     #[error(
         "the machine does not stand as it stood before the stop: {}; {}",
-        list(shifts), scatter.in_words()
+        in_words(shifts), scatter.in_words()
     )]
     Moved { shifts: Vec<Shift>, scatter: Scatter },
     #[error("nothing more is measured, because it could not be kept: {0}")]
@@ -86,7 +90,7 @@ impl RunError {
                  ([artefact] centre_mm, radius_mm)?"
                     .to_owned()
             }
-            Self::Sensor(error) => error.remedy(),
+            Self::Sensor { source, .. } => source.remedy(),
             Self::Blind { flag: Flag::Stale, .. } => {
                 "the sensor has fallen silent: see to its cable, its power and its link".to_owned()
             }
@@ -99,7 +103,12 @@ impl RunError {
                  surface clean, is the sensor mounted as zero_mm and direction say?"
                     .to_owned()
             }
-            Self::NotStamped { .. } => "plan it with dwell points".to_owned(),
+            Self::NotStamped { .. } => {
+                "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
+                 the machine file ([controller.sampler])"
+                    .to_owned()
+            }
+            Self::Unswept { .. } => "plan it with dwell points (sampling = \"dwell\")".to_owned(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
             Self::NoReferences => {
@@ -143,7 +152,11 @@ impl RunError {
             Self::Controller(error) if error.step() == Some(step.id) => {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
-            Self::NoReading { step: id } | Self::Blind { step: id, .. } if *id == step.id => {
+            Self::NoReading { step: id }
+            | Self::Blind { step: id, .. }
+            | Self::Unswept { step: id, .. }
+                if *id == step.id =>
+            {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }
             }
             _ => self,
@@ -173,8 +186,4 @@ impl RunError {
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
-}
-
-fn list(shifts: &[Shift]) -> String {
-    shifts.iter().map(Shift::to_string).collect::<Vec<_>>().join(", ")
 }

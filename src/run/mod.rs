@@ -11,6 +11,7 @@ mod references;
 mod resume;
 mod scan;
 mod stage;
+mod sweep;
 mod timeline;
 
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
@@ -108,7 +109,9 @@ impl<'a> Run<'a> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let stage_s = rehearse(self.method, &self.plan, &self.devices.dialect).await?;
+        let (stage_s, steps) =
+            stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
+        self.can_sweep(&steps)?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
         let stands = self.prepare().await?;

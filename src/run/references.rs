@@ -2,7 +2,7 @@
 //! machine stands as it stood.
 
 use crate::base::{Axis, Position};
-use crate::decision::references::{Pair, Scatter, Shift};
+use crate::decision::references::{Limits, Pair, Scatter, Shift};
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage, Step, StepKind};
 use crate::record::reading::{Flag, Reading};
 
@@ -134,21 +134,22 @@ impl<'a> References<'a> {
             self.places.iter().flat_map(|place| [place.series(), after(place)]).collect();
         let scatter = Scatter::of(self.declared_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
-        let shifts = self
+        let pairs: Vec<Pair> = self
             .places
             .iter()
             .filter_map(|place| {
                 let is_new = |visit: &&Visit<'_>| place.is_of(visit);
                 let (before, after) = (place.visits.last()?, again.iter().find(is_new)?);
-                let pair = Pair {
+                Some(Pair {
                     label: place.label(),
                     position_mm: [before, after].map(|visit| visit.outward_mm),
                     t_s: [before.t_s, after.t_s],
                     resolution_mm: self.resolution(place.step),
-                };
-                Some(Shift::of(&pair, scatter, drift_mm_per_s))
+                })
             })
             .collect();
+        let limits = Limits::new(scatter, pairs.len(), drift_mm_per_s);
+        let shifts = pairs.iter().map(|pair| Shift::of(pair, &limits)).collect();
         (shifts, scatter)
     }
 

@@ -5,7 +5,7 @@ use super::references::References;
 use super::timeline::Timeline;
 use super::{Run, RunError};
 use crate::base::Position;
-use crate::decision::references::Shift;
+use crate::decision::references::{Shift, in_words};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
 use crate::record::reading::Reading;
@@ -50,6 +50,7 @@ impl Run<'_> {
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
+        self.can_sweep(&self.plan.steps)?;
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Known before the first touch: whatever is read from here on was read after the gap.
@@ -81,8 +82,7 @@ impl Run<'_> {
         let (before, after) = self.readings.split_at(count);
         let (mut shifts, scatter) = References::of(&self.plan, before).compare(after);
         if shifts.iter().all(Shift::agrees) {
-            let found: Vec<String> = shifts.iter().map(Shift::to_string).collect();
-            let text = format!("the references agree: {}", found.join(", "));
+            let text = format!("the references agree: {}", in_words(&shifts));
             self.note(Event::Announced { text }).await?;
             return Ok(stands);
         }

@@ -1,5 +1,9 @@
-//! One scan: from point to point, and at each of them samples while the machine stands.
+//! One scan: from point to point, and at each of them samples while the machine stands; or all the way,
+//! where the control stamps positions.
 
+use tokio::sync::mpsc;
+
+use super::sweep::{self, Placed};
 use super::{Run, RunError};
 use crate::base::Position;
 use crate::controllers::ControllerError;
@@ -10,13 +14,31 @@ use crate::record::reading::{Flag, Reading};
 use crate::sensors::{Sample, SensorError};
 use crate::setup::Mounted;
 
+/// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
+const MOST_SAMPLES: usize = 1_000_000;
+
+/// On its way to the first point the sensor comes from afar, where it sees nothing; it says so.
+fn on_the_way(sample: &Sample) -> bool {
+    !matches!(sample.flag, Flag::Saturated | Flag::Stale)
+}
+
+fn in_sight(sample: &Sample) -> bool {
+    matches!(sample.flag, Flag::None | Flag::Gap)
+}
+
+/// What has come by now.
+fn taken(mut told: mpsc::Receiver<Sample>) -> Vec<Sample> {
+    std::iter::from_fn(|| told.try_recv().ok()).collect()
+}
+
 impl Run<'_> {
     /// The sensors that the plan looks with live and say something, before anything moves.
     pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
         self.looking.clear();
         for wanted in self.plan.sensors.clone() {
-            let sensor = self.devices.sensors.open(&wanted.name).await?;
-            let prepared = sensor.prepare().await?;
+            let fault = |source| RunError::Sensor { name: wanted.name.clone(), source };
+            let sensor = self.devices.sensors.open(&wanted.name).await.map_err(fault)?;
+            let prepared = sensor.prepare().await.map_err(fault)?;
             self.looking.push(sensor);
             let text = format!("{}: {}", wanted.name, prepared.identity);
             self.note(Event::Announced { text }).await?;
@@ -25,32 +47,58 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn sensor(&self, name: &str) -> Result<&Mounted, SensorError> {
-        let named = self.looking.iter().find(|sensor| sensor.name() == name);
-        named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })
+    /// Known before anything moves: a scan in motion needs a control that stamps positions.
+    pub(super) fn can_sweep(&self, steps: &[Step]) -> Result<(), RunError> {
+        let in_motion = |step: &&Step| {
+            let sampling = step.scan.as_ref().map(|scan| scan.sampling);
+            matches!(sampling, Some(Sampling::Continuous { .. }))
+        };
+        match steps.iter().find(in_motion) {
+            Some(step) if !self.devices.controller.stamps() => {
+                Err(RunError::NotStamped { step: step.id })
+            }
+            _ => Ok(()),
+        }
     }
 
-    /// The blocks of a scan, one for each of its points; every sample that was taken there.
+    fn sensor(&self, step: &Step) -> Result<&Mounted, RunError> {
+        let named = self.looking.iter().find(|sensor| sensor.name() == step.sensor);
+        named.ok_or_else(|| faulty(step)(SensorError::Unknown { name: step.sensor.clone() }))
+    }
+
+    /// The blocks of a scan; every sample that was taken along it.
     pub(super) async fn scan(
         &mut self,
         (step, scan): (&Step, &Scan),
         repeat: u32,
         blocks: Vec<Block>,
     ) -> Result<Vec<Reading>, RunError> {
-        let Sampling::Dwell { samples: count, .. } = scan.sampling else {
-            return Err(RunError::NotStamped { step: step.id });
-        };
+        match scan.sampling {
+            Sampling::Dwell { samples, .. } => self.dwells(step, repeat, samples, blocks).await,
+            Sampling::Continuous { rate_hz } => {
+                self.sweep((step, scan), repeat, rate_hz, blocks).await
+            }
+        }
+    }
+
+    /// A block for each point, and `count` samples at each of them.
+    async fn dwells(
+        &mut self,
+        step: &Step,
+        repeat: u32,
+        count: u32,
+        blocks: Vec<Block>,
+    ) -> Result<Vec<Reading>, RunError> {
         let mut readings = Vec::new();
         for (number, block) in blocks.into_iter().enumerate() {
-            // On its way to the first point the sensor comes from afar, where it sees nothing.
-            let good: fn(&Sample) -> bool = match number {
-                0 => |sample| sample.flag != Flag::Saturated,
-                _ => |sample| matches!(sample.flag, Flag::None | Flag::Gap),
-            };
+            let good = if number == 0 { on_the_way } else { in_sight };
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
-            let samples = self.sensor(&step.sensor)?.take(count).await?;
+            let samples = self.sensor(step)?.take(count).await.map_err(faulty(step))?;
+            if samples.len() < count as usize {
+                return Err(self.blind(step, samples.last()));
+            }
             if !samples.iter().any(|sample| sample.value_mm.is_some()) {
                 return Err(self.blind(step, samples.first()));
             }
@@ -64,16 +112,16 @@ impl Run<'_> {
         &self,
         step: &Step,
         block: Block,
-        good: fn(&Sample) -> bool,
+        good: impl Fn(&Sample) -> bool + Send + 'static,
     ) -> Result<Outcome, RunError> {
-        let (sensor, halt) = (self.sensor(&step.sensor)?, self.devices.controller.halt());
-        sensor.watch(good, move || halt.now()).await?;
+        let (sensor, halt) = (self.sensor(step)?, self.devices.controller.halt());
+        sensor.watch(good, move || halt.now()).await.map_err(faulty(step))?;
         let executed = self.devices.controller.execute(block).await;
         let watched = sensor.rest().await;
         match executed {
             // What the control says of itself comes first, but for the hold that the sensor has asked for.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
-            executed => match watched? {
+            executed => match watched.map_err(faulty(step))? {
                 Some(sample) => Err(self.blind(step, Some(&sample))),
                 None => Ok(executed?),
             },
@@ -83,6 +131,73 @@ impl Run<'_> {
     fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
         let flag = seen.map_or(Flag::Stale, |sample| sample.flag);
         RunError::Blind { step: step.id, sensor: step.sensor.clone(), flag }
+    }
+
+    /// All samples of the way from the first point to the last, each where its own time says.
+    async fn sweep(
+        &mut self,
+        (step, scan): (&Step, &Scan),
+        repeat: u32,
+        rate_hz: f64,
+        blocks: Vec<Block>,
+    ) -> Result<Vec<Reading>, RunError> {
+        let first = scan.path.first().cloned().unwrap_or_default();
+        let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
+        let Some((way, sweep)) = sweep::apart(blocks, &first) else {
+            return Err(unswept("it has no way from a first point to a last one"));
+        };
+        self.watched(step, way, on_the_way).await?;
+        let (tell, told) = mpsc::channel(MOST_SAMPLES);
+        let keep = move |sample: &Sample| in_sight(sample) && tell.try_send(*sample).is_ok();
+        let outcome = self.watched(step, sweep, keep).await;
+        let samples = taken(told);
+        let outcome = match outcome {
+            Err(RunError::Blind { .. }) if samples.len() == MOST_SAMPLES => {
+                return Err(unswept("the sensor said more on the way than is kept"));
+            }
+            outcome => outcome?,
+        };
+        let Some(track) = outcome.track else { return Err(RunError::NotStamped { step: step.id }) };
+        let placed = sweep::placed(&samples, &track, rate_hz);
+        if placed.samples.is_empty() {
+            return Err(unswept(if samples.is_empty() {
+                "the sensor said nothing on the way; one that speaks when it is asked cannot"
+            } else {
+                "no sample was taken at a time at which the control says where the axes stood"
+            }));
+        }
+        self.tell_of(step, &placed, track.gaps()).await?;
+        Ok(self.along(step, repeat, placed))
+    }
+
+    /// What was left out is told, not passed over.
+    async fn tell_of(&mut self, step: &Step, placed: &Placed, gaps: usize) -> Result<(), RunError> {
+        if placed.nowhere == 0 {
+            return Ok(());
+        }
+        let (nowhere, all) = (placed.nowhere, placed.nowhere + placed.samples.len());
+        let text = format!(
+            "{}: {nowhere} of {all} samples are left out: in {gaps} places the control's positions \
+             have a gap",
+            step.label
+        );
+        self.note(Event::Announced { text }).await
+    }
+
+    fn along(&mut self, step: &Step, repeat: u32, placed: Placed) -> Vec<Reading> {
+        let now_s = self.devices.clock.now_s();
+        let shift_s = self.timeline.at(now_s) - now_s;
+        let reading = |(sample, position): (Sample, Position)| Reading {
+            step: step.id,
+            repeat,
+            position,
+            value_mm: sample.value_mm,
+            sensor: step.sensor.clone(),
+            t_s: sample.t_s + shift_s,
+            flag: sample.flag,
+            temperatures_c: Default::default(),
+        };
+        placed.samples.into_iter().map(reading).collect()
     }
 
     /// The axes stood still all the while; the samples lie in time as the sensor's clock says.
@@ -107,4 +222,10 @@ impl Run<'_> {
         };
         samples.iter().map(reading).collect()
     }
+}
+
+/// What the sensor that `step` looks with has met.
+fn faulty(step: &Step) -> impl Fn(SensorError) -> RunError {
+    let name = step.sensor.clone();
+    move |source| RunError::Sensor { name: name.clone(), source }
 }

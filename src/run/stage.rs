@@ -120,6 +120,15 @@ pub async fn rehearse(
     plan: &Plan,
     dialect: &Dialect,
 ) -> Result<Vec<f64>, RunError> {
+    rehearsed(method, plan, dialect).await.map(|(stage_s, _)| stage_s)
+}
+
+/// As [`rehearse`], with the steps that it went through.
+pub(super) async fn rehearsed(
+    method: &dyn Method,
+    plan: &Plan,
+    dialect: &Dialect,
+) -> Result<(Vec<f64>, Vec<Step>), RunError> {
     let mut plan = plan.clone();
     let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
@@ -130,7 +139,7 @@ pub async fn rehearse(
         stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
         done.push(stage);
     }
-    Ok(stage_s)
+    Ok((stage_s, plan.steps))
 }
 
 /// Plan and prove beside the runtime: a halt must not wait for it.

@@ -28,7 +28,11 @@ pub struct Devices {
 impl Devices {
     /// A control that is open already, timed by the host's clock where it does not stamp.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
-        let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
+        Self::timed(controller, dialect, Arc::new(HostClock::start()))
+    }
+
+    /// With the clock that the control was opened with.
+    pub(super) fn timed(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::none(clock.clone());
         Self { controller, sensors, dialect, clock, _served: None }
     }

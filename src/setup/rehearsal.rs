@@ -66,6 +66,12 @@ impl<'a> Rehearsal<'a> {
         Ok(self.control.serve_badly(self.bench(pace)?, wire, tell)?)
     }
 
+    /// Somebody has taken the probe out of the spindle: a sensor sits there.
+    pub fn without_probe(&self) {
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        world.without_probe(true);
+    }
+
     /// Somebody who sees how it truly moves.
     pub fn bystander(&self) -> Bystander {
         Bystander::new(self.world.clone())

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
 use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect};
+use crate::base::Clock;
+use crate::base::clock::HostClock;
 use crate::controllers::Named;
 use crate::world::Bystander;
 
@@ -49,8 +51,10 @@ impl<'a> Site<'a> {
         match &self.machine {
             Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
             Behind::Real(control) => {
-                let controller = control.open(&self.file.machine, dialect.clone()).await?;
-                Ok(Devices::new(controller, dialect).with(|none| none.of(&self.file.sensors)))
+                let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
+                let opening = control.open(&self.file.machine, dialect.clone(), clock.clone());
+                let devices = Devices::timed(opening.await?, dialect, clock);
+                Ok(devices.with(|none| none.of(&self.file.sensors)))
             }
         }
     }

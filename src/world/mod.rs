@@ -21,6 +21,7 @@ mod sensor_truth;
 mod sight;
 mod stand;
 mod surface;
+mod trail;
 mod truth;
 mod wiring;
 
@@ -30,6 +31,7 @@ pub use beam::Sensed;
 pub use bystander::Bystander;
 pub use error::WorldError;
 pub use ramp::Speed;
+pub use sensing::Passing;
 pub use sensor_truth::{SensorTruth, Wave};
 pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
 
@@ -40,6 +42,7 @@ use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
 use sensing::Eye;
+use trail::Trail;
 use wiring::Wired;
 
 /// What became of an unguarded move.
@@ -93,6 +96,8 @@ pub struct World {
     probed: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
     eyes: Vec<Eye>,
+    /// Kept where there is somebody to look.
+    trail: Trail,
 }
 
 impl World {
@@ -128,6 +133,7 @@ impl World {
             probed: BTreeMap::new(),
             sensor_truths: truth.sensor.clone(),
             eyes: Vec::new(),
+            trail: Trail::default(),
         })
     }
 
@@ -310,6 +316,13 @@ impl World {
     }
 
     fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {
+        if !self.eyes.is_empty() {
+            self.trail.went(self.t_s, path, fraction);
+        }
+        self.stop_at(path, fraction, duration_s);
+    }
+
+    fn stop_at(&mut self, path: &Path, fraction: f64, duration_s: f64) {
         self.command = path.command(fraction);
         self.play.settle(&self.command);
         self.t_s += duration_s;

@@ -37,6 +37,8 @@ pub struct SensorTruth {
     pub clock_slow_ppm: f64,
     /// Standard deviation of the moment of one sample about what its clock says.
     pub clock_jitter_us: f64,
+    /// What it says at a moment it saw so long before.
+    pub clock_late_ms: f64,
 }
 
 /// `amplitude·sin(2π·d/period + phase)` over the distance d.
@@ -66,6 +68,7 @@ impl Default for SensorTruth {
             dazzled_deg: 0.0,
             clock_slow_ppm: 0.0,
             clock_jitter_us: 0.0,
+            clock_late_ms: 0.0,
         }
     }
 }
@@ -89,6 +92,7 @@ impl SensorTruth {
             ("echo_limit_deg", self.echo_limit_deg > 0.0 && self.echo_limit_deg < 90.0),
             ("clock_slow_ppm", self.clock_slow_ppm.abs() < MOST_PPM),
             ("clock_jitter_us", sound(self.clock_jitter_us)),
+            ("clock_late_ms", (0.0..=MOST_LATE_MS).contains(&self.clock_late_ms)),
             ("dazzled_deg", sound(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {
@@ -98,6 +102,8 @@ impl SensorTruth {
     }
 }
 
+/// A second.
+const MOST_LATE_MS: f64 = 1000.0;
 /// A quarter.
 const MOST_PPM: f64 = 250_000.0;
 /// Half a radian.

@@ -1,5 +1,5 @@
 //! A simulated control that outlives its clients, as a machine does: on a TCP port of this test,
-//! without waiting times. A session can be stopped short at a line; a person can reset the control;
+//! as a rule without waiting times. A session can be stopped short at a line; a person can reset the control;
 //! somebody can move the part.
 
 use std::net::SocketAddr;
@@ -12,9 +12,13 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use trued::controllers::grbl::firmware::{Firmware, Options};
 use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
+use trued::world::World;
 
 pub struct Bench {
     pub address: SocketAddr,
+    /// The truth, also for whatever else looks at it.
+    pub world: Arc<Mutex<World>>,
+    pace: Pace,
     session: Arc<Mutex<Session>>,
     wishes: UnboundedSender<(Wish, std::sync::mpsc::Sender<()>)>,
 }
@@ -42,19 +46,31 @@ enum Wish {
     Become(Box<Firmware>),
 }
 
-fn firmware(file: &str) -> Firmware {
-    let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
-    let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
-    Firmware::new(world, Options::of(&file.machine, Pace::Fast))
+fn parsed(file: &str) -> MachineFile {
+    MachineFile::parse("machine.toml", file.to_owned()).unwrap()
+}
+
+/// A sensor sits in the spindle in place of the probe, where there is one.
+fn world(file: &MachineFile) -> World {
+    let mut world = setup::world(file).unwrap();
+    world.without_probe(!file.sensors.is_empty());
+    world
 }
 
 impl Bench {
-    /// The machine whose truth `file` tells.
+    /// The machine whose truth `file` tells, without waiting times.
     pub fn start(file: &str) -> Self {
+        Self::at(file, Pace::Fast)
+    }
+
+    pub fn at(file: &str, pace: Pace) -> Self {
+        let file = parsed(file);
+        let world = Arc::new(Mutex::new(world(&file)));
         let session = Arc::new(Mutex::new(Session::default()));
         let (wishes, wished) = unbounded_channel();
         let (listening, address) = std::sync::mpsc::channel();
-        let (machine, shared) = (firmware(file), session.clone());
+        let machine = Firmware::new(world.clone(), Options::of(&file.machine, pace));
+        let shared = session.clone();
         std::thread::spawn(move || {
             let runtime =
                 tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -64,7 +80,7 @@ impl Bench {
                 live(machine, listener, wished, shared).await;
             });
         });
-        Self { address: address.recv().unwrap(), session, wishes }
+        Self { address: address.recv().unwrap(), world, pace, session, wishes }
     }
 
     /// The next client's lines are lost from the one on that holds the last of these words, after
@@ -93,7 +109,10 @@ impl Bench {
 
     /// The truth is another one from now on.
     pub fn become_another(&self, file: &str) {
-        self.wish(Wish::Become(Box::new(firmware(file))));
+        let file = parsed(file);
+        *self.world.lock().unwrap() = world(&file);
+        let firmware = Firmware::new(self.world.clone(), Options::of(&file.machine, self.pace));
+        self.wish(Wish::Become(Box::new(firmware)));
     }
 
     fn wish(&self, wish: Wish) {

@@ -14,6 +14,7 @@ mod proven;
 mod results;
 mod resume;
 mod samba;
+mod stamps;
 mod stops;
 mod wires;
 

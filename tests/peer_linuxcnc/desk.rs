@@ -8,10 +8,12 @@ use tempfile::TempDir;
 use trued::record::estimate::Estimate;
 
 use super::rig::Rig;
+use super::streams::Streams;
 
 const MACHINE: &str = include_str!("../../config/linuxcnc-sim.toml");
 /// In the place of the part and the settings of `MACHINE`.
 const BALLS: &str = include_str!("samba.toml");
+const LASER: &str = include_str!("laser.toml");
 
 /// Fewer touches, and fast ones.
 const QUICK: [(&str, &str); 4] = [
@@ -67,6 +69,17 @@ impl Desk {
             ("repeatability_um = 0.15", "repeatability_um = 0.3"),
         ];
         Self::of(rig, &format!("{head}{BALLS}"), &faster)
+    }
+
+    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this line more.
+    pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
+        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let ports = [
+            ("[controller.sampler]", &*format!("[controller.sampler]\n{line}")),
+            ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.positions)),
+            ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
+        ];
+        Self::of(rig, &format!("{head}{LASER}"), &ports)
     }
 
     /// The file with some of its text replaced.

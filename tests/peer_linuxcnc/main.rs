@@ -13,6 +13,8 @@ mod resume;
 mod rig;
 mod samba;
 mod states;
+mod streams;
+mod sweep;
 mod trigger;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
@@ -91,6 +93,9 @@ fn main() {
         machine("linuxcnc_ball", samba::a_ball_is_where_the_axes_carry_it),
         machine("linuxcnc_samba", samba::finds_the_true_axes),
         machine("linuxcnc_chase_the_ball", samba::chases_the_ball),
+        machine("linuxcnc_continuous_scan", sweep::latency_follows_the_sensors_delay),
+        long("linuxcnc_sampler_wrong_pins", sweep::wrong_pins_are_refused),
+        long("linuxcnc_laser", sweep::finds_the_true_axes),
         machine("linuxcnc_trigger", trigger::a_hal_bit_starts_a_cycle),
         machine("linuxcnc_halt_is_fast", halt::it_is_on_the_wire_at_once),
         long("linuxcnc_capture_replays", cycle::a_capture_replays),

@@ -25,7 +25,7 @@ const C_LIES: [f64; 2] = [-25e-6, 55e-6];
 const STYLUS: DVec3 = DVec3::new(0.0121, -0.0082, 0.045);
 /// Where the balls stand with all axes at zero, up to half a millimetre from where samba.toml has
 /// them; the first two stand 150 mm apart.
-const BALLS: [[f64; 3]; 4] =
+pub const BALLS: [[f64; 3]; 4] =
     [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
 const RADIUS: f64 = 10.0;
 /// Of the stylus ball.
@@ -57,7 +57,7 @@ const CHASED: [(&str, f64, f64); 8] = [
 ];
 
 /// Take the cylinder away, put the balls on the table, and let the axes lie as above.
-fn put_balls(rig: &Rig) -> Result<(), Failed> {
+pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
     let axes = [
         ("b-x", B.x),
         ("b-z", B.z),
@@ -167,8 +167,13 @@ pub fn chases_the_ball() -> Result<(), Failed> {
 fn finds(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let rig = rig()?;
     put_balls(&rig)?;
+    finds_at(&Desk::with_balls(&rig)?, method, truth)
+}
+
+/// What `method` has to find, each by its symbol: its value, and how near.
+pub fn finds_at(desk: &Desk, method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let started = Instant::now();
-    let output = Desk::with_balls(&rig)?.run(method)?.wait_with_output()?;
+    let output = desk.run(method)?.wait_with_output()?;
     eprintln!("{}in {:.0} s", complaint(&output), started.elapsed().as_secs_f64());
     if output.status.code() != Some(0) {
         return Err(complaint(&output).into());

@@ -33,27 +33,34 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
 
 /// Look along the path of a step, sample by sample, 1000 in a second.
 fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
-    let Sampling::Dwell { dwell_s, samples } = scan.sampling else { panic!("only dwell points") };
+    let reading = |position: Position, t_s: f64, sensed: Sensed| {
+        let (value_mm, flag) = match sensed {
+            Sensed::Distance(mm) => (Some(mm), Flag::None),
+            Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
+            Sensed::Saturated => (None, Flag::Saturated),
+        };
+        let (sensor, temperatures_c) = (step.sensor.clone(), Default::default());
+        Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }
+    };
+    let speed = Speed::Feed { mm_min: step.feed_mm_min };
     let mut readings = Vec::new();
-    for point in &scan.path {
-        world.travel(point, Speed::Feed { mm_min: step.feed_mm_min });
-        world.dwell(dwell_s);
-        for _ in 0..samples {
-            let (value_mm, flag) = match world.sense(&step.sensor, 1e-3).expect("a sensor") {
-                Sensed::Distance(mm) => (Some(mm), Flag::None),
-                Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
-                Sensed::Saturated => (None, Flag::Saturated),
-            };
-            readings.push(Reading {
-                step: step.id,
-                repeat,
-                position: world.position(),
-                value_mm,
-                sensor: step.sensor.clone(),
-                t_s: world.time_s(),
-                flag,
-                temperatures_c: Default::default(),
-            });
+    for (number, point) in scan.path.iter().enumerate() {
+        match scan.sampling {
+            Sampling::Continuous { rate_hz } if number > 0 => {
+                let passing = world.sense_on_the_way(&step.sensor, point, speed, 1.0 / rate_hz);
+                readings.extend(passing.into_iter().map(|p| reading(p.position, p.t_s, p.sensed)));
+            }
+            Sampling::Continuous { .. } => {
+                world.travel(point, speed);
+            }
+            Sampling::Dwell { dwell_s, samples } => {
+                world.travel(point, speed);
+                world.dwell(dwell_s);
+                for _ in 0..samples {
+                    let sensed = world.sense(&step.sensor, 1e-3).expect("a sensor");
+                    readings.push(reading(world.position(), world.time_s(), sensed));
+                }
+            }
         }
     }
     readings

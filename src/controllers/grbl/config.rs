@@ -1,10 +1,12 @@
 //! `[controller]` of kind `grbl`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde::Deserialize;
 
 use super::Grbl;
+use crate::base::Clock;
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::{self, HostPort};
@@ -53,7 +55,12 @@ impl Named for Config {
         self.link.in_full()
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        _clock: Arc<dyn Clock>,
+    ) -> Opening<'a> {
         Box::pin(async move {
             let link = link::open(&self.link.address()?).await?;
             let (driver, halt) = Grbl::new(link, machine, dialect);

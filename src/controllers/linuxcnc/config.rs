@@ -1,10 +1,12 @@
 //! `[controller]` of kind `linuxcnc`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::{LinuxCnc, Settings};
+use super::{LinuxCnc, Sampler, Settings, sampler};
+use crate::base::{Axis, Clock};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::{Address, HostPort};
@@ -22,6 +24,8 @@ pub struct Config {
     ini: Option<PathBuf>,
     #[serde(default = "dialect")]
     dialect: String,
+    /// Stamps positions during motion.
+    sampler: Option<sampler::Config>,
 }
 
 /// Port 5007 is linuxcncrsh's own default.
@@ -42,14 +46,23 @@ impl Named for Config {
         format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        clock: Arc<dyn Clock>,
+    ) -> Opening<'a> {
         Box::pin(async move {
-            let axes = machine.axes.keys().copied().collect();
+            let axes: Vec<Axis> = machine.axes.keys().copied().collect();
+            let sampler = match &self.sampler {
+                Some(sampler) => Some(Sampler::open(sampler, &axes, clock).await?),
+                None => None,
+            };
             let directory = self.program_dir.clone();
             let settings =
                 Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
             let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
-            Ok(Controller::spawn(driver, halt))
+            Ok(Controller::spawn(driver.stamped_by(sampler), halt))
         })
     }
 

@@ -10,12 +10,13 @@ use super::files::Files;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
-use super::{state, watch};
+use super::{Sampler, state, watch};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
 use crate::gcode::{Dialect, Program};
 use crate::link::Address;
 use crate::record::motion::{Block, Motion, Outcome};
+use crate::record::track::Track;
 
 /// The link's task writes within this time.
 const ON_THE_WIRE: Duration = Duration::from_millis(20);
@@ -48,6 +49,7 @@ pub struct LinuxCnc {
     ready: bool,
     /// Orientation of the spindle, rad, once it was given.
     spindle: Option<f64>,
+    sampler: Option<Sampler>,
 }
 
 impl LinuxCnc {
@@ -74,8 +76,14 @@ impl LinuxCnc {
             mode_found: None,
             ready: false,
             spindle: None,
+            sampler: None,
         };
         Ok((driver, halt))
+    }
+
+    /// With what stamps positions during motion.
+    pub fn stamped_by(self, sampler: Option<Sampler>) -> Self {
+        Self { sampler, ..self }
     }
 
     /// Switches and state as they must be; nothing is changed but how linuxcncrsh answers.
@@ -121,24 +129,41 @@ impl LinuxCnc {
         }
         let axes = &self.settings.axes;
         state::axes_are_joints(&mut self.rsh, axes).await?;
+        let stands = state::stands(&mut self.rsh, axes).await?;
+        let mut identity = format!("LinuxCNC {version} ({})", self.rsh.server);
+        if let Some(sampler) = &mut self.sampler {
+            let mm = state::unit_mm(&mut self.rsh).await?;
+            sampler.agrees(&stands, axes, mm).await?;
+            identity += &format!("; {}", sampler.says());
+        }
         Ok(Prepared {
-            identity: format!("LinuxCNC {version} ({})", self.rsh.server),
+            identity,
             stop: "a halt aborts: the machine decelerates and stays; the abort acts within 20 ms \
                    (0.1 s at worst), then it travels feed²/(2·acceleration)"
                 .to_owned(),
-            stands: state::stands(&mut self.rsh, axes).await?,
+            stands,
         })
     }
 
     /// A program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
     async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        let sampler = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
+        sampler.inspect(|sampler| sampler.begin());
         let mut touch = None;
         for motions in block.motions.split_inclusive(backs_off) {
             let part = Block { step: block.step, repeat: block.repeat, motions: motions.to_vec() };
             touch = self.part(&part).await?.or(touch);
         }
-        Ok(Outcome { touch, t_s: None })
+        Ok(Outcome { touch, t_s: None, track: self.track(block).await? })
+    }
+
+    /// Where the axes stood while `block` was executed, if it is one that wants to know and can.
+    async fn track(&mut self, block: &Block) -> Result<Option<Track>, ControllerError> {
+        let wanted = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
+        let Some(sampler) = wanted else { return Ok(None) };
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        sampler.end(block.step, &stands).await.map(Some)
     }
 
     async fn part(&mut self, part: &Block) -> Result<Option<Position>, ControllerError> {
@@ -250,6 +275,7 @@ impl LinuxCnc {
     /// After any failure: whatever still runs is aborted, and nothing runs until `prepare`.
     async fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
+        self.sampler.iter().for_each(Sampler::give_up);
         if self.halt.is_halted() {
             return ControllerError::Halted;
         }
@@ -292,6 +318,10 @@ impl Driver for LinuxCnc {
         Ok(Look { probe_closed, stands })
     }
 
+    fn stamps(&self) -> bool {
+        self.sampler.is_some()
+    }
+
     /// Every program restores the modal state itself; what is left is the probe and the mode.
     async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
         self.say_who().await
@@ -307,6 +337,11 @@ impl Driver for LinuxCnc {
             None => Ok(()),
         }
     }
+}
+
+/// As along a scan: see [`Outcome::track`].
+fn moves_at_feed(motion: &Motion) -> bool {
+    matches!(motion, Motion::Feed { .. })
 }
 
 fn backs_off(motion: &Motion) -> bool {

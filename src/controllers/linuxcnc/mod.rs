@@ -22,6 +22,8 @@
 //! - An emergency stop ends a program without a message, and without losing the homing.
 //! - A killed linuxcncrsh, or a killed `trued`, stops nothing: the control finishes the program part it
 //!   has (descent, touch, back-off). It is a part of one touch, which guards itself; nothing follows it.
+//! - Where the axes stand while they move it tells a few times a second at most, and at no known time.
+//!   Scans in motion need HAL's `sampler`, which stamps each period of the servo thread (`sampler/`).
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod config;
@@ -35,10 +37,12 @@ mod introduce;
 mod prepare;
 mod result;
 mod rsh;
+mod sampler;
 mod state;
 mod watch;
 
 pub use config::Config;
 pub use driver::{LinuxCnc, Settings};
+pub use sampler::Sampler;
 
 pub const KIND: &str = "linuxcnc";

@@ -12,12 +12,7 @@ const SAME: f64 = 0.000_002;
 
 /// Where `axes` stand.
 pub(super) async fn stands(rsh: &mut Rsh, axes: &[Axis]) -> Result<Position, ControllerError> {
-    let mm = match rsh.get("user_linear_units").await?.as_str() {
-        "MM" => 1.0,
-        "CM" => 10.0,
-        "INCH" => 25.4,
-        other => return Err(strange_units(other)),
-    };
+    let mm = unit_mm(rsh).await?;
     match rsh.get("user_angular_units").await?.as_str() {
         "DEG" => {}
         other => return Err(strange_units(other)),
@@ -28,6 +23,16 @@ pub(super) async fn stands(rsh: &mut Rsh, axes: &[Axis]) -> Result<Position, Con
         (axis, axis.from_edge(at))
     });
     Ok(scaled.filter(|(axis, _)| axes.contains(axis)).collect())
+}
+
+/// What it counts lengths in, mm.
+pub(super) async fn unit_mm(rsh: &mut Rsh) -> Result<f64, ControllerError> {
+    match rsh.get("user_linear_units").await?.as_str() {
+        "MM" => Ok(1.0),
+        "CM" => Ok(10.0),
+        "INCH" => Ok(25.4),
+        other => Err(strange_units(other)),
+    }
 }
 
 fn strange_units(unit: &str) -> ControllerError {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::program::{self, Program};
 use super::{Map, ModbusControl, map};
+use crate::base::Clock;
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use crate::gcode::Dialect;
 use crate::link::modbus::{Device, DeviceKeys, Framing, Parity};
@@ -105,7 +106,12 @@ impl Named for Config {
         self.device.in_full()
     }
 
-    fn open<'a>(&'a self, machine: &'a Machine, dialect: Dialect) -> Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        _clock: Arc<dyn Clock>,
+    ) -> Opening<'a> {
         Box::pin(async move {
             let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
             Ok(Controller::spawn(driver, halt))

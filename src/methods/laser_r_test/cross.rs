@@ -1,4 +1,5 @@
-//! One scan: two perpendicular lines of dwell points through the pole that faces the beam.
+//! One scan: two perpendicular lines through the pole that faces the beam, of dwell points; or walked
+//! forward and back while samples are taken.
 
 use glam::DVec3;
 
@@ -22,6 +23,17 @@ pub struct Place {
     pub doubt_mm: f64,
 }
 
+/// How a scan is walked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Walk {
+    /// From dwell point to dwell point.
+    Rests,
+    /// On, at the feed.
+    Slow,
+    /// On, at the second feed.
+    Fast,
+}
+
 /// A scan that is wanted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
@@ -31,6 +43,7 @@ pub struct Wanted {
     pub label: String,
     /// Measured again at the end, and after a stop.
     pub reference: bool,
+    pub walk: Walk,
 }
 
 /// # Errors
@@ -42,7 +55,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     let path = path(bench, place, wanted, half)?;
     path.iter().try_for_each(|at| check_travel(bench, &wanted.rotary, at))?;
     let beam = bench.spindle(&wanted.rotary) * place.beam.normalize_or_zero();
-    let Settled { feed_mm_min, sampling } = settled(bench);
+    let (feed_mm_min, sampling) = settled(bench, wanted.walk);
     Ok(Step {
         id: 0,
         stage: 0,
@@ -57,15 +70,15 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     })
 }
 
-struct Settled {
-    feed_mm_min: f64,
-    sampling: Sampling,
-}
-
-fn settled(bench: &Bench<'_>) -> Settled {
+fn settled(bench: &Bench<'_>, walk: Walk) -> (f64, Sampling) {
     let settings = bench.settings;
-    let sampling = Sampling::Dwell { dwell_s: settings.dwell_s, samples: settings.samples };
-    Settled { feed_mm_min: settings.feed_mm_min, sampling }
+    let (dwell_s, samples) = (settings.dwell_s, settings.samples);
+    let continuous = Sampling::Continuous { rate_hz: settings.rate_hz };
+    match walk {
+        Walk::Rests => (settings.feed_mm_min, Sampling::Dwell { dwell_s, samples }),
+        Walk::Slow => (settings.feed_mm_min, continuous),
+        Walk::Fast => (settings.fast_feed_mm_min, continuous),
+    }
 }
 
 /// Half of a line: as far as the incidence limit allows with the sphere as far off as it may be.
@@ -145,8 +158,18 @@ fn path(
         let share = move |k: usize| 2.0 * k as f64 / (points - 1) as f64 - 1.0;
         (0..points).map(move |k| above + direction * (half * share(k)))
     };
-    let offsets = line(along).chain(line(along.cross(beam)));
-    Ok(offsets.map(|by| placed(rotary, centre + into_axes * by).as_written()).collect())
+    let across = along.cross(beam);
+    let end = |way: DVec3| above + way * half;
+    let offsets: Vec<DVec3> = match wanted.walk {
+        Walk::Rests => line(along).chain(line(across)).collect(),
+        // Each line from the pole to both ends and back: every way is gone both ways, so that what goes
+        // with the velocity cancels, and along the lines alone.
+        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along]
+            .map(end)
+            .to_vec(),
+    };
+    let at = |by: DVec3| placed(rotary, centre + into_axes * by).as_written();
+    Ok(offsets.into_iter().map(at).collect())
 }
 
 fn check_travel(bench: &Bench<'_>, rotary: &Position, at: &Position) -> Result<(), Refused> {

@@ -41,7 +41,12 @@ pub struct Grouped {
 /// Standard deviation of one sample, mm.
 pub fn noise_mm(bench: &Bench<'_>, observed: &Observed) -> f64 {
     let declared = bench.sensor.noise_um.map(|um| um * 1e-3);
-    declared.or(observed.scatter_mm()).unwrap_or(UNDECLARED_MM)
+    let seen = observed.scatter_mm();
+    match (declared, seen, &observed.latency) {
+        // In motion the jitter of both clocks scatters as well.
+        (Some(declared), Some(seen), Some(_)) => declared.max(seen),
+        _ => declared.or(seen).unwrap_or(UNDECLARED_MM),
+    }
 }
 
 /// A group with its scans and their indices.
@@ -63,9 +68,11 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     let lines: Vec<String> = lines.collect();
     observed.left_out.extend(lines);
     observed.scans.retain(|scan| !flat(scan));
-    let found = observed.scans.iter().any(|scan| scan.pass != Pass::Find);
+    // What the latency was found from is not used a second time.
+    let only_before = |scan: &Scanned| matches!(scan.pass, Pass::Find | Pass::Latency);
+    let found = observed.scans.iter().any(|scan| !only_before(scan));
     let all = observed.scans.iter().enumerate();
-    let used = all.filter(|(_, scan)| !found || scan.pass != Pass::Find);
+    let used = all.filter(|(_, scan)| !found || !only_before(scan));
     let mut members: Vec<Member<'_>> = Vec::new();
     for (index, scan) in used {
         let same = |(group, scans): &&mut Member<'_>| {

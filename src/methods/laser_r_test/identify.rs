@@ -66,6 +66,7 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
         problem: &problem,
         minimum: &minimum,
         into_table: &into_table,
+        clocks: observed.latency.as_ref().map_or(0, |latency| latency.values().len()),
     };
     let declared = bench.sensor.noise_um.is_some();
     let misfit = uncertainty::misfit(&solved, &effects, &sources, declared);

@@ -7,7 +7,7 @@ use super::cross::Place;
 use super::group::{Grouped, grouped};
 use super::model::{Model, Problem, Sight, placed};
 use super::observe::observe;
-use crate::methods::Refused;
+use crate::methods::{IdentifyError, Refused};
 use crate::record::reading::Reading;
 
 /// How far the zero point may be from where it is stated, while it is not known better, mm.
@@ -35,7 +35,10 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
         why,
         instead: "check the sphere and the sensor, and start a new run".to_owned(),
     };
-    let mut observed = observe(bench, readings).map_err(|why| refused(why.to_string()))?;
+    let mut observed = observe(bench, readings).map_err(|why| match why {
+        IdentifyError::Refused(why) => why,
+        other => refused(other.to_string()),
+    })?;
     let Grouped { groups, centres, .. } = grouped(bench, &mut observed)?;
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let sights = groups.iter().enumerate().map(|(i, group)| {

@@ -7,14 +7,20 @@ use crate::base::Position;
 pub enum Pass {
     /// To find it; nothing is identified from it.
     Find,
+    /// To find the latency between the sensor and the axis positions.
+    Latency,
     /// One of the heights that the beam's direction is found from.
     Height,
     /// To find its centre at one position of the rotary axes.
     Pose,
 }
 
-const NAMES: [(Pass, &str); 3] =
-    [(Pass::Find, "find"), (Pass::Height, "height"), (Pass::Pose, "pose")];
+const NAMES: [(Pass, &str); 4] = [
+    (Pass::Find, "find"),
+    (Pass::Latency, "latency"),
+    (Pass::Height, "height"),
+    (Pass::Pose, "pose"),
+];
 
 impl Pass {
     pub fn of(label: &str) -> Option<Self> {

@@ -2,12 +2,14 @@
 //! displacement sensor in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
 
 mod bench;
+mod cells;
 mod centres;
 mod cross;
 mod group;
 mod identify;
 mod known;
 mod label;
+mod latency;
 mod model;
 mod observe;
 mod outputs;
@@ -19,6 +21,7 @@ mod stages;
 #[cfg(test)]
 mod tests;
 mod touches;
+mod track;
 mod uncertainty;
 mod words;
 

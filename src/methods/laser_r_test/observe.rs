@@ -1,12 +1,15 @@
-//! Readings → dwell points.
+//! Readings → dwell points; of a continuous scan, cells (see `cells.rs`).
 
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
 
 use super::bench::Bench;
+use super::cells::{cells, thin_ways};
 use super::label::Pass;
+use super::latency::{Latency, Timed, fit};
 use super::model::linear;
+use super::track::{Track, toward};
 use crate::base::Position;
 use crate::methods::IdentifyError;
 use crate::record::plan::{REPEAT_AFTER_STOP, Sampling, Scan, Step};
@@ -15,7 +18,7 @@ use crate::record::reading::{Flag, Reading};
 /// Axes that move less than this stand, mm.
 const STANDS_MM: f64 = 0.005;
 
-/// One place at which samples were taken, their mean.
+/// One place at which samples were taken, or one cell of a continuous scan: their mean.
 #[derive(Debug, Clone, Copy)]
 pub struct Spot {
     /// X, Y, Z.
@@ -26,6 +29,9 @@ pub struct Spot {
     pub value: f64,
     pub samples: usize,
     pub t_s: f64,
+    /// X, Y, Z in mm/s, and the sign of the last motion of each (0 where that is not known): means.
+    pub velocity: DVec3,
+    pub toward: DVec3,
 }
 
 /// One step's dwell points. The rotary axes stand.
@@ -49,8 +55,22 @@ pub struct Observed {
     /// Samples by why they were not used.
     pub excluded: BTreeMap<&'static str, usize>,
     pub samples: usize,
-    /// Within dwell points: Σ(sample less mean)² in mm², and its degrees of freedom.
+    /// Within dwell points and cells: Σ(sample less mean)² in mm², and its degrees of freedom.
     pub within: (f64, usize),
+    /// What continuous scans need; nothing where there are none.
+    pub latency: Option<Latency>,
+    /// Samples of continuous scans taken where an axis turned round, or without a position.
+    pub turning: usize,
+    /// Ways of continuous scans with too few samples, in words.
+    pub thin: Vec<String>,
+}
+
+/// One measurement of the plan with what may be used of it.
+struct Raw {
+    scanned: Scanned,
+    /// Of a continuous scan: its samples, and X, Y, Z of its path.
+    track: Option<(Track, Vec<DVec3>)>,
+    steps: usize,
 }
 
 impl Observed {
@@ -84,24 +104,63 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
         return Err(IdentifyError::UnknownStep { step: *step });
     }
     let mut observed = Observed::default();
+    let mut raws: Vec<Raw> = Vec::new();
     for steps in bench.plan.steps.chunk_by(|one, other| measurement(one) == measurement(other)) {
         let Some((first, pass)) = steps.first().and_then(|s| Some((s, Pass::of(&s.label)?))) else {
             continue;
         };
-        let label = measurement(first);
         let newest = |step: &Step| of_step.get(&step.id).map(|all| newest(all));
         let Some(all) = steps.iter().map(newest).collect::<Option<Vec<_>>>() else {
-            observed.left_out.push(format!("{label}: no readings"));
+            observed.left_out.push(format!("{}: no readings", measurement(first)));
             continue;
         };
-        let scanned = scanned(bench, (first, pass), &all.concat(), &mut observed);
-        if scanned.spots.len() < steps.len() {
-            observed.left_out.push(format!("{label}: no sample that could be used"));
-        } else {
-            observed.scans.push(scanned);
-        }
+        raws.push(raw(bench, (first, pass, steps.len()), &all.concat(), &mut observed));
+    }
+    observed.latency = latency(bench, &raws)?;
+    for raw in raws {
+        placed(bench, raw, &mut observed);
     }
     Ok(observed)
+}
+
+/// From the scans made for it.
+fn latency(bench: &Bench<'_>, raws: &[Raw]) -> Result<Option<Latency>, IdentifyError> {
+    let timed = raws.iter().filter_map(|Raw { scanned, track, .. }| {
+        let track = track.as_ref().filter(|_| scanned.pass == Pass::Latency);
+        let travel = bench.travel(&scanned.rotary);
+        track.map(|(track, _)| Timed { travel, spindle: scanned.spindle, track })
+    });
+    let timed: Vec<Timed<'_>> = timed.collect();
+    let continuous = raws.iter().any(|raw| raw.track.is_some());
+    if continuous { fit(bench, &timed).map(Some) } else { Ok(None) }
+}
+
+/// A measurement joins the others, the latency taken out of it.
+fn placed(bench: &Bench<'_>, raw: Raw, observed: &mut Observed) {
+    let Raw { mut scanned, track, steps } = raw;
+    if let (Some((track, path)), Some(latency)) = (&track, &observed.latency) {
+        let mut seen = track.seen(latency.tau_s);
+        seen.iter_mut().for_each(|one| one.xyz = latency.true_xyz(one.xyz, one.toward));
+        observed.turning += track.said() - seen.len();
+        let thin = thin_ways(path, &seen).into_iter();
+        observed.thin.extend(thin.map(|words| format!("{}: {words}", scanned.label)));
+        let (spots, within) = cells(bench, &scanned, &seen);
+        scanned.spots = spots;
+        observed.within.0 += within.0;
+        observed.within.1 += within.1;
+    } else if let Some(latency) = &observed.latency {
+        let travel = bench.travel(&scanned.rotary);
+        let places: Vec<DVec3> = scanned.spots.iter().map(|spot| spot.xyz).collect();
+        for (spot, toward) in scanned.spots.iter_mut().zip(toward(&places)) {
+            spot.toward = toward.unwrap_or_default();
+            spot.xyz = latency.true_xyz(spot.xyz, spot.toward);
+            spot.at = travel * spot.xyz;
+        }
+    }
+    match scanned.spots.len() < steps {
+        true => observed.left_out.push(format!("{}: no sample that could be used", scanned.label)),
+        false => observed.scans.push(scanned),
+    }
 }
 
 /// What a step belongs to: a scan is a measurement by itself, touches share theirs.
@@ -117,12 +176,12 @@ fn newest<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
     readings.iter().filter(|reading| Some(reading.repeat) == newest).copied().collect()
 }
 
-fn scanned(
+fn raw(
     bench: &Bench<'_>,
-    (step, pass): (&Step, Pass),
+    (step, pass, steps): (&Step, Pass, usize),
     readings: &[&Reading],
     observed: &mut Observed,
-) -> Scanned {
+) -> Raw {
     let rotary = step.from.only(|axis| !axis.is_linear());
     let travel = bench.travel(&rotary);
     let mut spots: Vec<Spot> = Vec::new();
@@ -136,21 +195,26 @@ fn scanned(
             continue;
         };
         let xyz = linear(&reading.position);
-        let spot = Spot { xyz, at: travel * xyz, value, samples: 1, t_s: reading.t_s };
-        spots.push(spot);
+        let (velocity, toward) = (DVec3::ZERO, DVec3::ZERO);
+        let (at, t_s) = (travel * xyz, reading.t_s);
+        spots.push(Spot { xyz, at, value, samples: 1, t_s, velocity, toward });
     }
-    let points = points(step, spots);
+    let track = step
+        .scan
+        .as_ref()
+        .filter(|scan| on_the_way(scan))
+        .map(|scan| (Track::new(readings), scan.path.iter().map(linear).collect()));
+    let points = if track.is_some() { Vec::new() } else { points(step, spots) };
     let spots = points.iter().map(|all| mean(all, &mut observed.within)).collect();
-    Scanned {
-        pass,
-        label: measurement(step).to_owned(),
-        spindle: bench.spindle(&rotary),
-        rotary,
-        spots,
-    }
+    let (label, spindle) = (measurement(step).to_owned(), bench.spindle(&rotary));
+    Raw { scanned: Scanned { pass, label, spindle, rotary, spots }, track, steps }
 }
 
-/// Samples are of one point as long as the axes stand; on the way, and of touches, each is by itself.
+fn on_the_way(scan: &Scan) -> bool {
+    matches!(scan.sampling, Sampling::Continuous { .. })
+}
+
+/// Samples are of one point as long as the axes stand; of touches each is by itself.
 /// Where the axes stood decides, not the plan: its points may have been others when it was measured.
 fn points(step: &Step, spots: Vec<Spot>) -> Vec<Vec<Spot>> {
     let dwells = |scan: &Scan| matches!(scan.sampling, Sampling::Dwell { .. });
@@ -181,5 +245,7 @@ fn mean(all: &[Spot], within: &mut (f64, usize)) -> Spot {
         value,
         samples: all.len(),
         t_s: of(|spot| spot.t_s),
+        velocity: DVec3::ZERO,
+        toward: DVec3::ZERO,
     }
 }

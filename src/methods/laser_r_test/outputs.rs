@@ -25,7 +25,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts, &parts.minimum.x);
     let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
     let own = parts.minimum.x.len();
-    let count = own + parts.grouped.centres.common();
+    let count = own + parts.grouped.centres.common() + clocks(parts).0.len();
     let dof = parts.minimum.residuals.len().saturating_sub(own);
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
@@ -50,7 +50,21 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     }
 }
 
+/// Names and values of the sensor's latency and of what the axes lose where they turn round.
+fn clocks(parts: &Parts<'_>) -> (Vec<String>, Vec<f64>) {
+    let latency = parts.observed.latency.as_ref();
+    latency.map_or_else(Default::default, |latency| (latency.names(), latency.values()))
+}
+
+/// Which of them an unknown is.
+fn clock(parts: &Parts<'_>, i: usize) -> Option<usize> {
+    i.checked_sub(parts.names.len() + parts.grouped.centres.common())
+}
+
 pub fn symbol(parts: &Parts<'_>, i: usize) -> String {
+    if let Some(k) = clock(parts, i) {
+        return clocks(parts).0.get(k).cloned().unwrap_or_default();
+    }
     let of_beam = || BEAM_NAMES.get(i - parts.names.len()).map(|name| (*name).to_owned());
     parts.names.get(i).cloned().or_else(of_beam).unwrap_or_default()
 }
@@ -62,6 +76,11 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
         (_, true) => Unit::Um,
         (_, false) => Unit::Urad,
     };
+    match clock(parts, i) {
+        Some(0) => return Unit::Ms,
+        Some(_) => return Unit::Um,
+        None => {}
+    }
     match i.checked_sub(own) {
         Some(GAIN) => Unit::UmPerM,
         Some(_) => Unit::Urad,
@@ -70,6 +89,9 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
 }
 
 fn value(parts: &Parts<'_>, i: usize) -> f64 {
+    if let Some(k) = clock(parts, i) {
+        return clocks(parts).1.get(k).copied().unwrap_or_default();
+    }
     let of_beam = |k: Option<usize>| k.and_then(|k| parts.fitted.x.get(k)).copied();
     let own = i.checked_sub(parts.names.len());
     let beam = of_beam(own).unwrap_or_default();

@@ -15,6 +15,17 @@ pub enum By {
     Probe,
 }
 
+/// When the sensor's samples are taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sampled {
+    /// While the machine stands, point by point.
+    #[default]
+    Dwell,
+    /// On the way. The control must stamp positions; the search and the references stand all the same.
+    Continuous,
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -35,11 +46,18 @@ pub struct Settings {
     /// Readings at the sphere's pole at which the beam's direction is found, three or more. Empty: the
     /// middle of the sensor's range and 0.7 of its half to either side.
     pub heights_mm: Vec<f64>,
-    /// Dwell points of each of the two lines of a cross.
+    pub sampling: Sampled,
+    /// Dwell points of each of the two lines of a cross; of a continuous scan, places that its samples
+    /// are gathered at.
     pub points: usize,
     /// How far from where it is expected the sphere may be.
     pub margin_mm: f64,
     pub feed_mm_min: f64,
+    /// Second feed of the continuous scans from which the sensor's latency is found: half more than
+    /// `feed_mm_min` at least.
+    pub fast_feed_mm_min: f64,
+    /// Samples a second of a continuous scan; of a faster sensor some are left out.
+    pub rate_hz: f64,
     /// Rest at a point before the first of its samples.
     pub dwell_s: f64,
     pub samples: u32,
@@ -64,9 +82,12 @@ impl Default for Settings {
             tilt_deg: Vec::new(),
             turn_deg: Vec::new(),
             heights_mm: Vec::new(),
+            sampling: Sampled::Dwell,
             points: 13,
             margin_mm: 0.8,
             feed_mm_min: 600.0,
+            fast_feed_mm_min: 1800.0,
+            rate_hz: 1000.0,
             dwell_s: 0.1,
             samples: 20,
             radius_u_um: 0.5,
@@ -77,6 +98,8 @@ impl Default for Settings {
     }
 }
 
+/// The two feeds of the latency are in this ratio at least.
+const FEEDS: f64 = 1.5;
 /// Two readings at the pole nearer than this are one height, mm.
 pub const ONE_HEIGHT_MM: f64 = 0.5;
 
@@ -103,6 +126,7 @@ impl Settings {
             "margin_mm, feed_mm_min and samples must be greater than 0".to_owned(),
             "leave them out, or choose about 0.8, 600 and 20",
         )?;
+        self.check_continuous()?;
         must(
             self.samples <= MOST_SAMPLES,
             format!("{} samples at each dwell point are more than {MOST_SAMPLES}", self.samples),
@@ -137,6 +161,31 @@ impl Settings {
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
+    }
+
+    fn check_continuous(&self) -> Result<(), Refused> {
+        let refused =
+            |why: String, instead: &str| Err(Refused { why, instead: instead.to_owned() });
+        let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
+        match self.sampling {
+            Sampled::Dwell => Ok(()),
+            Sampled::Continuous if self.by == By::Probe => refused(
+                "sampling = \"continuous\", and a touch probe takes no samples".to_owned(),
+                "leave sampling out, or measure by = \"laser\"",
+            ),
+            Sampled::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => refused(
+                format!("rate_hz is {}: that takes no samples", self.rate_hz),
+                "leave it out, or choose what the sensor gives, about 1000",
+            ),
+            Sampled::Continuous if !(fast.is_finite() && fast >= FEEDS * feed) => refused(
+                format!(
+                    "fast_feed_mm_min is {fast}, feed_mm_min {feed}: at feeds so near each other the \
+                     sensor's latency is not told from what the axes lose where they turn round"
+                ),
+                "choose fast_feed_mm_min about three times feed_mm_min",
+            ),
+            Sampled::Continuous => Ok(()),
+        }
     }
 }
 

@@ -3,15 +3,16 @@
 
 mod outside;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row};
 use super::group::{Grouped, noise_mm};
+use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
 use crate::base::{Axis, Point};
-use crate::decision::references::{Pair, Scatter, Shift};
+use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
 use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::{ErrorParameter, Shape as Motion};
@@ -32,6 +33,9 @@ pub struct UncertaintySource {
     pub acts: Acts,
     /// Whether the residuals show it, so that they may correct its size.
     pub shown: bool,
+    /// Of joint draws: what each is of the latency and of what the axes lose where they turn round, s and
+    /// mm in the order of [`Latency::names`].
+    pub clocks: Vec<Vec<f64>>,
 }
 
 /// Harmonics of an error motion; each takes an equal share of the declared variance. The mean is the
@@ -83,6 +87,7 @@ pub fn sources(
         seen.form(),
         seen.incidence(),
     ];
+    list.extend(observed.latency.as_ref().map(|latency| seen.latency(latency)));
     list.retain(|source| match &source.acts {
         Acts::Each(sizes) => sizes.iter().any(|size| *size != 0.0),
         Acts::Joint(columns) => columns.iter().flatten().any(|size| *size != 0.0),
@@ -91,7 +96,7 @@ pub fn sources(
 }
 
 fn source(name: &'static str, acts: Acts) -> UncertaintySource {
-    UncertaintySource { name, shape: Shape::Normal, acts, shown: true }
+    UncertaintySource { name, shape: Shape::Normal, acts, shown: true, clocks: Vec::new() }
 }
 
 impl Seen<'_> {
@@ -248,7 +253,8 @@ impl Seen<'_> {
         };
         let u_mm = self.bench.plan.probe.repeatability_um.unwrap_or(1.0) * 1e-3;
         let rate = machine.drift_um_per_h * 1e-3 / 3600.0;
-        Shift::of(&pair, Scatter::Declared { u_mm }, rate).limit_mm
+        let limits = Limits::new(Scatter::Declared { u_mm }, places(self.bench.plan), rate);
+        Shift::of(&pair, &limits).limit_mm
     }
 
     fn radius(&self) -> UncertaintySource {
@@ -257,5 +263,26 @@ impl Seen<'_> {
         let u = stated * 1e-3;
         let acts = Acts::Joint(vec![vec![-u; self.normals.len()]]);
         UncertaintySource { shown: false, ..source("radius of the sphere", acts) }
+    }
+
+    /// The latency and, known no better without it, what the axes lose where they turn round.
+    fn latency(&self, latency: &Latency) -> UncertaintySource {
+        let grouped = self.grouped;
+        let draws = latency.root.col_iter().map(|draw| draw.iter().copied().collect::<Vec<f64>>());
+        let clocks: Vec<Vec<f64>> = draws.collect();
+        let rows = grouped.centres.rows.iter().zip(&grouped.spots).zip(&self.normals);
+        let each: Vec<Vec<f64>> = rows
+            .map(|((row, spot), n)| {
+                let travel = grouped.groups.get(row.group).map_or(DMat3::IDENTITY, |g| g.travel);
+                let moved = latency.columns(spot.velocity, spot.toward).into_iter();
+                moved.map(|by| n.dot(travel * by)).collect()
+            })
+            .collect();
+        let along = |draw: &Vec<f64>| {
+            let of = |by: &Vec<f64>| by.iter().zip(draw).map(|(by, size)| by * size).sum();
+            each.iter().map(of).collect()
+        };
+        let acts = Acts::Joint(clocks.iter().map(along).collect());
+        UncertaintySource { shown: false, clocks, ..source("latency of the sensor", acts) }
     }
 }

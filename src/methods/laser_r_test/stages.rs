@@ -1,10 +1,11 @@
 //! What is scanned, stage by stage.
 
 use super::bench::{Bench, Turned};
-use super::cross::{Place, Wanted, step};
+use super::cross::{Place, Walk, Wanted, step};
 use super::label::Pass;
 use super::model::{Model, Problem, Sight, placed};
 use super::parameters;
+use super::settings::Sampled;
 use super::touches;
 use crate::base::{Axis, Position};
 use crate::estimation::null_names::name_null_space;
@@ -23,15 +24,17 @@ pub struct Task {
     pub scans: Vec<Wanted>,
 }
 
-/// All stages: search, beam direction, zero position from the circles of the axes, all other poses.
+/// All stages: search, latency (of continuous scans), beam direction, zero position from the circles of the axes, all other poses.
 ///
 /// # Errors
 /// Positions outside the limits; poses that do not tell the errors apart.
 pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let middle = middle(bench);
+    let continuous = bench.settings.sampling == Sampled::Continuous;
+    let usual = if continuous { Walk::Slow } else { Walk::Rests };
     let pose = |pass: Pass, detail: &str, rotary: Position, height_mm| {
         let label = pass.label(detail, &rotary);
-        Wanted { rotary, height_mm, label, reference: false }
+        Wanted { rotary, height_mm, label, reference: false, walk: usual }
     };
     let poses = |all: Vec<Position>| {
         all.into_iter().map(|at| pose(Pass::Pose, "", at, middle)).collect::<Vec<_>>()
@@ -43,15 +46,21 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let heights = heights_mm(bench).into_iter().enumerate();
     let heights =
         heights.map(|(i, height)| pose(Pass::Height, &(i + 1).to_string(), zero.clone(), height));
-    let find = vec![pose(Pass::Find, "", zero.clone(), middle)];
-    let reference = |which: &str| {
-        let wanted = pose(Pass::Pose, which, zero.clone(), middle);
-        vec![Wanted { reference: true, ..wanted }]
+    let at_zero = |pass: Pass, which: &str, walk: Walk| Wanted {
+        walk,
+        ..pose(pass, which, zero.clone(), middle)
     };
+    let find = vec![at_zero(Pass::Find, "", Walk::Rests)];
+    // Points that stand: what is compared after a stop does not hang on a latency.
+    let reference =
+        |which: &str| vec![Wanted { reference: true, ..at_zero(Pass::Pose, which, Walk::Rests) }];
+    let feeds = [("1", Walk::Slow), ("2", Walk::Fast)].into_iter().filter(|_| continuous);
+    let feeds = feeds.map(|(which, walk)| at_zero(Pass::Latency, which, walk)).collect();
     // What is touched has no beam.
     let heights = if bench.touches() { Vec::new() } else { heights.collect() };
     let mut tasks = vec![
         Task { name: "find the sphere", pass: Pass::Find, scans: find },
+        Task { name: "latency", pass: Pass::Latency, scans: feeds },
         Task { name: "beam direction", pass: Pass::Height, scans: heights },
         Task { name: "reference", pass: Pass::Pose, scans: reference("first") },
         Task { name: "zero position: tilted", pass: Pass::Pose, scans: poses(tilted) },

@@ -61,6 +61,8 @@ pub struct Solved<'a> {
     pub minimum: &'a Minimum,
     /// Machine frame to table frame, of each group.
     pub into_table: &'a [DMat3],
+    /// Unknowns of the sensor's latency.
+    pub clocks: usize,
 }
 
 impl Solved<'_> {
@@ -95,7 +97,7 @@ pub fn misfit(
     Misfit::judge(&solved.minimum.residuals, &left, declared)
 }
 
-/// First-order propagation. Unknowns: those of the second fit, then the beam's.
+/// First-order propagation. Unknowns: those of the second fit, then the beam's, then the latency's.
 pub fn by_covariance(
     solved: &Solved<'_>,
     effects: &Effects,
@@ -103,11 +105,14 @@ pub fn by_covariance(
     misfit: &Misfit,
 ) -> Propagated {
     let beam = solved.centres.common();
-    let mut all = Propagated::new(solved.minimum.x.len() + beam);
+    let unknowns = solved.minimum.x.len() + beam + solved.clocks;
+    let mut all = Propagated::new(unknowns);
     for (effect, source) in effects.of.iter().zip(sources) {
         let draw = |j: usize| {
             let mut x = solved.minimum.factored.solve(&solved.rows_of(effect, j));
             x.extend((0..beam).map(|k| effect[(k, j)]));
+            x.extend(source.clocks.get(j).into_iter().flatten());
+            x.resize(unknowns, 0.0);
             x
         };
         let draws: Vec<Vec<f64>> = (0..effect.ncols()).map(draw).collect();
@@ -127,9 +132,10 @@ pub fn by_trials(
     factor: f64,
     trials: Trials,
 ) -> Result<Summary, MonteCarloError<Infallible>> {
-    let Solved { centres, fitted, problem, minimum, into_table } = *solved;
+    let Solved { centres, fitted, problem, minimum, into_table, clocks } = *solved;
     let (own, beam) = (minimum.x.len(), centres.common());
-    propagate(trials, MONTE_CARLO_SEED, own + beam, |rng, out| {
+    propagate(trials, MONTE_CARLO_SEED, own + beam + clocks, |rng, out| {
+        out[own + beam..].fill(0.0);
         let mut by = vec![0.0; centres.rows.len()];
         for source in sources {
             let scale = if source.shown { factor } else { 1.0 };
@@ -139,9 +145,12 @@ pub fn by_trials(
                     by.iter_mut().zip(sizes).for_each(|(by, size)| *by += scale * size * unit());
                 }
                 Acts::Joint(columns) => {
-                    for column in columns {
+                    for (j, column) in columns.iter().enumerate() {
                         let unit = scale * unit();
                         by.iter_mut().zip(column).for_each(|(by, size)| *by += unit * size);
+                        let drawn = out[own + beam..].iter_mut();
+                        let of = drawn.zip(source.clocks.get(j).into_iter().flatten());
+                        of.for_each(|(out, size)| *out += unit * size);
                     }
                 }
             }
@@ -152,7 +161,7 @@ pub fn by_trials(
         });
         let moved: Vec<DVec3> = moved.collect();
         out[..own].copy_from_slice(&problem.solve_near(minimum, &moved));
-        out[own..].copy_from_slice(&x[..beam]);
+        out[own..own + beam].copy_from_slice(&x[..beam]);
         Ok(())
     })
 }

@@ -2,6 +2,7 @@
 
 use super::identify::Parts;
 use super::label::Pass;
+use super::observe::Observed;
 use super::outputs::{self, forms, symbol};
 use super::paper;
 use crate::kinematics::Shape;
@@ -14,6 +15,7 @@ const GAIN: f64 = 1e-3;
 pub fn warnings(parts: &Parts<'_>) -> Vec<String> {
     let mut lines: Vec<String> = missing(parts);
     lines.extend(parts.observed.excluded_in_words());
+    lines.extend(thin(parts));
     lines.extend(misfit(parts));
     lines.extend(gain(parts));
     lines.extend(form(parts));
@@ -26,6 +28,12 @@ fn missing(parts: &Parts<'_>) -> Vec<String> {
     let of_interest = |line: &&String| Pass::of(line) != Some(Pass::Find);
     let lines = parts.observed.left_out.iter().filter(of_interest);
     lines.map(|line| format!("not used: {line}")).collect()
+}
+
+/// Forward and back do not weigh alike then.
+fn thin(parts: &Parts<'_>) -> impl Iterator<Item = String> {
+    let of_interest = |line: &&String| Pass::of(line) != Some(Pass::Find);
+    parts.observed.thin.iter().filter(of_interest).cloned()
 }
 
 fn misfit(parts: &Parts<'_>) -> Option<String> {
@@ -93,7 +101,8 @@ fn noise(parts: &Parts<'_>) -> Option<String> {
     let (seen, declared) = (parts.observed.scatter_mm()?, parts.bench.sensor.noise_um? * 1e-3);
     (seen > 1.5 * declared).then(|| {
         format!(
-            "samples at rest scatter by {:.3} um, noise_um of the sensor says {:.3}",
+            "samples {} scatter by {:.3} um, noise_um of the sensor says {:.3}",
+            if parts.observed.latency.is_some() { "about their sphere" } else { "at rest" },
             seen * 1e3,
             declared * 1e3
         )
@@ -137,8 +146,30 @@ pub fn gauge(parts: &Parts<'_>) -> Vec<String> {
         ));
     }
     lines.extend(parts.chosen.gauge.iter().cloned());
+    lines.extend(latency(parts));
     lines.extend(comparison(parts));
     lines
+}
+
+/// What continuous scans were corrected by.
+fn latency(parts: &Parts<'_>) -> Option<String> {
+    let Observed { latency, turning, .. } = &parts.observed;
+    let latency = latency.as_ref()?;
+    let first = parts.names.len() + parts.grouped.centres.common();
+    let expanded = |k: usize| 2.0 * parts.propagated.u(first + k);
+    let lags = latency.axes.iter().zip(latency.values().into_iter().skip(1)).enumerate();
+    let lags = lags.map(|(k, (axis, lag))| {
+        format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3)
+    });
+    Some(format!(
+        "continuous scans: what the sensor says belongs to where the axes stood {:.3} ms (U {:.3}) before; \
+         where they turn round they lag behind the position shown: {}. All scans are corrected by that. \
+         From {} samples at two feeds; {turning} samples beside turning points or gaps are not used",
+        latency.tau_s * 1e3,
+        expanded(0) * 1e3,
+        lags.collect::<Vec<_>>().join(", "),
+        latency.samples
+    ))
 }
 
 /// The paper's own estimator beside this one.

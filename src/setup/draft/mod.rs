@@ -3,11 +3,14 @@
 
 mod topology;
 
+use std::sync::Arc;
+
 use minijinja::Environment;
 use minijinja::value::Value;
 
 use super::SetupError;
 use crate::base::Axis;
+use crate::base::clock::HostClock;
 use crate::controllers::{self, AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
 use crate::gcode::Dialect;
 use crate::record::machine::Machine;
@@ -28,7 +31,7 @@ impl Draft {
     ///
     /// # Errors
     /// What its room says of the keys.
-    pub fn control(&self) -> Result<std::sync::Arc<dyn Named>, SetupError> {
+    pub fn control(&self) -> Result<Arc<dyn Named>, SetupError> {
         let mut keys = self.controller.clone();
         let kind = keys.remove("kind");
         let kind = kind.as_ref().and_then(toml::Value::as_str).unwrap_or_default().to_owned();
@@ -42,7 +45,7 @@ impl Draft {
     /// What opening and asking say.
     pub async fn introduce(&self, control: &dyn Named) -> Result<Introduction, SetupError> {
         let dialect = Dialect::named(control.dialect())?;
-        let controller = control.open(&nobodys(), dialect).await?;
+        let controller = control.open(&nobodys(), dialect, Arc::new(HostClock::start())).await?;
         Ok(controller.introduce().await?)
     }
 

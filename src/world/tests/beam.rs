@@ -228,6 +228,38 @@ fn a_sensor_samples_by_its_own_clock() {
     assert!(jittered.windows(2).all(|pair| pair[0] <= pair[1]));
 }
 
+/// X from 0 to 6 mm and no further, at 10 mm/s after 0.05 mm of acceleration (1000 mm/s²): 0.61 s. A
+/// sample that is 200 ms late tells of the sphere at X 4.05 when 0.61 s have passed, and of X 6 after 0.81.
+#[test]
+fn a_late_sensor_tells_of_an_earlier_moment() {
+    let began = || {
+        let mut world = bench("clock_late_ms = 200.0").world().with_sensors(&[down()]).unwrap();
+        world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
+        world.dwell(1.0);
+        world
+    };
+    let depth = |x: f64| 15.0 - (R * R - x * x).sqrt();
+    let end = ball_at(6.0, 0.0, 65.0);
+    let speed = Speed::Feed { mm_min: 600.0 };
+    let mut world = began();
+    let moved = world.travel(&end, speed).duration_s;
+    assert!((moved - 0.61).abs() < 1e-9, "{moved}");
+    assert_says(world.sense("laser", 0.0).unwrap(), depth(4.05));
+    assert_says(world.sense("laser", 0.2).unwrap(), depth(6.0));
+    assert_says(world.sense("laser", 5.0).unwrap(), depth(6.0));
+    // The same on the way: where the axes are is displayed, where they were is seen.
+    let mut world = began();
+    let passing = world.sense_on_the_way("laser", &end, speed, 0.01);
+    assert!(passing.len() >= 60);
+    let at = |n: usize| (passing[n - 1].position.at(Axis::X), passing[n - 1].sensed);
+    assert!((at(50).0 - 4.95).abs() < 1e-9, "{:?}", at(50));
+    assert_says(at(50).1, depth(2.95));
+    assert_says(at(15).1, depth(0.0));
+    assert_says(at(21).1, depth(0.05));
+    assert!((world.position().at(Axis::X) - 6.0).abs() < 1e-12);
+    assert!((world.time_s() - passing[59].t_s).abs() < 0.011);
+}
+
 #[test]
 fn the_table_drifts_under_the_beam() {
     let mut bench = bench("");
@@ -268,6 +300,7 @@ fn sensors_that_cannot_be_are_refused_by_name() {
         ("dazzled_deg = 45.0", "dazzled_deg"),
         ("clock_slow_ppm = 1e6", "clock_slow_ppm"),
         ("clock_jitter_us = -1.0", "clock_jitter_us"),
+        ("clock_late_ms = -1.0", "clock_late_ms"),
         ("linearity = [{ amplitude_um = 1.0, period_mm = 0.0 }]", "linearity"),
         ("tilt_urad = [inf, 0.0]", "tilt_urad"),
     ] {

@@ -1,5 +1,5 @@
 component touch_artefact """The true machine of the rig: a ball stylus against a cylinder, or balls, on
-a tilting rotary table. Contact is computed in the servo thread from the joint positions, through the
+a tilting rotary table; or a laser's beam against the first ball. Contact is computed in the servo thread from the joint positions, through the
 axes as they truly stand; whoever measures knows nothing of these pins. All that is placed by `where
 it stands' is in machine coordinates, mm, with all axes at zero.""";
 
@@ -40,6 +40,14 @@ pin io float stylus_y = 0.0;
 pin io float stylus_z = 0.0;
 pin io float noise = 0.0 "standard deviation of one touch, mm";
 pin io u32 seed = 1;
+
+pin io float laser_x = 0.0 "zero point of a laser from the spindle's datum, mm";
+pin io float laser_y = 0.0;
+pin io float laser_z = 0.0;
+pin io float laser_a = 0.0 "its beam is -Z, turned by this about X, rad";
+pin io float laser_b = 0.0 "and then by this about Y, rad";
+pin out bit sees "its beam meets ball 0";
+pin out float distance "from its zero point along the beam to ball 0, mm";
 
 variable int ready;
 variable double scatter;
@@ -90,6 +98,19 @@ static double to_cylinder(double u, double v, double w, double wide, double low,
     return radial > axial ? radial : axial;
 }
 
+/* Along the line from p to q, which are 1 apart, to the sphere of this radius about its centre; 0: past it. */
+static int along_beam(const double p[3], const double q[3], const double centre[3], double wide, double *far) {
+    double along = 0.0, square = 0.0;
+    for (int i = 0; i < 3; i++) {
+        along += (q[i] - p[i]) * (centre[i] - p[i]);
+        square += (centre[i] - p[i]) * (centre[i] - p[i]);
+    }
+    double half = wide * wide - (square - along * along);
+    if (half <= 0.0) return 0;
+    *far = along - sqrt(half);
+    return 1;
+}
+
 FUNCTION(_) {
     double p[3] = { x + stylus_x, y + stylus_y, z + stylus_z }, d = 1e9;
     double at_b[3] = { b_x, 0.0, b_z }, at_c[3] = { c_x, c_y, 0.0 };
@@ -113,6 +134,18 @@ FUNCTION(_) {
         if (ball_radius(i) > 0.0 && far < d) d = far;
     }
     d -= ball;
+
+    /* The beam, carried back as the stylus is. */
+    double from[3] = { x + laser_x, y + laser_y, z + laser_z }, far = 0.0;
+    double to[3] = { from[0] - cos(laser_a) * sin(laser_b), from[1] + sin(laser_a),
+        from[2] - cos(laser_a) * cos(laser_b) };
+    double at_ball[3] = { ball_x(0), ball_y(0), ball_z(0) };
+    turn_about(from, at_b, along_b, -b * M_PI / 180.0);
+    turn_about(from, at_c, along_c, -c * M_PI / 180.0);
+    turn_about(to, at_b, along_b, -b * M_PI / 180.0);
+    turn_about(to, at_c, along_c, -c * M_PI / 180.0);
+    sees = ball_radius(0) > 0.0 && along_beam(from, to, at_ball, ball_radius(0), &far);
+    distance = far;
 
     /* One deviation a touch, drawn when the stylus comes free. */
     if (gap <= 0.0 && d > 0.0) scatter = noise * normal(&state);

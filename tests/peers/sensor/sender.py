@@ -13,6 +13,8 @@ Commands come a line each on standard input:
     harm SEED COUNT  so many samples, some of them skipped (the counter goes on), cut short, spoilt, between
                      them noise, bursts and a silence; answers [[counter, um or null], ..] of all that were
                      sent whole and [skipped, spoilt], and is silent then
+    follow           send again for as long as it lives; from now on each line of input says what it sees, in
+                     micrometres or whatever else is counted, or `none`
 
 Text: `#COUNTER MICROMETRES` and carriage return, line feed; counter round at 1000; `ERR` in place of a number.
 Frames: 7E 81, counter (16 bit, low byte first), micrometres (24 bit two's complement, high byte first; the
@@ -27,6 +29,7 @@ import pty
 import random
 import select
 import sys
+import threading
 import time
 import tty
 
@@ -109,6 +112,19 @@ def harm(sensor, seed, total):
     return [sent, [skipped, spoilt]]
 
 
+def follow(sensor):
+    """Sees what it is told, for as long as it lives."""
+    seen = [None]
+
+    def listen():
+        for line in sys.stdin:
+            seen[0] = None if line.strip() == "none" else int(line)
+
+    threading.Thread(target=listen, daemon=True).start()
+    sensor.um = lambda: seen[0]
+    sensor.steadily(lambda: False)
+
+
 def answer(sensor):
     """For as long as it lives."""
     begun = b""
@@ -142,6 +158,8 @@ def main():
             tell(sensor.steadily(lambda: time.monotonic() >= end))
         elif word == "harm":
             tell(harm(sensor, *map(int, numbers)))
+        elif word == "follow":
+            follow(sensor)
 
 
 main()

@@ -56,7 +56,7 @@ impl ModbusControl {
         let rows = rows::of(block, &self.dialect, &self.wanted)?;
         let (found, status) = self.results(program, &rows, block).await?;
         let touch = self.contacts(&rows, &found, block.step)?;
-        let mut outcome = Outcome { touch: None, t_s: status.time_s };
+        let mut outcome = Outcome { t_s: status.time_s, ..Outcome::default() };
         if let Some(found) = touch {
             let before = block.motions.iter().take(found.row);
             let spindle = before.rev().find_map(orientation).or(self.spindle);

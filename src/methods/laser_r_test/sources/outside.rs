@@ -41,8 +41,12 @@ impl Seen<'_> {
     /// What a surface that does not face the beam adds to a reading: as the squared tangent of its lean,
     /// and as the tangent along two directions across, each of the declared standard deviation at 45°.
     pub(super) fn incidence(&self) -> UncertaintySource {
-        let looks = !self.bench.touches();
-        let sigma = if looks { self.bench.sensor.incidence_um * 1e-3 } else { 0.0 };
+        let name = "lean of the surface";
+        let sigma = self.bench.sensor.incidence_um * 1e-3;
+        // A touch goes all round: there the tangent has no end.
+        if sigma == 0.0 || self.bench.touches() {
+            return source(name, Acts::Joint(Vec::new()));
+        }
         let frame = self.grouped.centres.frame;
         let leans = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
             let n = (row.spindle * frame).transpose() * *normal;
@@ -55,6 +59,6 @@ impl Seen<'_> {
             rows.map(|(lean, along)| sigma * along * of(lean)).collect()
         };
         let columns = [over(|[x, y]| x * x + y * y), over(|[x, _]| *x), over(|[_, y]| *y)];
-        source("lean of the surface", Acts::Joint(columns.into()))
+        source(name, Acts::Joint(columns.into()))
     }
 }

@@ -1,6 +1,7 @@
 //! What is compared with what: the readings come from `played.rs`, which multiplies rotations and
 //! translations as paper 2 writes them and meets the sphere with a straight ray.
 
+mod continuous;
 mod g2;
 mod harmonics;
 mod played;

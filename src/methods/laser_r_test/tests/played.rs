@@ -25,6 +25,10 @@ pub struct World {
     pub radius: f64,
     pub noise_um: f64,
     pub seed: u64,
+    /// What the sensor says at a time it saw so long before.
+    pub latency_s: f64,
+    /// Lost motion of X, Y and Z.
+    pub gap_mm: f64,
     /// What else moves the table (machine frame, mm) at these positions and time.
     pub shift: fn(&World, &Position, f64) -> DVec3,
     /// What the sensor shows beyond the distance.
@@ -40,6 +44,8 @@ pub fn table_5(noise_um: f64, seed: u64) -> World {
         radius: 10.0,
         noise_um,
         seed,
+        latency_s: 0.0,
+        gap_mm: 0.0,
         shift: |_, _, _| DVec3::ZERO,
         curve: |_, _| 0.0,
     }
@@ -124,7 +130,10 @@ impl World {
 
     pub fn play(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
         let Some(scan) = &step.scan else { return self.touched(step, stylus, t_s) };
-        let Sampling::Dwell { samples, .. } = scan.sampling else { panic!("dwells") };
+        let samples = match scan.sampling {
+            Sampling::Dwell { samples, .. } => samples,
+            Sampling::Continuous { rate_hz } => return self.flown(step, &scan.path, rate_hz, t_s),
+        };
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
         let mut readings = Vec::new();
         for at in &scan.path {
@@ -145,6 +154,73 @@ impl World {
                     temperatures_c: Default::default(),
                 });
             }
+        }
+        readings
+    }
+}
+
+/// Of the axes of this world, mm/s².
+const ACCELERATION: f64 = 500.0;
+
+/// How far along a straight way from rest to rest, `t_s` after it began; and how long all of it takes.
+fn ramped(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
+    let speed = speed.min((way * ACCELERATION).sqrt());
+    let (rise, whole) = (speed / ACCELERATION, way / speed + speed / ACCELERATION);
+    let t = t_s.clamp(0.0, whole);
+    let s = match (t < rise, t > whole - rise) {
+        (true, _) => ACCELERATION * t * t / 2.0,
+        (_, true) => way - ACCELERATION * (whole - t) * (whole - t) / 2.0,
+        _ => speed * (t - rise / 2.0),
+    };
+    (s, whole)
+}
+
+/// Where the axes are commanded along these points, and when they arrive.
+pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f64) {
+    let (mut begins, mut at) = (0.0, path[0].clone());
+    for pair in path.windows(2) {
+        let xyz = |p: &Position| DVec3::from_array(Axis::LINEAR.map(|axis| p.at(axis)));
+        let way = (xyz(&pair[1]) - xyz(&pair[0])).length();
+        let (s, whole) = ramped(way, feed_mm_min / 60.0, t_s - begins);
+        if t_s > begins {
+            for axis in Axis::LINEAR {
+                at.set(axis, pair[0].at(axis) + (pair[1].at(axis) - pair[0].at(axis)) * s / way);
+            }
+        }
+        begins += whole;
+    }
+    (at, begins)
+}
+
+impl World {
+    /// Without a rest: the stamped positions are the commanded ones; the axes follow as soon as the lost
+    /// motion is used up, and the sensor tells what it saw a latency before.
+    fn flown(&self, step: &Step, path: &[Position], rate_hz: f64, t_s: &mut f64) -> Vec<Reading> {
+        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+        let mut stands = path[0].clone();
+        let (begins, (_, whole)) = (*t_s + 0.3, commanded(path, step.feed_mm_min, 0.0));
+        let mut readings = Vec::new();
+        for k in 0..=(whole * rate_hz) as usize {
+            let t = k as f64 / rate_hz;
+            let (followed, _) = commanded(path, step.feed_mm_min, t - self.latency_s);
+            for axis in Axis::LINEAR {
+                let (at, half) = (followed.at(axis), self.gap_mm / 2.0);
+                stands.set(axis, stands.at(axis).clamp(at - half, at + half));
+            }
+            *t_s = begins + t;
+            let distance = self.distance(&stands, *t_s);
+            let deviation: f64 = noise.next().unwrap();
+            let shown = |d: f64| d + (self.curve)(self, d) + deviation * self.noise_um * 1e-3;
+            readings.push(Reading {
+                step: step.id,
+                repeat: 0,
+                position: commanded(path, step.feed_mm_min, t).0,
+                value_mm: distance.map(shown),
+                sensor: step.sensor.clone(),
+                t_s: *t_s,
+                flag: if distance.is_some() { Flag::None } else { Flag::Range },
+                temperatures_c: Default::default(),
+            });
         }
         readings
     }

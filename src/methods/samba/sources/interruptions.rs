@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Draw, Shape, UncertaintySource, repeatability, spread};
 use crate::base::Axis;
-use crate::decision::references::{Pair, Scatter, Shift};
+use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
 use crate::methods::samba::observe::Sight;
 use crate::record::plan::Plan;
 
@@ -41,5 +41,6 @@ fn limit(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
         resolution_mm: spec.map_or(0.0, |spec| spec.resolution_um * 1e-3),
     };
     let scatter = Scatter::Declared { u_mm: repeatability(plan) };
-    Shift::of(&pair, scatter, plan.machine.drift_um_per_h * 1e-3 / 3600.0).limit_mm
+    let drift_mm_per_s = plan.machine.drift_um_per_h * 1e-3 / 3600.0;
+    Shift::of(&pair, &Limits::new(scatter, places(plan), drift_mm_per_s)).limit_mm
 }

@@ -1,0 +1,201 @@
+//! When a tick was. The servo thread counts; how long after its tick a line arrives nobody knows, as lines
+//! come in batches and are sometimes late. But none comes early: of all lines of some seconds the one that
+//! took the least time tells how the count lies in time. What is left is constant, and belongs to the
+//! latency between positions and sensor.
+
+use std::collections::VecDeque;
+
+/// Ticks are looked at in bins of so long, s.
+const BIN_S: f64 = 0.25;
+/// So many bins before and after a tick's own tell its time: the clocks of two computers part by less
+/// than 0.1 ms meanwhile, where they differ by 20 in a million.
+const NEAR: i64 = 20;
+/// A bin none of whose lines came sooner than so long after the others' is not trusted, s: was the count
+/// held, or only the wire?
+const LATE_S: f64 = 0.02;
+/// Bins that are kept: half an hour.
+const MOST: usize = 8192;
+/// How far a count may run from its period before it is the wrong one.
+const WRONG: f64 = 0.02;
+
+/// A tick. Within one count ticks are told apart by their number; a count that began anew is another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Tick {
+    pub count: u32,
+    pub number: i64,
+}
+
+impl Tick {
+    pub fn follows(self, before: Self) -> bool {
+        self.count == before.count && self.number == before.number + 1
+    }
+}
+
+#[derive(Debug)]
+struct Bin {
+    /// Of the count, and of the bin within it.
+    at: (u32, i64),
+    /// Least time of arrival less number times period, s.
+    least_s: f64,
+}
+
+#[derive(Debug)]
+pub(super) struct Ticks {
+    period_s: f64,
+    count: u32,
+    bins: VecDeque<Bin>,
+    newest: Option<Tick>,
+}
+
+impl Ticks {
+    pub fn every(period_s: f64) -> Self {
+        Self { period_s, count: 0, bins: VecDeque::new(), newest: None }
+    }
+
+    /// The count does not go on from what it was.
+    pub fn begin_anew(&mut self) {
+        self.count += 1;
+    }
+
+    /// The tick of this number, told at `at_s`. One that is not greater than the last begins anew.
+    pub fn came(&mut self, number: i64, at_s: f64) -> Tick {
+        if self.newest.is_some_and(|last| last.count == self.count && last.number >= number) {
+            self.begin_anew();
+        }
+        let tick = Tick { count: self.count, number };
+        self.newest = Some(tick);
+        let (at, least_s) = (self.bin(tick), at_s - self.since_zero(tick));
+        match self.bins.back_mut().filter(|bin| bin.at == at) {
+            Some(bin) => bin.least_s = bin.least_s.min(least_s),
+            None => self.bins.push_back(Bin { at, least_s }),
+        }
+        if self.bins.len() > MOST {
+            self.bins.pop_front();
+        }
+        tick
+    }
+
+    /// When it was; `None` where that cannot be trusted.
+    pub fn time_s(&self, tick: Tick) -> Option<f64> {
+        let (count, number) = self.bin(tick);
+        let from = self.bins.partition_point(|bin| bin.at < (count, number - NEAR));
+        let near = || self.bins.range(from..).take_while(|bin| bin.at <= (count, number + NEAR));
+        let least_s = near().map(|bin| bin.least_s).fold(f64::INFINITY, f64::min);
+        let own = near().find(|bin| bin.at == (count, number))?;
+        (own.least_s <= least_s + LATE_S).then(|| least_s + self.since_zero(tick))
+    }
+
+    /// Its true period, s, if it is another one, as the bins after `since` show.
+    pub fn wrong_period_s(&self, since: Tick) -> Option<f64> {
+        let mut bins = self.bins.iter().filter(|bin| bin.at > self.bin(since));
+        // What was under way when the last bin began is not yet its least.
+        let (first, last) = (bins.next()?, bins.rev().nth(1)?);
+        let ran = (last.at.1 - first.at.1) as f64 * BIN_S;
+        let strays = (last.least_s - first.least_s) / ran;
+        (first.at.0 == last.at.0 && strays.abs() > WRONG).then_some(self.period_s * (1.0 + strays))
+    }
+
+    fn since_zero(&self, tick: Tick) -> f64 {
+        tick.number as f64 * self.period_s
+    }
+
+    fn bin(&self, tick: Tick) -> (u32, i64) {
+        (tick.count, (self.since_zero(tick) / BIN_S).floor() as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_S: f64 = 0.001;
+    /// When tick 0 was.
+    const ZERO_S: f64 = 100.0;
+
+    /// `count` ticks from `first` on, told in batches of `batch`, each when its last one was there and
+    /// `late` of the batch's number after it.
+    fn tell(ticks: &mut Ticks, (first, count): (i64, i64), batch: i64, late: impl Fn(i64) -> f64) {
+        for number in first..first + count {
+            let of = number / batch;
+            let told_s = ZERO_S + (of * batch + batch - 1) as f64 * PERIOD_S + late(of);
+            ticks.came(number, told_s);
+        }
+    }
+
+    fn off_s(ticks: &Ticks, number: i64) -> Option<f64> {
+        let time_s = ticks.time_s(Tick { count: 0, number })?;
+        Some(((time_s - ZERO_S - number as f64 * PERIOD_S) * 1e9).round() / 1e9)
+    }
+
+    #[test]
+    fn batches_and_jitter_move_no_stamp() {
+        let mut ticks = Ticks::every(PERIOD_S);
+        // Between 0.2 and 9.2 ms late, in a row that does not repeat itself soon.
+        tell(&mut ticks, (0, 20_000), 10, |of| 2e-4 + ((of * 37) % 91) as f64 * 1e-4);
+        for number in [0, 1, 5, 4_321, 19_999] {
+            let off = off_s(&ticks, number).unwrap();
+            assert!((off - 2e-4).abs() < 1e-9, "tick {number}: off by {off} s");
+        }
+        assert_eq!(off_s(&ticks, -1), None);
+        assert_eq!(off_s(&ticks, 20_300), None);
+    }
+
+    #[test]
+    fn a_clock_that_runs_a_little_differently_is_followed() {
+        let mut ticks = Ticks::every(PERIOD_S);
+        tell(&mut ticks, (0, 600_000), 10, |of| of as f64 * 10.0 * PERIOD_S * 20e-6);
+        // 12 ms have gathered; each stamp is off by no more than 0.11 ms, always to the same side.
+        for number in [50_000, 300_000, 590_000] {
+            let off = off_s(&ticks, number).unwrap() - number as f64 * PERIOD_S * 20e-6;
+            assert!((-1.1e-4..=0.0).contains(&off), "tick {number}: off by {off} s");
+        }
+    }
+
+    #[test]
+    fn where_the_count_stood_still_there_is_no_time() {
+        let mut ticks = Ticks::every(PERIOD_S);
+        // After tick 10000 nothing for 3 s (the sampler was disabled), and the count goes on.
+        tell(&mut ticks, (0, 10_000), 10, |_| 0.0);
+        tell(&mut ticks, (10_000, 20_000), 10, |_| 3.0);
+        assert_eq!(off_s(&ticks, 5_000), Some(0.0));
+        assert_eq!(off_s(&ticks, 12_000), None);
+        assert!((off_s(&ticks, 20_000).unwrap() - 3.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_count_that_begins_anew_is_another_one() {
+        let mut ticks = Ticks::every(PERIOD_S);
+        tell(&mut ticks, (5_000, 5_000), 1, |_| 0.0);
+        let late_s = ZERO_S + 20.0;
+        let again = ticks.came(3, late_s);
+        assert_eq!((again, ticks.newest), (Tick { count: 1, number: 3 }, Some(again)));
+        assert!((ticks.time_s(again).unwrap() - late_s).abs() < 1e-9);
+        assert_eq!(off_s(&ticks, 7_000), Some(0.0));
+        assert!(!Tick { count: 1, number: 4 }.follows(Tick { count: 0, number: 3 }));
+    }
+
+    #[test]
+    fn a_wrong_period_shows_within_a_second() {
+        let since = Tick { count: 0, number: 0 };
+        for (period_s, wrong) in
+            [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))]
+        {
+            let mut ticks = Ticks::every(period_s);
+            tell(&mut ticks, (0, 2_000), 10, |of| ((of * 37) % 91) as f64 * 1e-4);
+            match (ticks.wrong_period_s(since), wrong) {
+                (None, None) => {}
+                (Some(found), Some(true_s)) => {
+                    assert!((found / true_s - 1.0).abs() < 0.01, "{found} instead of {true_s}");
+                }
+                other => panic!("{period_s}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let mut ticks = Ticks::every(BIN_S);
+        tell(&mut ticks, (0, 3 * MOST as i64), 1, |_| 0.0);
+        assert_eq!(ticks.bins.len(), MOST);
+    }
+}

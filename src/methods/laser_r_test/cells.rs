@@ -1,0 +1,131 @@
+//! The samples of a continuous scan, gathered where the machine was within a cell, so that the fit of all
+//! scans stays small. A cell has samples of all passes through it, forward and back.
+//!
+//! The mean of samples on a sphere lies below its surface: by w²/24R along a way of w, 1.8 um for 0.65 mm
+//! on R = 10 mm. So not the samples are averaged but what they are off a sphere fitted to this scan alone;
+//! what is left of the chord is of the third order. No value is made where none was.
+
+use glam::{DMat3, DVec3};
+
+use super::bench::Bench;
+use super::centres::{Centres, Row, frame};
+use super::observe::{Scanned, Spot};
+use super::track::Seen;
+use crate::base::Axis;
+
+/// A way along a line needs so many samples.
+const LEAST_SAMPLES: usize = 10;
+/// Cosine of what a motion may deviate from its line.
+const ALONG: f64 = 0.95;
+/// Two cells need this much room, mm.
+const LEAST_MM: f64 = 0.01;
+
+/// Of this scan (its spots are not looked at): a spot of each cell, in the order of time, and within
+/// cells Σ(sample less mean)² in mm² with its degrees of freedom.
+pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f64, usize)) {
+    let travel = bench.travel(&scan.rotary);
+    let Some(sphere) = Sphere::of(bench, scan, seen, travel) else { return (Vec::new(), (0.0, 0)) };
+    let width = extent(seen) / bench.settings.points.max(1) as f64;
+    let mut cells: Vec<([i64; 3], Vec<(Seen, f64)>)> = Vec::new();
+    let mut index = std::collections::BTreeMap::new();
+    for one in seen {
+        let Some(expected) = sphere.reading(travel * one.xyz) else { continue };
+        let cell = one.xyz.to_array().map(|mm| (mm / width.max(LEAST_MM)).floor() as i64);
+        let number = *index.entry(cell).or_insert(cells.len());
+        if number == cells.len() {
+            cells.push((cell, Vec::new()));
+        }
+        cells[number].1.push((*one, one.value - expected));
+    }
+    let mut within = (0.0, 0);
+    let spots = cells.iter().filter_map(|(_, all)| {
+        let count = all.len() as f64;
+        let mean =
+            |pick: fn(&Seen) -> DVec3| all.iter().map(|(s, _)| pick(s)).sum::<DVec3>() / count;
+        let off = all.iter().map(|(_, off)| off).sum::<f64>() / count;
+        within.0 += all.iter().map(|(_, one)| (one - off).powi(2)).sum::<f64>();
+        within.1 += all.len() - 1;
+        let xyz = mean(|seen| seen.xyz);
+        Some(Spot {
+            xyz,
+            at: travel * xyz,
+            value: sphere.reading(travel * xyz)? + off,
+            samples: all.len(),
+            t_s: all.iter().map(|(seen, _)| seen.t_s).sum::<f64>() / count,
+            velocity: mean(|seen| seen.velocity),
+            toward: mean(|seen| seen.toward),
+        })
+    });
+    (spots.collect(), within)
+}
+
+/// Longest side of what the scan covers, mm.
+fn extent(seen: &[Seen]) -> f64 {
+    let fold = |f: fn(DVec3, DVec3) -> DVec3, from: f64| {
+        seen.iter().map(|seen| seen.xyz).fold(DVec3::splat(from), f)
+    };
+    (fold(DVec3::max, f64::NEG_INFINITY) - fold(DVec3::min, f64::INFINITY)).max_element()
+}
+
+/// The sphere as this scan alone sees it, with the nominal beam.
+struct Sphere {
+    centre: DVec3,
+    radius: f64,
+    /// Machine frame.
+    beam: DVec3,
+}
+
+impl Sphere {
+    fn of(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen], travel: DMat3) -> Option<Self> {
+        let row = |one: &Seen| Row {
+            group: 0,
+            at: travel * one.xyz,
+            spindle: scan.spindle,
+            value: one.value,
+            sigma: LEAST_MM,
+        };
+        let centres = Centres {
+            frame: frame(bench.beam()),
+            radius: bench.radius(),
+            rows: seen.iter().map(row).collect(),
+            groups: 1,
+            free: false,
+            round: false,
+            held: [0.0; 3],
+        };
+        let centre = centres.centre(&centres.solve().ok()?.x, 0);
+        Some(Self { centre, radius: bench.radius(), beam: scan.spindle * bench.beam() })
+    }
+
+    /// What the sensor reads with the spindle at `at`; nothing beside the sphere.
+    fn reading(&self, at: DVec3) -> Option<f64> {
+        let from = at - self.centre;
+        let half = from.dot(self.beam);
+        let root = half * half - from.length_squared() + self.radius * self.radius;
+        (root > 0.0).then(|| -half - root.sqrt())
+    }
+}
+
+/// The ways along `path` (X, Y, Z) of which there are too few samples, in words.
+pub fn thin_ways(path: &[DVec3], seen: &[Seen]) -> Vec<String> {
+    let mut thin: Vec<String> = Vec::new();
+    for pair in path.windows(2) {
+        let Some(way) = (pair[1] - pair[0]).try_normalize() else { continue };
+        let along = |one: &&Seen| one.velocity.normalize_or_zero().dot(way) > ALONG;
+        let count = seen.iter().filter(along).count();
+        let words = format!("{count} samples of its way along {}", name(way));
+        if count < LEAST_SAMPLES && !thin.contains(&words) {
+            thin.push(words);
+        }
+    }
+    thin
+}
+
+/// The axis that moves most, with its sign.
+fn name(way: DVec3) -> String {
+    let most = Axis::LINEAR.into_iter().zip(way.to_array());
+    let most = most.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+    most.map_or_else(String::new, |(axis, part)| {
+        format!("{}{axis}", if part < 0.0 { '-' } else { '+' })
+    })
+}

@@ -1,0 +1,233 @@
+//! Continuous scans of the test's own world: the axes ramp, lose motion where they turn round, and the
+//! sensor is late.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::g2::{EDGE, FIVE};
+use super::played::{TABLE_5, World, commanded, run, table_5};
+use super::{ideal, settings};
+use crate::estimation::coverage::chi_square_bounds;
+use crate::methods::IdentifyError;
+use crate::methods::laser_r_test::Settings;
+use crate::methods::laser_r_test::bench::Bench;
+use crate::methods::laser_r_test::cells::cells;
+use crate::methods::laser_r_test::identify::identify;
+use crate::methods::laser_r_test::model::linear;
+use crate::methods::laser_r_test::observe::observe;
+use crate::methods::laser_r_test::settings::{By, Sampled};
+use crate::methods::laser_r_test::track::Track;
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Sampling, Step};
+use crate::record::reading::Reading;
+
+/// Samples are rarer than usual, so that the tests stay quick.
+fn flowing() -> Settings {
+    Settings { sampling: Sampled::Continuous, rate_hz: 250.0, ..settings() }
+}
+
+fn late(noise_um: f64, seed: u64) -> World {
+    World { latency_s: 3.3e-3, gap_mm: 4e-3, ..table_5(noise_um, seed) }
+}
+
+fn estimated(world: &World, own: &Settings) -> Estimate {
+    let (plan, _, readings) = run(ideal(0.5), own, world, 9).unwrap();
+    let bench = Bench::new(&plan, own).unwrap();
+    identify(&bench, &readings).unwrap()
+}
+
+fn found(estimate: &Estimate, symbol: &str) -> (f64, f64) {
+    let of = estimate.parameters.iter().find(|p| p.symbol == symbol);
+    of.map(|p| (p.value, p.u)).unwrap_or_else(|| panic!("no {symbol}"))
+}
+
+#[test]
+fn crosses_are_walked_forward_and_back_and_the_references_stand() {
+    let (plan, done, _) = run(ideal(0.5), &flowing(), &late(0.0, 1), 9).unwrap();
+    let names: Vec<&str> = done.iter().map(|stage| stage.name.as_str()).collect();
+    assert_eq!(names[..4], ["find the sphere", "latency", "beam direction", "reference"]);
+    let rests =
+        |step: &&Step| matches!(step.scan.as_ref().unwrap().sampling, Sampling::Dwell { .. });
+    let stands: Vec<&str> = plan.steps.iter().filter(rests).map(|s| s.label.as_str()).collect();
+    assert_eq!(stands, ["find/B0/C0", "pose/first/B0/C0", "pose/last/B0/C0"]);
+    let of_latency = plan.steps.iter().filter(|step| step.label.starts_with("latency"));
+    let feeds: Vec<f64> = of_latency.map(|step| step.feed_mm_min).collect();
+    assert_eq!(feeds, [600.0, 1800.0]);
+    // Each way is gone both ways.
+    let scan = plan.steps[1].scan.as_ref().unwrap();
+    let xyz: Vec<DVec3> = scan.path.iter().map(linear).collect();
+    let ways: Vec<DVec3> = xyz.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert_eq!(ways.len(), 6);
+    for way in [0, 1] {
+        assert!(ways.iter().map(|by| by[way].max(0.0)).sum::<f64>() > 8.0);
+        assert!(ways.iter().map(|by| by[way]).sum::<f64>().abs() < 1e-6);
+    }
+    assert!(ways.iter().all(|by| by.x.abs().min(by.y.abs()) < 1e-6 && by.z.abs() < 1e-6));
+}
+
+#[test]
+fn latency_reversal_and_table_5_come_back_without_noise() {
+    let estimate = estimated(&late(0.0, 1), &flowing());
+    let (latency, _) = found(&estimate, "latency");
+    println!("latency {latency} ms, reversal {:?}", found(&estimate, "reversal_X"));
+    assert!((latency - 3.3).abs() < 3e-3, "{latency}");
+    for axis in ["reversal_X", "reversal_Y"] {
+        assert!((found(&estimate, axis).0 - 4.0).abs() < 0.05, "{:?}", found(&estimate, axis));
+    }
+    for (i, name) in FIVE.into_iter().enumerate() {
+        let (value, error) = (found(&estimate, name).0, 0.15);
+        assert!((value - TABLE_5[i] * EDGE[i]).abs() < error, "{name}: {value}");
+    }
+    let said = estimate.gauge.iter().find(|line| line.contains("continuous scans")).unwrap();
+    println!("{said}");
+    assert!(said.contains("3.300 ms"), "{said}");
+    let less = |line: &&String| line.contains("less than declared");
+    assert_eq!(
+        estimate.warnings.iter().filter(|line| !less(line)).count(),
+        0,
+        "{:?}",
+        estimate.warnings
+    );
+}
+
+/// Without noise, and one thing wrong at a time: the latency has its own sign, and lost motion is not
+/// taken for it.
+#[test]
+fn a_latency_is_not_lost_motion_and_has_its_sign() {
+    let of = |latency_s: f64, gap_mm: f64| {
+        let estimate = estimated(&World { latency_s, gap_mm, ..table_5(0.0, 1) }, &flowing());
+        (found(&estimate, "latency").0, found(&estimate, "reversal_X").0)
+    };
+    for (latency_ms, gap_um) in [(0.0, 0.0), (20.0, 0.0), (-5.0, 0.0), (0.0, 6.0)] {
+        let (latency, lag) = of(latency_ms * 1e-3, gap_um * 1e-3);
+        println!("{latency_ms} ms, {gap_um} um: {latency} ms, {lag} um");
+        assert!((latency - latency_ms).abs() < 3e-3, "{latency}");
+        assert!((lag - gap_um).abs() < 0.05, "{lag}");
+    }
+}
+
+#[test]
+fn regress_latency_and_errors_scatter_as_predicted() {
+    const SEEDS: u64 = 40;
+    let names = [&FIVE[..], &["latency", "reversal_X", "reversal_Y"]].concat();
+    let truth: Vec<f64> =
+        TABLE_5.iter().zip(EDGE).map(|(t, edge)| t * edge).chain([3.3, 4.0, 4.0]).collect();
+    let (mut squares, mut predicted) = (vec![0.0; 8], vec![0.0; 8]);
+    for seed in 0..SEEDS {
+        let estimate = estimated(&late(0.5, seed), &flowing());
+        for (i, name) in names.iter().enumerate() {
+            let (value, u) = found(&estimate, name);
+            squares[i] += (value - truth[i]).powi(2) / SEEDS as f64;
+            predicted[i] += u * u / SEEDS as f64;
+        }
+    }
+    let ratio = |i: usize| squares[i] / predicted[i];
+    for (i, name) in names.iter().enumerate() {
+        let (observed, predicted) = (squares[i].sqrt(), predicted[i].sqrt());
+        println!("{name}: observed {observed:.4}, predicted {predicted:.4}");
+    }
+    let mean = |of: std::ops::Range<usize>| of.clone().map(ratio).sum::<f64>() / of.len() as f64;
+    assert!((0.85..=1.15).contains(&mean(0..5).sqrt()), "{}", mean(0..5).sqrt());
+    let (low, high) = chi_square_bounds(SEEDS as f64, 0.99).unwrap();
+    for i in 5..8 {
+        let chi2 = ratio(i) * SEEDS as f64;
+        assert!((low..=high).contains(&chi2), "{}: {chi2}", names[i]);
+    }
+}
+
+/// The same readings, each at the place stamped with it: what the correction is for.
+#[test]
+fn uncorrected_scans_are_visibly_wrong() {
+    let world = World { latency_s: 20e-3, ..table_5(0.0, 1) };
+    let own = flowing();
+    let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
+    let bench = Bench::new(&plan, &own).unwrap();
+    let observed = observe(&bench, &readings).unwrap();
+    let scan = observed.scans.iter().find(|scan| scan.label == "pose/B30/C60").unwrap();
+    let step = plan.steps.iter().find(|step| step.label == scan.label).unwrap();
+    let of_step: Vec<&Reading> = readings.iter().filter(|r| r.step == step.id).collect();
+    let track = Track::new(&of_step);
+    let scatter_um = |latency_s: f64| {
+        let (_, (squares, dof)) = cells(&bench, scan, &track.seen(latency_s));
+        (squares / dof as f64).sqrt() * 1e3
+    };
+    let (without, with) = (scatter_um(0.0), scatter_um(world.latency_s));
+    println!("within cells: {without} um without, {with} um with the correction");
+    assert!(with < 0.1 && without > 10.0, "{with} {without}");
+}
+
+/// A run of which only those readings are kept that `keep` says so of, by the step and the time since it
+/// began.
+fn identified(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyError> {
+    let own = flowing();
+    let (plan, _, mut readings) = run(ideal(0.5), &own, &late(0.5, 1), 9).unwrap();
+    let mut began: BTreeMap<u32, f64> = BTreeMap::new();
+    readings.retain(|reading| {
+        let begins = *began.entry(reading.step).or_insert(reading.t_s);
+        let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
+        keep(step, reading.t_s - begins)
+    });
+    let bench = Bench::new(&plan, &own).unwrap();
+    identify(&bench, &readings)
+}
+
+/// When the machine arrives at each point of a step's path.
+fn arrivals(step: &Step) -> Vec<f64> {
+    let path = &step.scan.as_ref().unwrap().path;
+    (1..=path.len()).map(|n| commanded(&path[..n], step.feed_mm_min, 0.0).1).collect()
+}
+
+/// Whether it is on this way of its path then, from 1.
+fn is_way(step: &Step, number: usize, t: f64) -> bool {
+    let at = arrivals(step);
+    (at[number - 1]..at[number]).contains(&t)
+}
+
+fn is_latency(step: &Step) -> bool {
+    step.label.starts_with("latency")
+}
+
+#[test]
+fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
+    let check = |error: IdentifyError| {
+        println!("{error}\n  -> {}", error.remedy());
+        assert!(error.to_string().contains("rank"), "{error}");
+        assert!(error.to_string().contains("do not tell apart"), "{error}");
+        assert!(
+            error.remedy().contains("two feeds") || error.remedy().contains("fast_feed_mm_min")
+        );
+    };
+    check(identified(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err());
+    // Forward alone: of the six ways the second and the fifth go back.
+    let forward =
+        |step: &Step, t: f64| !is_latency(step) || !(is_way(step, 2, t) || is_way(step, 5, t));
+    check(identified(forward).map(|_| ()).unwrap_err());
+    let none = identified(|step, _| !is_latency(step)).map(|_| ()).unwrap_err();
+    assert!(none.to_string().contains("too few to find the sensor's latency"), "{none}");
+}
+
+#[test]
+fn a_lost_pass_is_named() {
+    let estimate =
+        identified(|step, t| step.label != "pose/B30/C120" || !is_way(step, 2, t)).unwrap();
+    let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
+    assert!(said("pose/B30/C120: 0 samples of its way along "), "{:?}", estimate.warnings);
+    let (value, u) = found(&estimate, "EB0B");
+    assert!((value + 42.0).abs() < 4.0 * u, "{value} {u}");
+}
+
+#[test]
+fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
+    let check = |own: Settings, why: &str, instead: &str| {
+        let refused = own.check().unwrap_err();
+        println!("{}\n  -> {}", refused.why, refused.instead);
+        assert!(refused.why.contains(why) && refused.instead.contains(instead), "{refused:?}");
+    };
+    let one = Settings { fast_feed_mm_min: 700.0, ..flowing() };
+    check(one, "not told from", "three times");
+    check(Settings { rate_hz: 0.0, ..flowing() }, "rate_hz", "1000");
+    check(Settings { by: By::Probe, ..flowing() }, "touch probe", "laser");
+    let dwells = Settings { sampling: Sampled::Dwell, fast_feed_mm_min: 1.0, ..flowing() };
+    dwells.check().unwrap();
+}

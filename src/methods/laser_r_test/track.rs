@@ -1,0 +1,235 @@
+//! A continuous scan in time: where the axes stood by the control's stamps, and what the sensor said
+//! meanwhile. Between the two clocks lies the latency τ: the value stamped t + τ belongs to the position
+//! stamped t. Positions may be interpolated, as axes have inertia; values never are.
+
+use glam::DVec3;
+
+use super::model::linear;
+use crate::record::reading::{Flag, Reading};
+
+/// To either side, the time over which a velocity is taken, s.
+const SPAN_S: f64 = 5e-3;
+/// Stamps so many times farther apart than usual have a gap between them.
+const GAP: f64 = 5.0;
+/// An axis has turned round when it has come back so far: its lost motion is used up by then, mm.
+const TURNED_MM: f64 = 0.05;
+/// So far an axis may seem to move while it stands, mm.
+const TREMBLES_MM: f64 = 2e-3;
+
+/// One scan's readings in the order of time.
+#[derive(Debug, Clone)]
+pub struct Track {
+    t_s: Vec<f64>,
+    /// X, Y, Z at these stamps, and how they change there.
+    xyz: Vec<DVec3>,
+    slopes: Vec<DVec3>,
+    /// As [`ways`] of each axis.
+    toward: Vec<Option<DVec3>>,
+    /// What lies farther apart has a gap between, s.
+    gap_s: f64,
+    /// Stamp and value of what the sensor said and is not flagged.
+    said: Vec<(f64, f64)>,
+}
+
+/// A value, and where the axes stood when the sensor saw it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    pub xyz: DVec3,
+    /// mm/s, and that along each axis the sign of the last motion (0 before the first).
+    pub velocity: DVec3,
+    pub toward: DVec3,
+    pub value: f64,
+    pub t_s: f64,
+}
+
+impl Track {
+    pub fn new(readings: &[&Reading]) -> Self {
+        let mut sorted = readings.to_vec();
+        sorted.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
+        let good = sorted.iter().filter(|reading| reading.flag == Flag::None);
+        let said = good.filter_map(|reading| Some((reading.t_s, reading.value_mm?))).collect();
+        sorted.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
+        let t_s: Vec<f64> = sorted.iter().map(|reading| reading.t_s).collect();
+        let xyz: Vec<DVec3> = sorted.iter().map(|reading| linear(&reading.position)).collect();
+        let mut apart: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        apart.sort_by(f64::total_cmp);
+        let gap_s = GAP * apart.get(apart.len() / 2).copied().unwrap_or_default();
+        Self { toward: toward(&xyz), slopes: slopes(&t_s, &xyz, gap_s), t_s, xyz, gap_s, said }
+    }
+
+    /// What the sensor said and where the axes stood, with this latency; without what it said where the
+    /// axes turned round, or where no stamp is near.
+    pub fn seen(&self, latency_s: f64) -> Vec<Seen> {
+        let seen = |&(stamp_s, value): &(f64, f64)| {
+            let t_s = stamp_s - latency_s;
+            let (xyz, velocity) = (self.at(t_s)?, self.velocity(t_s)?);
+            let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
+            let toward = self.toward.get(node).copied().flatten()?;
+            Some(Seen { xyz, velocity, toward, value, t_s: stamp_s })
+        };
+        self.said.iter().filter_map(seen).collect()
+    }
+
+    /// Values that there are.
+    pub fn said(&self) -> usize {
+        self.said.len()
+    }
+
+    /// Between two stamps the cubic with their slopes (Hermite): a straight one would cut what is
+    /// covered between them while the axes speed up, 1 um at 500 mm/s² and 4 ms.
+    fn at(&self, t_s: f64) -> Option<DVec3> {
+        let next = self.t_s.partition_point(|stamp| *stamp < t_s);
+        let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.slopes.get(k)?));
+        let (after, to, last) = node(next)?;
+        if after == t_s {
+            return Some(to);
+        }
+        let (before, from, first) = node(next.checked_sub(1)?)?;
+        let (lasts, u) = (after - before, (t_s - before) / (after - before));
+        let bent = (first * lasts - (to - from)) * (1.0 - u) - (last * lasts - (to - from)) * u;
+        (lasts <= self.gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
+    }
+
+    /// By the stamped positions to either side; of one side alone at the ends.
+    fn velocity(&self, t_s: f64) -> Option<DVec3> {
+        let (here, before, after) = (self.at(t_s)?, self.at(t_s - SPAN_S), self.at(t_s + SPAN_S));
+        match (before, after) {
+            (Some(before), Some(after)) => Some((after - before) / (2.0 * SPAN_S)),
+            (None, Some(after)) => Some((after - here) / SPAN_S),
+            (Some(before), None) => Some((here - before) / SPAN_S),
+            (None, None) => None,
+        }
+    }
+}
+
+/// Derivatives at the stamps of the parabola through each and its neighbours; towards one neighbour alone
+/// where the other lies beyond a gap.
+fn slopes(t_s: &[f64], xyz: &[DVec3], gap_s: f64) -> Vec<DVec3> {
+    let nodes: Vec<(f64, DVec3)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+    let between = |k: usize| match nodes.get(k..k + 2) {
+        Some(&[(t0, p0), (t1, p1)]) if t1 - t0 <= gap_s => Some((t1 - t0, (p1 - p0) / (t1 - t0))),
+        _ => None,
+    };
+    let slope = |k: usize| match (k.checked_sub(1).and_then(between), between(k)) {
+        (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
+        (one, other) => one.or(other).map_or(DVec3::ZERO, |(_, slope)| slope),
+    };
+    (0..nodes.len()).map(slope).collect()
+}
+
+/// [`ways`] of X, Y and Z; nothing where one of them turns round.
+pub fn toward(places: &[DVec3]) -> Vec<Option<DVec3>> {
+    let of = |k: usize| ways(&places.iter().map(|place| place[k]).collect::<Vec<f64>>());
+    let [x, y, z] = [of(0), of(1), of(2)];
+    let each = x.into_iter().zip(y).zip(z);
+    each.map(|((x, y), z)| Some(DVec3::new(x?, y?, z?))).collect()
+}
+
+/// Of each place on the way of one axis: the sign of its last motion, 0 as long as it has not moved.
+/// Nothing from where it turns round until it has come [`TURNED_MM`].
+fn ways(places: &[f64]) -> Vec<Option<f64>> {
+    let mut ways: Vec<Option<f64>> = Vec::with_capacity(places.len());
+    let mut way = 0.0;
+    let first = places.first().copied().unwrap_or_default();
+    let (mut least, mut most) = (first, first);
+    for place in places {
+        (least, most) = (least.min(*place), most.max(*place));
+        let turned = match (place - least > TURNED_MM, most - place > TURNED_MM) {
+            (true, _) if way <= 0.0 => 1.0,
+            (_, true) if way >= 0.0 => -1.0,
+            _ => {
+                ways.push(Some(way));
+                continue;
+            }
+        };
+        let extreme = if turned > 0.0 { least } else { most };
+        let since = places.iter().take(ways.len()).rev();
+        let since = since.take_while(|p| (**p - extreme) * turned > TREMBLES_MM).count();
+        let kept = ways.len() - since;
+        ways.iter_mut().skip(kept).for_each(|way| *way = None);
+        (way, least, most) = (turned, *place, *place);
+        ways.push(Some(way));
+    }
+    ways
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{Axis, Position};
+
+    fn reading(t_s: f64, x: f64, flag: Flag) -> Reading {
+        Reading {
+            step: 0,
+            repeat: 0,
+            position: Position::new().with(Axis::X, x),
+            value_mm: Some(x),
+            sensor: String::new(),
+            t_s,
+            flag,
+            temperatures_c: Default::default(),
+        }
+    }
+
+    /// X leaves 0 at 10 mm/s; what is stamped at 0.5 s was seen 20 ms before, at 4.8 mm.
+    #[test]
+    fn a_value_belongs_to_where_the_axes_stood_a_latency_ago() {
+        let x = |t: f64| 10.0 * t;
+        let all: Vec<Reading> =
+            (0..=100).map(|i| f64::from(i) * 0.01).map(|t| reading(t, x(t), Flag::None)).collect();
+        let track = Track::new(&all.iter().rev().collect::<Vec<_>>());
+        let found = |latency: f64| {
+            let seen = track.seen(latency);
+            *seen.iter().find(|seen| (seen.t_s - 0.5).abs() < 1e-9).unwrap()
+        };
+        assert!((found(0.02).xyz.x - 4.8).abs() < 1e-9);
+        assert!((found(0.015).xyz.x - 4.85).abs() < 1e-9);
+        assert!((found(-0.02).xyz.x - 5.2).abs() < 1e-9);
+        assert!((found(0.02).velocity.x - 10.0).abs() < 1e-9);
+        assert_eq!((found(0.02).value, found(0.02).toward), (5.0, DVec3::X));
+        // Two values at the beginning have no position: the stamps began later.
+        assert_eq!((track.said(), track.seen(0.0).len() - track.seen(0.02).len()), (101, 2));
+    }
+
+    /// Also while it speeds up: at 500 mm/s² and stamps 4 ms apart, to the last digit.
+    #[test]
+    fn an_axis_that_speeds_up_is_followed() {
+        let x = |t: f64| 250.0 * t * t;
+        let times = (0..=20).map(|i| f64::from(i) * 4e-3);
+        let all: Vec<Reading> = times.map(|t| reading(t, x(t), Flag::None)).collect();
+        let seen = Track::new(&all.iter().collect::<Vec<_>>()).seen(2e-3);
+        let fast: Vec<&Seen> =
+            seen.iter().filter(|seen| (0.01..0.075).contains(&seen.t_s)).collect();
+        assert!(fast.len() > 10);
+        assert!(fast.iter().all(|seen| (seen.xyz.x - x(seen.t_s - 2e-3)).abs() < 1e-12));
+    }
+
+    #[test]
+    fn nothing_is_said_across_a_gap_and_nothing_of_flagged_values() {
+        let time = |i: u32| f64::from(i) * 0.01 + if i > 50 { 1.0 } else { 0.0 };
+        let flag = |i| if i == 20 { Flag::Range } else { Flag::None };
+        let all: Vec<Reading> =
+            (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
+        let track = Track::new(&all.iter().collect::<Vec<_>>());
+        let seen = track.seen(0.005);
+        assert!(seen.iter().all(|seen| (seen.t_s - 0.2).abs() > 1e-9));
+        // The first of all, the first after the gap, and the flagged one.
+        assert_eq!((track.said(), seen.len()), (100, 98));
+        assert!(seen.iter().all(|seen| (seen.xyz.x - 10.0 * (seen.t_s - 0.005)).abs() < 1e-9));
+    }
+
+    #[test]
+    fn an_axis_that_turns_round_is_not_trusted_until_it_has_come_back() {
+        let trembling = |i: u32| f64::from(i % 2) * 1e-3;
+        let up = (0..100).map(|i| f64::from(i) * 0.01);
+        let down = (0..100).map(|i| 0.99 - f64::from(i) * 0.01);
+        let places: Vec<f64> = (0..50).map(trembling).chain(up).chain(down).collect();
+        let ways = ways(&places);
+        let count = |way| ways.iter().filter(|found| **found == way).count();
+        assert_eq!(ways[10], Some(0.0));
+        assert_eq!((ways[60], ways[149], ways[160]), (Some(1.0), Some(1.0), Some(-1.0)));
+        assert_eq!(ways[152], None);
+        // 10 to 50 um from where it begins, and from where it turns.
+        assert!((8..=10).contains(&count(None)), "{ways:?}");
+    }
+}

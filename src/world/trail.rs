@@ -1,0 +1,39 @@
+//! Where the axes have lately been: a sensor that is late tells of it.
+
+use std::collections::VecDeque;
+
+use super::path::Path;
+
+/// Moves that are kept.
+const KEPT: usize = 64;
+
+/// The last moves, in the order of time.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Trail {
+    moves: VecDeque<Move>,
+}
+
+#[derive(Debug, Clone)]
+struct Move {
+    begins_s: f64,
+    path: Path,
+    /// Where on it the axes came to rest.
+    ends: f64,
+}
+
+impl Trail {
+    pub fn went(&mut self, begins_s: f64, path: &Path, ends: f64) {
+        if self.moves.len() == KEPT {
+            self.moves.pop_front();
+        }
+        self.moves.push_back(Move { begins_s, path: path.clone(), ends });
+    }
+
+    /// The path last begun by then, and how far along it the axes were; before the first of all, where
+    /// that began.
+    pub fn at(&self, t_s: f64) -> Option<(&Path, f64)> {
+        let begun = self.moves.iter().rev().find(|one| one.begins_s <= t_s);
+        let Move { begins_s, path, ends } = begun.or(self.moves.front())?;
+        Some((path, path.ramp().later(0.0, t_s - begins_s).min(*ends)))
+    }
+}

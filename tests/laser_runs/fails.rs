@@ -1,0 +1,115 @@
+//! The sensor fails while the machine moves from point to point, or rests at one: the run stops, the
+//! machine is held, and when the sensor is back a person lets the run go on.
+
+use std::time::Duration;
+
+use trued::setup::Pace;
+
+use super::bench::Bench;
+use super::sender::State;
+use super::shop::{
+    POINTS, REFERENCE, SAMPLES, STEPS, Shop, estimate, is_near_the_truth, said, short,
+};
+
+/// The step in which it fails.
+const STEP: u32 = REFERENCE + 1;
+
+/// When it fails.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Moment {
+    /// The machine is on its way to a point.
+    Way,
+    /// It rests there.
+    Rest,
+}
+
+/// What a person is told, and whether the program asks for a hold.
+struct Told {
+    words: [&'static str; 2],
+    holds: bool,
+}
+
+fn feed_moves(heard: &str) -> usize {
+    heard.matches(&format!("N{STEP} G53 G1")).count()
+}
+
+/// All that was sent after the hold asks for nothing but the control's state.
+fn nothing_follows_the_hold(heard: &str, label: &str) {
+    let (_, after) = heard.split_once('!').unwrap_or_else(|| panic!("{label}: no hold"));
+    assert!(after.chars().all(|byte| "!?".contains(byte)), "{label}: sent after the hold: {after}");
+}
+
+fn fails(state: State, moment: Moment, told: &Told) {
+    let label = format!("{state:?}, {moment:?}");
+    let shop = Shop::over(Bench::at(&short(), Pace::Real));
+    let mut run = shop.starts();
+    // The way to the first point is one feed move, each point one more.
+    shop.wait_for(&format!("N{STEP} G53 G1"), POINTS / 2, &mut run);
+    match moment {
+        Moment::Way => shop.sender.becomes(state),
+        Moment::Rest => {
+            // Of those that are taken there some have come by then.
+            shop.sender.becomes(State::Resting(SAMPLES as u32 - 2));
+            while !shop.sender.is(state) {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }
+    }
+    let moves = feed_moves(&shop.bench.heard());
+    let ended = run.wait_with_output().unwrap();
+    let stands = shop.bench.world.lock().unwrap().position();
+
+    assert_eq!(ended.status.code(), Some(5), "{label}: {}", said(&ended));
+    for words in told.words.into_iter().chain(["laser", "`trued resume 1`"]) {
+        assert!(said(&ended).contains(words), "{label}: no {words} in {}", said(&ended));
+    }
+    assert!(ended.stdout.is_empty(), "{label}: an estimate in spite of everything");
+    let heard = shop.bench.heard();
+    // No way to another point was begun.
+    assert_eq!(feed_moves(&heard), moves, "{label}: {heard}");
+    if told.holds {
+        nothing_follows_the_hold(&heard, &label);
+    }
+    assert_eq!(shop.state(), "held", "{label}");
+    // Not a part of the scan is kept, and all that went before is.
+    assert_eq!(shop.all_is_true(), (0..STEP).collect::<Vec<_>>(), "{label}");
+    assert_eq!(shop.bench.world.lock().unwrap().position(), stands, "{label}: it has moved");
+
+    shop.sender.becomes(State::Well);
+    // A person lets the control go on.
+    shop.bench.reset();
+    let resumed = shop.resume();
+    assert_eq!(resumed.status.code(), Some(0), "{label}: {}", said(&resumed));
+    is_near_the_truth(&estimate(&resumed));
+    // Nobody has declared how its means repeat: the reference tells it, twice.
+    let steps: Vec<u32> = (0..STEP).chain([REFERENCE; 2]).chain(STEP..STEPS).collect();
+    assert_eq!(shop.all_is_true(), steps, "{label}");
+    assert_eq!(shop.state(), "finished", "{label}");
+}
+
+/// All at once: the machine takes its time, the computer hardly any.
+#[test]
+fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
+    let told = |words, holds| Told { words, holds };
+    let cases = [
+        (State::Beyond, Moment::Way, told(["(range)", "see that the beam meets the sphere"], true)),
+        (
+            State::Silent,
+            Moment::Way,
+            told(["(stale)", "has fallen silent: see to its cable"], true),
+        ),
+        (State::Gone, Moment::Way, told(["the link to", "its cable is plugged in"], true)),
+        (State::Saturated, Moment::Way, told(["(saturated)", "lower the sensor's exposure"], true)),
+        // Where the machine stands already, nothing needs to be held.
+        (
+            State::Silent,
+            Moment::Rest,
+            told(["(stale)", "has fallen silent: see to its cable"], false),
+        ),
+    ];
+    std::thread::scope(|scope| {
+        for (state, moment, told) in &cases {
+            scope.spawn(move || fails(*state, *moment, told));
+        }
+    });
+}

@@ -1,0 +1,62 @@
+//! The program is killed in mid-run. What it had measured is still there, and the run goes on, unless the
+//! sphere was moved meanwhile.
+
+use super::bench::Bench;
+use super::shop::{REFERENCE, STEPS, Shop, estimate, is_near_the_truth, said, short};
+
+/// A run that was killed on its way from point to point of a pose.
+fn killed() -> Shop {
+    let shop = Shop::over(Bench::start(&short()));
+    let way = format!("N{} G53 G1", REFERENCE + 2);
+    shop.bench.stop_at(&[&way, &way, &way, &way]);
+    let mut run = shop.starts();
+    shop.bench.wait(&mut run);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    shop.bench.reset();
+    shop
+}
+
+#[test]
+fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
+    let shop = killed();
+    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).collect::<Vec<_>>());
+    let resumed = shop.resume();
+    let found = estimate(&resumed);
+    assert!(said(&resumed).contains("the references agree"), "{}", said(&resumed));
+    let whole = Shop::over(Bench::start(&short()));
+    let undisturbed = estimate(&whole.starts().wait_with_output().unwrap());
+    is_near_the_truth(&found);
+    for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
+        assert_eq!(one.symbol, other.symbol);
+        let apart = (one.value - other.value).abs();
+        assert!(
+            apart < one.expanded.max(other.expanded),
+            "{}: {} {}",
+            one.symbol,
+            one.value,
+            other.value
+        );
+    }
+    let again = [REFERENCE; 2].into_iter().chain(REFERENCE + 2..STEPS);
+    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).chain(again).collect::<Vec<_>>());
+}
+
+/// Across the beam it is the flanks of the sphere that see it.
+#[test]
+fn a_sphere_that_was_moved_meanwhile_is_found_out() {
+    // By 20 µm, along X and between X and Y, which both lines of the cross see.
+    for (moved, told) in
+        [("[0.32, -0.2]", "one touch repeats"), ("[0.314, -0.186]", " more; one touch")]
+    {
+        let shop = killed();
+        shop.bench.become_another(&short().replacen("[0.3, -0.2]", moved, 1));
+        let refused = shop.resume();
+        assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+        for words in ["does not stand as it stood", told, "start a new run"] {
+            assert!(said(&refused).contains(words), "{moved}: no {words} in {}", said(&refused));
+        }
+        assert_eq!(shop.state(), "closed");
+        assert!(refused.stdout.is_empty());
+    }
+}

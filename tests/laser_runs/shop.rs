@@ -1,0 +1,174 @@
+//! A machine with a laser in its spindle, a journal, and the program that measures with both.
+
+use std::io::Read as _;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+use trued::base::Axis;
+use trued::record::estimate::Estimate;
+use trued::record::reading::Reading;
+
+use super::bench::Bench;
+use super::sender::{self, Sender};
+
+/// Dwell points of a scan, and samples at each.
+pub const POINTS: usize = 10;
+pub const SAMPLES: usize = 60;
+/// The sphere is searched for (0), the beam's direction found at three heights (1 to 3), the reference
+/// looked at (4); then follow five poses and the reference again.
+pub const REFERENCE: u32 = 4;
+pub const STEPS: u32 = 11;
+
+/// As few poses and points as can be.
+const SHORT: &str = "
+[method.laser-r-test]
+tilt_deg = [60.0]
+turn_deg = [120.0, 240.0]
+points = 5
+samples = 60
+dwell_s = 0.02
+feed_mm_min = 2400.0
+monte_carlo_trials = 100
+";
+
+/// The built-in machine, in few poses.
+pub fn short() -> String {
+    include_str!("../../config/laser.toml").to_owned() + SHORT
+}
+
+pub struct Shop {
+    folder: tempfile::TempDir,
+    pub bench: Bench,
+    pub sender: Sender,
+}
+
+impl Shop {
+    pub fn over(bench: Bench) -> Self {
+        let sender = Sender::start(bench.world.clone());
+        let folder = tempfile::tempdir().unwrap();
+        let file =
+            file(&short(), &format!("tcp = \"{}\"", bench.address), &sender::table(sender.address));
+        std::fs::write(folder.path().join("machine.toml"), file).unwrap();
+        Self { folder, bench, sender }
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.folder.path().join("state"));
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    pub fn trued(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// A run that is under way.
+    pub fn starts(&self) -> Child {
+        let machine = self.folder.path().join("machine.toml").display().to_string();
+        let mut command = self.command(&["run", "laser-r-test", "--json", "--machine", &machine]);
+        command.spawn().unwrap()
+    }
+
+    pub fn resume(&self) -> Output {
+        self.trued(&["resume", "1", "--acknowledge", "Ada", "--json"])
+    }
+
+    /// Until `count` lines with these words have come to the control.
+    pub fn wait_for(&self, words: &str, count: usize, client: &mut Child) {
+        while self.bench.heard().matches(words).count() < count {
+            if client.try_wait().unwrap().is_some() {
+                let mut told = String::new();
+                let _ = client.stderr.take().unwrap().read_to_string(&mut told);
+                panic!("it ended before `{words}`: {told}");
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    pub fn state(&self) -> String {
+        let listed = self.trued(&["runs", "--json"]);
+        let runs: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
+        runs[0]["state"].as_str().unwrap().to_owned()
+    }
+
+    pub fn readings(&self) -> Vec<Reading> {
+        let to = self.folder.path().join("export");
+        let exported = self.trued(&["export", "1", "--to", &to.display().to_string()]);
+        assert!(exported.status.success(), "{}", said(&exported));
+        read(&to.join("run-1-readings.csv"))
+    }
+
+    /// Each step that was measured has all of its samples; each was said by the sensor, in this order, at
+    /// a point one behind the other, and with the machine where the reading says.
+    pub fn all_is_true(&self) -> Vec<u32> {
+        let (readings, said) = (self.readings(), self.sender.said());
+        let same =
+            |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+        let mut behind = 0;
+        let mut steps = Vec::new();
+        for scan in readings.chunk_by(same) {
+            assert_eq!(scan.len(), POINTS * SAMPLES, "step {}", scan[0].step);
+            steps.push(scan[0].step);
+            for taken in scan.chunks(SAMPLES) {
+                let was_said = |at: &usize| {
+                    let there = said[*at..].iter().zip(taken);
+                    said.len() >= at + SAMPLES
+                        && there.into_iter().all(|(said, taken)| is(said, taken))
+                };
+                let found = (behind..said.len()).find(was_said);
+                let made_up = || panic!("not said: {:?} and what follows", taken[0]);
+                behind = found.unwrap_or_else(made_up) + SAMPLES;
+            }
+        }
+        steps
+    }
+}
+
+/// `text` with another control and another sensor.
+pub fn file(text: &str, control: &str, sensor: &str) -> String {
+    let changes = [
+        ("kind = \"simulated\"\nwire = \"memory\"\n", format!("kind = \"grbl\"\n{control}\n")),
+        ("[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n", sensor.to_owned()),
+    ];
+    changes.iter().fold(text.to_owned(), |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    })
+}
+
+pub fn read(csv: &Path) -> Vec<Reading> {
+    trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
+}
+
+/// The control says where it stands to a micrometre and a thousandth of a degree.
+fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
+    let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 6e-4;
+    reading.value_mm == Some(*value_mm)
+        && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
+}
+
+pub fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+pub fn estimate(output: &Output) -> Estimate {
+    assert_eq!(output.status.code(), Some(0), "{}", said(output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// What is true of the machine (paper 2, Table 5) lies within four standard uncertainties.
+pub fn is_near_the_truth(estimate: &Estimate) {
+    let truth = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+    for (symbol, truth) in truth {
+        let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+        let found = found.unwrap_or_else(|| panic!("no {symbol}"));
+        assert!(
+            (found.value - truth).abs() < 4.0 * found.u,
+            "{symbol}: {} ± {}",
+            found.value,
+            found.u
+        );
+    }
+}

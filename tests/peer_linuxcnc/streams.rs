@@ -1,0 +1,57 @@
+//! What is listened to beside LinuxCNC: `tests/peers/linuxcnc/streams.py`.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use libtest_mimic::Failed;
+
+use super::rig::{Rig, free_port};
+
+/// Positions and laser, each at its port, until dropped.
+pub struct Streams {
+    process: Child,
+    says: BufReader<ChildStdout>,
+    hears: Option<ChildStdin>,
+    pub positions: u16,
+    pub laser: u16,
+}
+
+impl Streams {
+    pub fn of(rig: &Rig) -> Result<Self, Failed> {
+        let (positions, laser) = (free_port()?, free_port()?);
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/streams.py");
+        let mut process = Command::new("python3")
+            .args([script, &positions.to_string(), &laser.to_string()])
+            // Whatever happens, it ends with the rig.
+            .env("TRUED_RIG", &rig.directory)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()?;
+        let says = BufReader::new(process.stdout.take().ok_or("no output")?);
+        let hears = process.stdin.take();
+        let mut streams = Self { process, says, hears, positions, laser };
+        streams.expect("ready")?;
+        Ok(streams)
+    }
+
+    /// From now on the laser is so much later.
+    pub fn delay_ms(&mut self, delay: f64) -> Result<(), Failed> {
+        let said = format!("delay {delay}");
+        let hears = self.hears.as_mut().ok_or("it hears nothing")?;
+        writeln!(hears, "{said}")?;
+        self.expect(&said)
+    }
+
+    fn expect(&mut self, wanted: &str) -> Result<(), Failed> {
+        let mut said = String::new();
+        self.says.read_line(&mut said)?;
+        if said.trim() == wanted { Ok(()) } else { Err(format!("streams.py says {said:?}").into()) }
+    }
+}
+
+impl Drop for Streams {
+    fn drop(&mut self) {
+        drop(self.hears.take());
+        drop(self.process.wait());
+    }
+}

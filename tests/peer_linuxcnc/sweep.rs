@@ -1,0 +1,278 @@
+//! Scans in motion: positions from LinuxCNC's sampler, a laser with a clock and a delay of its own.
+
+use std::time::Duration;
+
+use glam::{DMat4, DVec3, DVec4};
+use libtest_mimic::Failed;
+use trued::base::{Axis, Position};
+use trued::methods::{IdentifyError, Method, Next, Refused, Source};
+use trued::record::estimate::Estimate;
+use trued::record::event::Event;
+use trued::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
+use trued::record::reading::Reading;
+use trued::run::{Run, RunError};
+use trued::setup::{self, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun};
+
+use super::desk::Desk;
+use super::machine::run;
+use super::rig::{Rig, rig};
+use super::samba::{BALLS, finds_at, put_balls};
+use super::streams::Streams;
+
+/// The ball, where it truly stands, and the laser's zero point from the spindle's datum, mm.
+const BALL: DVec3 = DVec3::from_array(BALLS[0]);
+const RADIUS: f64 = 10.0;
+const ZERO: DVec3 = DVec3::new(0.3, -0.2, -100.05);
+const LEAN: [f64; 2] = [400e-6, -250e-6];
+/// What the laser R-test has to find on the axes as they truly lie; as for the ball chased by touch.
+const TRUTH: [(&str, f64, f64); 8] = [
+    ("EX0C", 75.0, 2.0),
+    ("EA0B", 40.0, 10.0),
+    ("EB0B", 55.0, 10.0),
+    ("EC0B", -30.0, 10.0),
+    ("EA0C", -65.0, 10.0),
+    ("zero_x", 0.265, 0.003),
+    ("zero_y", -0.17, 0.003),
+    ("zero_z", -99.99, 0.003),
+];
+/// From the middle to the end of a pass, mm, and feeds, mm/min.
+const REACH: f64 = 4.0;
+const FEEDS: [f64; 2] = [600.0, 1800.0];
+/// A delay for the laser, ms, and how near the latency must follow it.
+const DELAY_MS: f64 = 6.0;
+const NEAR_MS: f64 = 0.5;
+const NEAR_MM: f64 = 0.001;
+
+/// Four passes over the ball along X and along Y at each feed, in one stage.
+struct Passes;
+
+impl Passes {
+    fn steps() -> Vec<Step> {
+        let mut steps = Vec::new();
+        for feed_mm_min in FEEDS {
+            for (axis, id) in [(Axis::X, 0), (Axis::Y, 1)] {
+                let over = |by: f64| {
+                    let middle = Position::new().with(Axis::X, 80.0).with(Axis::Y, 0.0);
+                    let at = middle.at(axis) + by;
+                    let at = middle.with(axis, at).with(Axis::Z, 200.0);
+                    at.with(Axis::B, 0.0).with(Axis::C, 0.0)
+                };
+                let path = [-REACH, REACH, -REACH, REACH, -REACH].map(over).to_vec();
+                steps.push(Step {
+                    id: 2 * u32::from(feed_mm_min > 1000.0) + id,
+                    stage: 0,
+                    kind: StepKind::Scan,
+                    label: format!("pass/{axis}/{feed_mm_min}"),
+                    from: over(-REACH),
+                    to: over(-REACH),
+                    feed_mm_min,
+                    sensor: "laser".to_owned(),
+                    normal: [0.0, 0.0, 1.0],
+                    scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0 } }),
+                });
+            }
+        }
+        steps
+    }
+}
+
+impl Method for Passes {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::json!({})
+    }
+
+    fn next(&self, _: &Plan, done: &[Stage], _: Source<'_>) -> Result<Next, Refused> {
+        if !done.is_empty() {
+            return Ok(Next::Done);
+        }
+        let new_steps = Self::steps();
+        let steps = new_steps.iter().map(|step| step.id).collect();
+        let stage = Stage { id: 0, name: "passes".to_owned(), repeat: 0, steps, found: None };
+        Ok(Next::Stage { stage, new_steps })
+    }
+
+    fn identify(&self, _: &Plan, _: &[Reading], _: &[Estimate]) -> Result<Estimate, IdentifyError> {
+        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+    }
+}
+
+/// The run of [`Passes`] on the machine of `desk`.
+async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
+    let file = MachineFile::read(&desk.machine())?;
+    let devices = setup::devices(&file, Pace::Real, Past::default()).await?;
+    let journal = Journal::open(desk.machine().parent().ok_or("no folder")?)?;
+    let mut plan = setup::without_steps(&file, "laser-r-test", serde_json::json!({}));
+    plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let id = journal.begin(&new).await?;
+    let mut tell = |event: &Event| {
+        if let Event::Announced { text } = event {
+            eprintln!("{text}");
+        }
+    };
+    let mut run = Run::new(id, &Passes, &devices, &journal, plan, &mut tell);
+    let ended = run.execute().await;
+    Ok((run.readings, run.moved, ended))
+}
+
+/// Readings of one step, in the order of time.
+struct Pass(Vec<(f64, DVec3, f64)>);
+
+impl Pass {
+    /// Where the axes stood, as the readings before and after have it.
+    fn at(&self, t_s: f64) -> Option<DVec3> {
+        let after = self.0.partition_point(|(time, ..)| *time < t_s);
+        let (late, early) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
+        let part = (t_s - early.0) / (late.0 - early.0);
+        (late.0 - early.0 < 0.02).then(|| early.1 + part * (late.1 - early.1))
+    }
+}
+
+fn by_pass(readings: &[Reading]) -> Vec<Pass> {
+    let mut passes: Vec<Pass> = Passes::steps().iter().map(|_| Pass(Vec::new())).collect();
+    for reading in readings {
+        let at = DVec3::from_array(Axis::LINEAR.map(|axis| reading.position.at(axis)));
+        if let Some(value) = reading.value_mm {
+            passes[reading.step as usize].0.push((reading.t_s, at, value));
+        }
+    }
+    passes
+}
+
+/// What the passes say: where X, Y and Z stand when the zero point is in the ball's centre, mm; how long
+/// after its position a value comes, s; how many samples agree, of how many.
+#[derive(Debug)]
+struct Found {
+    centre: DVec3,
+    latency_s: f64,
+    rms_um: f64,
+    used: usize,
+}
+
+/// Gauss-Newton by differences over centre and latency; samples further off than four times the usual are
+/// left out, round by round: some lines come late.
+fn fit(passes: &[Pass]) -> Result<Found, Failed> {
+    let expected = |at: DVec3, centre: DVec3| {
+        let off = at - centre;
+        off.z - (RADIUS * RADIUS - off.x * off.x - off.y * off.y).sqrt()
+    };
+    let mut unknown = DVec4::new(80.0, 0.0, 190.0, 0.04);
+    let (mut limit, mut last) = (f64::INFINITY, None);
+    for _ in 0..25 {
+        let residual = |pass: &Pass, (t_s, value): (f64, f64), unknown: DVec4| {
+            let at = pass.at(t_s - unknown.w)?;
+            Some(value - expected(at, unknown.truncate()))
+        };
+        let (mut normal, mut right, mut all) = (DMat4::ZERO, DVec4::ZERO, Vec::new());
+        let (mut used, mut rms) = (0_usize, 0.0);
+        for pass in passes {
+            for (t_s, _, value) in &pass.0 {
+                let of = |unknown| residual(pass, (*t_s, *value), unknown);
+                let Some(off) = of(unknown) else { continue };
+                all.push(off.abs());
+                let steps = [1e-4, 1e-4, 1e-4, 2e-4];
+                let slopes: Option<Vec<f64>> = (0..4)
+                    .map(|i| {
+                        let mut moved = unknown;
+                        moved[i] += steps[i];
+                        Some((of(moved)? - off) / steps[i])
+                    })
+                    .collect();
+                let Some(slopes) = slopes.filter(|_| off.abs() <= limit) else { continue };
+                let row = DVec4::from_slice(&slopes);
+                normal += DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w);
+                right -= row * off;
+                used += 1;
+                rms += off * off;
+            }
+        }
+        unknown += normal.inverse() * right;
+        all.sort_by(f64::total_cmp);
+        limit = 4.0 * 1.48 * all.get(all.len() / 2).ok_or("no sample")?.max(1e-6);
+        if used == 0 || !unknown.is_finite() {
+            return Err("the fit finds nothing".into());
+        }
+        last = Some(Found {
+            centre: unknown.truncate(),
+            latency_s: unknown.w,
+            rms_um: (rms / used as f64).sqrt() * 1e3,
+            used,
+        });
+    }
+    last.ok_or_else(|| "no round".into())
+}
+
+/// The first of the balls, and the laser over it, whose beam leans so about X and Y, rad.
+fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
+    put_balls(rig)?;
+    let places = [
+        ("laser-x", ZERO.x),
+        ("laser-y", ZERO.y),
+        ("laser-z", ZERO.z),
+        ("laser-a", lean[0]),
+        ("laser-b", lean[1]),
+    ];
+    places.iter().try_for_each(|(name, value)| rig.make_true(name, *value))
+}
+
+/// Two runs that differ by the laser's delay alone: the latency differs by it, and the ball stays where
+/// it is.
+pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_laser(&rig, [0.0, 0.0])?;
+    let mut streams = Streams::of(&rig)?;
+    let desk = Desk::with_laser(&rig, &streams, "")?;
+    let mut latencies_ms = Vec::new();
+    for delay in [0.0, DELAY_MS] {
+        streams.delay_ms(delay)?;
+        std::thread::sleep(Duration::from_millis(200));
+        let (readings, _, ended) = run(passes(&desk))?;
+        ended?;
+        let found = fit(&by_pass(&readings))?;
+        let off_um = (found.centre - (BALL - ZERO)) * 1e3;
+        let Found { latency_s, rms_um, used, .. } = found;
+        eprintln!(
+            "{used} of {} readings, rms {rms_um:.3} um, latency {:.3} ms; ball off by {off_um:.3} um",
+            readings.len(),
+            latency_s * 1e3
+        );
+        if off_um.abs().max_element() > NEAR_MM * 1e3 || 10 * used < 8 * readings.len() {
+            return Err(format!("the ball is off by {off_um} um, {used} readings agree").into());
+        }
+        latencies_ms.push(found.latency_s * 1e3);
+    }
+    let follows = latencies_ms[1] - latencies_ms[0];
+    eprintln!("latency {latencies_ms:.3?} ms: {follows:.3} ms for {DELAY_MS} ms");
+    if (follows - DELAY_MS).abs() > NEAR_MS {
+        return Err(format!("{DELAY_MS} ms make {follows} ms").into());
+    }
+    Ok(())
+}
+
+/// Pins in another order than the machine file has them.
+pub fn wrong_pins_are_refused() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_laser(&rig, [0.0, 0.0])?;
+    let streams = Streams::of(&rig)?;
+    let swapped = "axes = [\"Z\", \"Y\", \"X\", \"B\", \"C\"]";
+    let (readings, moved, ended) = run(passes(&Desk::with_laser(&rig, &streams, swapped)?))?;
+    match ended {
+        Err(error) if !moved && readings.is_empty() => {
+            let said = format!("{error}; {}", error.remedy());
+            eprintln!("{said}");
+            let named = ["X stands at 0.000", "says 200.000", "joint.N.pos-fb"];
+            if named.iter().all(|words| said.contains(words)) { Ok(()) } else { Err(said.into()) }
+        }
+        other => Err(format!("moved: {moved}, {other:?}").into()),
+    }
+}
+
+/// `trued run laser-r-test` with its scans in motion.
+pub fn finds_the_true_axes() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_laser(&rig, LEAN)?;
+    let mut streams = Streams::of(&rig)?;
+    streams.delay_ms(DELAY_MS)?;
+    finds_at(&Desk::with_laser(&rig, &streams, "")?, "laser-r-test", &TRUTH)
+}
