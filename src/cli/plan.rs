@@ -51,7 +51,7 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
     let (blocks, _) = planning::staged_blocks(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let title = match at_dwells(plan) {
-        Some(what) => format!("{}; {what}", plan.method),
+        Some(what) => format!("{}, {what}", plan.method),
         None => plan.method.clone(),
     };
     let program = Program { title: &title, axes: &axes, log: None };

@@ -59,6 +59,7 @@ impl Seen<'_> {
             rows.map(|(lean, along)| sigma * along * of(lean)).collect()
         };
         let columns = [over(|[x, y]| x * x + y * y), over(|[x, _]| *x), over(|[_, y]| *y)];
-        source(name, Acts::Joint(columns.into()))
+        // All scans alike: it moves the centres together, and no centre weighs less for it.
+        UncertaintySource { shown: false, ..source(name, Acts::Joint(columns.into())) }
     }
 }
