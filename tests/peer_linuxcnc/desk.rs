@@ -75,7 +75,7 @@ impl Desk {
     pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let ports = [
-            ("[controller.sampler]", &*format!("[controller.sampler]\n{line}")),
+            ("[controller.sampler]\ntcp", &*format!("[controller.sampler]\n{line}\ntcp")),
             ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.positions)),
             ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
         ];

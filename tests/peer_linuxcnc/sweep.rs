@@ -26,7 +26,7 @@ const RADIUS: f64 = 10.0;
 const ZERO: DVec3 = DVec3::new(0.3, -0.2, -100.05);
 const LEAN: [f64; 2] = [400e-6, -250e-6];
 /// What the laser R-test has to find on the axes as they truly lie; as for the ball chased by touch.
-const TRUTH: [(&str, f64, f64); 8] = [
+const TRUTH: [(&str, f64, f64); 9] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EB0B", 55.0, 10.0),
@@ -35,6 +35,8 @@ const TRUTH: [(&str, f64, f64); 8] = [
     ("zero_x", 0.265, 0.003),
     ("zero_y", -0.17, 0.003),
     ("zero_z", -99.99, 0.003),
+    // ms: streams.py's own 40, and [`DELAY_MS`].
+    ("latency", 46.0, 1.0),
 ];
 /// From the middle to the end of a pass, mm, and feeds, mm/min.
 const REACH: f64 = 4.0;

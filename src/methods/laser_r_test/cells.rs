@@ -5,6 +5,8 @@
 //! on R = 10 mm. So not the samples are averaged but what they are off a sphere fitted to this scan alone;
 //! what is left of the chord is of the third order. No value is made where none was.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
 
 use super::bench::Bench;
@@ -24,39 +26,46 @@ const LEAST_MM: f64 = 0.01;
 /// cells Σ(sample less mean)² in mm² with its degrees of freedom.
 pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f64, usize)) {
     let travel = bench.travel(&scan.rotary);
-    let Some(sphere) = Sphere::of(bench, scan, seen, travel) else { return (Vec::new(), (0.0, 0)) };
-    let width = extent(seen) / bench.settings.points.max(1) as f64;
-    let mut cells: Vec<([i64; 3], Vec<(Seen, f64)>)> = Vec::new();
-    let mut index = std::collections::BTreeMap::new();
-    for one in seen {
-        let Some(expected) = sphere.reading(travel * one.xyz) else { continue };
-        let cell = one.xyz.to_array().map(|mm| (mm / width.max(LEAST_MM)).floor() as i64);
-        let number = *index.entry(cell).or_insert(cells.len());
-        if number == cells.len() {
-            cells.push((cell, Vec::new()));
-        }
-        cells[number].1.push((*one, one.value - expected));
-    }
     let mut within = (0.0, 0);
-    let spots = cells.iter().filter_map(|(_, all)| {
-        let count = all.len() as f64;
-        let mean =
-            |pick: fn(&Seen) -> DVec3| all.iter().map(|(s, _)| pick(s)).sum::<DVec3>() / count;
-        let off = all.iter().map(|(_, off)| off).sum::<f64>() / count;
-        within.0 += all.iter().map(|(_, one)| (one - off).powi(2)).sum::<f64>();
-        within.1 += all.len() - 1;
+    let Some(sphere) = Sphere::of(bench, (travel, scan.spindle), seen) else {
+        return (Vec::new(), within);
+    };
+    let spot = |all: Vec<&Seen>| {
+        let off = |one: &&Seen| Some(one.value - sphere.reading(travel * one.xyz)?);
+        let offs: Vec<f64> = all.iter().map(off).collect::<Option<_>>()?;
+        let (count, mean_off) = (offs.len() as f64, offs.iter().sum::<f64>() / offs.len() as f64);
+        let mean = |pick: fn(&Seen) -> DVec3| all.iter().map(|s| pick(s)).sum::<DVec3>() / count;
         let xyz = mean(|seen| seen.xyz);
+        let value = sphere.reading(travel * xyz)? + mean_off;
+        within.0 += offs.iter().map(|off| (off - mean_off).powi(2)).sum::<f64>();
+        within.1 += offs.len() - 1;
         Some(Spot {
             xyz,
             at: travel * xyz,
-            value: sphere.reading(travel * xyz)? + off,
-            samples: all.len(),
-            t_s: all.iter().map(|(seen, _)| seen.t_s).sum::<f64>() / count,
+            value,
+            samples: offs.len(),
+            t_s: all.iter().map(|seen| seen.t_s).sum::<f64>() / count,
             velocity: mean(|seen| seen.velocity),
             toward: mean(|seen| seen.toward),
         })
-    });
-    (spots.collect(), within)
+    };
+    let spots = by_place(bench, seen).into_iter().filter_map(spot).collect();
+    (spots, within)
+}
+
+/// The samples of one scan by cells, these in the order of time.
+pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
+    let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
+    let (mut cells, mut numbers) = (Vec::<Vec<&Seen>>::new(), BTreeMap::new());
+    for one in seen {
+        let place = one.xyz.to_array().map(|mm| (mm / width).floor() as i64);
+        let number = *numbers.entry(place).or_insert(cells.len());
+        match cells.get_mut(number) {
+            Some(cell) => cell.push(one),
+            None => cells.push(vec![one]),
+        }
+    }
+    cells
 }
 
 /// Longest side of what the scan covers, mm.
@@ -67,8 +76,8 @@ fn extent(seen: &[Seen]) -> f64 {
     (fold(DVec3::max, f64::NEG_INFINITY) - fold(DVec3::min, f64::INFINITY)).max_element()
 }
 
-/// The sphere as this scan alone sees it, with the nominal beam.
-struct Sphere {
+/// The sphere as one scan alone sees it, with the nominal beam.
+pub struct Sphere {
     centre: DVec3,
     radius: f64,
     /// Machine frame.
@@ -76,11 +85,13 @@ struct Sphere {
 }
 
 impl Sphere {
-    fn of(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen], travel: DMat3) -> Option<Self> {
+    /// From X, Y, Z to the machine frame, and from the spindle frame. Nothing where the samples do not fix
+    /// it.
+    pub fn of(bench: &Bench<'_>, (travel, spindle): (DMat3, DMat3), seen: &[Seen]) -> Option<Self> {
         let row = |one: &Seen| Row {
             group: 0,
             at: travel * one.xyz,
-            spindle: scan.spindle,
+            spindle,
             value: one.value,
             sigma: LEAST_MM,
         };
@@ -94,15 +105,21 @@ impl Sphere {
             held: [0.0; 3],
         };
         let centre = centres.centre(&centres.solve().ok()?.x, 0);
-        Some(Self { centre, radius: bench.radius(), beam: scan.spindle * bench.beam() })
+        Some(Self { centre, radius: bench.radius(), beam: spindle * bench.beam() })
     }
 
     /// What the sensor reads with the spindle at `at`; nothing beside the sphere.
-    fn reading(&self, at: DVec3) -> Option<f64> {
+    pub fn reading(&self, at: DVec3) -> Option<f64> {
         let from = at - self.centre;
         let half = from.dot(self.beam);
         let root = half * half - from.length_squared() + self.radius * self.radius;
         (root > 0.0).then(|| -half - root.sqrt())
+    }
+
+    /// Its derivative.
+    pub fn slope(&self, at: DVec3) -> Option<DVec3> {
+        let normal = at + self.beam * self.reading(at)? - self.centre;
+        Some(-normal / normal.dot(self.beam))
     }
 }
 

@@ -1,17 +1,19 @@
 //! The latency between sensor and axis positions, and how far the axes lag behind where they turn round,
 //! from passes forward and back at two feeds: the latency shifts a pass by the velocity, lost motion by its
 //! sign alone. At one feed both are the same.
+//!
+//! Only passes through the same cell are compared: what the sphere, the sensor's curve and the lean of its
+//! beam add there is the same forward and back, and an unknown of the cell.
 
 use faer::Mat;
 use glam::{DMat3, DVec3};
 
 use super::bench::Bench;
+use super::cells::{Sphere, by_place};
 use super::track::{Seen, Track};
 use crate::base::Axis;
-use crate::estimation::linear::{LinearError, Survey};
-use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use crate::estimation::null_names::name_null_space;
-use crate::estimation::schur::Rows;
+use crate::estimation::schur::{Factored, Rows, factor};
 use crate::methods::{IdentifyError, Refused};
 
 /// Assumed standard uncertainty of one sample; what comes out is scaled to what is seen, mm.
@@ -22,12 +24,9 @@ const LEAST_MM: f64 = 1e-6;
 const ROUNDS: usize = 30;
 /// Done when a round changes the latency by less, s.
 const SAME_S: f64 = 1e-8;
-/// Unknowns before those of the reversal: the centre, the latency.
-const BEFORE: usize = 4;
-const TAU: usize = 3;
 /// An unknown that the others make so many times more uncertain is not told from them. At two feeds in
 /// the ratio r, r > 1, it is (r + 1)/(r − 1).
-const MOST_INFLATED: f64 = 5.0;
+const MOST_INFLATED: f64 = 5.5;
 
 /// What was found.
 #[derive(Debug, Clone)]
@@ -65,8 +64,7 @@ impl Latency {
     }
 
     pub fn names(&self) -> Vec<String> {
-        let lags = self.axes.iter().map(|axis| format!("reversal_{axis}"));
-        std::iter::once("latency".to_owned()).chain(lags).collect()
+        names(&self.axes)
     }
 
     /// In the order of the names: s and mm.
@@ -89,25 +87,13 @@ fn half_step(axis: Axis, toward: DVec3) -> DVec3 {
 pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyError> {
     let mut tau_s = 0.0;
     for _ in 0..ROUNDS {
-        let round = Round::new(bench, scans, tau_s);
-        if round.rows.len() < 2 * round.unknowns() {
-            return Err(IdentifyError::Refused(Refused {
-                why: format!(
-                    "{} samples of the stage `latency` can be used: too few to find the sensor's latency, \
-                     without which no continuous scan means anything",
-                    round.rows.len()
-                ),
-                instead: REMEDY.to_owned(),
-            }));
-        }
-        let minimum = round.solve()?;
-        let by = minimum.x[TAU];
-        tau_s += by;
-        if !tau_s.is_finite() {
-            break;
-        }
-        if by.abs() < SAME_S {
-            return round.finish(tau_s, &minimum);
+        let round = Round::new(bench, scans, tau_s)?;
+        let (factored, x) = round.solve()?;
+        tau_s += x.first().copied().unwrap_or(f64::NAN);
+        match x.first() {
+            Some(by) if by.abs() < SAME_S => return Ok(round.finish(tau_s, &factored, &x)),
+            Some(by) if by.is_finite() => {}
+            _ => break,
         }
     }
     Err(IdentifyError::Refused(Refused {
@@ -120,140 +106,148 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
 
 /// The samples as one latency places them.
 struct Round {
-    radius: f64,
-    rows: Vec<Row>,
     axes: Vec<Axis>,
-    start: DVec3,
+    /// Each with the samples of one scan in it.
+    cells: Vec<Vec<Row>>,
 }
 
 struct Row {
-    scan: usize,
-    /// The light spot, machine frame.
-    spot: DVec3,
-    /// By how much τ (per s) and the lags (per mm) move it.
-    moves: Vec<DVec3>,
+    /// What the sensor says beyond the sphere, mm.
+    off: f64,
+    /// By how much τ (per s) and the lags (per mm) change that.
+    columns: Vec<f64>,
 }
 
 impl Round {
-    fn new(bench: &Bench<'_>, scans: &[Timed<'_>], tau_s: f64) -> Self {
+    /// # Errors
+    /// Too few samples.
+    fn new(bench: &Bench<'_>, scans: &[Timed<'_>], tau_s: f64) -> Result<Self, IdentifyError> {
         let seen: Vec<Vec<Seen>> = scans.iter().map(|scan| scan.track.seen(tau_s)).collect();
         let moved = |k: usize| seen.iter().flatten().any(|one| one.toward[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| moved(*k));
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
-        let (mut rows, mut start) = (Vec::new(), DVec3::ZERO);
-        for (number, (scan, seen)) in scans.iter().zip(&seen).enumerate() {
-            let beam = scan.spindle * bench.beam();
-            for one in seen {
-                let spot = scan.travel * one.xyz + beam * one.value;
-                let lags = axes.iter().map(|axis| half_step(*axis, one.toward));
-                let moves = std::iter::once(one.velocity).chain(lags);
-                let moves = moves.map(|by| scan.travel * -by).collect();
-                rows.push(Row { scan: number, spot, moves });
-                start += spot + beam * bench.ball.radius_mm;
+        let mut cells: Vec<Vec<Row>> = Vec::new();
+        for (scan, seen) in scans.iter().zip(&seen) {
+            let Some(sphere) = Sphere::of(bench, (scan.travel, scan.spindle), seen) else {
+                continue;
+            };
+            for all in by_place(bench, seen) {
+                let rows = all.into_iter().filter_map(|one| {
+                    let at = scan.travel * one.xyz;
+                    let off = one.value - sphere.reading(at)?;
+                    let slope = scan.travel.transpose() * sphere.slope(at)?;
+                    let lags = axes.iter().map(|axis| slope.dot(half_step(*axis, one.toward)));
+                    let columns = std::iter::once(slope.dot(one.velocity)).chain(lags);
+                    Some(Row { off, columns: columns.map(|by| -by).collect() })
+                });
+                cells.push(rows.collect());
             }
         }
-        start /= rows.len().max(1) as f64;
-        Self { radius: bench.ball.radius_mm, rows, axes, start }
+        cells.retain(|rows| !rows.is_empty());
+        let samples: usize = cells.iter().map(Vec::len).sum();
+        if samples > 2 * cells.len() + 2 * axes.len() {
+            return Ok(Self { axes, cells });
+        }
+        Err(IdentifyError::Refused(Refused {
+            why: format!(
+                "{samples} samples of the stage `latency` can be used: too few to find the sensor's latency, \
+                 without which no continuous scan means anything"
+            ),
+            instead: REMEDY.to_owned(),
+        }))
     }
 
     fn unknowns(&self) -> usize {
-        BEFORE + self.axes.len()
+        1 + self.axes.len()
     }
 
-    fn names(&self) -> Vec<String> {
-        let lags = self.axes.iter().map(|axis| format!("reversal_{axis}"));
-        let first = ["centre_x", "centre_y", "centre_z", "latency"].map(str::to_owned);
-        first.into_iter().chain(lags).collect()
+    fn blocks(&self) -> Vec<Rows> {
+        let block = |rows: &Vec<Row>| {
+            let mut block = Rows::zeros(rows.len(), 1, self.unknowns());
+            for (i, row) in rows.iter().enumerate() {
+                block.set_own(i, 0, 1.0 / SIGMA_MM);
+                block.set_value(i, row.off / SIGMA_MM);
+                let columns = row.columns.iter().enumerate();
+                columns.for_each(|(j, by)| block.set_common(i, j, by / SIGMA_MM));
+            }
+            block
+        };
+        self.cells.iter().map(block).collect()
     }
 
-    fn arm(&self, row: &Row, x: &[f64]) -> DVec3 {
-        let moves = row.moves.iter().zip(&x[TAU..]);
-        row.spot + moves.map(|(by, x)| *by * *x).sum::<DVec3>() - DVec3::from_slice(x)
-    }
-
-    fn residuals(&self, x: &[f64]) -> Vec<f64> {
-        let off = |row: &Row| (self.radius - self.arm(row, x).length()) / SIGMA_MM;
-        self.rows.iter().map(off).collect()
-    }
-
-    fn block(&self, x: &[f64]) -> Vec<Rows> {
-        let mut block = Rows::zeros(self.rows.len(), 0, self.unknowns());
-        for (i, row) in self.rows.iter().enumerate() {
-            let arm = self.arm(row, x);
-            let normal = arm.normalize_or_zero() / SIGMA_MM;
-            block.set_value(i, (self.radius - arm.length()) / SIGMA_MM);
-            (0..3).for_each(|k| block.set_common(i, k, -normal[k]));
-            let moves = row.moves.iter().enumerate();
-            moves.for_each(|(j, by)| block.set_common(i, TAU + j, normal.dot(*by)));
-        }
-        vec![block]
-    }
-
-    fn solve(&self) -> Result<Minimum, IdentifyError> {
-        let mut start = self.start.to_array().to_vec();
-        start.resize(self.unknowns(), 0.0);
-        minimise(start, |x| self.block(x), |x| self.residuals(x)).map_err(|why| match why {
-            NonlinearError::Linear(LinearError::RankDeficient(survey)) => self.deficient(&survey),
-            other => IdentifyError::Numerical(format!("the latency: {other}")),
-        })
-    }
-
-    fn deficient(&self, survey: &Survey) -> IdentifyError {
-        let names = name_null_space(survey.null_space.as_ref(), &self.names());
-        let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
-        IdentifyError::Refused(lost(names, &rank))
+    fn values(&self) -> Vec<f64> {
+        self.cells.iter().flatten().map(|row| row.off / SIGMA_MM).collect()
     }
 
     /// # Errors
-    /// Unknowns that are told from the others no better than by the little that the ramps say.
-    fn finish(self, tau_s: f64, minimum: &Minimum) -> Result<Latency, IdentifyError> {
-        let covariance = minimum.factored.covariance();
-        let alone = minimum.factored.column_norms();
-        let inflated = |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MOST_INFLATED;
-        let names = self.names();
-        let weak: Vec<usize> = (TAU..self.unknowns()).filter(inflated).collect();
-        if !weak.is_empty() {
-            let rank = format!("rank {} of {}", self.unknowns() - 1, self.unknowns());
-            let weak = weak.iter().map(|k| names[*k].clone()).collect();
-            return Err(IdentifyError::Refused(lost(weak, &rank)));
+    /// Unknowns that are told from the others not at all, or by no more than the little that ramps say.
+    fn solve(&self) -> Result<(Factored, Vec<f64>), IdentifyError> {
+        let (factored, _) = factor(self.blocks());
+        let survey = factored.survey().map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+        let mut names = names(&self.axes);
+        names.extend((0..self.cells.len()).map(|cell| format!("cell_{cell}")));
+        let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
+        if survey.nullity > 0 {
+            let lost = name_null_space(survey.null_space.as_ref(), &names);
+            return Err(untold(&rank, lost));
         }
-        let scale = (self.scatter_mm(&minimum.residuals) / SIGMA_MM).powi(2);
-        let count = self.unknowns() - TAU;
-        let own = Mat::from_fn(count, count, |i, j| scale * covariance[(TAU + i, TAU + j)]);
-        let lags = self.axes.iter().zip(&minimum.x[BEFORE..]);
-        Ok(Latency {
+        let (covariance, alone) = (factored.covariance(), factored.column_norms());
+        let inflated = |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MOST_INFLATED;
+        let weak: Vec<String> =
+            (0..self.unknowns()).filter(inflated).filter_map(|k| names.get(k).cloned()).collect();
+        if !weak.is_empty() {
+            return Err(untold(&format!("{rank}, but barely"), weak));
+        }
+        let x = factored.solve(&self.values());
+        Ok((factored, x))
+    }
+
+    fn finish(self, tau_s: f64, factored: &Factored, x: &[f64]) -> Latency {
+        let samples: usize = self.cells.iter().map(Vec::len).sum();
+        let left: f64 = factored.remainder(&self.values()).iter().map(|rest| rest * rest).sum();
+        let free = samples.saturating_sub(factored.unknowns()).max(1) as f64;
+        let scale = (left / free).max((LEAST_MM / SIGMA_MM).powi(2));
+        let (covariance, count) = (factored.covariance(), self.unknowns());
+        let own = Mat::from_fn(count, count, |i, j| scale * covariance[(i, j)]);
+        let lags = self.axes.iter().zip(x.iter().skip(1));
+        Latency {
             tau_s,
             lag: lags.map(|(axis, by)| unit(*axis) * *by).sum(),
             root: lower_root(&own),
-            samples: self.rows.len(),
+            samples,
             axes: self.axes,
-        })
+        }
     }
+}
 
-    /// Of one sample, from the difference of neighbours: what the sphere and the sensor's curve deviate
-    /// changes slowly, and is the same forward and back.
-    fn scatter_mm(&self, residuals: &[f64]) -> f64 {
-        let rows = self.rows.windows(2).zip(residuals.windows(2));
-        let within = rows.filter(|(rows, _)| rows[0].scan == rows[1].scan);
-        let (sum, count) = within.fold((0.0, 0usize), |(sum, count), (_, pair)| {
-            (sum + (pair[1] - pair[0]).powi(2) / 2.0, count + 1)
-        });
-        ((sum / count.max(1) as f64).sqrt() * SIGMA_MM).max(LEAST_MM)
-    }
+fn names(axes: &[Axis]) -> Vec<String> {
+    let lags = axes.iter().map(|axis| format!("reversal_{axis}"));
+    std::iter::once("latency".to_owned()).chain(lags).collect()
 }
 
 const REMEDY: &str = "measure the stage `latency` whole: both lines forward and back, at feed_mm_min and at a \
                       fast_feed_mm_min that is half more at least; or measure anew with sampling = \"dwell\"";
 
-fn lost(what: Vec<String>, rank: &str) -> Refused {
-    Refused {
+/// Told in words, but for what cells have to do with it.
+fn untold(rank: &str, what: Vec<String>) -> IdentifyError {
+    let named = |words: &String| words.contains("latency") || words.contains("reversal");
+    let what: Vec<String> =
+        what.into_iter().filter(named).map(|words| without_cells(&words)).collect();
+    IdentifyError::Refused(Refused {
         why: format!(
             "{rank}: these passes do not tell apart the sensor's latency and what the axes lose where they \
              turn round ({})",
             what.join(", ")
         ),
         instead: REMEDY.to_owned(),
-    }
+    })
+}
+
+/// The names of a combination that are not of cells.
+fn without_cells(words: &str) -> String {
+    let of = words.split(|c: char| c.is_whitespace() || "+-:=()".contains(c));
+    let names = of.filter(|word| word.starts_with("latency") || word.starts_with("reversal"));
+    names.collect::<Vec<_>>().join(" and ")
 }
 
 /// L with L·Lᵀ = a, of a positive matrix (Cholesky).

@@ -135,10 +135,11 @@ impl World {
             Sampling::Continuous { rate_hz } => return self.flown(step, &scan.path, rate_hz, t_s),
         };
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
-        let mut readings = Vec::new();
+        let (mut readings, mut stands) = (Vec::new(), scan.path[0].clone());
         for at in &scan.path {
             *t_s += 0.3;
-            let distance = self.distance(at, *t_s);
+            self.follow(&mut stands, at);
+            let distance = self.distance(&stands, *t_s);
             for _ in 0..samples {
                 *t_s += 1e-3;
                 let deviation: f64 = noise.next().unwrap();
@@ -193,6 +194,14 @@ pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f6
 }
 
 impl World {
+    /// Where the axes stand once they are commanded to `to`, without a reversal on the way.
+    fn follow(&self, stands: &mut Position, to: &Position) {
+        for axis in Axis::LINEAR {
+            let (at, half) = (to.at(axis), self.gap_mm / 2.0);
+            stands.set(axis, stands.at(axis).clamp(at - half, at + half));
+        }
+    }
+
     /// Without a rest: the stamped positions are the commanded ones; the axes follow as soon as the lost
     /// motion is used up, and the sensor tells what it saw a latency before.
     fn flown(&self, step: &Step, path: &[Position], rate_hz: f64, t_s: &mut f64) -> Vec<Reading> {
@@ -203,10 +212,7 @@ impl World {
         for k in 0..=(whole * rate_hz) as usize {
             let t = k as f64 / rate_hz;
             let (followed, _) = commanded(path, step.feed_mm_min, t - self.latency_s);
-            for axis in Axis::LINEAR {
-                let (at, half) = (followed.at(axis), self.gap_mm / 2.0);
-                stands.set(axis, stands.at(axis).clamp(at - half, at + half));
-            }
+            self.follow(&mut stands, &followed);
             *t_s = begins + t;
             let distance = self.distance(&stands, *t_s);
             let deviation: f64 = noise.next().unwrap();
