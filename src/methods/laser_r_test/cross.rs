@@ -150,7 +150,12 @@ fn path(
     let rotary = &wanted.rotary;
     let centre = super::parameters::expected(&bench.chain, rotary, place.zero, place.ball)?;
     let into_axes = bench.travel(rotary).inverse();
-    let beam = bench.spindle(rotary) * place.beam.normalize_or_zero();
+    // In motion along the axes alone: one that crept after the beam's lean would lose its motion unseen.
+    let beam = match wanted.walk {
+        Walk::Rests => place.beam.normalize_or_zero(),
+        _ => bench.beam(),
+    };
+    let beam = bench.spindle(rotary) * beam;
     let along = DVec3::X.reject_from_normalized(beam).try_normalize().unwrap_or(DVec3::Y);
     let above = -beam * (bench.ball.radius_mm + wanted.height_mm);
     let points = bench.settings.points;

@@ -22,8 +22,10 @@ const SIGMA_MM: f64 = 1e-3;
 const LEAST_MM: f64 = 1e-6;
 /// Rounds after each of which the positions are looked up anew.
 const ROUNDS: usize = 30;
-/// Done when a round changes the latency by less, s.
+/// Done when a round changes the latency by less, s, or by less than this part of its standard
+/// uncertainty: samples come and go beside turning points.
 const SAME_S: f64 = 1e-8;
+const SETTLED: f64 = 0.05;
 /// An unknown that the others make so many times more uncertain is not told from them. At two feeds in
 /// the ratio r, r > 1, it is (r + 1)/(r − 1).
 const MOST_INFLATED: f64 = 5.5;
@@ -89,11 +91,15 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
     for _ in 0..ROUNDS {
         let round = Round::new(bench, scans, tau_s)?;
         let (factored, x) = round.solve()?;
-        tau_s += x.first().copied().unwrap_or(f64::NAN);
-        match x.first() {
-            Some(by) if by.abs() < SAME_S => return Ok(round.finish(tau_s, &factored, &x)),
-            Some(by) if by.is_finite() => {}
-            _ => break,
+        let by = x.first().copied().unwrap_or(f64::NAN);
+        tau_s += by;
+        if !tau_s.is_finite() {
+            break;
+        }
+        let found = round.finish(tau_s, &factored, &x);
+        let u_s = found.root[(0, 0)];
+        if by.abs() < SAME_S.max(SETTLED * u_s) {
+            return Ok(found);
         }
     }
     Err(IdentifyError::Refused(Refused {

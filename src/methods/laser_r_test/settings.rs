@@ -147,20 +147,27 @@ impl Settings {
             "form_limit_um must be greater than 0".to_owned(),
             "leave it out, or choose about 10",
         )?;
-        must(
-            self.heights_mm.is_empty() || heights(&self.heights_mm) >= 3,
-            format!(
-                "heights_mm names {} heights; one height or two leave the beam's direction nearly \
-                 unknown",
-                heights(&self.heights_mm)
-            ),
-            "name three heights or more, well apart within the sensor's range, or leave heights_mm out",
-        )?;
+        self.check_heights()?;
         must(
             self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
+    }
+
+    fn check_heights(&self) -> Result<(), Refused> {
+        let count = heights(&self.heights_mm);
+        if self.heights_mm.is_empty() || count >= 3 {
+            return Ok(());
+        }
+        Err(Refused {
+            why: format!(
+                "heights_mm names {count} heights; one height or two leave the beam's direction nearly \
+                 unknown"
+            ),
+            instead: "name three heights or more, well apart within the sensor's range, or leave heights_mm out"
+                .to_owned(),
+        })
     }
 
     fn check_continuous(&self) -> Result<(), Refused> {

@@ -41,11 +41,11 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     };
     let (tilted, turned, others) = positions(bench)?;
     let zero = bench.at_zero();
-    let every = [vec![zero.clone()], tilted.clone(), turned.clone(), others.clone()].concat();
-    check_rank(bench, &every)?;
-    let heights = heights_mm(bench).into_iter().enumerate();
-    let heights =
-        heights.map(|(i, height)| pose(Pass::Height, &(i + 1).to_string(), zero.clone(), height));
+    check_rank(bench, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
+    // What is touched has no beam.
+    let heights = heights_mm(bench).into_iter().zip(1..).filter(|_| !bench.touches());
+    let heights = heights
+        .map(|(height, number)| pose(Pass::Height, &format!("{number}"), zero.clone(), height));
     let at_zero = |pass: Pass, which: &str, walk: Walk| Wanted {
         walk,
         ..pose(pass, which, zero.clone(), middle)
@@ -56,12 +56,10 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
         |which: &str| vec![Wanted { reference: true, ..at_zero(Pass::Pose, which, Walk::Rests) }];
     let feeds = [("1", Walk::Slow), ("2", Walk::Fast)].into_iter().filter(|_| continuous);
     let feeds = feeds.map(|(which, walk)| at_zero(Pass::Latency, which, walk)).collect();
-    // What is touched has no beam.
-    let heights = if bench.touches() { Vec::new() } else { heights.collect() };
     let mut tasks = vec![
         Task { name: "find the sphere", pass: Pass::Find, scans: find },
         Task { name: "latency", pass: Pass::Latency, scans: feeds },
-        Task { name: "beam direction", pass: Pass::Height, scans: heights },
+        Task { name: "beam direction", pass: Pass::Height, scans: heights.collect() },
         Task { name: "reference", pass: Pass::Pose, scans: reference("first") },
         Task { name: "zero position: tilted", pass: Pass::Pose, scans: poses(tilted) },
         Task { name: "zero position: turned", pass: Pass::Pose, scans: poses(turned) },

@@ -5,6 +5,7 @@ use std::convert::Infallible;
 
 use faer::Mat;
 use glam::{DMat3, DVec3};
+use rand::Rng;
 
 use super::centres::Centres;
 use super::model::{Problem, Sight};
@@ -139,21 +140,7 @@ pub fn by_trials(
         let mut by = vec![0.0; centres.rows.len()];
         for source in sources {
             let scale = if source.shown { factor } else { 1.0 };
-            let mut unit = || source.shape.draw(rng);
-            match &source.acts {
-                Acts::Each(sizes) => {
-                    by.iter_mut().zip(sizes).for_each(|(by, size)| *by += scale * size * unit());
-                }
-                Acts::Joint(columns) => {
-                    for (j, column) in columns.iter().enumerate() {
-                        let unit = scale * unit();
-                        by.iter_mut().zip(column).for_each(|(by, size)| *by += unit * size);
-                        let drawn = out[own + beam..].iter_mut();
-                        let of = drawn.zip(source.clocks.get(j).into_iter().flatten());
-                        of.for_each(|(out, size)| *out += unit * size);
-                    }
-                }
-            }
+            draw(source, scale, rng, &mut by, &mut out[own + beam..]);
         }
         let x = centres.solve_near(fitted, &by);
         let moved = into_table.iter().enumerate().map(|(group, into)| {
@@ -164,4 +151,28 @@ pub fn by_trials(
         out[own..own + beam].copy_from_slice(&x[..beam]);
         Ok(())
     })
+}
+
+/// Adds to the distances `by` and to the unknowns of the latency what one draw of a source does.
+fn draw(
+    source: &UncertaintySource,
+    scale: f64,
+    rng: &mut impl Rng,
+    by: &mut [f64],
+    clocks: &mut [f64],
+) {
+    let mut unit = || source.shape.draw(rng);
+    match &source.acts {
+        Acts::Each(sizes) => {
+            by.iter_mut().zip(sizes).for_each(|(by, size)| *by += scale * size * unit());
+        }
+        Acts::Joint(columns) => {
+            for (j, column) in columns.iter().enumerate() {
+                let unit = scale * unit();
+                by.iter_mut().zip(column).for_each(|(by, size)| *by += unit * size);
+                let of = clocks.iter_mut().zip(source.clocks.get(j).into_iter().flatten());
+                of.for_each(|(clock, size)| *clock += unit * size);
+            }
+        }
+    }
 }
