@@ -138,7 +138,7 @@ pub fn file(text: &str, control: &str, sensor: &str) -> String {
     })
 }
 
-pub fn read(csv: &Path) -> Vec<Reading> {
+fn read(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
 }
 
