@@ -236,10 +236,10 @@ mod tests {
             // References that tell their own scatter share it with the shift.
             assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");
         }
-        // What moves by 8 standard deviations of a touch: 8/√2 of the difference.
+        // What moves by 8 standard deviations of a touch (4 µm of a usual probe) is seen nearly always.
         for places in [4, 26] {
-            let seen = refused(places, 8.0, 500);
-            assert!(seen.iter().all(|rate| *rate > 0.999), "{places}: {seen:?}");
+            let [declared, pooled] = refused(places, 8.0, 500);
+            assert!(declared > 0.999 && pooled > 0.97, "{places}: {declared} {pooled}");
         }
     }
 

@@ -95,13 +95,7 @@ impl Run<'_> {
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
-            let samples = self.sensor(step)?.take(count).await.map_err(faulty(step))?;
-            if samples.len() < count as usize {
-                return Err(self.blind(step, samples.last()));
-            }
-            if !samples.iter().any(|sample| sample.value_mm.is_some()) {
-                return Err(self.blind(step, samples.first()));
-            }
+            let samples = self.seen(step, count).await?;
             readings.extend(self.at_point(step, repeat, (own_s, &stands), &samples));
         }
         Ok(readings)
@@ -126,6 +120,17 @@ impl Run<'_> {
                 None => Ok(executed?),
             },
         }
+    }
+
+    /// `count` samples from where the machine stands. It stays there if the sensor fails.
+    async fn seen(&self, step: &Step, count: u32) -> Result<Vec<Sample>, RunError> {
+        let taken = self.sensor(step)?.take(count).await.map_err(faulty(step));
+        let seen = taken.and_then(|samples| match samples.iter().find(|s| s.value_mm.is_some()) {
+            _ if samples.len() < count as usize => Err(self.blind(step, samples.last())),
+            None => Err(self.blind(step, samples.first())),
+            Some(_) => Ok(samples),
+        });
+        seen.inspect_err(|_| self.devices.controller.halt().now())
     }
 
     fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {

@@ -3,6 +3,10 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+use std::fs::OpenOptions;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::process::{Command, Stdio};
+
 use trued::estimation::coverage::chi_square_bounds;
 use trued::record::estimate::Estimate;
 use trued::setup::{self, MachineFile};
@@ -196,7 +200,7 @@ impl Desk {
     }
 
     fn output(&self, arguments: &[&str]) -> std::process::Output {
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_trued"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).output().expect("started")
     }
 
@@ -296,4 +300,42 @@ fn a_printed_program_says_what_happens_where_it_rests() {
         let title = "(laser-r-test, at each G4 trued takes 20 samples of laser)";
         assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
     }
+}
+
+/// What the simulated control of `method` reports when the spindle stands where the probe's stylus would be
+/// pressed into the sphere's pole by 3 mm.
+fn over_the_pole(desk: &Desk, method: &str) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
+    let mut simulator =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
+    let mut address = String::new();
+    let mut said = BufReader::new(simulator.stdout.take().expect("its output"));
+    said.read_line(&mut address).expect("where it is");
+    let device = OpenOptions::new().read(true).write(true).open(address.trim());
+    let mut control = device.expect("a pseudo-terminal");
+    control.write_all(b"G21 G90\nG53 G0 X80.3 Y-0.2\nG53 G0 Z270\nG4 P0.01\n").expect("sent");
+    let mut answers = BufReader::new(control.try_clone().expect("its answers")).lines();
+    let mut answer = || answers.next().expect("an answer").expect("a line");
+    let mut acknowledged = 0;
+    while acknowledged < 4 {
+        acknowledged += usize::from(answer() == "ok");
+    }
+    control.write_all(b"?").expect("sent");
+    let report = std::iter::repeat_with(&mut answer).find(|line| line.starts_with('<'));
+    simulator.kill().expect("killed");
+    simulator.wait().expect("ended");
+    report.expect("a report")
+}
+
+/// The rehearsal of a method that looks with a sensor has no stylus that could meet anything.
+#[test]
+fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
+    let desk = Desk::new("");
+    let (looks, touches) = (over_the_pole(&desk, METHOD), over_the_pole(&desk, "self-calibration"));
+    assert!(
+        looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"),
+        "{looks}"
+    );
+    assert!(touches.contains("|Pn:P"), "{touches}");
 }

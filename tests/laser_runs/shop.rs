@@ -12,16 +12,25 @@ use trued::record::reading::Reading;
 use super::bench::Bench;
 use super::sender::{self, Sender};
 
-/// Dwell points of a scan, and samples at each.
-pub const POINTS: usize = 10;
-pub const SAMPLES: usize = 60;
 /// The sphere is searched for (0), the beam's direction found at three heights (1 to 3), the reference
-/// looked at (4); then follow five poses and the reference again.
+/// looked at (4); then follow the poses and the reference again.
 pub const REFERENCE: u32 = 4;
-pub const STEPS: u32 = 11;
+
+/// What is measured.
+pub struct Design {
+    settings: &'static str,
+    /// Dwell points of a scan, and samples at each.
+    pub points: usize,
+    pub samples: usize,
+    pub steps: u32,
+}
 
 /// As few poses and points as can be.
-const SHORT: &str = "
+pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 11 };
+/// Enough for a sound estimate.
+pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 14 };
+
+const FEW: &str = "
 [method.laser-r-test]
 tilt_deg = [60.0]
 turn_deg = [120.0, 240.0]
@@ -32,25 +41,39 @@ feed_mm_min = 2400.0
 monte_carlo_trials = 100
 ";
 
-/// The built-in machine, in few poses.
-pub fn short() -> String {
-    include_str!("../../config/laser.toml").to_owned() + SHORT
+const ENOUGH: &str = "
+[method.laser-r-test]
+tilt_deg = [-60.0, 60.0]
+turn_deg = [120.0, 240.0]
+monte_carlo_trials = 100
+";
+
+impl Design {
+    /// The built-in machine, to be measured so.
+    pub fn file(&self) -> String {
+        include_str!("../../config/laser.toml").to_owned() + self.settings
+    }
 }
 
 pub struct Shop {
     folder: tempfile::TempDir,
+    design: Design,
     pub bench: Bench,
     pub sender: Sender,
 }
 
 impl Shop {
-    pub fn over(bench: Bench) -> Self {
+    /// `bench` has the machine of `design`.
+    pub fn over(design: Design, bench: Bench) -> Self {
         let sender = Sender::start(bench.world.clone());
         let folder = tempfile::tempdir().unwrap();
-        let file =
-            file(&short(), &format!("tcp = \"{}\"", bench.address), &sender::table(sender.address));
+        let file = file(
+            &design.file(),
+            &format!("tcp = \"{}\"", bench.address),
+            &sender::table(sender.address),
+        );
         std::fs::write(folder.path().join("machine.toml"), file).unwrap();
-        Self { folder, bench, sender }
+        Self { folder, design, bench, sender }
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
@@ -104,22 +127,23 @@ impl Shop {
     /// a point one behind the other, and with the machine where the reading says.
     pub fn all_is_true(&self) -> Vec<u32> {
         let (readings, said) = (self.readings(), self.sender.said());
+        let Design { points, samples, .. } = self.design;
         let same =
             |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
         let mut behind = 0;
         let mut steps = Vec::new();
         for scan in readings.chunk_by(same) {
-            assert_eq!(scan.len(), POINTS * SAMPLES, "step {}", scan[0].step);
+            assert_eq!(scan.len(), points * samples, "step {}", scan[0].step);
             steps.push(scan[0].step);
-            for taken in scan.chunks(SAMPLES) {
+            for taken in scan.chunks(samples) {
                 let was_said = |at: &usize| {
                     let there = said[*at..].iter().zip(taken);
-                    said.len() >= at + SAMPLES
+                    said.len() >= at + samples
                         && there.into_iter().all(|(said, taken)| is(said, taken))
                 };
                 let found = (behind..said.len()).find(was_said);
                 let made_up = || panic!("not said: {:?} and what follows", taken[0]);
-                behind = found.unwrap_or_else(made_up) + SAMPLES;
+                behind = found.unwrap_or_else(made_up) + samples;
             }
         }
         steps
@@ -138,7 +162,7 @@ pub fn file(text: &str, control: &str, sensor: &str) -> String {
     })
 }
 
-pub fn read(csv: &Path) -> Vec<Reading> {
+fn read(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
 }
 
@@ -158,14 +182,14 @@ pub fn estimate(output: &Output) -> Estimate {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// What is true of the machine (paper 2, Table 5) lies within four standard uncertainties.
+/// What is true of the machine (paper 2, Table 5) lies within five standard uncertainties.
 pub fn is_near_the_truth(estimate: &Estimate) {
     let truth = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
     for (symbol, truth) in truth {
         let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
         let found = found.unwrap_or_else(|| panic!("no {symbol}"));
         assert!(
-            (found.value - truth).abs() < 4.0 * found.u,
+            (found.value - truth).abs() < 5.0 * found.u,
             "{symbol}: {} ± {}",
             found.value,
             found.u
