@@ -121,9 +121,8 @@ fn largest(points: &[Point]) -> Option<Change> {
     if points.len() < SERIES {
         return None;
     }
-    let origin = points.first()?.at;
-    let days: Vec<f64> =
-        points.iter().map(|point| point.at.duration_since(origin).as_secs_f64() / DAY_S).collect();
+    let origin = points.first()?.t_s;
+    let days: Vec<f64> = points.iter().map(|point| (point.t_s - origin) / DAY_S).collect();
     let values: Vec<f64> = points.iter().map(|point| point.value).collect();
     let all = possible(&days);
     let scatter = squares(&values);

@@ -6,8 +6,6 @@ mod change;
 mod chart;
 mod words;
 
-use jiff::Timestamp;
-
 pub use change::{Change, Kind};
 pub use chart::{Ewma, Individuals};
 pub use words::{Told, what_changed};
@@ -15,7 +13,8 @@ pub use words::{Told, what_changed};
 /// One run's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    pub at: Timestamp,
+    /// When it was measured, s from any origin.
+    pub t_s: f64,
     pub value: f64,
 }
 
@@ -40,7 +39,7 @@ impl Trend {
     /// Of `points` in any order.
     pub fn of(mut points: Vec<Point>) -> Self {
         points.retain(|point| point.value.is_finite());
-        points.sort_by_key(|point| point.at);
+        points.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
         let changes = change::changes(&points);
         let begins = changes.iter().filter(|change| change.kind == Kind::Step).map(|c| c.first);
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();

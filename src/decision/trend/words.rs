@@ -1,8 +1,5 @@
 //! What changed, in one sentence.
 
-use jiff::Timestamp;
-use jiff::tz::TimeZone;
-
 use super::change::SERIES;
 use super::{Change, Kind, Trend};
 
@@ -14,10 +11,9 @@ pub struct Told<'a> {
     pub trend: &'a Trend,
 }
 
-/// What changed since `since`, in one sentence; days are those of `zone`. A change counts if it may have
-/// happened since then, a drift as long as it goes on.
-pub fn what_changed(all: &[Told<'_>], since: Timestamp, zone: &TimeZone) -> String {
-    let day = |at: Timestamp| at.to_zoned(zone.clone()).strftime("%-d %B").to_string();
+/// What changed since `since_s`, in one sentence; `day` says on which day a time is. A change counts if it
+/// may have happened since then, a drift as long as it goes on.
+pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
     let (told, short): (Vec<&Told<'_>>, Vec<&Told<'_>>) =
         all.iter().partition(|told| told.trend.points.len() >= SERIES);
     let mut parts: Vec<String> = Vec::new();
@@ -27,7 +23,7 @@ pub fn what_changed(all: &[Told<'_>], since: Timestamp, zone: &TimeZone) -> Stri
             .trend
             .changes
             .iter()
-            .filter(|change| told.counts(change, since))
+            .filter(|change| told.counts(change, since_s))
             .map(|change| told.in_words(change, &day))
             .chain(told.out())
             .collect();
@@ -46,21 +42,21 @@ pub fn what_changed(all: &[Told<'_>], since: Timestamp, zone: &TimeZone) -> Stri
         let symbols = symbols.join(", ");
         parts.push(format!("of {symbols} there are fewer than {SERIES} runs, too few to tell"));
     }
-    format!("Since {}: {}.", day(since), parts.join("; "))
+    format!("Since {}: {}.", day(since_s), parts.join("; "))
 }
 
 impl Told<'_> {
-    fn at(&self, index: usize) -> Timestamp {
-        self.trend.points.get(index).map_or(Timestamp::MAX, |point| point.at)
+    fn at_s(&self, index: usize) -> f64 {
+        self.trend.points.get(index).map_or(f64::INFINITY, |point| point.t_s)
     }
 
-    fn counts(&self, change: &Change, since: Timestamp) -> bool {
-        change.kind == Kind::Drift || self.at(change.between[1]) > since
+    fn counts(&self, change: &Change, since_s: f64) -> bool {
+        change.kind == Kind::Drift || self.at_s(change.between[1]) > since_s
     }
 
-    fn in_words(&self, change: &Change, day: &impl Fn(Timestamp) -> String) -> String {
+    fn in_words(&self, change: &Change, day: &impl Fn(f64) -> String) -> String {
         let Change { by, expanded, between, .. } = change;
-        let [before, after] = between.map(|index| day(self.at(index)));
+        let [before, after] = between.map(|index| day(self.at_s(index)));
         let when = match before == after {
             true => format!("on {before}"),
             false => format!("between {before} and {after}"),
