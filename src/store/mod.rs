@@ -119,6 +119,15 @@ pub struct StoredEstimate {
     pub program_version: String,
 }
 
+/// The last estimate of a finished run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    pub run: RunId,
+    pub started: Timestamp,
+    pub method: String,
+    pub estimate: Estimate,
+}
+
 /// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that
 /// holds it was laid out.
 ///

@@ -4,6 +4,8 @@
 
 use rand_distr::{Distribution, StandardNormal};
 
+use serde::Serialize;
+
 use super::Point;
 use crate::base::random::stream;
 use crate::estimation::coverage;
@@ -23,7 +25,8 @@ const DRAWS: u32 = 4999;
 const WHEN: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// From one run to the next.
     Step,
@@ -32,12 +35,13 @@ pub enum Kind {
 }
 
 /// A change that chance does not explain.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Change {
     pub kind: Kind,
     /// Of a step its height; of a drift what it makes in a day.
     pub by: f64,
     /// Expanded uncertainty of `by`.
+    #[serde(rename = "U")]
     pub expanded: f64,
     /// Index of the first value after the step; of that at which the line begins.
     pub first: usize,

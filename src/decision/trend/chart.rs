@@ -1,6 +1,8 @@
 //! Control charts of single values (NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2 and
 //! 6.3.2.4).
 
+use serde::Serialize;
+
 /// Expected range of two standard normal values.
 const D2: f64 = 1.128;
 /// Limits lie so many standard deviations from the centre.
@@ -9,7 +11,7 @@ const WIDTH: f64 = 3.0;
 const WEIGHT: f64 = 0.3;
 
 /// Individuals chart: the scatter from successive differences, so that a slow change does not widen it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Individuals {
     pub centre: f64,
     pub sigma: f64,
@@ -36,7 +38,7 @@ impl Individuals {
 }
 
 /// Exponentially weighted moving average, with the limits of its first values as well.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ewma {
     pub centre: f64,
     /// One for each value.

@@ -6,6 +6,8 @@ mod change;
 mod chart;
 mod words;
 
+use serde::Serialize;
+
 pub use change::{Change, Kind};
 pub use chart::{Ewma, Individuals};
 pub use words::{Told, what_changed};
@@ -19,9 +21,10 @@ pub struct Point {
 }
 
 /// The history of one value.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
     /// Oldest first.
+    #[serde(skip)]
     pub points: Vec<Point>,
     /// Oldest first; each is later than the one before.
     pub changes: Vec<Change>,
