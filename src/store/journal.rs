@@ -142,7 +142,7 @@ impl Journal {
         self.look(|connection| read::run(connection, run))
     }
 
-    fn look<T>(
+    pub(super) fn look<T>(
         &self,
         read: impl FnOnce(&mut Connection) -> Result<T, Fault>,
     ) -> Result<T, StoreError> {

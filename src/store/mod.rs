@@ -10,6 +10,7 @@ use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
+mod audit;
 mod error;
 mod folder;
 mod journal;
@@ -22,6 +23,7 @@ mod state_dir;
 mod tests;
 mod write;
 
+pub use audit::Audit;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};
