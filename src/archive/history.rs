@@ -49,7 +49,12 @@ pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreErr
             match known {
                 Some((.., values)) => values.push(value),
                 None => {
-                    all.push((measured.method.clone(), parameter.symbol, parameter.unit, vec![value]));
+                    all.push((
+                        measured.method.clone(),
+                        parameter.symbol,
+                        parameter.unit,
+                        vec![value],
+                    ));
                 }
             }
         }

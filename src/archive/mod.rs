@@ -4,3 +4,6 @@
 pub mod history;
 pub mod report;
 pub mod story;
+
+#[cfg(test)]
+mod tests;

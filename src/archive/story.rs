@@ -55,9 +55,7 @@ pub fn goes_on(run: RunId, can_resume: bool) -> String {
 pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
-        RunState::Held | RunState::Interrupted => {
-            Some(goes_on(*id, can_resume))
-        }
+        RunState::Held | RunState::Interrupted => Some(goes_on(*id, can_resume)),
         RunState::Closed => {
             Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))
         }

@@ -65,7 +65,7 @@ pub fn in_words(verdict: Verdict) -> &'static str {
 
 /// The report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
-    let html = report(journal, run)
-        .map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
+    let html =
+        report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
     std::fs::write(file, html).map_err(|error| Failure::file(file, &error))
 }

@@ -29,7 +29,8 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         say!("no finished run of {machine}: `trued runs` lists what there is");
         return Ok(Exit::Pass);
     }
-    let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(args.days));
+    let since =
+        Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(args.days));
     for of_method in all.chunk_by(|one, other| one.method == other.method) {
         print(&machine, of_method, since.as_secs_f64());
     }
@@ -38,7 +39,14 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
 
 fn print(machine: &str, all: &[Series], since_s: f64) {
     say!("{} on {machine}", all.first().map_or("", |series| series.method.as_str()));
-    say!("{:<12} {:>5} {:>12} {:>9}  {:<5} control limits", "parameter", "runs", "newest", "U", "unit");
+    say!(
+        "{:<12} {:>5} {:>12} {:>9}  {:<5} control limits",
+        "parameter",
+        "runs",
+        "newest",
+        "U",
+        "unit"
+    );
     for series in all {
         let Some(newest) = series.values.last() else { continue };
         let limits = series.trend.individuals.map(|chart| chart.limits());

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use super::board::{Board, Refusal, State};
 use super::captures::Begun;
 use super::config::Cycle;
-use super::board::{Board, Refusal, State};
 use super::desk::Ask;
-use super::past::unfinished;
 use super::http::{self, Shown};
+use super::past::unfinished;
 use super::{Ended, ServeError, Service, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;

@@ -123,4 +123,3 @@ pub struct Board {
     /// Touches and scans that are in the journal.
     pub measured: u32,
 }
-

@@ -139,8 +139,10 @@ impl TryFrom<Keys> for Config {
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         http.as_ref().map_or(Ok(()), check_http)?;
         if modbus.is_none() && line.is_none() && http.is_none() {
-            return Err("nothing could start a cycle: add [serve.modbus], [serve.line] or [serve.http]"
-                .to_owned());
+            return Err(
+                "nothing could start a cycle: add [serve.modbus], [serve.line] or [serve.http]"
+                    .to_owned(),
+            );
         }
         let min_interval = Duration::from_secs_f64(min_interval_s);
         Ok(Self { min_interval, demand, cycle, modbus, line, http })

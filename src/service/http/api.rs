@@ -5,6 +5,7 @@ use std::sync::Arc;
 use axum::extract::{Path, Query, State};
 use axum::routing::get;
 use axum::{Json, Router};
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::Web;
@@ -15,7 +16,7 @@ use crate::archive::story::story;
 use crate::record::estimate::Estimate;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
-use crate::store::{Journal, RunId, RunSummary, StoreError};
+use crate::store::{Audit, Journal, RunId, RunSummary, StoreError};
 
 /// Of a list, unless asked for less.
 const PAGE: usize = 200;
@@ -25,6 +26,7 @@ pub fn routes() -> Router<Web> {
         .route("/api/v1/machines", get(machines))
         .route("/api/v1/machines/{name}", get(machine))
         .route("/api/v1/machines/{name}/trends", get(trends))
+        .route("/api/v1/audit", get(audit))
         .route("/api/v1/runs", get(runs))
         .route("/api/v1/runs/{run}", get(run))
         .route("/api/v1/runs/{run}/plan", get(plan))
@@ -89,6 +91,22 @@ async fn runs(
     all.reverse();
     let older = all.into_iter().filter(|run| slice.before.is_none_or(|before| run.id.0 < before));
     Ok(Json(older.take(slice.limit()).collect()))
+}
+
+#[derive(Debug, Serialize)]
+struct Audited {
+    at: Timestamp,
+    #[serde(flatten)]
+    audit: Audit,
+}
+
+/// Newest first.
+async fn audit(
+    State(web): State<Web>,
+    Query(slice): Query<Slice>,
+) -> Result<Json<Vec<Audited>>, Problem> {
+    let all = look(&web, Journal::audits).await??.into_iter().rev();
+    Ok(Json(all.map(|(at, audit)| Audited { at, audit }).take(slice.limit()).collect()))
 }
 
 #[derive(Debug, Serialize)]

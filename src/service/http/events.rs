@@ -9,8 +9,8 @@ use axum::extract::{Path, State};
 use axum::response::Sse;
 use axum::response::sse::{Event, KeepAlive};
 use axum::routing::get;
-use tokio_stream::{Stream, StreamExt};
 use tokio_stream::wrappers::WatchStream;
+use tokio_stream::{Stream, StreamExt};
 
 use super::problem::Problem;
 use super::standing::Standing;

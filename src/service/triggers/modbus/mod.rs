@@ -20,8 +20,8 @@ use tokio_modbus::server::tcp::Server;
 use self::guard::{Guarded, Places};
 use self::inputs::{Inputs, Wish};
 use self::map::{COILS, HOLDINGS, INPUTS};
-use crate::service::config::Modbus;
 use crate::service::board::Refusal;
+use crate::service::config::Modbus;
 use crate::service::desk::Desk;
 use crate::service::{Log, ServeError};
 
@@ -40,7 +40,8 @@ const MOST_COILS: u16 = 2000;
 /// # Errors
 /// The address cannot be listened on.
 pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> {
-    let failed = |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
+    let failed =
+        |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     log(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
