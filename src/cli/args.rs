@@ -38,6 +38,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// List the stored runs.
     Runs(RunsArgs),
+    /// Tell how a machine's values went over its runs, and what changed.
+    Trend(TrendArgs),
     /// Show one stored run.
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
@@ -243,6 +245,17 @@ pub struct SimulateArgs {
 
 #[derive(Debug, Args)]
 pub struct RunsArgs {
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct TrendArgs {
+    /// Name of the machine; without it, the one of the last run.
+    pub machine: Option<String>,
+    /// So many days back is asked what changed.
+    #[arg(long, value_name = "DAYS", default_value_t = 7)]
+    pub days: u32,
     #[arg(long)]
     pub json: bool,
 }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::Exit;
-use super::story::goes_on;
+use crate::archive::story::goes_on;
 use crate::gcode::RenderError;
 use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;

@@ -26,8 +26,8 @@ mod serve;
 mod show;
 mod signals;
 mod simulate;
-mod story;
 mod terminal;
+mod trend;
 mod watch;
 mod wires;
 
@@ -92,6 +92,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Simulate(args) => simulate::simulate(&args),
         Command::Watch(args) => watch::watch(&args),
         Command::Runs(args) => runs::list(&args, state),
+        Command::Trend(args) => trend::trend(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
     }

@@ -13,7 +13,8 @@ use super::progress::Progress;
 use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
 use super::wires::Wires;
-use super::{Exit, story};
+use super::{Exit, runs};
+use crate::archive::story;
 use crate::methods::{self, Method};
 use crate::record::event::Event;
 use crate::run::{Interrupted, Run, conclude};
@@ -68,7 +69,7 @@ fn check_state(stored: &StoredRun) -> Result<(), Failure> {
         RunState::Closed => "is closed",
         _ => "is under way",
     };
-    let way_on = story::way_on(stored);
+    let way_on = runs::way_on(stored);
     Err(Failure::new(
         format!("run {id} {why}: there is nothing to resume"),
         way_on.unwrap_or_else(|| "start a new run".to_owned()),

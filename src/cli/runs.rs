@@ -5,9 +5,10 @@ use std::path::Path;
 use super::args::{ExportArgs, RunsArgs, ShowArgs};
 use super::failure::Failure;
 use super::files::state_folder;
-use super::story::{how_it_ended, story, way_on};
 use super::{Exit, show};
+use crate::archive::story::{self, how_it_ended, story};
 use crate::report::readings_csv;
+use crate::run::can_resume;
 use crate::store::{Journal, RunId, RunState, StoredRun};
 
 pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -67,6 +68,11 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         None => say!("no estimate: `trued export {run}` gives its readings"),
     }
     Ok(Exit::Pass)
+}
+
+/// What a person can do with it.
+pub fn way_on(stored: &StoredRun) -> Option<String> {
+    story::way_on(stored, can_resume(&stored.plan, &stored.readings))
 }
 
 fn tell_interruptions(stored: &StoredRun) {

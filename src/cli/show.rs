@@ -5,10 +5,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::failure::Failure;
+use crate::archive::report::report;
 use crate::record::estimate::{Estimate, Unit, Verdict};
-use crate::record::event::Event;
-use crate::record::proof::Proof;
-use crate::report::page;
 use crate::store::{Journal, RunId};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
@@ -65,40 +63,9 @@ pub fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
-fn proof_of(event: &Event) -> Option<Proof> {
-    match event {
-        Event::StageProven { proof, .. } => Some(proof.clone()),
-        _ => None,
-    }
-}
-
 /// The report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
-    let html = report(journal, run)?;
+    let html =
+        report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
     std::fs::write(file, html).map_err(|error| Failure::file(file, &error))
-}
-
-fn report(journal: &Journal, run: RunId) -> Result<String, Failure> {
-    let stored = journal.load(run)?;
-    let Some(last) = stored.estimates.last() else {
-        return Err(Failure::new(
-            format!("run {run} has no estimate"),
-            "export its readings and use `trued identify`",
-        ));
-    };
-    let facts = page::Facts {
-        run: run.to_string(),
-        started: stored.summary.started.to_string(),
-        program_version: last.program_version.clone(),
-        hashes: vec![
-            ("machine file".to_owned(), stored.summary.config_sha256.clone()),
-            ("plan".to_owned(), stored.summary.plan_sha256.clone()),
-            ("estimate".to_owned(), last.sha256.clone()),
-        ],
-        readings: stored.readings.len(),
-        state: stored.summary.state.as_str().to_owned(),
-        story: super::story::story(&stored),
-        proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
-    };
-    page::render(&stored.plan, &last.estimate, &facts).map_err(Failure::plain)
 }

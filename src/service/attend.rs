@@ -1,8 +1,12 @@
 //! Waiting, and doing what the desk has accepted, one thing at a time.
 
+use std::sync::Arc;
+
+use super::board::{Board, Refusal, State};
 use super::captures::Begun;
 use super::config::Cycle;
-use super::desk::{Ask, Board, Refusal, State};
+use super::desk::Ask;
+use super::http::{self, Shown};
 use super::past::unfinished;
 use super::{Ended, ServeError, Service, triggers};
 use crate::link::Wiring;
@@ -33,10 +37,13 @@ impl Service {
     /// # Errors
     /// What keeps it from serving at all; what befalls a cycle is on the board and in the log.
     pub async fn serve(mut self) -> Result<Ended, ServeError> {
-        let journal = Journal::open(&self.folder)?;
+        let journal = Arc::new(Journal::open(&self.folder)?);
         let mut lock = Some(self.lock(&journal).await?);
         self.rehearse().await?;
         triggers::start(&self.config, &self.desk, &self.log)?;
+        if let Some(config) = &self.config.http {
+            http::start(config, vec![self.shown()], Arc::clone(&journal), &self.log)?;
+        }
         match unfinished(&journal, self.name())? {
             Some(before) => {
                 (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
@@ -80,6 +87,11 @@ impl Service {
             (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min"));
         }
         Ok(())
+    }
+
+    fn shown(&self) -> Shown {
+        let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
+        Shown { name: self.name().to_owned(), desk: self.desk.clone(), cycles, demand }
     }
 
     fn name(&self) -> &str {
@@ -181,10 +193,18 @@ impl Service {
             Event::Announced { text } => (self.log)(text),
             Event::StageStarted { stage } => {
                 (self.log)(&format!("{}: {} touches", stage.name, stage.steps.len()));
+                self.desk.show(|board| board.stage.clone_from(&stage.name));
             }
-            Event::StepStarted { remaining_s, .. } => {
+            Event::StepStarted { remaining_s, label, .. } => {
                 let percent = progress.at(*remaining_s);
-                self.desk.show(|board: &mut Board| board.progress_percent = percent);
+                self.desk.show(|board: &mut Board| {
+                    board.progress_percent = percent;
+                    board.remaining_s = *remaining_s;
+                    board.step.clone_from(label);
+                });
+            }
+            Event::ReadingStored { .. } | Event::ScanStored { .. } => {
+                self.desk.show(|board| board.measured += 1);
             }
             _ => {}
         }

@@ -46,6 +46,17 @@ pub struct Modbus {
     pub fresh_s: f64,
 }
 
+/// The page and its interface for programs.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Http {
+    /// Address and port of this computer, reached from it alone.
+    pub listen: SocketAddr,
+    /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
+    #[serde(default)]
+    pub names: Vec<String>,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineKeys {
@@ -80,6 +91,7 @@ struct Keys {
     cycle: Vec<Cycle>,
     modbus: Option<Modbus>,
     line: Option<Line>,
+    http: Option<Http>,
 }
 
 /// `[serve]`, found sound.
@@ -93,6 +105,7 @@ pub struct Config {
     pub cycle: Vec<Cycle>,
     pub modbus: Option<Modbus>,
     pub line: Option<Line>,
+    pub http: Option<Http>,
 }
 
 fn min_interval_s() -> f64 {
@@ -111,7 +124,7 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, demand, cycle, modbus, line } = keys;
+        let Keys { min_interval_s, demand, cycle, modbus, line, http } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
         }
@@ -124,13 +137,15 @@ impl TryFrom<Keys> for Config {
         }
         check_cycles(&cycle)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
-        if modbus.is_none() && line.is_none() {
+        http.as_ref().map_or(Ok(()), check_http)?;
+        if modbus.is_none() && line.is_none() && http.is_none() {
             return Err(
-                "nothing could start a cycle: add [serve.modbus] or [serve.line]".to_owned()
+                "nothing could start a cycle: add [serve.modbus], [serve.line] or [serve.http]"
+                    .to_owned(),
             );
         }
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        Ok(Self { min_interval, demand, cycle, modbus, line })
+        Ok(Self { min_interval, demand, cycle, modbus, line, http })
     }
 }
 
@@ -146,6 +161,17 @@ fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
     match cycles.is_empty() {
         true => Err("no cycle may be started: add [[serve.cycle]]".to_owned()),
         false => Ok(()),
+    }
+}
+
+fn check_http(http: &Http) -> Result<(), String> {
+    match http.listen.ip().is_loopback() {
+        true => Ok(()),
+        false => Err(format!(
+            "http.listen is `{}`, which others can reach, and whoever reaches it may start a cycle: listen \
+             on 127.0.0.1",
+            http.listen
+        )),
     }
 }
 

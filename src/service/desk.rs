@@ -5,108 +5,13 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 use super::Log;
+use super::board::{Board, Refusal, Said, State};
 use super::config::{Config, Demand};
 use crate::controllers::Halt;
-use crate::record::estimate::{Estimate, Parameter, Verdict};
-
-/// What the service does.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum State {
-    #[default]
-    Starting = 0,
-    Waiting = 1,
-    Running = 2,
-    /// The machine holds, or an unfinished run waits: for a person.
-    Held = 3,
-    /// The last cycle could not be measured; nothing of it is unfinished.
-    Failed = 4,
-    Ending = 5,
-}
-
-/// Why a request is refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
-    #[error("a run is on")]
-    Busy = 1,
-    #[error("the machine is held: a person must look at it and acknowledge")]
-    Held = 2,
-    #[error("the last cycle failed and is not acknowledged")]
-    Failed = 3,
-    #[error("the configuration has no such cycle")]
-    NoSuchCycle = 4,
-    #[error("the external start is not enabled at the machine")]
-    NotEnabled = 5,
-    #[error("the control is not in its automatic mode")]
-    NotAuto = 6,
-    #[error("a guard is open")]
-    DoorOpen = 7,
-    #[error("the control's sign of life is too old")]
-    Stale = 8,
-    #[error("the last cycle ended or was asked for only just now")]
-    TooSoon = 9,
-    #[error("the stop is asked for as well")]
-    Stopped = 10,
-    #[error("several cycles at once")]
-    Several = 11,
-    #[error("the service is not ready")]
-    NotReady = 12,
-    #[error("the control may have lost its position: home, then `trued resume`")]
-    PositionLost = 13,
-    #[error("another program has the machine")]
-    Elsewhere = 14,
-    #[error("there is nothing to acknowledge")]
-    NothingToAcknowledge = 15,
-    #[error("no such word")]
-    Unreadable = 16,
-}
-
-/// All of them.
-#[cfg(test)]
-pub const REFUSALS: [Refusal; 16] = [
-    Refusal::Busy,
-    Refusal::Held,
-    Refusal::Failed,
-    Refusal::NoSuchCycle,
-    Refusal::NotEnabled,
-    Refusal::NotAuto,
-    Refusal::DoorOpen,
-    Refusal::Stale,
-    Refusal::TooSoon,
-    Refusal::Stopped,
-    Refusal::Several,
-    Refusal::NotReady,
-    Refusal::PositionLost,
-    Refusal::Elsewhere,
-    Refusal::NothingToAcknowledge,
-    Refusal::Unreadable,
-];
-
-/// What the machine says of itself, as far as it is fresh.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Said {
-    pub fresh: bool,
-    pub enable: bool,
-    pub auto: bool,
-    pub door: bool,
-    pub stop: bool,
-}
-
-impl Said {
-    fn lacks(self, demands: &[Demand]) -> Option<Refusal> {
-        if !self.fresh {
-            return Some(Refusal::Stale);
-        }
-        let missing = |demand: &Demand| match demand {
-            Demand::Enable => (!self.enable).then_some(Refusal::NotEnabled),
-            Demand::Auto => (!self.auto).then_some(Refusal::NotAuto),
-            Demand::Door => (!self.door).then_some(Refusal::DoorOpen),
-        };
-        demands.iter().find_map(missing).or(self.stop.then_some(Refusal::Stopped))
-    }
-}
+use crate::record::estimate::Estimate;
 
 /// What the service must do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,24 +19,6 @@ pub enum Ask {
     Start { cycle: u16 },
     Acknowledge,
     End,
-}
-
-/// How things stand: everything that a trigger may tell.
-#[derive(Debug, Clone, Default)]
-pub struct Board {
-    pub state: State,
-    pub progress_percent: u16,
-    /// Of the last cycle that came to its end; `None` before.
-    pub verdict: Option<Verdict>,
-    /// The cycle that runs or ran last, 0 before.
-    pub cycle: u16,
-    /// The run of this cycle, 0 before it has one.
-    pub run: u32,
-    /// Counters, they wrap.
-    pub accepted: u16,
-    pub refused: u16,
-    pub refusal: Option<Refusal>,
-    pub deviations: Vec<Parameter>,
 }
 
 struct Inner {
@@ -151,6 +38,8 @@ pub struct Desk {
     demand: Arc<[Demand]>,
     min_interval: Duration,
     log: Log,
+    /// Counts what changed on the board.
+    changes: Arc<watch::Sender<u64>>,
 }
 
 impl Desk {
@@ -166,6 +55,7 @@ impl Desk {
             demand: config.demand.clone().into(),
             min_interval: config.min_interval,
             log,
+            changes: Arc::new(watch::Sender::new(0)),
         };
         (desk, todo)
     }
@@ -176,6 +66,15 @@ impl Desk {
 
     pub fn board(&self) -> Board {
         self.inner().board.clone()
+    }
+
+    /// Sees each change of the board; who is slow sees the last.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
+    }
+
+    fn changed(&self) {
+        self.changes.send_modify(|count| *count = count.wrapping_add(1));
     }
 
     /// A trigger asks for `cycle`. From an accepted start on the service is running.
@@ -198,7 +97,10 @@ impl Desk {
         (board.state, board.cycle, board.run) = (State::Running, cycle, 0);
         (board.progress_percent, board.verdict) = (0, None);
         board.deviations.clear();
+        (board.stage, board.step) = (String::new(), String::new());
+        (board.remaining_s, board.measured) = (0.0, 0);
         drop(inner);
+        self.changed();
         (self.log)(&format!("cycle {cycle} is started by {by}"));
         Ok(())
     }
@@ -229,16 +131,23 @@ impl Desk {
         inner.board.refusal = Some(why);
         inner.board.refused = inner.board.refused.wrapping_add(1);
         drop(inner);
+        self.changed();
         (self.log)(&format!("refused, {what}: {why}"));
     }
 
     /// Somebody at the machine has looked at it.
-    pub fn acknowledge(&self, by: &str) {
+    ///
+    /// # Errors
+    /// Nothing waits for it; it is on the board and in the log as well.
+    pub fn acknowledge(&self, by: &str) -> Result<(), Refusal> {
         let state = self.inner().board.state;
         let waits = matches!(state, State::Held | State::Failed);
-        if !waits || self.asks.try_send(Ask::Acknowledge).is_err() {
-            self.refuse(Refusal::NothingToAcknowledge, &format!("acknowledgement by {by}"));
+        if waits && self.asks.try_send(Ask::Acknowledge).is_ok() {
+            return Ok(());
         }
+        let why = Refusal::NothingToAcknowledge;
+        self.refuse(why, &format!("acknowledgement by {by}"));
+        Err(why)
     }
 
     /// Hold the machine, if a run is on; at once, whatever it does.
@@ -266,6 +175,7 @@ impl Desk {
         if let Some(halt) = halt {
             halt.now();
         }
+        self.changed();
         // Full: whoever empties it looks at the state as well.
         let _ = self.asks.try_send(Ask::End);
     }
@@ -287,6 +197,7 @@ impl Desk {
 
     pub(super) fn show(&self, change: impl FnOnce(&mut Board)) {
         change(&mut self.inner().board);
+        self.changed();
     }
 
     /// The cycle has ended, with an estimate or without.
@@ -299,6 +210,7 @@ impl Desk {
             inner.board.verdict = Some(estimate.verdict);
             inner.board.deviations = estimate.parameters.clone();
         }
+        (inner.board.stage, inner.board.step) = (String::new(), String::new());
         drop(inner);
         self.becomes(state);
     }
@@ -309,5 +221,7 @@ impl Desk {
         if inner.board.state != State::Ending {
             inner.board.state = state;
         }
+        drop(inner);
+        self.changed();
     }
 }

@@ -6,9 +6,11 @@
 //! somebody has acknowledged.
 
 mod attend;
+pub mod board;
 mod captures;
 pub mod config;
 pub mod desk;
+mod http;
 mod past;
 pub mod triggers;
 
@@ -39,8 +41,8 @@ pub enum ServeError {
     Lock(#[from] LockError),
     #[error("cycle {number} cannot be measured: {error}")]
     Cycle { number: u16, error: Box<RunError> },
-    #[error("the server cannot listen on {listen}: {source}")]
-    Listen { listen: std::net::SocketAddr, source: std::io::Error },
+    #[error("{what} cannot listen on {listen}: {source}")]
+    Listen { what: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
     #[error("a thread cannot be started: {0}")]
     Thread(std::io::Error),
 }
@@ -54,7 +56,7 @@ impl ServeError {
             Self::Lock(error) => Some(error.remedy().to_owned()),
             Self::Cycle { error, .. } => Some(error.remedy()),
             Self::Listen { .. } => Some(
-                "[serve.modbus] listen is an address of this computer and a port that nobody else \
+                "its listen is an address of this computer and a port that nobody else \
                  has; ports below 1024 need a right of their own"
                     .to_owned(),
             ),

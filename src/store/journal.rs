@@ -11,7 +11,7 @@ use std::thread::{self, JoinHandle};
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
-use super::{Fault, MachineLock, RunId, RunState, RunSummary, StoreError, StoredRun};
+use super::{Fault, MachineLock, Measured, RunId, RunState, RunSummary, StoreError, StoredRun};
 use super::{folder, read, scan, schema, write};
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
@@ -132,12 +132,17 @@ impl Journal {
         self.look(|connection| read::runs(connection))
     }
 
+    /// The last estimate of each finished run of `machine`, oldest first.
+    pub fn measured(&self, machine: &str) -> Result<Vec<Measured>, StoreError> {
+        self.look(|connection| read::measured(connection, machine))
+    }
+
     /// Everything of one run, as of one instant.
     pub fn load(&self, run: RunId) -> Result<StoredRun, StoreError> {
         self.look(|connection| read::run(connection, run))
     }
 
-    fn look<T>(
+    pub(super) fn look<T>(
         &self,
         read: impl FnOnce(&mut Connection) -> Result<T, Fault>,
     ) -> Result<T, StoreError> {

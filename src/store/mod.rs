@@ -10,6 +10,7 @@ use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
+mod audit;
 mod error;
 mod folder;
 mod journal;
@@ -22,6 +23,7 @@ mod state_dir;
 mod tests;
 mod write;
 
+pub use audit::Audit;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};
@@ -117,6 +119,15 @@ pub struct StoredEstimate {
     pub estimate: Estimate,
     pub sha256: String,
     pub program_version: String,
+}
+
+/// The last estimate of a finished run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    pub run: RunId,
+    pub started: Timestamp,
+    pub method: String,
+    pub estimate: Estimate,
 }
 
 /// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that

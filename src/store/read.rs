@@ -6,7 +6,7 @@ use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::de::DeserializeOwned;
 
-use super::{Fault, RunId, RunState, RunSummary, StoredEstimate, StoredRun, scan};
+use super::{Fault, Measured, RunId, RunState, RunSummary, StoredEstimate, StoredRun, scan};
 use crate::base::Axis;
 use crate::record::event::Event;
 use crate::record::plan::Plan;
@@ -21,6 +21,24 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
     let rows = statement.query_map([], summary)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
+}
+
+/// The last estimate of each finished run of `machine`, oldest first.
+pub(super) fn measured(connection: &Connection, machine: &str) -> Result<Vec<Measured>, Fault> {
+    let mut statement = connection.prepare(
+        "SELECT runs.id, started, method, estimate FROM runs
+         JOIN estimates ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
+         WHERE machine = ?1 AND state = ?2 ORDER BY runs.id",
+    )?;
+    let measured = statement.query_map(params![machine, RunState::Finished.as_str()], |row| {
+        Ok(Measured {
+            run: RunId(row.get(0)?),
+            started: parsed(row, 1)?,
+            method: row.get(2)?,
+            estimate: json(row, 3)?,
+        })
+    })?;
+    Ok(measured.collect::<Result<_, _>>()?)
 }
 
 /// All of one run, in one transaction: another process may be writing it.
@@ -160,7 +178,7 @@ fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T
     serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
 }
 
-fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
+pub(super) fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
     row: &Row<'_>,
     column: usize,
 ) -> rusqlite::Result<T> {

@@ -11,7 +11,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 3] = [
+const MIGRATIONS: [&str; 4] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -94,6 +94,21 @@ CREATE UNIQUE INDEX touches_once ON readings (run, step, repeat) WHERE value_mm 
     // A scan is one row: all of its samples, or none.
     "
 ALTER TABLE readings ADD COLUMN samples TEXT;
+",
+    // Who asked for what, and what came of it; nothing of it is ever changed.
+    "
+CREATE TABLE audit (
+    seq INTEGER PRIMARY KEY,
+    at TEXT NOT NULL,
+    who TEXT NOT NULL,
+    what TEXT NOT NULL,
+    why TEXT NOT NULL,
+    machine TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    outcome TEXT NOT NULL
+) STRICT;
+CREATE TRIGGER audit_is_kept BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'audit is kept'); END;
+CREATE TRIGGER audit_stands BEFORE UPDATE ON audit BEGIN SELECT RAISE(ABORT, 'audit stands'); END;
 ",
 ];
 

@@ -13,7 +13,7 @@ const FLOORS: [&[&str]; 10] = [
     &["planning", "gcode", "world", "decision"],
     &["methods", "proof", "compensation"],
     &["controllers", "sensors", "store", "report"],
-    &["setup"],
+    &["setup", "archive"],
     &["run"],
     &["service", "commissioning"],
     &["cli", "main"],

@@ -5,6 +5,7 @@
 mod abuse;
 mod client;
 mod line;
+mod page;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
 mod shop;
@@ -50,6 +51,9 @@ fn main() {
         with_pymodbus("sigterm_just_after_a_start_is_a_stop", stops::at_once),
         with_pymodbus("sigterm_holds_and_the_next_service_waits", stops::by_sigterm),
         alone("a_line_of_text_starts_a_cycle", line::starts),
+        alone("a_cycle_is_started_from_the_page_and_told_as_elsewhere", page::a_cycle),
+        alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
+        alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

@@ -8,7 +8,8 @@ use tokio::time::{Instant, sleep};
 
 use crate::link::{self, Link, LinkError, Named, Received};
 use crate::service::Log;
-use crate::service::desk::{Desk, Refusal, Said, State};
+use crate::service::board::{Refusal, Said, State};
+use crate::service::desk::Desk;
 
 /// How long a port that has gone is left alone.
 const AGAIN: Duration = Duration::from_secs(2);
@@ -69,7 +70,8 @@ fn answer(received: &Received, link: &mut Link, desk: &Desk) -> Result<bool, Lin
             "OK".to_owned()
         }
         ["ACK"] => {
-            desk.acknowledge(BY);
+            // Why not stands on the board.
+            let _ = desk.acknowledge(BY);
             "OK".to_owned()
         }
         ["STATE"] => {

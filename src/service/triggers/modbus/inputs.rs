@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::map::{ACKNOWLEDGE, AUTO, COILS, CYCLES, DOOR, ENABLE, START, STOP};
-use crate::service::desk::Said;
+use crate::service::board::Said;
 
 /// A coil must have been low for this long before its rise counts: contacts bounce.
 const DEBOUNCE: Duration = Duration::from_millis(50);

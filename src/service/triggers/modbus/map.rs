@@ -2,7 +2,7 @@
 //! table in docs/modbus.md is compared with it.
 
 use crate::record::estimate::{Parameter, Unit, Verdict};
-use crate::service::desk::{Board, Said};
+use crate::service::board::{Board, Said};
 
 /// Cycle `k` is started by coil `START + k`.
 pub const CYCLES: u16 = 8;
@@ -143,7 +143,7 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::desk::REFUSALS;
+    use crate::service::board::REFUSALS;
 
     const DOCS: &str = include_str!("../../../../docs/modbus.md");
 

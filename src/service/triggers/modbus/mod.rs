@@ -20,8 +20,9 @@ use tokio_modbus::server::tcp::Server;
 use self::guard::{Guarded, Places};
 use self::inputs::{Inputs, Wish};
 use self::map::{COILS, HOLDINGS, INPUTS};
+use crate::service::board::Refusal;
 use crate::service::config::Modbus;
-use crate::service::desk::{Desk, Refusal};
+use crate::service::desk::Desk;
 use crate::service::{Log, ServeError};
 
 /// The heartbeat counts these.
@@ -39,7 +40,8 @@ const MOST_COILS: u16 = 2000;
 /// # Errors
 /// The address cannot be listened on.
 pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> {
-    let failed = |source| ServeError::Listen { listen: config.listen, source };
+    let failed =
+        |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     log(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
@@ -135,7 +137,8 @@ impl Shared {
                 Wish::Start(cycle) => drop(self.desk.start(cycle, said, by)),
                 Wish::Several => self.desk.refuse(Refusal::Several, by),
                 Wish::Stop => self.desk.stop(by),
-                Wish::Acknowledge => self.desk.acknowledge(by),
+                // Why not stands on the board.
+                Wish::Acknowledge => drop(self.desk.acknowledge(by)),
             }
         }
         Ok(())

@@ -1,7 +1,6 @@
 //! What a stored run has been through, in words.
 
 use crate::record::event::Event;
-use crate::run::can_resume;
 use crate::store::{RunId, RunState, RunSummary, StoredRun};
 
 /// What happened on the way: stops, faults, who let it go on; when, and in words.
@@ -52,13 +51,11 @@ pub fn goes_on(run: RunId, can_resume: bool) -> String {
     }
 }
 
-/// What a person can do with a run in its state.
-pub fn way_on(stored: &StoredRun) -> Option<String> {
+/// What a person can do with a run in its state. `can_resume` as in [`goes_on`].
+pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
-        RunState::Held | RunState::Interrupted => {
-            Some(goes_on(*id, can_resume(&stored.plan, &stored.readings)))
-        }
+        RunState::Held | RunState::Interrupted => Some(goes_on(*id, can_resume)),
         RunState::Closed => {
             Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))
         }

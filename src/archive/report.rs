@@ -1,0 +1,59 @@
+//! The report of a stored run.
+
+use super::story::story;
+use crate::record::event::Event;
+use crate::record::proof::Proof;
+use crate::report::page;
+use crate::store::{Journal, RunId, StoreError};
+
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error("run {0} has no estimate")]
+    NoEstimate(RunId),
+    #[error("the report cannot be drawn: {0}")]
+    Template(#[from] minijinja::Error),
+}
+
+impl ReportError {
+    /// What to do next.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Store(error) => error.remedy(),
+            Self::NoEstimate(_) => "export its readings and use `trued identify`",
+            Self::Template(_) => "this is a fault of the program: tell its makers",
+        }
+    }
+}
+
+/// HTML of the last estimate of `run`.
+///
+/// # Errors
+/// No such run, or nothing identified yet.
+pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
+    let stored = journal.load(run)?;
+    let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
+    let facts = page::Facts {
+        run: run.to_string(),
+        started: stored.summary.started.to_string(),
+        program_version: last.program_version.clone(),
+        hashes: vec![
+            ("machine file".to_owned(), stored.summary.config_sha256.clone()),
+            ("plan".to_owned(), stored.summary.plan_sha256.clone()),
+            ("estimate".to_owned(), last.sha256.clone()),
+        ],
+        readings: stored.readings.len(),
+        state: stored.summary.state.as_str().to_owned(),
+        story: story(&stored),
+        proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
+    };
+    Ok(page::render(&stored.plan, &last.estimate, &facts)?)
+}
+
+fn proof_of(event: &Event) -> Option<Proof> {
+    match event {
+        Event::StageProven { proof, .. } => Some(proof.clone()),
+        _ => None,
+    }
+}

@@ -1,0 +1,69 @@
+//! Control charts of single values (NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2 and
+//! 6.3.2.4).
+
+use serde::Serialize;
+
+/// Expected range of two standard normal values.
+const D2: f64 = 1.128;
+/// Limits lie so many standard deviations from the centre.
+const WIDTH: f64 = 3.0;
+/// Weight of the newest value: slow enough to see what a single value hides, and the example's.
+const WEIGHT: f64 = 0.3;
+
+/// Individuals chart: the scatter from successive differences, so that a slow change does not widen it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Individuals {
+    pub centre: f64,
+    pub sigma: f64,
+}
+
+impl Individuals {
+    /// `None` for fewer than two values.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let ranges = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let count = values.len().checked_sub(1).filter(|count| *count > 0)? as f64;
+        let sigma = ranges.sum::<f64>() / count / D2;
+        Some(Self { centre: values.iter().sum::<f64>() / values.len() as f64, sigma })
+    }
+
+    /// Lower, upper.
+    pub fn limits(&self) -> [f64; 2] {
+        [self.centre - WIDTH * self.sigma, self.centre + WIDTH * self.sigma]
+    }
+
+    pub fn holds(&self, value: f64) -> bool {
+        let [lower, upper] = self.limits();
+        (lower..=upper).contains(&value)
+    }
+}
+
+/// Exponentially weighted moving average, with the limits of its first values as well.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ewma {
+    pub centre: f64,
+    /// One for each value.
+    pub means: Vec<f64>,
+    /// How far each may lie from the centre.
+    pub widths: Vec<f64>,
+}
+
+impl Ewma {
+    pub fn of(values: &[f64], centre: f64, sigma: f64) -> Self {
+        let means = values.iter().scan(centre, |mean, value| {
+            *mean += WEIGHT * (value - *mean);
+            Some(*mean)
+        });
+        let width = |number: usize| {
+            let settled = 1.0 - (1.0 - WEIGHT).powi(2 * (number as i32 + 1));
+            WIDTH * sigma * (WEIGHT / (2.0 - WEIGHT) * settled).sqrt()
+        };
+        let widths = (0..values.len()).map(width).collect();
+        Self { centre, means: means.collect(), widths }
+    }
+
+    /// Whether the newest mean lies outside its limits.
+    pub fn is_out(&self) -> bool {
+        let newest = self.means.last().zip(self.widths.last());
+        newest.is_some_and(|(mean, width)| (mean - self.centre).abs() > *width)
+    }
+}

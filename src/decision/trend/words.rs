@@ -1,0 +1,90 @@
+//! What changed, in one sentence.
+
+use super::change::SERIES;
+use super::{Change, Kind, Trend};
+
+/// A value's history under its name.
+#[derive(Debug, Clone, Copy)]
+pub struct Told<'a> {
+    pub symbol: &'a str,
+    pub unit: &'a str,
+    pub trend: &'a Trend,
+}
+
+/// What changed since `since_s`, in one sentence; `day` says on which day a time is. A change counts if it
+/// may have happened since then, a drift as long as it goes on.
+pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
+    let (told, short): (Vec<&Told<'_>>, Vec<&Told<'_>>) =
+        all.iter().partition(|told| told.trend.points.len() >= SERIES);
+    let mut parts: Vec<String> = Vec::new();
+    let mut same = 0;
+    for told in &told {
+        let news: Vec<String> = told
+            .trend
+            .changes
+            .iter()
+            .filter(|change| told.counts(change, since_s))
+            .map(|change| told.in_words(change, &day))
+            .chain(told.out())
+            .collect();
+        same += usize::from(news.is_empty());
+        parts.extend(news);
+    }
+    let rest = match (same, parts.is_empty()) {
+        (0, _) => None,
+        (1, false) => Some("the other value stayed as it was".to_owned()),
+        (count, false) => Some(format!("the other {count} stayed as they were")),
+        (_, true) => Some("nothing changed beyond the scatter".to_owned()),
+    };
+    parts.extend(rest);
+    if !short.is_empty() {
+        let symbols: Vec<&str> = short.iter().map(|told| told.symbol).collect();
+        let symbols = symbols.join(", ");
+        parts.push(format!("of {symbols} there are fewer than {SERIES} runs, too few to tell"));
+    }
+    format!("Since {}: {}.", day(since_s), parts.join("; "))
+}
+
+impl Told<'_> {
+    fn at_s(&self, index: usize) -> f64 {
+        self.trend.points.get(index).map_or(f64::INFINITY, |point| point.t_s)
+    }
+
+    fn counts(&self, change: &Change, since_s: f64) -> bool {
+        change.kind == Kind::Drift || self.at_s(change.between[1]) > since_s
+    }
+
+    fn in_words(&self, change: &Change, day: &impl Fn(f64) -> String) -> String {
+        let Change { by, expanded, between, .. } = change;
+        let [before, after] = between.map(|index| day(self.at_s(index)));
+        let when = match before == after {
+            true => format!("on {before}"),
+            false => format!("between {before} and {after}"),
+        };
+        let begun = match change.first {
+            0 => "all along".to_owned(),
+            _ => format!("begun {when}"),
+        };
+        let (symbol, unit) = (self.symbol, self.unit);
+        match change.kind {
+            Kind::Step => {
+                format!("{symbol} changed by {by:+.1} {unit} (U {expanded:.1} {unit}), {when}")
+            }
+            Kind::Drift => format!(
+                "{symbol} drifts by {by:+.2} {unit} a day (U {expanded:.2} {unit}), {begun}"
+            ),
+        }
+    }
+
+    /// The newest value alone, where nothing else tells of it.
+    fn out(&self) -> Option<String> {
+        let trend = self.trend;
+        let newest = trend.points.last()?;
+        let drifts = trend.changes.last().is_some_and(|change| change.kind == Kind::Drift);
+        let says = trend.is_out() == Some(true) && !drifts;
+        says.then(|| {
+            let (symbol, unit, value) = (self.symbol, self.unit, newest.value);
+            format!("the newest {symbol}, {value:.1} {unit}, lies outside what its history allows")
+        })
+    }
+}

@@ -1,0 +1,125 @@
+//! How things stand, for whoever asks.
+
+use super::config::Demand;
+use crate::record::estimate::{Parameter, Verdict};
+
+/// What the service does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum State {
+    #[default]
+    Starting = 0,
+    Waiting = 1,
+    Running = 2,
+    /// The machine holds, or an unfinished run waits: for a person.
+    Held = 3,
+    /// The last cycle could not be measured; nothing of it is unfinished.
+    Failed = 4,
+    Ending = 5,
+}
+
+/// Why a request is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    #[error("a run is on")]
+    Busy = 1,
+    #[error("the machine is held: a person must look at it and acknowledge")]
+    Held = 2,
+    #[error("the last cycle failed and is not acknowledged")]
+    Failed = 3,
+    #[error("the configuration has no such cycle")]
+    NoSuchCycle = 4,
+    #[error("the external start is not enabled at the machine")]
+    NotEnabled = 5,
+    #[error("the control is not in its automatic mode")]
+    NotAuto = 6,
+    #[error("a guard is open")]
+    DoorOpen = 7,
+    #[error("the control's sign of life is too old")]
+    Stale = 8,
+    #[error("the last cycle ended or was asked for only just now")]
+    TooSoon = 9,
+    #[error("the stop is asked for as well")]
+    Stopped = 10,
+    #[error("several cycles at once")]
+    Several = 11,
+    #[error("the service is not ready")]
+    NotReady = 12,
+    #[error("the control may have lost its position: home, then `trued resume`")]
+    PositionLost = 13,
+    #[error("another program has the machine")]
+    Elsewhere = 14,
+    #[error("there is nothing to acknowledge")]
+    NothingToAcknowledge = 15,
+    #[error("no such word")]
+    Unreadable = 16,
+}
+
+/// All of them.
+#[cfg(test)]
+pub const REFUSALS: [Refusal; 16] = [
+    Refusal::Busy,
+    Refusal::Held,
+    Refusal::Failed,
+    Refusal::NoSuchCycle,
+    Refusal::NotEnabled,
+    Refusal::NotAuto,
+    Refusal::DoorOpen,
+    Refusal::Stale,
+    Refusal::TooSoon,
+    Refusal::Stopped,
+    Refusal::Several,
+    Refusal::NotReady,
+    Refusal::PositionLost,
+    Refusal::Elsewhere,
+    Refusal::NothingToAcknowledge,
+    Refusal::Unreadable,
+];
+
+/// What the machine says of itself, as far as it is fresh.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Said {
+    pub fresh: bool,
+    pub enable: bool,
+    pub auto: bool,
+    pub door: bool,
+    pub stop: bool,
+}
+
+impl Said {
+    pub(super) fn lacks(self, demands: &[Demand]) -> Option<Refusal> {
+        if !self.fresh {
+            return Some(Refusal::Stale);
+        }
+        let missing = |demand: &Demand| match demand {
+            Demand::Enable => (!self.enable).then_some(Refusal::NotEnabled),
+            Demand::Auto => (!self.auto).then_some(Refusal::NotAuto),
+            Demand::Door => (!self.door).then_some(Refusal::DoorOpen),
+        };
+        demands.iter().find_map(missing).or(self.stop.then_some(Refusal::Stopped))
+    }
+}
+
+/// How things stand: everything that a trigger may tell.
+#[derive(Debug, Clone, Default)]
+pub struct Board {
+    pub state: State,
+    pub progress_percent: u16,
+    /// Of the last cycle that came to its end; `None` before.
+    pub verdict: Option<Verdict>,
+    /// The cycle that runs or ran last, 0 before.
+    pub cycle: u16,
+    /// The run of this cycle, 0 before it has one.
+    pub run: u32,
+    /// Counters, they wrap.
+    pub accepted: u16,
+    pub refused: u16,
+    pub refusal: Option<Refusal>,
+    pub deviations: Vec<Parameter>,
+    /// What the run does just now: its stage and its step; empty while none is on.
+    pub stage: String,
+    pub step: String,
+    /// Machine time that is left, s.
+    pub remaining_s: f64,
+    /// Touches and scans that are in the journal.
+    pub measured: u32,
+}

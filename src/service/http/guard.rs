@@ -1,0 +1,111 @@
+//! What stands before every answer: requests are small, come in time, are meant for this server, and what
+//! changes something comes from its own page or from a program, never from another site's page.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::http::header::{CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
+use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+
+use super::problem::Problem;
+
+/// No request says more, bytes.
+const MOST: usize = 16 * 1024;
+/// A request is complete within this time.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// The report has its style in itself; nothing has a script in itself, and nothing comes from elsewhere.
+const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; img-src 'self'; \
+                      style-src 'self' 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'; \
+                      base-uri 'none'";
+
+/// The names that this server answers to.
+#[derive(Debug, Clone)]
+pub struct Names(Arc<[String]>);
+
+impl Names {
+    /// `more`: of the proxy before it.
+    pub fn of(at: SocketAddr, more: &[String]) -> Self {
+        let port = at.port();
+        let own = [at.to_string(), format!("localhost:{port}"), format!("127.0.0.1:{port}")];
+        let all = own.into_iter().chain([format!("[::1]:{port}")]).chain(more.iter().cloned());
+        Self(all.map(|name| name.to_ascii_lowercase()).collect())
+    }
+
+    fn hold(&self, name: &str) -> bool {
+        self.0.iter().any(|known| known.eq_ignore_ascii_case(name))
+    }
+}
+
+/// `router` behind all of it.
+pub fn around(router: Router, names: Names) -> Router {
+    router
+        .layer(DefaultBodyLimit::max(MOST))
+        .layer(from_fn_with_state(names, meant_for_us))
+        .layer(from_fn(with_policy))
+}
+
+async fn meant_for_us(State(names): State<Names>, request: Request, next: Next) -> Response {
+    if let Err(problem) = check(&names, request.headers(), request.method().is_safe()) {
+        return problem.into_response();
+    }
+    // What is read of a body is read in time; an answer may go on for long, as events do.
+    match request.method().is_safe() {
+        true => next.run(request).await,
+        false => tokio::time::timeout(PATIENCE, next.run(request)).await.unwrap_or_else(|_| {
+            let (status, remedy) = (StatusCode::REQUEST_TIMEOUT, "send it again");
+            Problem::new(status, "too-slow", "the request did not end in time", remedy)
+                .into_response()
+        }),
+    }
+}
+
+fn check(names: &Names, headers: &HeaderMap, safe: bool) -> Result<(), Problem> {
+    let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
+    if !text(HOST).is_some_and(|host| names.hold(host)) {
+        return Err(Problem::new(
+            StatusCode::MISDIRECTED_REQUEST,
+            "other-host",
+            "this server has another name",
+            "ask it by the address that it tells at its start, or add the proxy's name to names of \
+             [serve.http]",
+        ));
+    }
+    if safe {
+        return Ok(());
+    }
+    let from_elsewhere = match text(ORIGIN) {
+        Some(origin) => {
+            let host = origin.split_once("://").map_or("", |(_, host)| host);
+            !names.hold(host)
+        }
+        // A browser names the origin; a program says what it sends, which no form of another site can.
+        None => !text(CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json")),
+    };
+    match from_elsewhere {
+        false => Ok(()),
+        true => Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "other-origin",
+            "the request does not come from this server's own page",
+            "use the page, or send JSON",
+        )),
+    }
+}
+
+async fn with_policy(request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    let mut set = |name: &'static str, value: &'static str| {
+        headers.insert(HeaderName::from_static(name), HeaderValue::from_static(value));
+    };
+    set("content-security-policy", POLICY);
+    set("x-content-type-options", "nosniff");
+    set("referrer-policy", "no-referrer");
+    set("cache-control", "no-store");
+    response
+}

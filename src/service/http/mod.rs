@@ -1,0 +1,91 @@
+//! The page and its interface for programs, over HTTP. On this computer alone: beyond it stands a proxy.
+//!
+//! It runs on a thread of its own and looks at the desk and the journal; whoever asks, and however slowly
+//! they listen, disturbs no run. A hold goes to the control from here at once.
+
+mod actions;
+mod api;
+mod events;
+mod guard;
+mod page;
+mod problem;
+mod standing;
+
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+
+use axum::Router;
+
+use super::config::{Cycle, Demand, Http};
+use super::desk::Desk;
+use super::{Log, ServeError};
+use crate::store::Journal;
+
+/// A machine that is shown.
+#[derive(Clone)]
+pub struct Shown {
+    pub name: String,
+    pub desk: Desk,
+    pub cycles: Vec<Cycle>,
+    /// What a person must vouch for to start one of them.
+    pub demand: Vec<Demand>,
+}
+
+/// What all answers are made from.
+#[derive(Clone)]
+struct Web {
+    machines: Arc<[Shown]>,
+    journal: Arc<Journal>,
+}
+
+impl Web {
+    fn machine(&self, name: &str) -> Option<&Shown> {
+        self.machines.iter().find(|machine| machine.name == name)
+    }
+}
+
+/// Listen, and serve for as long as the process lives.
+///
+/// # Errors
+/// The address is another's; no thread.
+pub fn start(
+    config: &Http,
+    machines: Vec<Shown>,
+    journal: Arc<Journal>,
+    log: &Log,
+) -> Result<(), ServeError> {
+    let cannot = |source| ServeError::Listen { what: "the page", listen: config.listen, source };
+    let listener = TcpListener::bind(config.listen).map_err(cannot)?;
+    listener.set_nonblocking(true).map_err(cannot)?;
+    let at = listener.local_addr().map_err(cannot)?;
+    let names = guard::Names::of(at, &config.names);
+    let router = router(Web { machines: machines.into(), journal }, names);
+    let told = log.clone();
+    std::thread::Builder::new()
+        .name("http".to_owned())
+        .spawn(move || {
+            if let Err(error) = serve(listener, router) {
+                told(&format!("the page has ended: {error}"));
+            }
+        })
+        .map_err(ServeError::Thread)?;
+    log(&format!("the page is at http://{at}/"));
+    Ok(())
+}
+
+/// Readers of the journal at a time; others wait.
+const READERS: usize = 4;
+
+fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = runtime.enable_all().max_blocking_threads(READERS).build()?;
+    runtime.block_on(async {
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        axum::serve(listener, router.into_make_service_with_connect_info::<SocketAddr>()).await
+    })
+}
+
+fn router(web: Web, names: guard::Names) -> Router {
+    let all = page::routes().merge(api::routes()).merge(actions::routes()).merge(events::routes());
+    guard::around(all.with_state(web), names)
+}

@@ -1,0 +1,92 @@
+//! What an answer says that could not be given: a code for programs, words and what to do for people.
+
+use axum::Json;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use crate::archive::report::ReportError;
+use crate::service::board::Refusal;
+use crate::store::{Fault, StoreError};
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Problem {
+    #[serde(skip)]
+    pub status: StatusCode,
+    pub code: &'static str,
+    pub message: String,
+    pub remedy: String,
+}
+
+impl Problem {
+    pub fn new(
+        status: StatusCode,
+        code: &'static str,
+        message: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self { status, code, message: message.into(), remedy: remedy.into() }
+    }
+
+    pub fn not_found(what: impl std::fmt::Display) -> Self {
+        let remedy = "/api/v1/machines and /api/v1/runs list what there is";
+        Self::new(StatusCode::NOT_FOUND, "not-found", format!("there is no {what}"), remedy)
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        (self.status, Json(self)).into_response()
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        let (status, code) = match error.fault {
+            Fault::NoRun(_) => (StatusCode::NOT_FOUND, "not-found"),
+            _ => (StatusCode::INTERNAL_SERVER_ERROR, "journal"),
+        };
+        Self::new(status, code, error.to_string(), error.remedy())
+    }
+}
+
+impl From<ReportError> for Problem {
+    fn from(error: ReportError) -> Self {
+        match error {
+            ReportError::Store(error) => error.into(),
+            ReportError::NoEstimate(_) => {
+                let remedy = error.remedy();
+                Self::new(StatusCode::NOT_FOUND, "no-estimate", error.to_string(), remedy)
+            }
+            ReportError::Template(_) => {
+                let (status, remedy) = (StatusCode::INTERNAL_SERVER_ERROR, error.remedy());
+                Self::new(status, "template", error.to_string(), remedy)
+            }
+        }
+    }
+}
+
+impl From<minijinja::Error> for Problem {
+    fn from(error: minijinja::Error) -> Self {
+        ReportError::from(error).into()
+    }
+}
+
+impl From<Refusal> for Problem {
+    fn from(why: Refusal) -> Self {
+        let remedy = match why {
+            Refusal::Busy => "wait for the end of the run, or hold it",
+            Refusal::Held | Refusal::PositionLost => {
+                "look at the machine, then acknowledge, or resume the run"
+            }
+            Refusal::Failed => "read why in the log, then acknowledge",
+            Refusal::NoSuchCycle => "start one of the cycles of [serve] in the machine file",
+            Refusal::TooSoon => "wait for min_interval_s of [serve]",
+            Refusal::Elsewhere => "end the other program that has the machine",
+            Refusal::NothingToAcknowledge => "nothing waits for it",
+            Refusal::NotReady => "wait until the service is ready",
+            _ => "see to it at the machine, then ask again",
+        };
+        Self::new(StatusCode::CONFLICT, "refused", why.to_string(), remedy)
+    }
+}

@@ -1,0 +1,79 @@
+//! How a machine stands, as a program reads it.
+
+use serde::Serialize;
+
+use super::Shown;
+use crate::record::estimate::{Parameter, Verdict};
+use crate::service::board::{Board, State};
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Standing {
+    pub name: String,
+    pub state: &'static str,
+    /// Of the last cycle that came to its end.
+    pub verdict: Option<Verdict>,
+    pub cycle: u16,
+    /// 0 before there is one.
+    pub run: u32,
+    pub progress_percent: u16,
+    pub stage: String,
+    pub step: String,
+    pub remaining_s: f64,
+    pub measured: u32,
+    pub refusal: Option<String>,
+    pub parameters: Vec<Parameter>,
+    pub cycles: Vec<Startable>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Startable {
+    pub number: u16,
+    pub method: String,
+}
+
+pub fn state(state: State) -> &'static str {
+    match state {
+        State::Starting => "starting",
+        State::Waiting => "waiting",
+        State::Running => "running",
+        State::Held => "held",
+        State::Failed => "failed",
+        State::Ending => "ending",
+    }
+}
+
+impl Standing {
+    pub fn of(machine: &Shown) -> Self {
+        let Board {
+            state: now,
+            progress_percent,
+            verdict,
+            cycle,
+            run,
+            refusal,
+            deviations,
+            stage,
+            step,
+            remaining_s,
+            measured,
+            ..
+        } = machine.desk.board();
+        let cycles = machine.cycles.iter();
+        let cycles = cycles.map(|c| Startable { number: c.number, method: c.method.clone() });
+        Self {
+            name: machine.name.clone(),
+            state: state(now),
+            verdict,
+            cycle,
+            run,
+            progress_percent,
+            stage,
+            step,
+            remaining_s,
+            measured,
+            refusal: refusal.map(|why| why.to_string()),
+            parameters: deviations,
+            cycles: cycles.collect(),
+        }
+    }
+}
