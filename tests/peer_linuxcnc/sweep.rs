@@ -263,7 +263,7 @@ pub fn wrong_pins_are_refused() -> Result<(), Failed> {
         Err(error) if !moved && readings.is_empty() => {
             let said = format!("{error}; {}", error.remedy());
             eprintln!("{said}");
-            let named = ["X stands at 0.000", "says 200.000", "joint.N.pos-fb"];
+            let named = ["Z stands at 200.000", "says 0.000", "joint.N.pos-fb"];
             if named.iter().all(|words| said.contains(words)) { Ok(()) } else { Err(said.into()) }
         }
         other => Err(format!("moved: {moved}, {other:?}").into()),
