@@ -52,6 +52,8 @@ pub enum RunError {
          as it stood"
     )]
     NoReferences,
+    #[error("not all references were seen again after the stop: {places}")]
+    UnseenAgain { places: String },
     #[error(
         "the machine does not stand as it stood before the stop: {}; {}",
         in_words(shifts), scatter.in_words()
@@ -111,6 +113,10 @@ impl RunError {
             Self::Unswept { .. } => "plan it with dwell points (sampling = \"dwell\")".to_owned(),
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
+            Self::UnseenAgain { .. } => {
+                "look why the sensor says nothing there that could be used, then `trued resume` once more"
+                    .to_owned()
+            }
             Self::NoReferences => {
                 "the run is closed, its readings are kept; start a new run".to_owned()
             }

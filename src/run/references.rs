@@ -33,9 +33,10 @@ struct Visit<'a> {
     t_s: f64,
 }
 
-/// Of the references, in the order of measurement; what is flagged says nothing.
+/// Of the references, in the order of measurement; what is flagged says nothing, but for what is good and
+/// has lost others before it.
 fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
-    let good = |reading: &&Reading| reading.flag == Flag::None;
+    let good = |reading: &&Reading| matches!(reading.flag, Flag::None | Flag::Gap);
     let same =
         |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
     let stands = |one: &Reading, other: &Reading| one.position == other.position;
@@ -153,6 +154,13 @@ impl<'a> References<'a> {
         (shifts, scatter)
     }
 
+    /// Places of which `readings` say nothing.
+    pub fn unseen(&self, readings: &[Reading]) -> Vec<String> {
+        let again = visits(self.plan, readings);
+        let is_seen = |place: &&Place<'_>| !again.iter().any(|visit| place.is_of(visit));
+        self.places.iter().filter(is_seen).map(Place::label).collect()
+    }
+
     /// One step of the displayed axes along the touch, mm.
     fn resolution(&self, step: &Step) -> f64 {
         let width = |axis| self.plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
@@ -218,4 +226,54 @@ fn same_place(one: &Step, other: &Step) -> bool {
         })
     };
     same(&one.from, &other.from) && same(&one.to, &other.to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan() -> Plan {
+        serde_json::from_value(serde_json::json!({
+            "trued_plan": 1, "method": "laser-r-test", "settings": {},
+            "machine": {"name": "mill", "topology": "w-C-B-X-F-Z-Y-S-t"},
+            "probe": {"ball_radius_mm": 3.0},
+            "sensors": [{"name": "laser", "kind": "displacement", "zero_mm": [0, 0, -150],
+                         "direction": [0, 0, -1], "range_mm": [-10, 10]}],
+            "artefact": {"kind": "balls", "balls": []},
+            "steps": [{"id": 4, "stage": 0, "kind": "reference", "label": "pose/first", "from": {"X": 0},
+                       "to": {"X": 2}, "feed_mm_min": 600, "sensor": "laser", "normal": [0, 0, 1],
+                       "path": [{"X": 0}, {"X": 1}, {"X": 2}], "dwell_s": 0.1, "samples": 1}],
+        }))
+        .unwrap()
+    }
+
+    fn readings(repeat: u32, flags: [Flag; 3]) -> Vec<Reading> {
+        let reading = |(k, flag): (usize, Flag)| Reading {
+            step: 4,
+            repeat,
+            position: Position::new().with(Axis::X, k as f64),
+            value_mm: Some(0.5),
+            sensor: "laser".to_owned(),
+            t_s: f64::from(repeat) + k as f64,
+            flag,
+            temperatures_c: Default::default(),
+        };
+        flags.into_iter().enumerate().map(reading).collect()
+    }
+
+    /// A place that is not seen again is no place that agrees.
+    #[test]
+    fn what_was_not_seen_again_is_named() {
+        let (plan, before) = (plan(), readings(0, [Flag::None; 3]));
+        let references = References::of(&plan, &before);
+        assert!(references.see_all());
+        let again = |flags| readings(REPEAT_AFTER_STOP, flags);
+        let compared = |after: &[Reading]| references.compare(after).0.len();
+        let all = again([Flag::None, Flag::Gap, Flag::None]);
+        assert_eq!((compared(&all), references.unseen(&all).len()), (3, 0));
+        let some = again([Flag::None, Flag::Stale, Flag::Range]);
+        assert_eq!(compared(&some), 1);
+        assert_eq!(references.unseen(&some), ["pose/first, point 2", "pose/first, point 3"]);
+        assert_eq!(references.unseen(&[]).len(), 3);
+    }
 }

@@ -80,7 +80,12 @@ impl Run<'_> {
             stages.push(stage);
         }
         let (before, after) = self.readings.split_at(count);
-        let (mut shifts, scatter) = References::of(&self.plan, before).compare(after);
+        let references = References::of(&self.plan, before);
+        let unseen = references.unseen(after);
+        if !unseen.is_empty() {
+            return Err(RunError::UnseenAgain { places: unseen.join("; ") });
+        }
+        let (mut shifts, scatter) = references.compare(after);
         if shifts.iter().all(Shift::agrees) {
             let text = format!("the references agree: {}", in_words(&shifts));
             self.note(Event::Announced { text }).await?;

@@ -146,12 +146,13 @@ impl Run<'_> {
         rate_hz: f64,
         blocks: Vec<Block>,
     ) -> Result<Vec<Reading>, RunError> {
-        let first = scan.path.first().cloned().unwrap_or_default();
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
-        let Some((way, sweep)) = sweep::apart(blocks, &first) else {
+        let Some((way, sweep)) = sweep::apart(blocks, &scan.path) else {
             return Err(unswept("it has no way from a first point to a last one"));
         };
-        self.watched(step, way, on_the_way).await?;
+        if !way.motions.is_empty() {
+            self.watched(step, way, on_the_way).await?;
+        }
         let (tell, told) = mpsc::channel(MOST_SAMPLES);
         let keep = move |sample: &Sample| in_sight(sample) && tell.try_send(*sample).is_ok();
         let outcome = self.watched(step, sweep, keep).await;
@@ -166,7 +167,7 @@ impl Run<'_> {
         let placed = sweep::placed(&samples, &track, rate_hz);
         if placed.samples.is_empty() {
             return Err(unswept(if samples.is_empty() {
-                "the sensor said nothing on the way; one that speaks when it is asked cannot"
+                "the sensor said nothing on the way; a simulated one behind no wire speaks only when it is asked"
             } else {
                 "no sample was taken at a time at which the control says where the axes stood"
             }));
@@ -177,16 +178,21 @@ impl Run<'_> {
 
     /// What was left out is told, not passed over.
     async fn tell_of(&mut self, step: &Step, placed: &Placed, gaps: usize) -> Result<(), RunError> {
-        if placed.nowhere == 0 {
-            return Ok(());
-        }
-        let (nowhere, all) = (placed.nowhere, placed.nowhere + placed.samples.len());
-        let text = format!(
-            "{}: {nowhere} of {all} samples are left out: in {gaps} places the control's positions \
-             have a gap",
-            step.label
+        let Placed { samples, nowhere, thinned } = placed;
+        let (label, all) = (&step.label, samples.len() + nowhere + thinned);
+        let by_gaps = format!(
+            "{label}: {nowhere} of {all} samples are left out: in {gaps} places the control's positions \
+             have a gap"
         );
-        self.note(Event::Announced { text }).await
+        let by_rate = format!(
+            "{label}: {thinned} of {all} samples are left out: the sensor is faster than rate_hz of the plan"
+        );
+        for (count, text) in [(nowhere, by_gaps), (thinned, by_rate)] {
+            if *count > 0 {
+                self.note(Event::Announced { text }).await?;
+            }
+        }
+        Ok(())
     }
 
     fn along(&mut self, step: &Step, repeat: u32, placed: Placed) -> Vec<Reading> {

@@ -5,38 +5,23 @@ use crate::record::motion::{Block, Motion};
 use crate::record::track::Track;
 use crate::sensors::Sample;
 
-/// Positions are the same so near, mm or rad: what is written with six decimals.
-const SAME: f64 = 2e-6;
 /// An axis under control stands still so nearly, mm or rad.
 const STILL: f64 = 0.002;
 /// A sensor that is faster by no more than this is as fast as the plan wants it.
 const AS_FAST: f64 = 1.02;
+const WINDOW: usize = 50;
 
-/// The way to `first` and the rest of the motions, each a block of its own: on the way to the first point a
-/// sensor may see nothing.
-pub(super) fn apart(blocks: Vec<Block>, first: &Position) -> Option<(Block, Block)> {
+/// The way to the first point of `path` and the rest of the motions, each a block of its own: on the way to
+/// the first point a sensor may see nothing. The scan is as many moves at feed as the path has ways.
+pub(super) fn apart(blocks: Vec<Block>, path: &[Position]) -> Option<(Block, Block)> {
     let mut way = blocks.first()?.clone();
     way.motions = blocks.into_iter().flat_map(|block| block.motions).collect();
-    let mut stands = Position::new();
-    let arrives = way.motions.iter().position(|motion| match motion {
-        Motion::Feed { to, .. } => {
-            stands = stands.updated_by(to);
-            is_at(&stands, first)
-        }
-        Motion::Rapid { to } => {
-            stands = stands.updated_by(to);
-            false
-        }
-        _ => false,
-    })?;
-    let motions = way.motions.split_off(arrives + 1);
-    let scan = Block { motions, ..way };
-    (!scan.motions.is_empty()).then_some((way, scan))
-}
-
-/// Whether nothing of `stands` is elsewhere; where an axis did not have to move nothing is known of it.
-fn is_at(stands: &Position, first: &Position) -> bool {
-    stands.iter().all(|(axis, at)| first.get(axis).is_none_or(|first| (first - at).abs() <= SAME))
+    let differs = |pair: &&[Position]| pair.first() != pair.last();
+    let ways = path.windows(2).filter(differs).count();
+    let motions = way.motions.split_off(way.motions.len().checked_sub(ways)?);
+    let at_feed = |motion: &Motion| matches!(motion, Motion::Feed { .. });
+    let is_scan = !motions.is_empty() && motions.iter().all(at_feed);
+    is_scan.then(|| (way.clone(), Block { motions, ..way }))
 }
 
 /// Samples with the positions at which their axes stood.
@@ -73,11 +58,17 @@ pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed 
     placed
 }
 
-/// The share of `samples` that is kept.
+/// The share of `samples` that is kept. They come with jitter, and a counter that begins anew counts far
+/// too many as missing: the rate is that of [`WINDOW`] samples at a time, in the middle of all of them.
 fn share(samples: &[&Sample], rate_hz: f64) -> f64 {
-    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return 1.0 };
-    let missing: u32 = samples.iter().skip(1).map(|sample| sample.missing).sum();
-    let own_hz = ((samples.len() - 1) as f64 + f64::from(missing)) / (last.t_s - first.t_s);
+    let own_hz = |window: &[&Sample]| {
+        let (first, rest) = window.split_first()?;
+        let came: f64 = rest.iter().map(|sample| 1.0 + f64::from(sample.missing)).sum();
+        Some(came / (rest.last()?.t_s - first.t_s))
+    };
+    let mut rates: Vec<f64> = samples.chunks(WINDOW).filter_map(own_hz).collect();
+    rates.sort_by(f64::total_cmp);
+    let own_hz = rates.get(rates.len() / 2).copied().unwrap_or_default();
     if own_hz > rate_hz * AS_FAST { rate_hz / own_hz } else { 1.0 }
 }
 
@@ -155,25 +146,41 @@ mod tests {
         assert!(placed(&samples(), &still, 1000.0).samples.is_empty());
     }
 
+    /// A counter that began anew says that tens of thousands are missing; nothing of the rest is lost for it.
+    #[test]
+    fn a_counter_that_begins_anew_thins_nothing() {
+        let mut samples = samples();
+        samples[1500].missing = 60_000;
+        samples[2000].missing = u32::MAX;
+        samples[2100].missing = u32::MAX;
+        assert_eq!(placed(&samples, &track(), 1000.0).thinned, 0);
+        let thinned = placed(&samples, &track(), 100.0);
+        assert!((880 - thinned.samples.len() as i32).abs() <= 4, "{}", thinned.samples.len());
+    }
+
     #[test]
     fn the_way_to_the_first_point_is_a_block_of_its_own() {
-        let first = x(-10.0).with(Axis::Z, 60.0).with(Axis::C, 0.0);
+        let pole = x(-10.0).with(Axis::Z, 60.0).with(Axis::C, 0.0);
+        let at = |x: f64| pole.clone().with(Axis::X, x);
+        // The scan goes through its first point again, and stays there once.
+        let path = [at(-10.0), at(10.0), at(-10.0), at(-10.0), at(-12.0)];
+        let scan = [feed(x(10.0)), feed(x(-10.0)), feed(x(-12.0))];
         let up = Position::new().with(Axis::Z, 200.0);
-        let motions = vec![
+        let approach = [
             Motion::Rapid { to: up },
             Motion::Rapid { to: x(-10.0) },
-            Motion::Rapid { to: Position::new().with(Axis::Z, 70.0) },
             feed(Position::new().with(Axis::Z, 60.0)),
-            feed(x(10.0)),
-            feed(x(-10.0)),
         ];
-        let block = Block { step: 7, repeat: 1, motions };
-        let (way, scan) = apart(vec![block.clone()], &first).unwrap();
-        assert_eq!((way.motions.len(), scan.motions.len()), (4, 2));
-        assert_eq!((scan.step, scan.repeat), (7, 1));
-        let mut none = block.clone();
-        none.motions.truncate(4);
-        assert_eq!(apart(vec![none], &first), None);
-        assert_eq!(apart(vec![block], &x(3.0)), None);
+        for approach in [&approach[..], &[]] {
+            let motions = [approach, &scan].concat();
+            let block = Block { step: 7, repeat: 1, motions };
+            let (way, sweep) = apart(vec![block], &path).unwrap();
+            assert_eq!((way.motions.as_slice(), sweep.motions.as_slice()), (approach, &scan[..]));
+            assert_eq!((sweep.step, sweep.repeat), (7, 1));
+        }
+        let block = |motions| vec![Block { step: 7, repeat: 1, motions }];
+        assert_eq!(apart(block(approach.to_vec()), &path), None);
+        assert_eq!(apart(block(scan[..2].to_vec()), &path), None);
+        assert_eq!(apart(block(scan.to_vec()), &path[..1]), None);
     }
 }

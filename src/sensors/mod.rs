@@ -219,9 +219,13 @@ async fn watch(
     driver.forget().await.inspect_err(|_| act())?;
     while inbox.is_empty() && !inbox.is_closed() {
         let sample = driver.next().await.inspect_err(|_| act())?;
-        talk.said(&told::sample(&sample));
-        if !good(&sample) {
+        let good = good(&sample);
+        if !good {
             act();
+        }
+        // No disk stands between the sample and the hold.
+        talk.said(&told::sample(&sample));
+        if !good {
             return Ok(Some(sample));
         }
     }

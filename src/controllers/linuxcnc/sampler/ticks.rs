@@ -27,7 +27,7 @@ pub(super) struct Tick {
 
 impl Tick {
     pub fn follows(self, before: Self) -> bool {
-        self.count == before.count && self.number == before.number + 1
+        self.count == before.count && before.number.checked_add(1) == Some(self.number)
     }
 }
 
