@@ -108,9 +108,8 @@ fn a_latency_is_not_lost_motion_and_has_its_sign() {
     }
 }
 
-/// 5.4 um come out instead of 6, and 0.018 ms instead of none.
+/// More than an axis trembles: a sample just behind the one at a turning point is not taken for it.
 #[test]
-#[ignore = "open: lost motion of 6 um without latency is found 0.6 um short"]
 fn lost_motion_alone_is_found() {
     let world = World { gap_mm: 6e-3, ..table_5(0.0, 1) };
     let estimate = estimated(&world, &flowing());
