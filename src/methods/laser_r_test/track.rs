@@ -79,6 +79,9 @@ impl Track {
             let (xyz, velocity) = (self.at(t_s)?, self.velocity(t_s)?);
             let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
             let toward = self.toward.get(node).copied().flatten()?;
+            // Between two stamps an axis may have turned round as well.
+            let next = self.t_s.partition_point(|stamp| *stamp < t_s);
+            self.toward.get(next).copied().flatten()?;
             let unknown = |k: usize| toward[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
             if velocity.length() < STANDS * self.fastest || (0..3).any(unknown) {
                 return None;
