@@ -44,7 +44,7 @@ pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed 
     let mut due = 1.0;
     for sample in meant {
         // By number and not by time: samples come with jitter.
-        due += keep * f64::from(1 + sample.missing);
+        due += keep * (1.0 + f64::from(sample.missing));
         if due < 1.0 {
             placed.thinned += 1;
             continue;

@@ -68,8 +68,12 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     let lines: Vec<String> = lines.collect();
     observed.left_out.extend(lines);
     observed.scans.retain(|scan| !flat(scan));
-    // What the latency was found from is not used a second time.
-    let only_before = |scan: &Scanned| matches!(scan.pass, Pass::Find | Pass::Latency);
+    // What the latency was found from is not used a second time; and beside scans on the way not those at
+    // rest: nobody knows what the axes lost on their way to a point.
+    let swept = observed.latency.is_some();
+    let rests = |scan: &Scanned| scan.spots.iter().all(|spot| spot.velocity == DVec3::ZERO);
+    let only_before =
+        |scan: &Scanned| matches!(scan.pass, Pass::Find | Pass::Latency) || swept && rests(scan);
     let found = observed.scans.iter().any(|scan| !only_before(scan));
     let all = observed.scans.iter().enumerate();
     let used = all.filter(|(_, scan)| !found || !only_before(scan));

@@ -9,7 +9,7 @@ use super::cells::{cells, thin_ways};
 use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
 use super::model::linear;
-use super::track::{Track, toward};
+use super::track::Track;
 use crate::base::Position;
 use crate::methods::IdentifyError;
 use crate::record::plan::{REPEAT_AFTER_STOP, Sampling, Scan, Step};
@@ -148,14 +148,6 @@ fn placed(bench: &Bench<'_>, raw: Raw, observed: &mut Observed) {
         scanned.spots = spots;
         observed.within.0 += within.0;
         observed.within.1 += within.1;
-    } else if let Some(latency) = &observed.latency {
-        let travel = bench.travel(&scanned.rotary);
-        let places: Vec<DVec3> = scanned.spots.iter().map(|spot| spot.xyz).collect();
-        for (spot, toward) in scanned.spots.iter_mut().zip(toward(&places)) {
-            spot.toward = toward.unwrap_or_default();
-            spot.xyz = latency.true_xyz(spot.xyz, spot.toward);
-            spot.at = travel * spot.xyz;
-        }
     }
     match scanned.spots.len() < steps {
         true => observed.left_out.push(format!("{}: no sample that could be used", scanned.label)),

@@ -139,7 +139,7 @@ fn slopes(t_s: &[f64], xyz: &[DVec3], gap_s: f64) -> Vec<DVec3> {
 }
 
 /// [`ways`] of X, Y and Z; nothing where one of them turns round.
-pub fn toward(places: &[DVec3]) -> Vec<Option<DVec3>> {
+fn toward(places: &[DVec3]) -> Vec<Option<DVec3>> {
     let of = |k: usize| ways(&places.iter().map(|place| place[k]).collect::<Vec<f64>>());
     let [x, y, z] = [of(0), of(1), of(2)];
     let each = x.into_iter().zip(y).zip(z);
