@@ -93,18 +93,7 @@ impl RunError {
                     .to_owned()
             }
             Self::Sensor { source, .. } => source.remedy(),
-            Self::Blind { flag: Flag::Stale, .. } => {
-                "the sensor has fallen silent: see to its cable, its power and its link".to_owned()
-            }
-            Self::Blind { flag: Flag::Saturated, .. } => {
-                "too much light comes back: lower the sensor's exposure or power, or take a duller sphere"
-                    .to_owned()
-            }
-            Self::Blind { .. } => {
-                "see that the beam meets the sphere: does it stand where the machine file says, is its \
-                 surface clean, is the sensor mounted as zero_mm and direction say?"
-                    .to_owned()
-            }
+            Self::Blind { flag, .. } => unseen(*flag).to_owned(),
             Self::NotStamped { .. } => {
                 "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
                  the machine file ([controller.sampler])"
@@ -191,5 +180,19 @@ impl RunError {
     /// A person asked for it.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
+    }
+}
+
+/// What to do about a sensor that says so.
+fn unseen(flag: Flag) -> &'static str {
+    match flag {
+        Flag::Stale => "the sensor has fallen silent: see to its cable, its power and its link",
+        Flag::Saturated => {
+            "too much light comes back: lower the sensor's exposure or power, or take a duller sphere"
+        }
+        _ => {
+            "see that the beam meets the sphere: does it stand where the machine file says, is its surface \
+             clean, is the sensor mounted as zero_mm and direction say?"
+        }
     }
 }
