@@ -3,8 +3,7 @@
 //! sign alone. At one feed both are the same.
 //!
 //! Only passes through the same cell are compared: what the sphere, the sensor's curve and the lean of its
-//! beam add there is the same forward and back, and an unknown of the cell with its slope. (Beside a turning
-//! point the samples of one way lie farther in than those of the other.)
+//! beam add there is the same forward and back, and an unknown of the cell.
 
 use faer::Mat;
 use glam::{DMat3, DVec3};
@@ -27,9 +26,6 @@ const ROUNDS: usize = 30;
 /// uncertainty: samples come and go beside turning points.
 const SAME_S: f64 = 1e-8;
 const SETTLED: f64 = 0.05;
-/// A cell of more samples than these, which scatter along it by more than this (rms), has a slope.
-const MANY: usize = 6;
-const FLAT_MM: f64 = 0.03;
 /// An unknown that the others make so many times more uncertain is not told from them. At two feeds in
 /// the ratio r, r > 1, it is (r + 1)/(r − 1).
 const MOST_INFLATED: f64 = 5.5;
@@ -117,19 +113,11 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
 /// The samples as one latency places them.
 struct Round {
     axes: Vec<Axis>,
-    cells: Vec<Cell>,
-}
-
-/// The samples of one scan in it.
-struct Cell {
-    rows: Vec<Row>,
-    /// Unknowns of its own: what is added there, and how that changes along it where the samples tell.
-    own: usize,
+    /// Each with the samples of one scan in it.
+    cells: Vec<Vec<Row>>,
 }
 
 struct Row {
-    /// Along the cell's longest side, from the middle of its samples, mm.
-    along: f64,
     /// What the sensor says beyond the sphere, mm.
     off: f64,
     /// By how much τ (per s) and the lags (per mm) change that.
@@ -144,27 +132,25 @@ impl Round {
         let moved = |k: usize| seen.iter().flatten().any(|one| one.toward[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| moved(*k));
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
-        let mut cells: Vec<Cell> = Vec::new();
+        let mut cells: Vec<Vec<Row>> = Vec::new();
         for (scan, seen) in scans.iter().zip(&seen) {
             let Some(sphere) = Sphere::of(bench, (scan.travel, scan.spindle), seen) else {
                 continue;
             };
             for all in by_place(bench, seen) {
-                let places: Vec<DVec3> = all.iter().map(|one| one.xyz).collect();
-                let along = along(&places);
-                let rows = all.into_iter().zip(along).filter_map(|(one, along)| {
+                let rows = all.into_iter().filter_map(|one| {
                     let at = scan.travel * one.xyz;
                     let off = one.value - sphere.reading(at)?;
                     let slope = scan.travel.transpose() * sphere.slope(at)?;
                     let lags = axes.iter().map(|axis| slope.dot(half_step(*axis, one.toward)));
                     let columns = std::iter::once(slope.dot(one.velocity)).chain(lags);
-                    Some(Row { along, off, columns: columns.map(|by| -by).collect() })
+                    Some(Row { off, columns: columns.map(|by| -by).collect() })
                 });
-                cells.push(Cell::of(rows.collect()));
+                cells.push(rows.collect());
             }
         }
-        cells.retain(|cell| !cell.rows.is_empty());
-        let samples: usize = cells.iter().map(|cell| cell.rows.len()).sum();
+        cells.retain(|rows| !rows.is_empty());
+        let samples: usize = cells.iter().map(Vec::len).sum();
         if samples > 2 * cells.len() + 2 * axes.len() {
             return Ok(Self { axes, cells });
         }
@@ -182,11 +168,10 @@ impl Round {
     }
 
     fn blocks(&self) -> Vec<Rows> {
-        let block = |Cell { rows, own }: &Cell| {
-            let mut block = Rows::zeros(rows.len(), *own, self.unknowns());
+        let block = |rows: &Vec<Row>| {
+            let mut block = Rows::zeros(rows.len(), 1, self.unknowns());
             for (i, row) in rows.iter().enumerate() {
-                let added = [1.0, row.along].into_iter().take(*own).enumerate();
-                added.for_each(|(j, by)| block.set_own(i, j, by / SIGMA_MM));
+                block.set_own(i, 0, 1.0 / SIGMA_MM);
                 block.set_value(i, row.off / SIGMA_MM);
                 let columns = row.columns.iter().enumerate();
                 columns.for_each(|(j, by)| block.set_common(i, j, by / SIGMA_MM));
@@ -197,7 +182,7 @@ impl Round {
     }
 
     fn values(&self) -> Vec<f64> {
-        self.cells.iter().flat_map(|cell| &cell.rows).map(|row| row.off / SIGMA_MM).collect()
+        self.cells.iter().flatten().map(|row| row.off / SIGMA_MM).collect()
     }
 
     /// # Errors
@@ -206,8 +191,7 @@ impl Round {
         let (factored, _) = factor(self.blocks());
         let survey = factored.survey().map_err(|why| IdentifyError::Numerical(why.to_string()))?;
         let mut names = names(&self.axes);
-        let own: usize = self.cells.iter().map(|cell| cell.own).sum();
-        names.extend((0..own).map(|of| format!("cell_{of}")));
+        names.extend((0..self.cells.len()).map(|cell| format!("cell_{cell}")));
         let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
         if survey.nullity > 0 {
             let lost = name_null_space(survey.null_space.as_ref(), &names);
@@ -225,7 +209,7 @@ impl Round {
     }
 
     fn finish(self, tau_s: f64, factored: &Factored, x: &[f64]) -> Latency {
-        let samples: usize = self.cells.iter().map(|cell| cell.rows.len()).sum();
+        let samples: usize = self.cells.iter().map(Vec::len).sum();
         let left: f64 = factored.remainder(&self.values()).iter().map(|rest| rest * rest).sum();
         let free = samples.saturating_sub(factored.unknowns()).max(1) as f64;
         let scale = (left / free).max((LEAST_MM / SIGMA_MM).powi(2));
@@ -240,24 +224,6 @@ impl Round {
             axes: self.axes,
         }
     }
-}
-
-impl Cell {
-    fn of(rows: Vec<Row>) -> Self {
-        let spread: f64 = rows.iter().map(|row| row.along.powi(2)).sum();
-        let told = spread > rows.len() as f64 * FLAT_MM.powi(2);
-        Self { own: if rows.len() > MANY && told { 2 } else { 1 }, rows }
-    }
-}
-
-/// Of each place, along the longest side of what they cover, from their middle.
-fn along(places: &[DVec3]) -> Vec<f64> {
-    let middle = places.iter().sum::<DVec3>() / places.len().max(1) as f64;
-    let squares = places.iter().map(|place| (*place - middle).powf(2.0)).sum::<DVec3>();
-    let longest = squares.max_element();
-    let side = Axis::LINEAR.into_iter().zip(squares.to_array());
-    let side = side.filter(|(_, by)| *by == longest).map(|(axis, _)| unit(axis)).next();
-    places.iter().map(|place| (*place - middle).dot(side.unwrap_or_default())).collect()
 }
 
 fn names(axes: &[Axis]) -> Vec<String> {

@@ -15,9 +15,6 @@ const GAP: f64 = 5.0;
 const TURNED_MM: f64 = 0.05;
 /// Slower than this part of the fastest motion it stands: what an axis has lost is not certain there.
 const STANDS: f64 = 0.05;
-/// Where the velocity changes too abruptly for the stamps, positions between them may be so far off, mm:
-/// what was seen there is not used.
-const UNSURE_MM: f64 = 0.1e-3;
 /// So far an axis may seem to move while it stands, mm.
 const TREMBLES_MM: f64 = 2e-3;
 
@@ -28,8 +25,6 @@ pub struct Track {
     /// X, Y, Z at these stamps, and how they change there.
     xyz: Vec<DVec3>,
     slopes: Vec<DVec3>,
-    /// Of each stamp and the next: whether positions between them can be told.
-    sure: Vec<bool>,
     /// As [`ways`] of each axis.
     toward: Vec<Option<DVec3>>,
     /// Fastest motion, mm/s.
@@ -64,7 +59,6 @@ impl Track {
         apart.sort_by(f64::total_cmp);
         let gap_s = GAP * apart.get(apart.len() / 2).copied().unwrap_or_default();
         let slopes = slopes(&t_s, &xyz, gap_s);
-        let sure = sure(&t_s, &xyz);
         let fastest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
         let mut toward: Vec<Option<DVec3>> = Vec::with_capacity(xyz.len());
         // After a gap nobody knows which way an axis moved last.
@@ -74,7 +68,7 @@ impl Track {
             toward.extend(xyz.get(from..to).map(self::toward).unwrap_or_default());
             from = to;
         }
-        Self { toward, slopes, sure, fastest, t_s, xyz, gap_s, said }
+        Self { toward, slopes, fastest, t_s, xyz, gap_s, said }
     }
 
     /// What the sensor said and where the axes stood, with this latency; without what it said where the
@@ -106,13 +100,12 @@ impl Track {
     /// covered between them while the axes speed up, 1 um at 500 mm/s² and 4 ms.
     fn at(&self, t_s: f64) -> Option<DVec3> {
         let next = self.t_s.partition_point(|stamp| *stamp < t_s);
-        let is_sure = |k: &usize| self.sure.get(*k).copied().unwrap_or_default();
         let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.slopes.get(k)?));
         let (after, to, last) = node(next)?;
         if after == t_s {
             return Some(to);
         }
-        let (before, from, first) = node(next.checked_sub(1).filter(is_sure)?)?;
+        let (before, from, first) = node(next.checked_sub(1)?)?;
         let (lasts, u) = (after - before, (t_s - before) / (after - before));
         let bent = (first * lasts - (to - from)) * (1.0 - u) - (last * lasts - (to - from)) * u;
         (lasts <= self.gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
@@ -128,24 +121,6 @@ impl Track {
             (None, None) => None,
         }
     }
-}
-
-/// What the cubic between two stamps may be off where the acceleration is another one at each end is a
-/// sixteenth of what their velocities and those beside them show of its change.
-fn sure(t_s: &[f64], xyz: &[DVec3]) -> Vec<bool> {
-    let nodes: Vec<(f64, DVec3)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
-    let passes = |pair: &[(f64, DVec3)]| match pair {
-        &[(t0, p0), (t1, p1)] => (t1 - t0, (p1 - p0) / (t1 - t0)),
-        _ => (0.0, DVec3::ZERO),
-    };
-    let passes: Vec<(f64, DVec3)> = nodes.windows(2).map(passes).collect();
-    let velocity = |k: usize| passes.get(k).map(|(_, velocity)| *velocity);
-    let of = |(k, (lasts, own)): (usize, &(f64, DVec3))| {
-        let before = k.checked_sub(1).and_then(velocity).unwrap_or(*own);
-        let after = velocity(k + 1).unwrap_or(*own);
-        (before + after - *own * 2.0).length() * lasts / 16.0 <= UNSURE_MM
-    };
-    passes.iter().enumerate().map(of).collect()
 }
 
 /// Derivatives at the stamps of the parabola through each and its neighbours; towards one neighbour alone
