@@ -84,7 +84,7 @@ fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
     let cases = [
         (State::Beyond, Moment::Way, ["(range)", "see that the beam meets the sphere"]),
         (State::Silent, Moment::Way, silent),
-        (State::Gone, Moment::Way, ["the link to", "its cable is plugged in"]),
+        (State::Gone, Moment::Way, ["the link to", "see to the sensor's power and cable"]),
         (State::Saturated, Moment::Way, ["(saturated)", "lower the sensor's exposure"]),
         (State::Silent, Moment::Rest, silent),
     ];
