@@ -1,9 +1,10 @@
 //! A machine's values over its runs.
 
-use jiff::Timestamp;
+use jiff::tz::TimeZone;
+use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
-use crate::decision::trend::{Point, Trend};
+use crate::decision::trend::{self, Point, Told, Trend};
 use crate::record::estimate::{Estimate, Unit};
 use crate::store::{Journal, RunId, StoreError};
 
@@ -70,4 +71,20 @@ fn series((method, symbol, unit, values): (String, String, Unit, Vec<Value>)) ->
     };
     let trend = Trend::of(values.iter().map(point).collect());
     Series { method, symbol, unit, values, trend }
+}
+
+/// What changed within the last `days`, in one sentence; days are those of this computer's time zone.
+pub fn what_changed(all: &[Series], days: u32) -> String {
+    let told: Vec<Told<'_>> = all.iter().map(told).collect();
+    let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
+    trend::what_changed(&told, since.as_secs_f64(), day)
+}
+
+fn day(t_s: f64) -> String {
+    let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
+    at.to_zoned(TimeZone::system()).strftime("%-d %B").to_string()
+}
+
+fn told(series: &Series) -> Told<'_> {
+    Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
 }

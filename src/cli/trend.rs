@@ -2,15 +2,11 @@
 
 use std::path::Path;
 
-use jiff::tz::TimeZone;
-use jiff::{SignedDuration, Timestamp};
-
 use super::args::TrendArgs;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
-use crate::archive::history::{Series, history};
-use crate::decision::trend::{Told, what_changed};
+use crate::archive::history::{Series, history, what_changed};
 use crate::store::Journal;
 
 pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -29,15 +25,13 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         say!("no finished run of {machine}: `trued runs` lists what there is");
         return Ok(Exit::Pass);
     }
-    let since =
-        Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(args.days));
     for of_method in all.chunk_by(|one, other| one.method == other.method) {
-        print(&machine, of_method, since.as_secs_f64());
+        print(&machine, of_method, args.days);
     }
     Ok(Exit::Pass)
 }
 
-fn print(machine: &str, all: &[Series], since_s: f64) {
+fn print(machine: &str, all: &[Series], days: u32) {
     say!("{} on {machine}", all.first().map_or("", |series| series.method.as_str()));
     say!(
         "{:<12} {:>5} {:>12} {:>9}  {:<5} control limits",
@@ -62,16 +56,5 @@ fn print(machine: &str, all: &[Series], since_s: f64) {
             series.unit.symbol(),
         );
     }
-    let told: Vec<Told<'_>> = all.iter().map(told).collect();
-    say!("{}\n", what_changed(&told, since_s, day));
-}
-
-fn told(series: &Series) -> Told<'_> {
-    Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
-}
-
-/// Here, by this computer's time zone.
-fn day(t_s: f64) -> String {
-    let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
-    at.to_zoned(TimeZone::system()).strftime("%-d %B").to_string()
+    say!("{}\n", what_changed(all, days));
 }

@@ -6,17 +6,16 @@ use axum::extract::{Path, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
+use jiff::Timestamp;
 use jiff::tz::TimeZone;
-use jiff::{SignedDuration, Timestamp};
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::api::look;
 use super::problem::Problem;
 use super::standing::Standing;
 use super::{Shown, Web};
-use crate::archive::history::{Series, history};
+use crate::archive::history::{Series, history, what_changed};
 use crate::archive::report::report;
-use crate::decision::trend::{Told, what_changed};
 use crate::record::estimate::Verdict;
 use crate::service::config::Demand;
 use crate::store::{Journal, RunId, RunSummary};
@@ -33,7 +32,7 @@ const TEMPLATES: [(&str, &str); 6] = [
 /// Runs on a machine's page.
 const NEWEST: usize = 10;
 /// What changed is asked for so long.
-const DAYS: i64 = 7;
+const DAYS: u32 = 7;
 
 pub fn routes() -> Router<Web> {
     Router::new()
@@ -184,8 +183,6 @@ fn vouch(demand: &Demand) -> Value {
 }
 
 fn trends(of_method: &[Series]) -> Value {
-    let told: Vec<Told<'_>> = of_method.iter().map(told).collect();
-    let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * DAYS);
     let rows = of_method.iter().filter_map(|series| {
         let newest = series.values.last()?;
         let limits = series.trend.individuals.map(|chart| chart.limits());
@@ -201,21 +198,12 @@ fn trends(of_method: &[Series]) -> Value {
     });
     context! {
         method => of_method.first().map(|series| series.method.as_str()),
-        sentence => what_changed(&told, since.as_secs_f64(), day),
+        sentence => what_changed(of_method, DAYS),
         rows => rows.collect::<Vec<_>>(),
     }
 }
 
-fn told(series: &Series) -> Told<'_> {
-    Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
-}
-
 /// By the clock on the wall.
-fn day(t_s: f64) -> String {
-    let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
-    at.to_zoned(TimeZone::system()).strftime("%-d %B").to_string()
-}
-
 fn moment(at: Timestamp) -> String {
     at.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }
