@@ -1,5 +1,6 @@
 //! Floor 3: decision rules, and what a machine's history says.
 
+pub mod difference;
 pub mod references;
 pub mod trend;
 

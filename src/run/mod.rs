@@ -4,6 +4,7 @@
 //!
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
+mod again;
 mod cycle;
 mod error;
 mod live_check;
@@ -14,6 +15,7 @@ mod stage;
 mod sweep;
 mod timeline;
 
+pub use again::{Again, AgainError, Question, question};
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
 pub use resume::{Interrupted, can_resume};

@@ -58,6 +58,7 @@ impl Service {
                 _ if self.desk.is_ending() => break,
                 Ask::End => break,
                 Ask::Acknowledge => self.acknowledged(&journal, &mut lock).await,
+                Ask::Resume { .. } => {}
                 Ask::Start { cycle } => {
                     let state = self.cycle(cycle, &journal).await;
                     if state != State::Waiting && self.desk.is_ending() {

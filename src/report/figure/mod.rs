@@ -10,6 +10,7 @@ mod arrows;
 mod circle;
 mod curve;
 mod histogram;
+mod individuals;
 mod matrix;
 mod paths;
 mod points;
@@ -20,6 +21,7 @@ mod tests;
 
 pub(super) use arrows::Common;
 pub(super) use circle::circle;
+pub use individuals::Individuals;
 pub(super) use matrix::{correlation, matrix};
 
 /// Colours by their role; the page's style sheet replaces them by these very values in the dark.

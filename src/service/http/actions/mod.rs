@@ -1,17 +1,21 @@
-//! What can be done: start a cycle, hold the machine, acknowledge. Each says who asks, and each stands in
-//! the audit log before it is answered. The same words come as JSON from a program and as a form from the
+//! What can be done: start a cycle, hold the machine, acknowledge, resume, sign. Each says who asks, and each
+//! stands in the audit log before it is answered. The same words come as JSON from a program and as a form from the
 //! page, which is sent back to the machine's page.
 
-use axum::extract::rejection::{FormRejection, JsonRejection};
-use axum::extract::{FromRequest, Path, Request, State};
+mod resume;
+mod sign;
+mod words;
+
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use axum::http::header::CONTENT_TYPE;
+use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::post;
-use axum::{Form, Json, Router};
+use axum::{Json, Router};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 
+use self::words::{Words, named};
+use super::page::for_people;
 use super::problem::Problem;
 use super::standing::Standing;
 use super::{Shown, Web};
@@ -24,6 +28,9 @@ pub fn routes() -> Router<Web> {
         .route("/api/v1/machines/{name}/start", post(start))
         .route("/api/v1/machines/{name}/hold", post(hold))
         .route("/api/v1/machines/{name}/acknowledge", post(acknowledge))
+        .route("/api/v1/machines/{name}/resume", post(resume::resume))
+        .route("/api/v1/runs/{run}/sign", post(sign::sign))
+        .layer(from_fn(for_people))
 }
 
 #[derive(Debug, Deserialize)]
@@ -49,56 +56,6 @@ struct Asked {
     why: String,
 }
 
-/// JSON or a form, by what the request says it is.
-enum Words<T> {
-    Json(T),
-    Form(T),
-}
-
-impl<T> Words<T> {
-    /// What was said, and whether the answer is for a person at the page.
-    fn split(self) -> (T, bool) {
-        match self {
-            Self::Json(said) => (said, false),
-            Self::Form(said) => (said, true),
-        }
-    }
-}
-
-impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for Words<T> {
-    type Rejection = Problem;
-
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let kind = request.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-        match kind.is_some_and(|kind| kind.starts_with("application/json")) {
-            true => Ok(Self::Json(Json::from_request(request, state).await.map_err(not_json)?.0)),
-            false => Ok(Self::Form(Form::from_request(request, state).await.map_err(no_form)?.0)),
-        }
-    }
-}
-
-fn not_json(error: JsonRejection) -> Problem {
-    Problem::new(error.status(), "unreadable", error.body_text(), "send what the API describes")
-}
-
-fn no_form(error: FormRejection) -> Problem {
-    Problem::new(error.status(), "unreadable", error.body_text(), "send what the page's form sends")
-}
-
-/// Who asks must have a name.
-fn named(who: &str) -> Result<String, Problem> {
-    let who = who.trim();
-    match who.is_empty() || who.chars().count() > 100 || who.chars().any(char::is_control) {
-        true => Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "nameless",
-            "nobody has given a name",
-            "say who you are: it stands in the log of this machine",
-        )),
-        false => Ok(who.to_owned()),
-    }
-}
-
 async fn start(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -122,14 +79,12 @@ fn vouched(machine: &Shown, asked: &Start) -> Result<(), Problem> {
         Demand::Door if !asked.door => Some("that the guards are closed (door)"),
         _ => None,
     });
-    missing.map_or(Ok(()), |what| {
-        Err(Problem::new(
-            StatusCode::CONFLICT,
-            "not-vouched",
-            format!("nobody has vouched {what}"),
-            "look at the machine, then say so",
-        ))
-    })
+    missing.map_or(Ok(()), |what| Err(not_vouched(what)))
+}
+
+fn not_vouched(what: &str) -> Problem {
+    let message = format!("nobody has vouched {what}");
+    Problem::new(StatusCode::CONFLICT, "not-vouched", message, "look at the machine, then say so")
 }
 
 async fn hold(
