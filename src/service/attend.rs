@@ -38,7 +38,7 @@ impl Service {
     /// What keeps it from serving at all; what befalls a cycle is on the board and in the log.
     pub async fn serve(mut self) -> Result<Ended, ServeError> {
         let journal = Arc::new(Journal::open(&self.folder)?);
-        let mut lock = Some(self.lock(&journal).await?);
+        self.lock = Some(self.lock(&journal).await?);
         self.rehearse().await?;
         triggers::start(&self.config, &self.desk, &self.log)?;
         if let Some(config) = &self.config.http {
@@ -47,7 +47,9 @@ impl Service {
         match unfinished(&journal, self.name())? {
             Some(before) => {
                 (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
-                lock = None;
+                self.lock = None;
+                let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
+                self.desk.show(|board| board.run = run);
                 self.desk.becomes(State::Held);
             }
             None => self.desk.becomes(State::Waiting),
@@ -57,16 +59,23 @@ impl Service {
             match ask {
                 _ if self.desk.is_ending() => break,
                 Ask::End => break,
-                Ask::Acknowledge => self.acknowledged(&journal, &mut lock).await,
-                Ask::Resume { .. } => {}
+                Ask::Acknowledge => self.acknowledged(&journal).await,
                 Ask::Start { cycle } => {
-                    let state = self.cycle(cycle, &journal).await;
-                    if state != State::Waiting && self.desk.is_ending() {
-                        return Ok(Ended::Held);
+                    let measured = self.measured(cycle, &journal).await;
+                    if let Some(ended) = self.after(measured) {
+                        return Ok(ended);
                     }
-                    if state == State::Held {
-                        // Now a person may resume it.
-                        lock = None;
+                }
+                Ask::Resume { run, who, homed } => {
+                    let Some(again) = self.acknowledged_again(run, (&who, homed), &journal).await
+                    else {
+                        self.lock = None;
+                        self.desk.becomes(State::Held);
+                        continue;
+                    };
+                    let measured = self.measured_again(again, &journal).await;
+                    if let Some(ended) = self.after(measured) {
+                        return Ok(ended);
                     }
                 }
             }
@@ -106,18 +115,18 @@ impl Service {
     }
 
     /// A person at the machine has acknowledged. That lets a new cycle start; it does not resume.
-    async fn acknowledged(&self, journal: &Journal, lock: &mut Option<MachineLock>) {
-        match self.clear(journal, lock).await {
+    async fn acknowledged(&mut self, journal: &Journal) {
+        match self.clear(journal).await {
             Ok(None) => {
                 self.desk.becomes(State::Waiting);
                 (self.log)("acknowledged; ready");
             }
             Ok(Some(why)) => {
-                *lock = None;
+                self.lock = None;
                 self.desk.refuse(why, "acknowledgement");
             }
             Err(error) => {
-                *lock = None;
+                self.lock = None;
                 let why = match error {
                     ServeError::Lock(_) => Refusal::Elsewhere,
                     _ => Refusal::NotReady,
@@ -127,13 +136,9 @@ impl Service {
         }
     }
 
-    async fn clear(
-        &self,
-        journal: &Journal,
-        lock: &mut Option<MachineLock>,
-    ) -> Result<Option<Refusal>, ServeError> {
-        if lock.is_none() {
-            *lock = Some(self.lock(journal).await?);
+    async fn clear(&mut self, journal: &Journal) -> Result<Option<Refusal>, ServeError> {
+        if self.lock.is_none() {
+            self.lock = Some(self.lock(journal).await?);
         }
         let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
         if before.position_lost {
@@ -145,9 +150,8 @@ impl Service {
         Ok(None)
     }
 
-    /// Run one cycle; how the service stands afterwards.
-    async fn cycle(&self, number: u16, journal: &Journal) -> State {
-        let measured = self.measured(number, journal).await;
+    /// Show how a run has ended; the service ends with it if it must.
+    fn after(&mut self, measured: Result<(RunId, Estimate), Failed>) -> Option<Ended> {
         let (state, told) = match &measured {
             Ok((run, estimate)) => {
                 (State::Waiting, format!("run {run} is finished, verdict {:?}", estimate.verdict))
@@ -161,7 +165,11 @@ impl Service {
         };
         (self.log)(&told);
         self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
-        state
+        if state == State::Held {
+            // Now a person may resume it.
+            self.lock = None;
+        }
+        (state != State::Waiting && self.desk.is_ending()).then_some(Ended::Held)
     }
 
     async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), Failed> {
@@ -170,11 +178,8 @@ impl Service {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
         let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
-        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
         let opening = setup::devices(&self.machine, self.pace, Past::default());
-        let devices = wiring.during(opening).await?;
-        self.desk.under_way(&devices.controller.halt());
+        let (devices, capture) = self.open(opening).await?;
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         let begun = |id: RunId| {
@@ -187,6 +192,18 @@ impl Service {
         let ended = cycle.run(&devices, journal, begun, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);
         Ok(ended?)
+    }
+
+    /// With every byte kept where that is wanted; a stop is heard from here on.
+    async fn open(
+        &self,
+        opening: impl Future<Output = Result<Devices, SetupError>>,
+    ) -> Result<(Devices, Option<Begun<'_>>), SetupError> {
+        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
+        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
+        let devices = wiring.during(opening).await?;
+        self.desk.under_way(&devices.controller.halt());
+        Ok((devices, capture))
     }
 
     fn tell(&self, event: &Event, progress: &mut Progress) {

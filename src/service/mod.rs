@@ -25,7 +25,7 @@ use self::desk::{Ask, Desk};
 use crate::controllers::Halt;
 use crate::run::RunError;
 use crate::setup::{MachineFile, Pace, SetupError};
-use crate::store::{LockError, StoreError};
+use crate::store::{LockError, MachineLock, StoreError};
 
 /// Words for the person who reads the log.
 pub type Log = Arc<dyn Fn(&str) + Send + Sync>;
@@ -84,6 +84,7 @@ pub struct Service {
     asks: mpsc::Receiver<Ask>,
     log: Log,
     captures: Option<Captures>,
+    lock: Option<MachineLock>,
 }
 
 impl Service {
@@ -102,7 +103,7 @@ impl Service {
             crate::setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
         let (desk, asks) = Desk::new(&config, log.clone());
-        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None })
+        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None, lock: None })
     }
 
     /// With every byte of each run's links in a file: `file` with the run's number before its ending.

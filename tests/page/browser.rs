@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use axum::http::Method;
 use fantoccini::elements::Element;
-use fantoccini::wd::WebDriverCompatibleCommand;
+use fantoccini::wd::{TimeoutConfiguration, WebDriverCompatibleCommand};
 use fantoccini::{Client, ClientBuilder, Locator};
 use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
@@ -80,7 +80,10 @@ impl Browser {
         let mut builder = ClientBuilder::new(HttpConnector::new());
         let client =
             builder.capabilities(wanted).connect(&format!("http://127.0.0.1:{}", driver.port));
-        Self { client: client.await.expect("a session"), _driver: driver }
+        let client = client.await.expect("a session");
+        let patience = TimeoutConfiguration::new(Some(PATIENCE), Some(PATIENCE), None);
+        client.update_timeouts(patience).await.expect("patience");
+        Self { client, _driver: driver }
     }
 
     /// Of Chrome's own protocol.

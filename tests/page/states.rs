@@ -30,10 +30,11 @@ pub async fn from_afar(browser: Browser) {
     browser.until("#live", |text| text.contains("not true")).await;
     assert_eq!(browser.console().await, Vec::<String>::new());
     daemon.child.kill().unwrap();
-    browser.until("#away", |text| text.contains("no connection")).await;
-    // Hidden: innerText holds what is seen.
-    let seen = browser.text("#live").await;
-    assert!(!seen.contains("not true") && !seen.contains("µm"), "{seen}");
+    // Of what is hidden, innerText of what is around it says nothing.
+    browser.until("main", |text| text.contains("no connection") && !text.contains("as of")).await;
+    let seen = browser.text("main").await;
+    assert!(!seen.contains("not true") && !seen.contains("Result of run"), "{seen}");
+    assert_eq!(browser.client.title().await.unwrap(), "no connection");
     look::at(&browser, "away").await;
 }
 

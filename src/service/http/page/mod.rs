@@ -25,9 +25,11 @@ use super::problem::Problem;
 use crate::store::{Journal, RunSummary};
 
 const SCRIPT: &str = include_str!("../templates/live.js");
-const TEMPLATES: [(&str, &str); 11] = [
+const ICON: &str = include_str!("../templates/icon.svg");
+const TEMPLATES: [(&str, &str); 12] = [
     ("base.html", include_str!("../templates/base.html")),
     ("machines.html", include_str!("../templates/machines.html")),
+    ("overview.html", include_str!("../templates/overview.html")),
     ("machine.html", include_str!("../templates/machine.html")),
     ("actions.html", include_str!("../templates/actions.html")),
     ("live.html", include_str!("../templates/live.html")),
@@ -42,13 +44,15 @@ const TEMPLATES: [(&str, &str); 11] = [
 pub fn routes() -> Router<Web> {
     let pages = Router::new()
         .route("/", get(machines))
+        .route("/machines", get(overview))
         .route("/machines/{name}", get(machine::page))
         .route("/machines/{name}/live", get(machine::live))
         .route("/runs", get(runs))
         .route("/runs/{run}", get(run::page))
         .route("/runs/{run}/report", get(run::whole))
         .route("/compare", get(compare::page));
-    pages.layer(from_fn(for_people)).route("/live.js", get(script))
+    let pages = pages.layer(from_fn(for_people));
+    pages.route("/live.js", get(script)).route("/favicon.ico", get(icon))
 }
 
 /// Of a machine's page. Names of machines may hold anything.
@@ -75,13 +79,26 @@ async fn script() -> impl IntoResponse {
     ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT)
 }
 
+async fn icon() -> impl IntoResponse {
+    ([(CONTENT_TYPE, "image/svg+xml")], ICON)
+}
+
 /// One machine is shown at once.
 async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
     if let [only] = &*web.machines {
         return Ok(Redirect::to(&address(&only.name)).into_response());
     }
+    Ok(render("machines.html", standings(&web))?.into_response())
+}
+
+/// The part of it that changes, for the script.
+async fn overview(State(web): State<Web>) -> Result<Html<String>, Problem> {
+    render("overview.html", standings(&web))
+}
+
+fn standings(web: &Web) -> Value {
     let machines: Vec<Value> = web.machines.iter().map(machine::standing).collect();
-    Ok(render("machines.html", context! { machines })?.into_response())
+    context! { machines, now => moment(Timestamp::now()) }
 }
 
 async fn runs(State(web): State<Web>) -> Result<Html<String>, Problem> {
