@@ -3,11 +3,13 @@
 //! `TRUED_REQUIRE_PEERS=1` they fail.
 
 mod abuse;
+mod again;
 mod client;
 mod line;
 mod page;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
+mod several;
 mod shop;
 mod starts;
 mod stops;
@@ -53,7 +55,11 @@ fn main() {
         alone("a_line_of_text_starts_a_cycle", line::starts),
         alone("a_cycle_is_started_from_the_page_and_told_as_elsewhere", page::a_cycle),
         alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
+        alone("a_held_run_is_resumed_by_somebody_with_a_name", again::resumed),
+        alone("a_result_is_signed_as_it_was_read", again::signed),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
+        alone("two_machines_of_one_daemon_measure_at_once", several::machines),
+        alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

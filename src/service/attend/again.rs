@@ -1,7 +1,6 @@
 //! A person at the page lets a run go on.
 
-use super::{Failed, Progress};
-use crate::service::Service;
+use super::{Attendant, Failed, Progress};
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError};
@@ -20,7 +19,7 @@ enum NotAgain {
     Again(#[from] AgainError),
 }
 
-impl Service {
+impl Attendant {
     /// The run that a person has let go on: the machine is ours, the word is in the journal. `None` once it
     /// is told why not.
     pub(super) async fn acknowledged_again(
@@ -50,7 +49,7 @@ impl Service {
         journal: &Journal,
     ) -> Result<Again, NotAgain> {
         if self.lock.is_none() {
-            self.lock = Some(self.lock(journal).await?);
+            self.lock = Some(self.take(journal).await?);
         }
         // Somebody may have resumed it elsewhere meanwhile: what stands in the journal now counts.
         let again = Again::of(journal.load(run).map_err(ServeError::from)?)?;
