@@ -95,7 +95,8 @@ fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
     context! {
         name,
         frame => format!("{left:.2} {top:.2} {size:.2} {size:.2}"),
-        radius => format!("{:.2}", MARK * size),
+        radius => mm(MARK * size),
+        large => mm(2.0 * MARK * size),
         bodies => bodies.iter().map(|body| outline(*body, up)).collect::<Vec<_>>(),
         marks => marks.iter().map(|mark| context! {
             class => mark.class,
