@@ -8,7 +8,7 @@ use super::config::Cycle;
 use super::desk::Ask;
 use super::http::{self, Shown};
 use super::past::unfinished;
-use super::{Ended, ServeError, Service, triggers};
+use super::{Ended, ServeError, Service, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
@@ -52,6 +52,8 @@ impl Service {
             }
             None => self.desk.becomes(State::Waiting),
         }
+        let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
+        schedule::start(self.name(), kept, &self.desk, &journal, &self.log)?;
         (self.log)("ready");
         while let Some(ask) = self.asks.recv().await {
             match ask {

@@ -12,6 +12,8 @@ pub mod config;
 pub mod desk;
 mod http;
 mod past;
+pub mod rota;
+pub mod schedule;
 pub mod triggers;
 
 use std::path::PathBuf;

@@ -11,7 +11,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 4] = [
+const MIGRATIONS: [&str; 5] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -109,6 +109,40 @@ CREATE TABLE audit (
 ) STRICT;
 CREATE TRIGGER audit_is_kept BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'audit is kept'); END;
 CREATE TRIGGER audit_stands BEFORE UPDATE ON audit BEGIN SELECT RAISE(ABORT, 'audit stands'); END;
+",
+    // Who let a cycle start while nobody is there; what became of each instant of a schedule; up to
+    // which instant each schedule was seen to.
+    "
+CREATE TABLE armings (
+    seq INTEGER PRIMARY KEY,
+    machine TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    who TEXT NOT NULL,
+    why TEXT NOT NULL,
+    armed TEXT NOT NULL,
+    until TEXT NOT NULL,
+    after_event INTEGER NOT NULL,
+    ended TEXT,
+    ended_why TEXT
+) STRICT;
+CREATE TABLE slots (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    at TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    decided TEXT NOT NULL,
+    outcome TEXT NOT NULL,
+    why TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    PRIMARY KEY (machine, schedule, at)
+) STRICT;
+CREATE TABLE schedules (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    calendar TEXT NOT NULL,
+    seen TEXT NOT NULL,
+    PRIMARY KEY (machine, schedule)
+) STRICT;
 ",
 ];
 

@@ -50,14 +50,14 @@ struct Asked {
 }
 
 /// JSON or a form, by what the request says it is.
-enum Words<T> {
+pub(super) enum Words<T> {
     Json(T),
     Form(T),
 }
 
 impl<T> Words<T> {
     /// What was said, and whether the answer is for a person at the page.
-    fn split(self) -> (T, bool) {
+    pub(super) fn split(self) -> (T, bool) {
         match self {
             Self::Json(said) => (said, false),
             Self::Form(said) => (said, true),
@@ -86,7 +86,7 @@ fn no_form(error: FormRejection) -> Problem {
 }
 
 /// Who asks must have a name.
-fn named(who: &str) -> Result<String, Problem> {
+pub(super) fn named(who: &str) -> Result<String, Problem> {
     let who = who.trim();
     match who.is_empty() || who.chars().count() > 100 || who.chars().any(char::is_control) {
         true => Err(Problem::new(
