@@ -9,10 +9,10 @@ use super::args::{ArmArgs, DisarmArgs, ScheduleArgs};
 use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
-use crate::service::Config;
+use crate::service::DaemonFile;
 use crate::service::rota::{Planned, arming};
 use crate::service::schedule::planned;
-use crate::setup::{MachineFile, SetupError};
+use crate::setup::SetupError;
 use crate::store::{Arming, Journal, Slot};
 
 /// Of what was.
@@ -29,8 +29,13 @@ struct Told {
 
 pub fn schedule(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
-    let all = match (&args.machine, &args.name) {
-        (Some(file), _) => vec![of_file(file)?],
+    let file = match (&args.config, &args.machine) {
+        (Some(config), _) => Some(DaemonFile::read(config)),
+        (None, Some(machine)) => Some(DaemonFile::of_machine(machine)),
+        (None, None) => None,
+    };
+    let all = match (file.transpose().map_err(SetupError::from)?, &args.name) {
+        (Some(file), _) => of_file(file),
         (None, Some(name)) => vec![(name.clone(), Vec::new())],
         (None, None) => journal.machines()?.into_iter().map(|name| (name, Vec::new())).collect(),
     };
@@ -46,11 +51,12 @@ pub fn schedule(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exit, Failu
     Ok(Exit::Pass)
 }
 
-fn of_file(file: &Path) -> Result<(String, Vec<Planned>), Failure> {
-    let machine = MachineFile::read(file).map_err(SetupError::from)?;
-    let config: Option<Config> = machine.serve().map_err(SetupError::from)?;
-    let entries = config.map(|config| config.schedule).unwrap_or_default();
-    Ok((machine.machine.name.clone(), planned(&entries, Timestamp::now())))
+fn of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
+    let now = Timestamp::now();
+    let machines = file.machines.into_iter();
+    machines
+        .map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedule, now)))
+        .collect()
 }
 
 fn print(told: &Told) {
