@@ -40,6 +40,12 @@ pub enum Command {
     Runs(RunsArgs),
     /// Tell how a machine's values went over its runs, and what changed.
     Trend(TrendArgs),
+    /// Tell what a machine's schedule does when, who armed it, and what became of the last times.
+    Schedule(ScheduleArgs),
+    /// Let a cycle start by the schedule while nobody is there, until a time.
+    Arm(ArmArgs),
+    /// Nothing of this machine starts by the schedule any more, until it is armed again.
+    Disarm(DisarmArgs),
     /// Show one stored run.
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
@@ -262,6 +268,49 @@ pub struct TrendArgs {
     pub days: u32,
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ScheduleArgs {
+    /// Name of the machine; without it, all that the journal knows.
+    pub name: Option<String>,
+    /// The machine file, for what comes next.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
+    pub machine: Option<PathBuf>,
+    /// The daemon's file, likewise.
+    #[arg(long, value_name = "FILE", conflicts_with = "name")]
+    pub config: Option<PathBuf>,
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ArmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle, as in [[serve.cycle]].
+    pub cycle: u16,
+    /// Your name: the machine will move while nobody is there, and you have seen to it that it may.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    /// For so long, such as 14d or 8h, or until an instant, such as 2027-01-31T18:00:00+01:00.
+    #[arg(long, value_name = "WHEN")]
+    pub until: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
+}
+
+#[derive(Debug, Args)]
+pub struct DisarmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle; without it, all of them.
+    pub cycle: Option<u16>,
+    /// Your name.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
 }
 
 #[derive(Debug, Args)]

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::schedule::entry::{self, Entry};
 use super::triggers::modbus::map::CYCLES;
 use crate::link::{HostPort, Named};
 
@@ -113,6 +114,8 @@ struct Keys {
     modbus: Option<Modbus>,
     line: Option<Line>,
     http: Option<Http>,
+    #[serde(default)]
+    schedule: Vec<Entry>,
 }
 
 /// `[serve]`, found sound.
@@ -127,6 +130,7 @@ pub struct Config {
     pub modbus: Option<Modbus>,
     pub line: Option<Line>,
     pub http: Option<Http>,
+    pub schedule: Vec<Entry>,
 }
 
 fn min_interval_s() -> f64 {
@@ -145,7 +149,7 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, demand, cycle, modbus, line, http } = keys;
+        let Keys { min_interval_s, demand, cycle, modbus, line, http, schedule } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
         }
@@ -157,9 +161,11 @@ impl TryFrom<Keys> for Config {
             );
         }
         check_cycles(&cycle)?;
+        let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
+        entry::check(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        Ok(Self { min_interval, demand, cycle, modbus, line, http })
+        Ok(Self { min_interval, demand, cycle, modbus, line, http, schedule })
     }
 }
 

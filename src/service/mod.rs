@@ -13,6 +13,8 @@ mod daemon_file;
 pub mod desk;
 mod http;
 mod past;
+pub mod rota;
+pub mod schedule;
 mod together;
 pub mod triggers;
 

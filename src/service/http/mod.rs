@@ -9,6 +9,7 @@ mod events;
 mod guard;
 mod page;
 mod problem;
+mod schedule;
 mod standing;
 
 use std::net::{SocketAddr, TcpListener};
@@ -87,5 +88,6 @@ fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
 
 fn router(web: Web, names: guard::Names) -> Router {
     let all = page::routes().merge(api::routes()).merge(actions::routes()).merge(events::routes());
+    let all = all.merge(schedule::routes());
     guard::around(all.with_state(web), names)
 }

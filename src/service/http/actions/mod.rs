@@ -14,7 +14,7 @@ use axum::routing::post;
 use axum::{Json, Router};
 use serde::Deserialize;
 
-use self::words::{Words, named};
+pub(super) use self::words::{Words, named};
 use super::page::for_people;
 use super::problem::Problem;
 use super::standing::Standing;
