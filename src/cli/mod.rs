@@ -27,6 +27,7 @@ mod show;
 mod signals;
 mod simulate;
 mod terminal;
+mod token;
 mod trend;
 mod watch;
 mod wires;
@@ -95,6 +96,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Trend(args) => trend::trend(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
+        Command::Token(args) => token::token(&args, state),
     }
 }
 

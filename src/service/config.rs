@@ -55,6 +55,9 @@ pub struct Http {
     /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
     #[serde(default)]
     pub names: Vec<String>,
+    /// Everybody shows a token of his own.
+    #[serde(default)]
+    pub tokens: bool,
 }
 
 #[derive(Debug, Deserialize)]
@@ -165,6 +168,11 @@ fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
 }
 
 fn check_http(http: &Http) -> Result<(), String> {
+    if !http.names.is_empty() && !http.tokens {
+        return Err("http.names lets people elsewhere in, and whoever asks may start a cycle: say `tokens = \
+                    true`, and make a token for each with `trued token add`"
+            .to_owned());
+    }
     match http.listen.ip().is_loopback() {
         true => Ok(()),
         false => Err(format!(

@@ -22,6 +22,7 @@ use tokio::sync::mpsc;
 use self::captures::Captures;
 pub use self::config::Config;
 use self::desk::{Ask, Desk};
+pub use self::http::access::{Role, Token, TokenError, Tokens};
 use crate::controllers::Halt;
 use crate::run::RunError;
 use crate::setup::{MachineFile, Pace, SetupError};
@@ -43,6 +44,8 @@ pub enum ServeError {
     Cycle { number: u16, error: Box<RunError> },
     #[error("{what} cannot listen on {listen}: {source}")]
     Listen { what: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
+    #[error(transparent)]
+    Token(#[from] TokenError),
     #[error("a thread cannot be started: {0}")]
     Thread(std::io::Error),
 }
@@ -60,6 +63,7 @@ impl ServeError {
                  has; ports below 1024 need a right of their own"
                     .to_owned(),
             ),
+            Self::Token(error) => Some(error.remedy().to_owned()),
             Self::Thread(_) => None,
         }
     }

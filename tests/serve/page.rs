@@ -9,18 +9,18 @@ use serde_json::{Value, json};
 
 use super::shop::{Daemon, Shop};
 
-const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
-const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
+pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 const PATIENCE: Duration = Duration::from_secs(60);
 
-fn port(daemon: &Daemon) -> u16 {
+pub fn port(daemon: &Daemon) -> u16 {
     let log = daemon.log.lock().unwrap();
     let at = log.lines().find_map(|line| line.strip_prefix("the page is at http://127.0.0.1:"));
     at.and_then(|at| at.trim_end_matches('/').parse().ok()).unwrap_or_else(|| panic!("{log}"))
 }
 
 /// Status and body of what `request` (without Host) is answered.
-fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
+pub fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let host = match headers.contains("Host:") {
@@ -39,20 +39,20 @@ fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, 
     (status, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
 }
 
-const JSON: &str = "Content-Type: application/json\r\n";
+pub const JSON: &str = "Content-Type: application/json\r\n";
 
-fn post(port: u16, what: &str, body: &Value) -> (u16, Value) {
+pub fn post(port: u16, what: &str, body: &Value) -> (u16, Value) {
     let (status, body) = ask(port, "POST", &format!("{MACHINE}/{what}"), JSON, &body.to_string());
     (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
 }
 
-fn get(port: u16, path: &str) -> Value {
+pub fn get(port: u16, path: &str) -> Value {
     let (status, body) = ask(port, "GET", path, "", "");
     assert_eq!(status, 200, "{path}: {body}");
     serde_json::from_str(&body).unwrap()
 }
 
-fn until(port: u16, right: impl Fn(&Value) -> bool) -> Value {
+pub fn until(port: u16, right: impl Fn(&Value) -> bool) -> Value {
     let started = Instant::now();
     loop {
         let standing = get(port, MACHINE);
@@ -64,11 +64,11 @@ fn until(port: u16, right: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
-fn vouched() -> Value {
+pub fn vouched() -> Value {
     json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true})
 }
 
-fn code(answer: &(u16, Value)) -> (u16, &str) {
+pub fn code(answer: &(u16, Value)) -> (u16, &str) {
     (answer.0, answer.1["code"].as_str().unwrap_or(""))
 }
 

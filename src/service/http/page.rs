@@ -21,13 +21,14 @@ use crate::service::config::Demand;
 use crate::store::{Journal, RunId, RunSummary};
 
 const SCRIPT: &str = include_str!("templates/live.js");
-const TEMPLATES: [(&str, &str); 6] = [
+const TEMPLATES: [(&str, &str); 7] = [
     ("base.html", include_str!("templates/base.html")),
     ("machines.html", include_str!("templates/machines.html")),
     ("machine.html", include_str!("templates/machine.html")),
     ("live.html", include_str!("templates/live.html")),
     ("runs.html", include_str!("templates/runs.html")),
     ("runs_table.html", include_str!("templates/runs_table.html")),
+    ("login.html", include_str!("templates/login.html")),
 ];
 /// Runs on a machine's page.
 const NEWEST: usize = 10;
@@ -54,7 +55,7 @@ pub fn address(machine: &str) -> String {
     format!("/machines/{}", escaped.collect::<String>())
 }
 
-fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
+pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
