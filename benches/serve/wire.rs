@@ -1,7 +1,7 @@
 //! The other end of the wire: a grbl control over TCP that plays prepared answers, computes nothing, and keeps
 //! when it got what.
 
-use std::io::{Read as _, Write as _};
+use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -51,55 +51,90 @@ fn step(line: &[u8]) -> Option<u32> {
     text.strip_prefix('N')?.split(' ').next()?.parse().ok()
 }
 
+/// Where the conversation stands.
+struct Talk {
+    at: usize,
+    line: Vec<u8>,
+    step: Option<u32>,
+    held: bool,
+    /// The answer to a move that is under way, and when it ends.
+    moving: Option<(Instant, Vec<u8>)>,
+    /// When the last two answers were given.
+    answered: [Instant; 2],
+}
+
 impl Control {
     fn serve(self, mut stream: TcpStream) {
         stream.set_nodelay(true).unwrap();
-        let (mut at, mut line, mut buffer, mut held) = (0, Vec::new(), [0; 4096], false);
-        let mut known: Option<u32> = None;
-        // When the last two answers were given.
-        let mut answered = [Instant::now(); 2];
-        if stream.write_all(&self.tape[0].replies).is_err() {
-            return;
-        }
-        while let Ok(count @ 1..) = stream.read(&mut buffer) {
-            let came = Instant::now();
-            let mut said = Vec::new();
-            for byte in &buffer[..count] {
-                match byte {
-                    b'!' => {
-                        held = true;
-                        self.seen.lock().unwrap().holds.push(came);
-                    }
-                    b'?' => said.extend(report(&self.tape[at], held)),
-                    0x18 | 0x80.. => {}
-                    byte => line.push(*byte),
-                }
-                if *byte != b'\n' || held {
-                    continue;
-                }
-                at += 1;
-                let line = std::mem::take(&mut line);
-                assert_eq!(line, self.tape[at].line, "{:?}", String::from_utf8_lossy(&line));
-                if let Some(step) = step(&line).filter(|step| known != Some(*step)) {
-                    if known.replace(step).is_some() {
-                        // The last answer was to the look before the step, the one before ended the other.
-                        self.seen.lock().unwrap().between.push(came - answered[0]);
-                    }
-                    thread::sleep(self.takes);
-                }
-                said.extend(&self.tape[at].replies);
-            }
-            if stream.write_all(&said).is_err() {
-                return;
-            }
+        let answered = [Instant::now(); 2];
+        let (line, step, moving) = (Vec::new(), None, None);
+        let mut talk = Talk { at: 0, line, step, held: false, moving, answered };
+        let mut said = self.tape[0].replies.clone();
+        let mut buffer = [0; 4096];
+        loop {
             if !said.is_empty() {
-                answered = [answered[1], Instant::now()];
+                if stream.write_all(&said).is_err() {
+                    return;
+                }
+                talk.answered = [talk.answered[1], Instant::now()];
+            }
+            let left = talk.moving.as_ref().map(|(end, _)| {
+                end.saturating_duration_since(Instant::now()).max(Duration::from_micros(100))
+            });
+            stream.set_read_timeout(left).unwrap();
+            said = match stream.read(&mut buffer) {
+                Ok(0) => return,
+                Ok(count) => self.hears(&mut talk, &buffer[..count]),
+                Err(error) if left.is_some() && error.kind() == ErrorKind::WouldBlock => {
+                    talk.moving.take().map(|(_, replies)| replies).unwrap_or_default()
+                }
+                Err(_) => return,
+            };
+        }
+    }
+
+    /// What is answered at once.
+    fn hears(&self, talk: &mut Talk, bytes: &[u8]) -> Vec<u8> {
+        let (came, mut said) = (Instant::now(), Vec::new());
+        for byte in bytes {
+            match byte {
+                b'!' => {
+                    (talk.held, talk.moving) = (true, None);
+                    self.seen.lock().unwrap().holds.push(came);
+                }
+                b'?' => said.extend(report(&self.tape[talk.at], talk)),
+                0x18 | 0x80.. => {}
+                byte => talk.line.push(*byte),
+            }
+            if *byte == b'\n' && !talk.held {
+                said.extend(self.line(talk, came));
             }
         }
+        said
+    }
+
+    fn line(&self, talk: &mut Talk, came: Instant) -> Vec<u8> {
+        talk.at += 1;
+        let (line, exchange) = (std::mem::take(&mut talk.line), &self.tape[talk.at]);
+        assert_eq!(line, exchange.line, "{:?}", String::from_utf8_lossy(&line));
+        let step = step(&line);
+        if step.is_none() || step == talk.step {
+            return exchange.replies.clone();
+        }
+        if talk.step.is_some() {
+            // The last answer was to the look before the step, the one before ended the other.
+            self.seen.lock().unwrap().between.push(came - talk.answered[0]);
+        }
+        (talk.step, talk.moving) = (step, Some((came + self.takes, exchange.replies.clone())));
+        Vec::new()
     }
 }
 
-fn report(exchange: &Exchange, held: bool) -> Vec<u8> {
-    let text = String::from_utf8_lossy(&exchange.report);
-    if held { text.replace("<Idle", "<Hold:0").into_bytes() } else { exchange.report.clone() }
+fn report(exchange: &Exchange, talk: &Talk) -> Vec<u8> {
+    let state = match (talk.held, &talk.moving) {
+        (true, _) => "<Hold:0",
+        (false, Some(_)) => "<Run",
+        (false, None) => return exchange.report.clone(),
+    };
+    String::from_utf8_lossy(&exchange.report).replace("<Idle", state).into_bytes()
 }

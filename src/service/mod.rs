@@ -22,7 +22,7 @@ use tokio::sync::mpsc;
 use self::captures::Captures;
 pub use self::config::Config;
 use self::desk::{Ask, Desk};
-pub use self::http::access::{Role, Token, TokenError, Tokens};
+pub use self::http::{Role, Token, TokenError, Tokens};
 use crate::controllers::Halt;
 use crate::run::RunError;
 use crate::setup::{MachineFile, Pace, SetupError};

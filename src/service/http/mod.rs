@@ -3,7 +3,7 @@
 //! It runs on a thread of its own and looks at the desk and the journal; whoever asks, and however slowly
 //! they listen, disturbs no run. A hold goes to the control from here at once.
 
-pub mod access;
+mod access;
 mod actions;
 mod api;
 mod connections;
@@ -20,6 +20,7 @@ use std::sync::Arc;
 use axum::Router;
 
 use self::access::Access;
+pub use self::access::{Role, Token, TokenError, Tokens};
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::{Log, ServeError};

@@ -74,7 +74,8 @@ fn with_cookie(
         .http_only(true)
         .same_site(SameSite::Strict)
         .secure(access.is_behind_proxy(headers))
-        .max_age(lasts);
+        .max_age(lasts)
+        .build();
     let mut response = Redirect::to(to).into_response();
     if let Ok(value) = HeaderValue::from_str(&cookie.to_string()) {
         response.headers_mut().insert(SET_COOKIE, value);
