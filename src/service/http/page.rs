@@ -1,6 +1,8 @@
 //! The page: server-rendered, readable without a script; the script brings the live part up to date and
 //! takes every value away whose source does not answer.
 
+use std::sync::OnceLock;
+
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::header::CONTENT_TYPE;
@@ -56,13 +58,22 @@ pub fn address(machine: &str) -> String {
 }
 
 pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
+    Ok(Html(environment()?.get_template(name)?.render(values)?))
+}
+
+/// The templates, read once.
+fn environment() -> Result<&'static Environment<'static>, minijinja::Error> {
+    static READ: OnceLock<Environment<'static>> = OnceLock::new();
+    if let Some(environment) = READ.get() {
+        return Ok(environment);
+    }
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     for (name, text) in TEMPLATES {
         environment.add_template(name, text)?;
     }
-    Ok(Html(environment.get_template(name)?.render(values)?))
+    Ok(READ.get_or_init(|| environment))
 }
 
 async fn script() -> impl IntoResponse {
