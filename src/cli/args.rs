@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::service::Role;
+
 /// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
 #[derive(Debug, Parser)]
 #[command(name = "trued", version, about)]
@@ -50,6 +52,8 @@ pub enum Command {
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
+    /// Tokens, with which the page of `trued serve` and its interface are reached from elsewhere.
+    Token(TokenArgs),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -330,4 +334,30 @@ pub struct ExportArgs {
     /// Folder to write to; made if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct TokenArgs {
+    #[command(subcommand)]
+    pub what: TokenCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum TokenCommand {
+    /// Make one and print it; it is shown this once.
+    Add {
+        /// Whose it is, e.g. tablet-hall-2: it stands in the audit log.
+        name: String,
+        /// viewer (reads, and may hold), operator (starts, acknowledges, resumes as well), metrologist
+        /// (signs and arms as well).
+        #[arg(long)]
+        role: Role,
+    },
+    /// List them, without what makes them valid.
+    List {
+        #[arg(long)]
+        json: bool,
+    },
+    /// From now on it opens nothing.
+    Revoke { name: String },
 }

@@ -28,6 +28,7 @@ mod show;
 mod signals;
 mod simulate;
 mod terminal;
+mod token;
 mod trend;
 mod watch;
 mod wires;
@@ -99,6 +100,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Disarm(args) => schedule::disarm(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
+        Command::Token(args) => token::token(&args, state),
     }
 }
 

@@ -53,6 +53,8 @@ struct HttpKeys {
     listen: SocketAddr,
     #[serde(default)]
     names: Vec<String>,
+    #[serde(default)]
+    tokens: bool,
 }
 
 /// The page and its interface for programs.
@@ -63,14 +65,21 @@ pub struct Http {
     pub listen: SocketAddr,
     /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
     pub names: Vec<String>,
+    /// Everybody shows a token of his own.
+    pub tokens: bool,
 }
 
 impl TryFrom<HttpKeys> for Http {
     type Error = String;
 
-    fn try_from(HttpKeys { listen, names }: HttpKeys) -> Result<Self, String> {
+    fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
+        if !names.is_empty() && !tokens {
+            return Err("names let people elsewhere in, and whoever asks may start a cycle: say `tokens = true`, \
+                        and make a token for each with `trued token add`"
+                .to_owned());
+        }
         match listen.ip().is_loopback() {
-            true => Ok(Self { listen, names }),
+            true => Ok(Self { listen, names, tokens }),
             false => Err(format!(
                 "listen is `{listen}`, which others can reach, and whoever reaches it may start a cycle: \
                  listen on 127.0.0.1"

@@ -138,6 +138,11 @@ pub fn bad_sections() {
         ("allow = ", "alow = ", "allow"),
         (MODBUS, "", "nothing could start a cycle"),
         (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "others can reach"),
+        (
+            MODBUS,
+            "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",
+            "tokens = true",
+        ),
         // What the cycle itself is refused for is told now, not at the first start.
         ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),
         ("centre_mm = [0.0, 0.0, 0.0]", "centre_mm = [0.0, 0.0, 900.0]", "cycle 1 cannot be"),

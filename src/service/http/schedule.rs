@@ -1,29 +1,35 @@
 //! What is due when, and what became of it; who lets it start while nobody is there.
 
-use axum::extract::{Path, State};
+use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
-use axum::routing::{get, post};
-use axum::{Json, Router};
+use axum::Json;
 use jiff::Timestamp;
 use serde::Deserialize;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
-use super::actions::{Words, named};
+use super::access::Caller;
+use super::actions::Words;
 use super::api::look;
+use super::openapi::views::AgendaView;
 use super::problem::Problem;
 use super::{Shown, Web};
 use crate::service::board::Refusal;
 use crate::service::rota::{Agenda, agenda, arming};
 use crate::store::Audit;
 
-pub fn routes() -> Router<Web> {
-    Router::new()
-        .route("/api/v1/machines/{name}/schedule", get(schedule))
-        .route("/api/v1/machines/{name}/arm", post(arm))
-        .route("/api/v1/machines/{name}/disarm", post(disarm))
-        .route("/api/v1/machines/{name}/due", post(due))
+pub fn routes() -> OpenApiRouter<Web> {
+    OpenApiRouter::new()
+        .routes(routes!(schedule))
+        .routes(routes!(arm))
+        .routes(routes!(disarm))
+        .routes(routes!(due))
 }
 
+/// What comes, who has armed what, and what became of the last times, newest first.
+#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
 async fn schedule(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -37,7 +43,7 @@ async fn of(web: &Web, machine: &Shown) -> Result<Agenda, Problem> {
     Ok(look(web, move |journal| agenda(journal, &desk, &name)).await??)
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Arm {
     cycle: u16,
@@ -48,14 +54,17 @@ struct Arm {
     why: String,
 }
 
+/// Let a cycle start at its time while nobody is there, until then.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", params(("name" = String, Path)), request_body = Arm, responses((status = ACCEPTED, body = AgendaView)))]
 async fn arm(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<Arm>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Arm { cycle, who, until, why }, to_page) = words.split();
-    let who = named(&who)?;
+    let who = caller.signs(&who)?;
     if !machine.cycles.iter().any(|known| known.number == cycle) {
         return Err(Refusal::NoSuchCycle.into());
     }
@@ -68,7 +77,7 @@ async fn arm(
     answer(&web, machine, to_page).await
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Disarm {
     /// All of them, if none is named.
@@ -78,18 +87,21 @@ struct Disarm {
     why: String,
 }
 
+/// Nothing starts by itself any more.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", params(("name" = String, Path)), request_body = Disarm, responses((status = ACCEPTED, body = AgendaView)))]
 async fn disarm(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<Disarm>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Disarm { cycle, who, why }, to_page) = words.split();
-    web.journal.disarm(&name, cycle, &named(&who)?, &why).await?;
+    web.journal.disarm(&name, cycle, &caller.signs(&who)?, &why).await?;
     answer(&web, machine, to_page).await
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Due {
     cycle: u16,
@@ -97,14 +109,16 @@ struct Due {
 }
 
 /// As if its time had come by the schedule: armed, ready, and once.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/due", params(("name" = String, Path)), request_body = Due, responses((status = ACCEPTED, body = AgendaView)))]
 async fn due(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<Due>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Due { cycle, who }, to_page) = words.split();
-    let who = named(&who)?;
+    let who = caller.signs(&who)?;
     let answered = match machine.desk.rota().due(cycle, who.clone()) {
         Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
         None => Err(Refusal::NotReady.to_string()),
