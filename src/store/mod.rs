@@ -29,8 +29,8 @@ pub use audit::Audit;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};
-pub use signature::Signature;
 pub use schedule::{Arming, Outcome, Slot};
+pub use signature::Signature;
 pub use state_dir::state_dir;
 
 /// Number of a run in its journal.

@@ -1,9 +1,9 @@
 //! What is due when, and what became of it; who lets it start while nobody is there.
 
+use axum::Json;
 use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
-use axum::Json;
 use jiff::Timestamp;
 use serde::Deserialize;
 use utoipa::ToSchema;

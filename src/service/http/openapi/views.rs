@@ -84,6 +84,8 @@ pub struct RunView {
     program_version: String,
     config_sha256: String,
     plan_sha256: String,
+    /// Who signed its last estimate last.
+    signed: Option<String>,
 }
 
 #[derive(ToSchema)]
@@ -155,6 +157,7 @@ mod tests {
             program_version: text(),
             config_sha256: text(),
             plan_sha256: text(),
+            signed: Some(text()),
         });
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         same::<AuditView>(Audit { who, what, why, machine, run: 1, outcome });
