@@ -124,7 +124,7 @@ pub struct StoredRun {
 /// How far a run has come: cheap enough to be asked for again and again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// With the steps so far.
+    /// With the steps so far, without interruptions.
     pub plan: Plan,
     pub stages: Vec<Stage>,
     /// Step and repeat of each touch and scan that is kept.

@@ -93,7 +93,7 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
 pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progress, Fault> {
     let snapshot = connection.transaction()?;
     Ok(Progress {
-        plan: plan(&snapshot, run)?,
+        plan: uninterrupted(&snapshot, run)?,
         stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
         done: rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
             Ok((row.get(0)?, row.get(1)?))
@@ -103,13 +103,16 @@ pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progre
 
 /// The plan as far as it is written, with the interruptions so far.
 pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
+    Ok(Plan { gaps_s: gaps(connection, run)?, ..uninterrupted(connection, run)? })
+}
+
+fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     let mut plan: Plan = connection
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| json(row, 0))
         .optional()?
         .ok_or(Fault::NoRun(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
     plan.steps = statement.query_map([run.0], |row| json(row, 0))?.collect::<Result<_, _>>()?;
-    plan.gaps_s = gaps(connection, run)?;
     Ok(plan)
 }
 

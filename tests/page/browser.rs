@@ -1,6 +1,7 @@
 //! Chromium behind its driver.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -20,7 +21,13 @@ pub struct Driver {
 }
 
 impl Drop for Driver {
+    /// The browser ends with its driver, but not if that is killed.
     fn drop(&mut self) {
+        if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
+            let _ = stream.set_read_timeout(Some(Duration::from_secs(10)));
+            let _ = stream.write_all(b"GET /shutdown HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
+            let _ = stream.read_to_end(&mut Vec::new());
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -78,9 +85,8 @@ impl Browser {
         });
         let Value::Object(wanted) = wanted else { unreachable!() };
         let mut builder = ClientBuilder::new(HttpConnector::new());
-        let client =
-            builder.capabilities(wanted).connect(&format!("http://127.0.0.1:{}", driver.port));
-        let client = client.await.expect("a session");
+        let at = format!("http://127.0.0.1:{}", driver.port);
+        let client = builder.capabilities(wanted).connect(&at).await.expect("a session");
         let patience = TimeoutConfiguration::new(Some(PATIENCE), Some(PATIENCE), None);
         client.update_timeouts(patience).await.expect("patience");
         Self { client, _driver: driver }

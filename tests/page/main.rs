@@ -52,5 +52,7 @@ fn main() {
         trial("each_state_is_seen_from_afar", states::from_afar),
         trial("without_a_script_all_is_there", states::without_script),
     ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    // Each has a browser and a machine: one at a time.
+    let arguments = Arguments { test_threads: Some(1), ..Arguments::from_args() };
+    libtest_mimic::run(&arguments, trials).exit();
 }
