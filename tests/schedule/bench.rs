@@ -115,3 +115,16 @@ pub fn stands(daemon: &Daemon, right: impl Fn(&Value) -> bool) -> Value {
         sleep(Duration::from_millis(50));
     }
 }
+
+/// Until the journal knows the run of the newest slot.
+pub fn until_run(daemon: &Daemon) {
+    let started = Instant::now();
+    loop {
+        let told = ask(daemon, "GET", "/schedule", &Value::Null).1;
+        if told["last"][0]["run"] == 1 {
+            return;
+        }
+        assert!(started.elapsed() < PATIENCE, "{told}");
+        sleep(Duration::from_millis(100));
+    }
+}

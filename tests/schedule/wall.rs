@@ -5,6 +5,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{sleep, spawn};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -59,6 +60,7 @@ impl Wall {
 pub struct Machine {
     pub port: u16,
     words: Arc<Mutex<String>>,
+    heard: Arc<AtomicUsize>,
 }
 
 pub const READY: &str = "TELL ENABLE AUTO DOOR";
@@ -69,6 +71,8 @@ impl Machine {
         let port = listener.local_addr().unwrap().port();
         let words = Arc::new(Mutex::new(READY.to_owned()));
         let told = Arc::clone(&words);
+        let heard = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&heard);
         spawn(move || {
             for stream in listener.incoming() {
                 let Ok(mut stream) = stream else { return };
@@ -81,14 +85,21 @@ impl Machine {
                         break;
                     }
                     assert_eq!(answer.trim(), "OK");
+                    count.fetch_add(1, Ordering::SeqCst);
                     sleep(Duration::from_millis(200));
                 }
             }
         });
-        Self { port, words }
+        Self { port, words, heard }
     }
 
+    /// From now on; the daemon has heard it.
     pub fn tells(&self, words: &str) {
         *self.words.lock().unwrap() = words.to_owned();
+        // What was on its way already, and then these.
+        let before = self.heard.load(Ordering::SeqCst);
+        while self.heard.load(Ordering::SeqCst) < before + 2 {
+            sleep(Duration::from_millis(20));
+        }
     }
 }
