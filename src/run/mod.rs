@@ -7,7 +7,6 @@
 mod cycle;
 mod error;
 mod live_check;
-mod references;
 mod resume;
 mod scan;
 mod stage;
