@@ -107,9 +107,13 @@ pub struct CheckArgs {
 
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// The machine file, with a section [serve].
+    /// What the daemon serves: its machines and its page.
     #[arg(long, value_name = "FILE")]
-    pub machine: PathBuf,
+    pub config: Option<PathBuf>,
+    /// One machine alone: its file, with a section [serve]. Without either, the simulated machine is served,
+    /// with its page at 127.0.0.1:8137.
+    #[arg(long, value_name = "FILE", conflicts_with = "config")]
+    pub machine: Option<PathBuf>,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
     /// Keep every byte of each run's links in a file of its own: FILE, with the run's number before its

@@ -46,15 +46,36 @@ pub struct Modbus {
     pub fresh_s: f64,
 }
 
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HttpKeys {
+    listen: SocketAddr,
+    #[serde(default)]
+    names: Vec<String>,
+}
+
 /// The page and its interface for programs.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "HttpKeys")]
 pub struct Http {
     /// Address and port of this computer, reached from it alone.
     pub listen: SocketAddr,
     /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
-    #[serde(default)]
     pub names: Vec<String>,
+}
+
+impl TryFrom<HttpKeys> for Http {
+    type Error = String;
+
+    fn try_from(HttpKeys { listen, names }: HttpKeys) -> Result<Self, String> {
+        match listen.ip().is_loopback() {
+            true => Ok(Self { listen, names }),
+            false => Err(format!(
+                "listen is `{listen}`, which others can reach, and whoever reaches it may start a cycle: \
+                 listen on 127.0.0.1"
+            )),
+        }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -137,13 +158,6 @@ impl TryFrom<Keys> for Config {
         }
         check_cycles(&cycle)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
-        http.as_ref().map_or(Ok(()), check_http)?;
-        if modbus.is_none() && line.is_none() && http.is_none() {
-            return Err(
-                "nothing could start a cycle: add [serve.modbus], [serve.line] or [serve.http]"
-                    .to_owned(),
-            );
-        }
         let min_interval = Duration::from_secs_f64(min_interval_s);
         Ok(Self { min_interval, demand, cycle, modbus, line, http })
     }
@@ -161,17 +175,6 @@ fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
     match cycles.is_empty() {
         true => Err("no cycle may be started: add [[serve.cycle]]".to_owned()),
         false => Ok(()),
-    }
-}
-
-fn check_http(http: &Http) -> Result<(), String> {
-    match http.listen.ip().is_loopback() {
-        true => Ok(()),
-        false => Err(format!(
-            "http.listen is `{}`, which others can reach, and whoever reaches it may start a cycle: listen \
-             on 127.0.0.1",
-            http.listen
-        )),
     }
 }
 

@@ -8,6 +8,7 @@ mod line;
 mod page;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
+mod several;
 mod shop;
 mod starts;
 mod stops;
@@ -54,6 +55,8 @@ fn main() {
         alone("a_cycle_is_started_from_the_page_and_told_as_elsewhere", page::a_cycle),
         alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
+        alone("two_machines_of_one_daemon_measure_at_once", several::machines),
+        alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

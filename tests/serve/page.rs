@@ -13,14 +13,14 @@ const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
 const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 const PATIENCE: Duration = Duration::from_secs(60);
 
-fn port(daemon: &Daemon) -> u16 {
+pub fn port(daemon: &Daemon) -> u16 {
     let log = daemon.log.lock().unwrap();
     let at = log.lines().find_map(|line| line.strip_prefix("the page is at http://127.0.0.1:"));
     at.and_then(|at| at.trim_end_matches('/').parse().ok()).unwrap_or_else(|| panic!("{log}"))
 }
 
 /// Status and body of what `request` (without Host) is answered.
-fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
+pub fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let host = match headers.contains("Host:") {
@@ -39,14 +39,14 @@ fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u16, 
     (status, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
 }
 
-const JSON: &str = "Content-Type: application/json\r\n";
+pub const JSON: &str = "Content-Type: application/json\r\n";
 
 fn post(port: u16, what: &str, body: &Value) -> (u16, Value) {
     let (status, body) = ask(port, "POST", &format!("{MACHINE}/{what}"), JSON, &body.to_string());
     (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
 }
 
-fn get(port: u16, path: &str) -> Value {
+pub fn get(port: u16, path: &str) -> Value {
     let (status, body) = ask(port, "GET", path, "", "");
     assert_eq!(status, 200, "{path}: {body}");
     serde_json::from_str(&body).unwrap()

@@ -40,6 +40,7 @@ impl Shop {
     pub fn new(trigger: &str) -> Self {
         let shop = Self { folder: tempfile::tempdir().unwrap() };
         let machine = include_str!("../../config/simulated.toml");
+        let machine = machine.split("\n[serve]").next().unwrap();
         let rest = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                     [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                     [serve]\nmin_interval_s = 0.0\n\
@@ -93,8 +94,13 @@ impl Shop {
 
     pub fn serve_with(&self, more: &[&str]) -> Daemon {
         let machine = self.machine();
-        let mut command = self.command(&["serve", "--machine", &machine]);
-        command.args(more);
+        self.serve_as(&[&["--machine", &machine], more].concat())
+    }
+
+    /// Whatever it serves.
+    pub fn serve_as(&self, arguments: &[&str]) -> Daemon {
+        let mut command = self.command(&["serve"]);
+        command.args(arguments);
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());
