@@ -19,6 +19,7 @@ use std::net::TcpListener;
 use std::sync::Arc;
 
 use axum::Router;
+use tokio::sync::Semaphore;
 
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
@@ -43,6 +44,7 @@ struct Web {
     machines: Arc<[Shown]>,
     journal: Arc<Journal>,
     access: Arc<Access>,
+    readers: Arc<Semaphore>,
 }
 
 impl Web {
@@ -67,7 +69,8 @@ pub fn start(
     let at = listener.local_addr().map_err(cannot)?;
     let names = guard::Names::of(at, &config.names);
     let access = Access::new(config, journal.folder(), log)?;
-    let router = router(Web { machines: machines.into(), journal, access }, names);
+    let readers = Arc::new(Semaphore::new(READERS));
+    let router = router(Web { machines: machines.into(), journal, access, readers }, names);
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
@@ -81,8 +84,8 @@ pub fn start(
     Ok(())
 }
 
-/// Readers of the journal at a time; others wait.
-const READERS: usize = 4;
+/// Readers of the journal at a time; others wait, and the run has the rest of the computer.
+const READERS: usize = 2;
 
 fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
