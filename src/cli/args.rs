@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::service::Role;
+
 /// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
 #[derive(Debug, Parser)]
 #[command(name = "trued", version, about)]
@@ -40,10 +42,18 @@ pub enum Command {
     Runs(RunsArgs),
     /// Tell how a machine's values went over its runs, and what changed.
     Trend(TrendArgs),
+    /// Tell what a machine's schedule does when, who armed it, and what became of the last times.
+    Schedule(ScheduleArgs),
+    /// Let a cycle start by the schedule while nobody is there, until a time.
+    Arm(ArmArgs),
+    /// Nothing of this machine starts by the schedule any more, until it is armed again.
+    Disarm(DisarmArgs),
     /// Show one stored run.
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
+    /// Tokens, with which the page of `trued serve` and its interface are reached from elsewhere.
+    Token(TokenArgs),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -265,6 +275,49 @@ pub struct TrendArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct ScheduleArgs {
+    /// Name of the machine; without it, all that the journal knows.
+    pub name: Option<String>,
+    /// The machine file, for what comes next.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
+    pub machine: Option<PathBuf>,
+    /// The daemon's file, likewise.
+    #[arg(long, value_name = "FILE", conflicts_with = "name")]
+    pub config: Option<PathBuf>,
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ArmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle, as in [[serve.cycle]].
+    pub cycle: u16,
+    /// Your name: the machine will move while nobody is there, and you have seen to it that it may.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    /// For so long, such as 14d or 8h, or until an instant, such as 2027-01-31T18:00:00+01:00.
+    #[arg(long, value_name = "WHEN")]
+    pub until: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
+}
+
+#[derive(Debug, Args)]
+pub struct DisarmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle; without it, all of them.
+    pub cycle: Option<u16>,
+    /// Your name.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
+}
+
+#[derive(Debug, Args)]
 pub struct ShowArgs {
     /// Number of the run, as `trued runs` lists it.
     pub run: i64,
@@ -281,4 +334,30 @@ pub struct ExportArgs {
     /// Folder to write to; made if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct TokenArgs {
+    #[command(subcommand)]
+    pub what: TokenCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum TokenCommand {
+    /// Make one and print it; it is shown this once.
+    Add {
+        /// Whose it is, e.g. tablet-hall-2: it stands in the audit log.
+        name: String,
+        /// viewer (reads, and may hold), operator (starts, acknowledges, resumes as well), metrologist
+        /// (signs and arms as well).
+        #[arg(long)]
+        role: Role,
+    },
+    /// List them, without what makes them valid.
+    List {
+        #[arg(long)]
+        json: bool,
+    },
+    /// From now on it opens nothing.
+    Revoke { name: String },
 }

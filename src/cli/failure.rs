@@ -10,7 +10,7 @@ use crate::methods::{IdentifyError, Refused};
 use crate::planning::PlanningError;
 use crate::run::{CycleError, Unidentified};
 use crate::sensors::SensorError;
-use crate::service::ServeError;
+use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
 
@@ -51,6 +51,12 @@ impl From<SensorError> for Failure {
 impl From<ServeError> for Failure {
     fn from(error: ServeError) -> Self {
         Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+    }
+}
+
+impl From<TokenError> for Failure {
+    fn from(error: TokenError) -> Self {
+        Self::new(&error, error.remedy())
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod difference;
 pub mod references;
+pub mod revisit;
 pub mod trend;
 
 use crate::record::estimate::{Estimate, Limit, Parameter, Verdict};

@@ -8,7 +8,6 @@ mod again;
 mod cycle;
 mod error;
 mod live_check;
-mod references;
 mod resume;
 mod scan;
 mod stage;

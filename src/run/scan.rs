@@ -164,6 +164,9 @@ impl Run<'_> {
             outcome => outcome?,
         };
         let Some(track) = outcome.track else { return Err(RunError::NotStamped { step: step.id }) };
+        if let Some(why) = sweep::unstamped(&track, &scan.path) {
+            return Err(unswept(&why));
+        }
         let placed = sweep::placed(&samples, &track, rate_hz);
         if placed.samples.is_empty() {
             return Err(unswept(if samples.is_empty() {

@@ -3,6 +3,7 @@
 mod again;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use tokio::sync::mpsc;
 
@@ -12,7 +13,7 @@ use super::config::{Config, Cycle};
 use super::desk::{Ask, Desk};
 use super::http::Shown;
 use super::past::unfinished;
-use super::{Ended, Log, ServeError, triggers};
+use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
@@ -76,7 +77,7 @@ impl Attendant {
     ///
     /// # Errors
     /// What keeps it from serving at all.
-    pub async fn begin(&mut self, journal: &Journal) -> Result<(), ServeError> {
+    pub async fn begin(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
         self.lock = Some(self.take(journal).await?);
         self.rehearse().await?;
         triggers::start(&self.config, &self.desk, &self.log)?;
@@ -90,7 +91,8 @@ impl Attendant {
             }
             None => self.desk.becomes(State::Waiting),
         }
-        Ok(())
+        let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
+        schedule::start(self.name(), kept, &self.desk, journal, &self.log)
     }
 
     /// Until the desk's end. What befalls a cycle is on the board and in the log.

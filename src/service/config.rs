@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::schedule::entry::{self, Entry};
 use super::triggers::modbus::map::CYCLES;
 use crate::link::{HostPort, Named};
 
@@ -52,6 +53,8 @@ struct HttpKeys {
     listen: SocketAddr,
     #[serde(default)]
     names: Vec<String>,
+    #[serde(default)]
+    tokens: bool,
 }
 
 /// The page and its interface for programs.
@@ -62,14 +65,21 @@ pub struct Http {
     pub listen: SocketAddr,
     /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
     pub names: Vec<String>,
+    /// Everybody shows a token of his own.
+    pub tokens: bool,
 }
 
 impl TryFrom<HttpKeys> for Http {
     type Error = String;
 
-    fn try_from(HttpKeys { listen, names }: HttpKeys) -> Result<Self, String> {
+    fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
+        if !names.is_empty() && !tokens {
+            return Err("names let people elsewhere in, and whoever asks may start a cycle: say `tokens = true`, \
+                        and make a token for each with `trued token add`"
+                .to_owned());
+        }
         match listen.ip().is_loopback() {
-            true => Ok(Self { listen, names }),
+            true => Ok(Self { listen, names, tokens }),
             false => Err(format!(
                 "listen is `{listen}`, which others can reach, and whoever reaches it may start a cycle: \
                  listen on 127.0.0.1"
@@ -113,6 +123,8 @@ struct Keys {
     modbus: Option<Modbus>,
     line: Option<Line>,
     http: Option<Http>,
+    #[serde(default)]
+    schedule: Vec<Entry>,
 }
 
 /// `[serve]`, found sound.
@@ -127,6 +139,7 @@ pub struct Config {
     pub modbus: Option<Modbus>,
     pub line: Option<Line>,
     pub http: Option<Http>,
+    pub schedule: Vec<Entry>,
 }
 
 fn min_interval_s() -> f64 {
@@ -145,7 +158,7 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, demand, cycle, modbus, line, http } = keys;
+        let Keys { min_interval_s, demand, cycle, modbus, line, http, schedule } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
         }
@@ -157,9 +170,11 @@ impl TryFrom<Keys> for Config {
             );
         }
         check_cycles(&cycle)?;
+        let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
+        entry::check(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        Ok(Self { min_interval, demand, cycle, modbus, line, http })
+        Ok(Self { min_interval, demand, cycle, modbus, line, http, schedule })
     }
 }
 

@@ -63,7 +63,7 @@ impl DaemonFile {
     /// As [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
         let machine = served(MachineFile::embedded_for("self-calibration")?)?;
-        let http = Http { listen: ([127, 0, 0, 1], 8137).into(), names: Vec::new() };
+        let http = Http { listen: ([127, 0, 0, 1], 8137).into(), names: Vec::new(), tokens: false };
         Ok(Self { machines: vec![machine], http: Some(http) })
     }
 }

@@ -10,6 +10,7 @@ use tokio::sync::{mpsc, watch};
 use super::Log;
 use super::board::{Board, Refusal, Said, State};
 use super::config::{Config, Demand};
+use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
 use crate::store::RunId;
@@ -49,6 +50,7 @@ pub struct Desk {
     log: Log,
     /// Counts what changed on the board.
     changes: Arc<watch::Sender<u64>>,
+    rota: Rota,
 }
 
 impl Desk {
@@ -65,6 +67,7 @@ impl Desk {
             min_interval: config.min_interval,
             log,
             changes: Arc::new(watch::Sender::new(0)),
+            rota: Rota::default(),
         };
         (desk, todo)
     }
@@ -84,6 +87,19 @@ impl Desk {
 
     fn changed(&self) {
         self.changes.send_modify(|count| *count = count.wrapping_add(1));
+    }
+
+    /// Where the schedule meets whoever asks.
+    pub fn rota(&self) -> &Rota {
+        &self.rota
+    }
+
+    /// Whether [`Self::start`] would accept it just now; nobody is told.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn may(&self, cycle: u16, said: Said) -> Result<(), Refusal> {
+        self.judge(&self.inner(), cycle, said)
     }
 
     /// A trigger asks for `cycle`. From an accepted start on the service is running.

@@ -13,6 +13,8 @@ mod daemon_file;
 pub mod desk;
 mod http;
 mod past;
+pub mod rota;
+pub mod schedule;
 mod together;
 pub mod triggers;
 
@@ -20,6 +22,7 @@ use std::sync::Arc;
 
 pub use self::config::{Config, Http};
 pub use self::daemon_file::DaemonFile;
+pub use self::http::{Role, Token, TokenError, Tokens};
 pub use self::together::Service;
 use crate::run::RunError;
 use crate::setup::SetupError;
@@ -45,6 +48,8 @@ pub enum ServeError {
     SameName(String),
     #[error("nothing could start a cycle of `{0}`")]
     NoWayIn(String),
+    #[error(transparent)]
+    Token(#[from] TokenError),
     #[error("a thread cannot be started: {0}")]
     Thread(std::io::Error),
     #[error("the thread of `{0}` has died")]
@@ -71,6 +76,7 @@ impl ServeError {
             Self::NoWayIn(_) => {
                 Some("add [serve.modbus], [serve.line] or [serve.http] to its file".to_owned())
             }
+            Self::Token(error) => Some(error.remedy().to_owned()),
             Self::Thread(_) => None,
             Self::Died(_) => Some(
                 "look at the machine and report what stands in the log as an error of trued"

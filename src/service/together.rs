@@ -134,7 +134,7 @@ impl Thread {
 
 fn live(
     mut attendant: Attendant,
-    journal: &Journal,
+    journal: &Arc<Journal>,
     ready: Sender<Result<(), ServeError>>,
 ) -> Ended {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();

@@ -72,6 +72,11 @@ impl Journal {
         Self::start(dir, &path).map_err(StoreError::at(&path))
     }
 
+    /// Where it lies.
+    pub fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new("."))
+    }
+
     fn start(dir: &Path, path: &Path) -> Result<Self, Fault> {
         folder::make(dir)?;
         let connection = schema::open_writer(path)?;

@@ -17,6 +17,7 @@ mod journal;
 mod lock;
 mod read;
 mod scan;
+mod schedule;
 mod schema;
 mod signature;
 mod state_dir;
@@ -28,6 +29,7 @@ pub use audit::Audit;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};
+pub use schedule::{Arming, Outcome, Slot};
 pub use signature::Signature;
 pub use state_dir::state_dir;
 

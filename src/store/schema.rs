@@ -11,7 +11,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 5] = [
+const MIGRATIONS: [&str; 6] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -125,6 +125,40 @@ CREATE TRIGGER signatures_are_kept BEFORE DELETE ON signatures
     BEGIN SELECT RAISE(ABORT, 'signatures are kept'); END;
 CREATE TRIGGER signatures_stand BEFORE UPDATE ON signatures
     BEGIN SELECT RAISE(ABORT, 'signatures stand'); END;
+",
+    // Who let a cycle start while nobody is there; what became of each instant of a schedule; up to
+    // which instant each schedule was seen to.
+    "
+CREATE TABLE armings (
+    seq INTEGER PRIMARY KEY,
+    machine TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    who TEXT NOT NULL,
+    why TEXT NOT NULL,
+    armed TEXT NOT NULL,
+    until TEXT NOT NULL,
+    after_event INTEGER NOT NULL,
+    ended TEXT,
+    ended_why TEXT
+) STRICT;
+CREATE TABLE slots (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    at TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    decided TEXT NOT NULL,
+    outcome TEXT NOT NULL,
+    why TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    PRIMARY KEY (machine, schedule, at)
+) STRICT;
+CREATE TABLE schedules (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    calendar TEXT NOT NULL,
+    seen TEXT NOT NULL,
+    PRIMARY KEY (machine, schedule)
+) STRICT;
 ",
 ];
 

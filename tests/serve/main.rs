@@ -1,10 +1,12 @@
-//! `trued serve` as a machine's PLC sees it: pymodbus is the client (`tests/peers/pymodbus/install`, or
+//! `trued serve` as a machine's PLC sees it, and as whoever comes over HTTP does. For the first pymodbus is the client (`tests/peers/pymodbus/install`, or
 //! `TRUED_PYMODBUS`). Without it these trials are skipped, with the reason; with
 //! `TRUED_REQUIRE_PEERS=1` they fail.
 
 mod abuse;
 mod again;
 mod client;
+mod crowd;
+mod hostile;
 mod line;
 mod page;
 #[path = "../support/pymodbus.rs"]
@@ -38,6 +40,9 @@ fn alone(name: &str, run: fn()) -> Trial {
 }
 
 fn main() {
+    if let Some(port) = crowd::asked_for() {
+        return crowd::be(port);
+    }
     let trials = vec![
         with_pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
         with_pymodbus("each_run_is_captured_by_itself", starts::captures),
@@ -60,6 +65,12 @@ fn main() {
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("two_machines_of_one_daemon_measure_at_once", several::machines),
         alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
+        alone("each_role_may_what_it_may_and_no_more", hostile::roles),
+        alone("a_session_is_a_browsers_own", hostile::sessions),
+        alone("too_often_is_refused_but_no_hold", hostile::too_often),
+        alone("no_path_leads_round_the_door", hostile::paths),
+        alone("a_thousand_connections_disturb_no_run", crowd::beside_a_run),
+        alone("a_hold_comes_through_a_thousand_connections", crowd::and_a_hold),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

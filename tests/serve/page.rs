@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::shop::{Daemon, Shop};
 
 pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
-const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub fn port(daemon: &Daemon) -> u16 {

@@ -10,6 +10,8 @@ pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"1
 
 pub struct Shop {
     folder: tempfile::TempDir,
+    /// For every program that it starts.
+    pub envs: Vec<(String, String)>,
 }
 
 /// `trued serve`; killed with this value.
@@ -38,7 +40,7 @@ impl Daemon {
 impl Shop {
     /// The built-in machine; `trigger`: the rest of `[serve]`.
     pub fn new(trigger: &str) -> Self {
-        let shop = Self { folder: tempfile::tempdir().unwrap() };
+        let shop = Self { folder: tempfile::tempdir().unwrap(), envs: Vec::new() };
         let machine = include_str!("../../config/simulated.toml");
         let machine = machine.split("\n[serve]").next().unwrap();
         let rest = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
@@ -63,6 +65,7 @@ impl Shop {
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).arg("--state").arg(self.folder.path().join("state"));
+        command.envs(self.envs.clone());
         command
     }
 
@@ -135,6 +138,11 @@ pub fn bad_sections() {
         ("allow = ", "alow = ", "allow"),
         (MODBUS, "", "nothing could start a cycle"),
         (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "others can reach"),
+        (
+            MODBUS,
+            "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",
+            "tokens = true",
+        ),
         // What the cycle itself is refused for is told now, not at the first start.
         ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),
         ("centre_mm = [0.0, 0.0, 0.0]", "centre_mm = [0.0, 0.0, 900.0]", "cycle 1 cannot be"),

@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use axum::Json;
 use axum::extract::{Path, Query, State};
-use axum::routing::get;
-use axum::{Json, Router};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
 use super::Web;
+use super::openapi::views::{AuditView, Contract, RunView, SeriesView};
 use super::problem::Problem;
 use super::standing::Standing;
 use crate::archive::history::{Series, history};
@@ -21,17 +24,17 @@ use crate::store::{Audit, Journal, RunId, RunSummary, StoreError};
 /// Of a list, unless asked for less.
 const PAGE: usize = 200;
 
-pub fn routes() -> Router<Web> {
-    Router::new()
-        .route("/api/v1/machines", get(machines))
-        .route("/api/v1/machines/{name}", get(machine))
-        .route("/api/v1/machines/{name}/trends", get(trends))
-        .route("/api/v1/audit", get(audit))
-        .route("/api/v1/runs", get(runs))
-        .route("/api/v1/runs/{run}", get(run))
-        .route("/api/v1/runs/{run}/plan", get(plan))
-        .route("/api/v1/runs/{run}/readings", get(readings))
-        .route("/api/v1/runs/{run}/estimate", get(estimate))
+pub fn routes() -> OpenApiRouter<Web> {
+    OpenApiRouter::new()
+        .routes(routes!(machines))
+        .routes(routes!(machine))
+        .routes(routes!(trends))
+        .routes(routes!(audit))
+        .routes(routes!(runs))
+        .routes(routes!(run))
+        .routes(routes!(plan))
+        .routes(routes!(readings))
+        .routes(routes!(estimate))
 }
 
 /// Beside the thread that answers: the disk may be slow.
@@ -46,10 +49,14 @@ pub(super) async fn look<T: Send + 'static>(
     })
 }
 
+/// All machines, and how they stand.
+#[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<Standing>)))]
 async fn machines(State(web): State<Web>) -> Json<Vec<Standing>> {
     Json(web.machines.iter().map(Standing::of).collect())
 }
 
+/// How a machine stands.
+#[utoipa::path(get, path = "/api/v1/machines/{name}", params(("name" = String, Path)), responses((status = OK, body = Standing)))]
 async fn machine(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -58,6 +65,8 @@ async fn machine(
     Ok(Json(Standing::of(machine)))
 }
 
+/// Each value over all finished runs, its control limits, its steps and drifts.
+#[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn trends(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -66,7 +75,7 @@ async fn trends(
 }
 
 /// Of a list: at most so many, after or before what.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 struct Slice {
     /// Runs: older than this one.
@@ -82,7 +91,8 @@ impl Slice {
     }
 }
 
-/// Newest first.
+/// Runs, newest first.
+#[utoipa::path(get, path = "/api/v1/runs", params(Slice), responses((status = OK, body = Vec<RunView>)))]
 async fn runs(
     State(web): State<Web>,
     Query(slice): Query<Slice>,
@@ -93,14 +103,17 @@ async fn runs(
     Ok(Json(older.take(slice.limit()).collect()))
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 struct Audited {
+    #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
     #[serde(flatten)]
+    #[schema(value_type = AuditView)]
     audit: Audit,
 }
 
-/// Newest first.
+/// Who asked for what, and what came of it, newest first.
+#[utoipa::path(get, path = "/api/v1/audit", params(Slice), responses((status = OK, body = Vec<Audited>)))]
 async fn audit(
     State(web): State<Web>,
     Query(slice): Query<Slice>,
@@ -109,17 +122,21 @@ async fn audit(
     Ok(Json(all.map(|(at, audit)| Audited { at, audit }).take(slice.limit()).collect()))
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 struct OneRun {
     #[serde(flatten)]
+    #[schema(value_type = RunView)]
     summary: RunSummary,
     stages: usize,
     steps: usize,
     readings: usize,
     /// When, and what.
+    #[schema(value_type = Vec<Vec<String>>)]
     story: Vec<(String, String)>,
 }
 
+/// A run, and what happened on the way.
+#[utoipa::path(get, path = "/api/v1/runs/{run}", params(("run" = i64, Path)), responses((status = OK, body = OneRun)))]
 async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
     let stored = look(&web, move |journal| journal.load(RunId(run))).await??;
     Ok(Json(OneRun {
@@ -131,17 +148,22 @@ async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun
     }))
 }
 
+/// Its plan, as `trued export` writes it.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/plan", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
 async fn plan(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
     Ok(Json(look(&web, move |journal| journal.load(RunId(run))).await??.plan))
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 struct Readings {
     all: usize,
     after: usize,
+    #[schema(value_type = Vec<Contract>)]
     readings: Vec<Reading>,
 }
 
+/// Its readings, without the first `after`.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Slice), responses((status = OK, body = Readings)))]
 async fn readings(
     State(web): State<Web>,
     Path(run): Path<i64>,
@@ -153,7 +175,8 @@ async fn readings(
     Ok(Json(Readings { all: count, after, readings: some.collect() }))
 }
 
-/// The last one.
+/// Its last estimate, as `trued export` writes it.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
 async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Estimate>, Problem> {
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
         Ok(journal.load(RunId(run))?.estimates.pop().map(|stored| stored.estimate))

@@ -12,6 +12,7 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 
+use super::access::{Access, admit};
 use super::problem::Problem;
 
 /// No request says more, bytes.
@@ -42,9 +43,10 @@ impl Names {
 }
 
 /// `router` behind all of it.
-pub fn around(router: Router, names: Names) -> Router {
+pub fn around(router: Router, names: Names, access: Arc<Access>) -> Router {
     router
         .layer(DefaultBodyLimit::max(MOST))
+        .layer(from_fn_with_state(access, admit))
         .layer(from_fn_with_state(names, meant_for_us))
         .layer(from_fn(with_policy))
 }
@@ -105,7 +107,8 @@ async fn with_policy(request: Request, next: Next) -> Response {
     };
     set("content-security-policy", POLICY);
     set("x-content-type-options", "nosniff");
-    set("referrer-policy", "no-referrer");
+    // Told to nobody else; without any, a browser would not say either that a form is our own.
+    set("referrer-policy", "same-origin");
     set("cache-control", "no-store");
     response
 }

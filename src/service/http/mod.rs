@@ -3,19 +3,25 @@
 //! It runs on a thread of its own and looks at the desk and the journal; whoever asks, and however slowly
 //! they listen, disturbs no run. A hold goes to the control from here at once.
 
+mod access;
 mod actions;
 mod api;
+mod connections;
 mod events;
 mod guard;
+mod openapi;
 mod page;
 mod problem;
+mod schedule;
 mod standing;
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::sync::Arc;
 
 use axum::Router;
 
+use self::access::Access;
+pub use self::access::{Role, Token, TokenError, Tokens};
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::{Log, ServeError};
@@ -36,6 +42,7 @@ pub struct Shown {
 struct Web {
     machines: Arc<[Shown]>,
     journal: Arc<Journal>,
+    access: Arc<Access>,
 }
 
 impl Web {
@@ -47,7 +54,7 @@ impl Web {
 /// Listen, and serve for as long as the process lives.
 ///
 /// # Errors
-/// The address is another's; no thread.
+/// The address is another's; the tokens cannot be read; no thread.
 pub fn start(
     config: &Http,
     machines: Vec<Shown>,
@@ -59,7 +66,8 @@ pub fn start(
     listener.set_nonblocking(true).map_err(cannot)?;
     let at = listener.local_addr().map_err(cannot)?;
     let names = guard::Names::of(at, &config.names);
-    let router = router(Web { machines: machines.into(), journal }, names);
+    let access = Access::new(config, journal.folder(), log)?;
+    let router = router(Web { machines: machines.into(), journal, access }, names);
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
@@ -81,11 +89,12 @@ fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let runtime = runtime.enable_all().max_blocking_threads(READERS).build()?;
     runtime.block_on(async {
         let listener = tokio::net::TcpListener::from_std(listener)?;
-        axum::serve(listener, router.into_make_service_with_connect_info::<SocketAddr>()).await
+        connections::serve(listener, router).await
     })
 }
 
 fn router(web: Web, names: guard::Names) -> Router {
-    let all = page::routes().merge(api::routes()).merge(actions::routes()).merge(events::routes());
-    guard::around(all.with_state(web), names)
+    let access = Arc::clone(&web.access);
+    let all = openapi::routes().merge(page::routes()).merge(access::routes());
+    guard::around(all.with_state(web), names, access)
 }

@@ -1,16 +1,19 @@
 //! How a machine stands, as a program reads it.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::Shown;
+use super::openapi::views::{ParameterView, VerdictView};
 use crate::record::estimate::{Parameter, Verdict};
 use crate::service::board::{Board, State};
 
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Standing {
     pub name: String,
     pub state: &'static str,
     /// Of the last cycle that came to its end.
+    #[schema(value_type = Option<VerdictView>)]
     pub verdict: Option<Verdict>,
     pub cycle: u16,
     /// 0 before there is one.
@@ -21,11 +24,12 @@ pub struct Standing {
     pub remaining_s: f64,
     pub measured: u32,
     pub refusal: Option<String>,
+    #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
     pub cycles: Vec<Startable>,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Startable {
     pub number: u16,
     pub method: String,

@@ -6,15 +6,20 @@ mod resume;
 mod sign;
 mod words;
 
-use axum::extract::{Path, State};
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::{Extension, FromRequest, Path, Request, State};
 use axum::http::StatusCode;
 use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Redirect, Response};
-use axum::routing::post;
-use axum::{Json, Router};
 use serde::Deserialize;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
-use self::words::{Words, named};
+pub(super) use self::words::Words;
+use super::access::Caller;
 use super::page::for_people;
 use super::problem::Problem;
 use super::standing::Standing;
@@ -23,17 +28,20 @@ use crate::service::board::{Refusal, Said};
 use crate::service::config::Demand;
 use crate::store::Audit;
 
-pub fn routes() -> Router<Web> {
-    Router::new()
-        .route("/api/v1/machines/{name}/start", post(start))
-        .route("/api/v1/machines/{name}/hold", post(hold))
-        .route("/api/v1/machines/{name}/acknowledge", post(acknowledge))
-        .route("/api/v1/machines/{name}/resume", post(resume::resume))
-        .route("/api/v1/runs/{run}/sign", post(sign::sign))
+/// For the words of a hold, which come after it.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+pub fn routes() -> OpenApiRouter<Web> {
+    OpenApiRouter::new()
+        .routes(routes!(start))
+        .routes(routes!(hold))
+        .routes(routes!(acknowledge))
+        .routes(routes!(resume::resume))
+        .routes(routes!(sign::sign))
         .layer(from_fn(for_people))
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Start {
     cycle: u16,
@@ -47,7 +55,7 @@ struct Start {
     door: bool,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Asked {
     #[serde(default)]
@@ -56,14 +64,17 @@ struct Asked {
     why: String,
 }
 
+/// Start a cycle. Its caller vouches for what `[serve]` demands.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = Standing)))]
 async fn start(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<Start>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (asked, to_page) = words.split();
-    let who = named(&asked.who)?;
+    let who = caller.signs(&asked.who)?;
     vouched(machine, &asked)?;
     // A person at the page has vouched for the rest.
     let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
@@ -87,27 +98,35 @@ fn not_vouched(what: &str) -> Problem {
     Problem::new(StatusCode::CONFLICT, "not-vouched", message, "look at the machine, then say so")
 }
 
+/// Hold the machine at once. This is never refused to whoever is known; what is said beside it may be missing.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/hold", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = Standing)))]
 async fn hold(
     State(web): State<Web>,
     Path(name): Path<String>,
-    words: Words<Asked>,
+    Extension(caller): Extension<Caller>,
+    request: Request,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    // Before anything is read: whatever else is wrong with the request, the machine holds.
+    machine.desk.stop(&caller.is_called(""));
+    let words = tokio::time::timeout(PATIENCE, Words::<Asked>::from_request(request, &()));
+    let words = words.await.ok().and_then(Result::ok).unwrap_or(Words::Json(Asked::default()));
     let (Asked { who, why }, to_page) = words.split();
-    // Whoever asks: a hold is never refused for want of a name.
-    let who = if who.trim().is_empty() { "somebody at the page".to_owned() } else { who };
-    machine.desk.stop(&who);
+    let who = caller.is_called(&who);
     answer(&web, machine, (who, "hold".to_owned(), why), Ok(()), to_page).await
 }
 
+/// A person has looked at the machine: new cycles may start.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = Standing)))]
 async fn acknowledge(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<Asked>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Asked { who, why }, to_page) = words.split();
-    let who = named(&who)?;
+    let who = caller.signs(&who)?;
     let accepted = machine.desk.acknowledge(&who);
     answer(&web, machine, (who, "acknowledgement".to_owned(), why), accepted, to_page).await
 }

@@ -1,20 +1,23 @@
 //! A person at the page lets a run go on.
 
-use axum::extract::{Path, State};
+use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
+use utoipa::ToSchema;
 
-use super::words::{Words, named};
+use super::words::Words;
 use super::{answer, not_vouched};
 use crate::archive::story::goes_on;
 use crate::run::{Again, AgainError, Question, can_resume};
 use crate::service::http::Web;
+use crate::service::http::access::Caller;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
+use crate::service::http::standing::Standing;
 use crate::store::RunId;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GoOn {
     run: i64,
@@ -29,14 +32,17 @@ pub struct GoOn {
     homed: bool,
 }
 
+/// Go on with a held run. Its caller vouches for the machine.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = Standing)))]
 pub async fn resume(
     State(web): State<Web>,
     Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
     words: Words<GoOn>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (GoOn { run, who, free, whole, homed }, to_page) = words.split();
-    let who = named(&who)?;
+    let who = caller.signs(&who)?;
     let run = RunId(run);
     let stored = look(&web, move |journal| journal.load(run)).await??;
     if stored.summary.machine != name {

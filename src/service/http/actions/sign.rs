@@ -1,19 +1,22 @@
 //! A person answers for a result, by name.
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
+use utoipa::ToSchema;
 
-use super::words::{Words, named};
+use super::words::Words;
 use crate::archive::report::ReportError;
 use crate::service::http::Web;
+use crate::service::http::access::Caller;
 use crate::service::http::api::look;
+use crate::service::http::openapi::views::SignatureView;
 use crate::service::http::problem::Problem;
 use crate::store::{Audit, RunId, Signature};
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sign {
     who: String,
@@ -24,13 +27,16 @@ pub struct Sign {
     estimate: String,
 }
 
+/// Answer for a result, by name.
+#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", params(("run" = i64, Path)), request_body = Sign, responses((status = CREATED, body = SignatureView)))]
 pub async fn sign(
     State(web): State<Web>,
     Path(run): Path<i64>,
+    Extension(caller): Extension<Caller>,
     words: Words<Sign>,
 ) -> Result<Response, Problem> {
     let (Sign { who, why, estimate }, to_page) = words.split();
-    let (run, who) = (RunId(run), named(&who)?);
+    let (run, who) = (RunId(run), caller.signs(&who)?);
     let stored = look(&web, move |journal| journal.load(run)).await??;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     if last.sha256 != estimate {

@@ -1,8 +1,7 @@
-//! What was said, as JSON or as a form, and by whom.
+//! What was said, as JSON or as a form.
 
 use axum::extract::rejection::{FormRejection, JsonRejection};
 use axum::extract::{FromRequest, Request};
-use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::{Form, Json};
 use serde::de::DeserializeOwned;
@@ -43,18 +42,4 @@ fn not_json(error: JsonRejection) -> Problem {
 
 fn no_form(error: FormRejection) -> Problem {
     Problem::new(error.status(), "unreadable", error.body_text(), "send what the page's form sends")
-}
-
-/// Who asks must have a name.
-pub fn named(who: &str) -> Result<String, Problem> {
-    let who = who.trim();
-    match who.is_empty() || who.chars().count() > 100 || who.chars().any(char::is_control) {
-        true => Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "nameless",
-            "nobody has given a name",
-            "say who you are: it stands in the log of this machine",
-        )),
-        false => Ok(who.to_owned()),
-    }
 }

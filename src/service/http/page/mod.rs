@@ -8,6 +8,8 @@ mod run;
 mod trends;
 mod views;
 
+use std::sync::OnceLock;
+
 use axum::Router;
 use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
@@ -26,7 +28,7 @@ use crate::store::{Journal, RunSummary};
 
 const SCRIPT: &str = include_str!("../templates/live.js");
 const ICON: &str = include_str!("../templates/icon.svg");
-const TEMPLATES: [(&str, &str); 12] = [
+const TEMPLATES: [(&str, &str); 13] = [
     ("base.html", include_str!("../templates/base.html")),
     ("machines.html", include_str!("../templates/machines.html")),
     ("overview.html", include_str!("../templates/overview.html")),
@@ -39,6 +41,7 @@ const TEMPLATES: [(&str, &str); 12] = [
     ("run.html", include_str!("../templates/run.html")),
     ("compare.html", include_str!("../templates/compare.html")),
     ("refused.html", include_str!("../templates/refused.html")),
+    ("login.html", include_str!("../templates/login.html")),
 ];
 
 pub fn routes() -> Router<Web> {
@@ -65,14 +68,23 @@ pub fn address(machine: &str) -> String {
     format!("/machines/{}", escaped.collect::<String>())
 }
 
-fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
+pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
+    Ok(Html(environment()?.get_template(name)?.render(values)?))
+}
+
+/// The templates, read once.
+fn environment() -> Result<&'static Environment<'static>, minijinja::Error> {
+    static READ: OnceLock<Environment<'static>> = OnceLock::new();
+    if let Some(environment) = READ.get() {
+        return Ok(environment);
+    }
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     for (name, text) in TEMPLATES {
         environment.add_template(name, text)?;
     }
-    Ok(Html(environment.get_template(name)?.render(values)?))
+    Ok(READ.get_or_init(|| environment))
 }
 
 async fn script() -> impl IntoResponse {

@@ -1,0 +1,144 @@
+//! `trued serve` itself, with its control on such a wire.
+
+use std::io::{BufRead, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::tape::{self, Exchange};
+
+const FILE: &str = include_str!("../../config/simulated.toml");
+const SIMULATED: &str = "kind = \"simulated\"";
+const PATH: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+const SERVE: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n[serve]\nmin_interval_s = 0.0\n\
+                     [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+                     [serve.http]\nlisten = \"127.0.0.1:0\"\n";
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// The simulated machine, without what it serves.
+fn machine() -> &'static str {
+    FILE.split("\n[serve]").next().unwrap_or(FILE)
+}
+
+fn command(arguments: &[&str], state: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(arguments).arg("--state").arg(state);
+    command
+}
+
+/// What the simulated control says to the same method.
+pub fn tape() -> Vec<Exchange> {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, capture) = (folder.path().join("machine.toml"), folder.path().join("a.capture"));
+    std::fs::write(&machine, format!("{}{SERVE}", machine())).unwrap();
+    let [machine, file] = [&machine, &capture].map(|path| path.display().to_string());
+    let arguments = ["run", "self-calibration", "--machine", &machine, "--capture", &file];
+    let ran = command(&arguments, folder.path()).stderr(Stdio::null()).output().unwrap();
+    assert!(ran.status.code().is_some_and(|code| code != 1 && code != 2), "{ran:?}");
+    tape::grbl(&std::fs::read_to_string(capture).unwrap())
+}
+
+pub struct Daemon {
+    child: Child,
+    pub port: u16,
+    _folder: tempfile::TempDir,
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// `[controller]` and `[simulated]` are another machine's.
+fn at_wire(port: u16) -> String {
+    let file = machine();
+    let begin = file.find("\n[controller]").unwrap();
+    let end = begin + 1 + file[begin + 1..].find("\n[").unwrap();
+    let simulated = file.find("\n[simulated]").unwrap();
+    let control = format!(
+        "\n[controller]\nkind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"\ndialect = \"grbl-m19\"\n"
+    );
+    assert!(file[begin..end].contains(SIMULATED) && end < simulated);
+    format!("{}{control}{}{SERVE}", &file[..begin], &file[end..simulated])
+}
+
+impl Daemon {
+    /// The journal in `folder`.
+    pub fn new(wire: u16, folder: &Path) -> Self {
+        let folder = tempfile::tempdir_in(folder).unwrap();
+        let machine: PathBuf = folder.path().join("machine.toml");
+        std::fs::write(&machine, at_wire(wire)).unwrap();
+        let mut command = command(&["serve", "--machine"], folder.path());
+        let mut child = command.arg(machine).stderr(Stdio::piped()).spawn().unwrap();
+        let mut told = BufReader::new(child.stderr.take().unwrap());
+        let (mut line, mut log) = (String::new(), String::new());
+        while line.trim() != "ready" {
+            line.clear();
+            assert_ne!(told.read_line(&mut line).unwrap(), 0, "it does not serve: {log}");
+            log += &line;
+        }
+        std::thread::spawn(move || std::io::copy(&mut told, &mut std::io::sink()));
+        let at = log.lines().find_map(|line| line.split("http://127.0.0.1:").nth(1));
+        let port = at.and_then(|at| at.trim_end_matches('/').parse().ok()).expect("a port");
+        Self { child, port, _folder: folder }
+    }
+
+    pub fn address(&self) -> String {
+        format!("127.0.0.1:{}", self.port)
+    }
+
+    /// Status and body.
+    pub fn ask(&self, method: &str, what: &str, body: &Value) -> (u16, Value) {
+        let mut stream = TcpStream::connect(self.address()).unwrap();
+        stream.set_nodelay(true).unwrap();
+        let body = body.to_string();
+        let request = format!(
+            "{method} {PATH}{what} HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n\
+             Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+            self.address(),
+            body.len()
+        );
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap_or_else(|| panic!("{answer}"));
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, serde_json::from_str(body).unwrap_or_default())
+    }
+
+    pub fn start(&self) {
+        let vouched = json!({"cycle": 1, "who": "a", "enable": true, "auto": true, "door": true});
+        let (status, told) = self.ask("POST", "/start", &vouched);
+        assert_eq!(status, 202, "{told}");
+    }
+
+    pub fn until(&self, right: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        loop {
+            let now = self.ask("GET", "", &json!({})).1;
+            if right(&now) {
+                return now;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{now}");
+            sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// The processor time that it has used, s.
+    pub fn processor_s(&self) -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).unwrap();
+        let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+        // In hundredths of a second: utime and stime.
+        (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+    }
+}
+
+/// What a tablet asks for, as its script does.
+pub const LIVE: &str = "/machines/simulated%20five-axis%20machine/live";
+pub const EVENTS: &str = "/api/v1/machines/simulated%20five-axis%20machine/events";

@@ -1,0 +1,107 @@
+//! What the page may cost a run: how fast a hold reaches the wire, and how much later the next line of a
+//! run comes while tablets read along. `trued serve` in a process of its own, its control here, at the other
+//! end of a TCP wire.
+//!
+//! `cargo bench --bench serve`, alone on the computer.
+
+mod daemon;
+mod readers;
+#[allow(dead_code)]
+#[path = "../overhead/tape.rs"]
+mod tape;
+mod wire;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use daemon::Daemon;
+use readers::Readers;
+use tape::Exchange;
+use wire::Wire;
+
+const HOLDS: usize = 50;
+/// From the request to the wire, at the 99th percentile: of fifty the slowest.
+const HOLD: Duration = Duration::from_millis(20);
+const TABLETS: usize = 50;
+/// From a touch's result to the next line, at the 99th percentile.
+const LINE: Duration = Duration::from_millis(5);
+/// A touch of a machine takes some seconds; here long enough that each has its events.
+const TOUCH: Duration = Duration::from_millis(150);
+
+fn main() {
+    if let Some((address, count)) = readers::asked_for() {
+        return readers::be(&address, count);
+    }
+    let tape = daemon::tape();
+    let memory = Path::new("/dev/shm");
+    let disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    println!("{:<44}{:>10}{:>10}{:>10}", "", "median", "99 %", "longest");
+    let mut late = Vec::new();
+    for tablets in [0, TABLETS] {
+        let name = format!("hold to wire, {tablets} tablets");
+        late.extend(told(&name, &holds(&tape, tablets, memory), Some(HOLD)));
+    }
+    for tablets in [0, TABLETS] {
+        let name = format!("result to next line, {tablets} tablets");
+        late.extend(told(&name, &lines(&tape, tablets, memory), Some(LINE)));
+    }
+    let with_disk = lines(&tape, TABLETS, disk);
+    late.extend(told("  the same, journal on the target's disk", &with_disk, None));
+    assert!(late.is_empty(), "too late: {late:?}");
+}
+
+fn told(name: &str, times: &[Duration], most: Option<Duration>) -> Option<String> {
+    let [median, p99, longest] = [0.5, 0.99, 1.0].map(|share| quantile(times, share));
+    let ms = |time: Duration| format!("{:.2} ms", time.as_secs_f64() * 1e3);
+    let limit = most.map(|most| format!("  (at most {})", ms(most))).unwrap_or_default();
+    println!("{name:<44}{:>10}{:>10}{:>10}{limit}", ms(median), ms(p99), ms(longest));
+    most.is_some_and(|most| p99 > most).then(|| format!("{name}: {}", ms(p99)))
+}
+
+/// Each in mid-cycle, at another moment of it.
+fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
+    let wire = Wire::new(tape.to_vec(), Duration::from_millis(20));
+    let daemon = Daemon::new(wire.port, folder);
+    let _readers = Readers::new(&daemon.address(), tablets);
+    let mut times = Vec::new();
+    for number in 0..HOLDS {
+        daemon.until(|now| now["state"] == "waiting");
+        daemon.start();
+        daemon.until(|now| now["measured"].as_u64().is_some_and(|count| count > 2));
+        std::thread::sleep(Duration::from_micros(3_700 * (number as u64 % 16)));
+        let asked = Instant::now();
+        assert_eq!(daemon.ask("POST", "/hold", &json!({})).0, 202);
+        daemon.until(|now| now["state"] == "held");
+        let seen = wire.seen.lock().unwrap();
+        assert!(seen.holds.len() > number, "no hold came");
+        // The first one counts: a driver that gives up may say it again.
+        let first = seen.holds.iter().find(|at| **at > asked).expect("a hold");
+        times.push(*first - asked);
+        drop(seen);
+        assert_eq!(daemon.ask("POST", "/acknowledge", &json!({"who": "a"})).0, 202);
+    }
+    times
+}
+
+/// Of a whole run.
+fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
+    let wire = Wire::new(tape.to_vec(), TOUCH);
+    let daemon = Daemon::new(wire.port, folder);
+    let _readers = Readers::new(&daemon.address(), tablets);
+    let (begun, before) = (Instant::now(), daemon.processor_s());
+    daemon.start();
+    daemon.until(|now| now["state"] == "waiting" && now["run"] == 1);
+    let used = (daemon.processor_s() - before) / begun.elapsed().as_secs_f64();
+    println!("  ({tablets} tablets: {:.0} % of a core)", 100.0 * used);
+    let seen = wire.seen.lock().unwrap();
+    assert!(seen.between.len() > 50, "{} steps", seen.between.len());
+    seen.between.clone()
+}
+
+fn quantile(times: &[Duration], share: f64) -> Duration {
+    let mut sorted = times.to_vec();
+    sorted.sort();
+    sorted[((sorted.len() - 1) as f64 * share).ceil() as usize]
+}

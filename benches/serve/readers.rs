@@ -1,0 +1,100 @@
+//! Tablets: each listens to events and asks for the live part of its page at each, as the page's script does.
+//! They run in a process of their own at the lowest priority: in a shop they are other computers.
+
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::net::TcpStream;
+
+use super::daemon::{EVENTS, LIVE};
+
+const ASKED: &str = "TRUED_BENCH_READERS";
+
+pub struct Readers(Child);
+
+impl Drop for Readers {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Readers {
+    pub fn new(address: &str, count: usize) -> Self {
+        let mut command = Command::new("nice");
+        command.args(["-n", "19"]).arg(std::env::current_exe().unwrap());
+        command.env(ASKED, format!("{address} {count}")).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut told = String::new();
+        let out = child.stdout.as_mut().unwrap();
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(out), &mut told).unwrap();
+        assert_eq!(told, "reading\n");
+        Self(child)
+    }
+}
+
+/// What this process is asked to do instead.
+pub fn asked_for() -> Option<(String, usize)> {
+    let asked = std::env::var(ASKED).ok()?;
+    let (address, count) = asked.split_once(' ')?;
+    Some((address.to_owned(), count.parse().ok()?))
+}
+
+/// Until it is killed.
+pub fn be(address: &str, count: usize) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let listening = Arc::new(AtomicU64::new(0));
+        for _ in 0..count {
+            tokio::spawn(tablet(address.to_owned(), Arc::clone(&listening)));
+        }
+        while listening.load(Ordering::Relaxed) < count as u64 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        println!("reading");
+        std::future::pending::<()>().await;
+    });
+}
+
+async fn tablet(address: String, listening: Arc<AtomicU64>) {
+    let mut events = TcpStream::connect(&address).await.unwrap();
+    let head = |path: &str| format!("GET {path} HTTP/1.1\r\nHost: {address}\r\n\r\n");
+    events.write_all(head(EVENTS).as_bytes()).await.unwrap();
+    let mut page = TcpStream::connect(&address).await.unwrap();
+    let (mut lines, mut buffer) = (BufReader::new(events).lines(), vec![0; 64 * 1024]);
+    listening.fetch_add(1, Ordering::Relaxed);
+    while let Ok(Some(line)) = lines.next_line().await {
+        if !line.starts_with("data:") {
+            continue;
+        }
+        // A connection that was idle for too long is closed; a browser opens another.
+        if page.write_all(head(LIVE).as_bytes()).await.is_err()
+            || !taken(&mut page, &mut buffer).await
+        {
+            page = TcpStream::connect(&address).await.unwrap();
+        }
+    }
+}
+
+/// A whole answer: its head says how long it is.
+async fn taken(page: &mut TcpStream, buffer: &mut [u8]) -> bool {
+    let mut answer = Vec::new();
+    loop {
+        match page.read(buffer).await {
+            Ok(count @ 1..) => answer.extend(&buffer[..count]),
+            _ => return false,
+        }
+        let text = String::from_utf8_lossy(&answer);
+        let Some((head, body)) = text.split_once("\r\n\r\n") else { continue };
+        let length = head.lines().find_map(|line| line.strip_prefix("content-length: "));
+        if length
+            .and_then(|length| length.parse::<usize>().ok())
+            .is_some_and(|all| body.len() >= all)
+        {
+            return true;
+        }
+    }
+}

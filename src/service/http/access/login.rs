@@ -1,0 +1,95 @@
+//! Coming in at the page, and leaving.
+
+use axum::extract::{FromRequest, Request, State};
+use axum::http::header::{HeaderValue, SET_COOKIE};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use axum::routing::{get, post};
+use axum::{Form, Router};
+use cookie::{Cookie, SameSite, time};
+use minijinja::context;
+use serde::Deserialize;
+
+use super::session::LASTS;
+use super::{Access, DOOR, Refused, SESSION, session};
+use crate::service::http::Web;
+use crate::service::http::page::render;
+use crate::service::http::problem::Problem;
+
+pub fn routes() -> Router<Web> {
+    Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave))
+}
+
+#[derive(Deserialize)]
+struct Shown {
+    token: String,
+}
+
+async fn door(State(web): State<Web>, headers: HeaderMap) -> Result<Html<String>, Problem> {
+    let access = &web.access;
+    let inside = session(&headers).and_then(|number| access.sessions.find(&number));
+    let (name, role) = match &inside {
+        Some(token) => (Some(token.name.as_str()), Some(token.role.as_str())),
+        None => (None, None),
+    };
+    render("login.html", context! { demanded => access.demanded, name, role, wrong => false })
+}
+
+async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Problem> {
+    let (access, headers) = (&web.access, request.headers().clone());
+    let address = access.address(&request);
+    let form = Form::from_request(request, &web).await;
+    let Form(Shown { token }) = form.map_err(|_| unreadable())?;
+    let Some(token) = access.tokens.find(token.trim()) else {
+        if let Err(too_often) = access.rates.failure(&address) {
+            return Ok(Refused::from(too_often).into_response());
+        }
+        (access.log)(&format!("{address} has shown what is no token"));
+        let values =
+            context! { demanded => access.demanded, name => (), role => (), wrong => true };
+        return Ok((StatusCode::UNAUTHORIZED, render("login.html", values)?).into_response());
+    };
+    (access.log)(&format!("{} comes in from {address}", token.name));
+    let number = access.sessions.open(token).map_err(no_chance)?;
+    let lasts = time::Duration::seconds(LASTS.as_secs() as i64);
+    Ok(with_cookie(access, &headers, number, lasts, "/"))
+}
+
+async fn leave(State(web): State<Web>, headers: HeaderMap) -> Response {
+    if let Some(number) = session(&headers) {
+        web.access.sessions.close(&number);
+    }
+    with_cookie(&web.access, &headers, String::new(), time::Duration::ZERO, DOOR)
+}
+
+fn with_cookie(
+    access: &Access,
+    headers: &HeaderMap,
+    number: String,
+    lasts: time::Duration,
+    to: &str,
+) -> Response {
+    let cookie = Cookie::build((SESSION, number))
+        .path("/")
+        .http_only(true)
+        .same_site(SameSite::Strict)
+        .secure(access.is_behind_proxy(headers))
+        .max_age(lasts)
+        .build();
+    let mut response = Redirect::to(to).into_response();
+    if let Ok(value) = HeaderValue::from_str(&cookie.to_string()) {
+        response.headers_mut().insert(SET_COOKIE, value);
+    }
+    response
+}
+
+fn unreadable() -> Problem {
+    let (status, remedy) = (StatusCode::BAD_REQUEST, "come in at /login");
+    Problem::new(status, "unreadable", "no token came with the form", remedy)
+}
+
+fn no_chance(error: getrandom::Error) -> Problem {
+    let status = StatusCode::INTERNAL_SERVER_ERROR;
+    let told = super::TokenError::from(error);
+    Problem::new(status, "no-random", told.to_string(), told.remedy())
+}

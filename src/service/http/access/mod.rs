@@ -1,0 +1,248 @@
+//! Who asks, and whether he may. On this computer alone nobody is asked; with `tokens = true` everybody
+//! shows a token: a program with each request, a browser once, for a session.
+
+mod login;
+mod rate;
+mod roles;
+mod secret;
+mod session;
+mod tokens;
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{ConnectInfo, MatchedPath, Request, State};
+use axum::http::header::{
+    ACCEPT, AUTHORIZATION, COOKIE, HOST, HeaderName, HeaderValue, RETRY_AFTER, WWW_AUTHENTICATE,
+};
+use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+use cookie::Cookie;
+
+pub use self::login::routes;
+use self::rate::{Rates, TooOften};
+pub use self::roles::Role;
+use self::roles::{DOOR, HOLD, needed};
+use self::session::Sessions;
+pub use self::tokens::{Token, TokenError, Tokens};
+use super::problem::Problem;
+use crate::service::Log;
+use crate::service::config::Http;
+
+/// Of the cookie.
+const SESSION: &str = "trued";
+
+/// What all callers are judged by.
+pub struct Access {
+    demanded: bool,
+    /// Under which a proxy with TLS is asked.
+    names: Vec<String>,
+    tokens: Tokens,
+    sessions: Sessions,
+    rates: Rates,
+    log: Log,
+}
+
+/// Who asks: a token, or, where none is demanded, somebody on this computer.
+#[derive(Clone)]
+pub struct Caller {
+    token: Option<Token>,
+    access: Arc<Access>,
+}
+
+impl Caller {
+    /// As it stands in the audit log: the token's name and what the person typed; one of them at least.
+    ///
+    /// # Errors
+    /// Nobody has given a name.
+    pub fn signs(&self, typed: &str) -> Result<String, Problem> {
+        let typed = typed.trim();
+        let unfit = typed.chars().count() > 100 || typed.chars().any(char::is_control);
+        match (&self.token, typed) {
+            (None, "") => {}
+            (Some(token), "") => return Ok(token.name.clone()),
+            _ if unfit => {}
+            (None, typed) => return Ok(typed.to_owned()),
+            (Some(token), typed) => return Ok(format!("{}: {typed}", token.name)),
+        }
+        Err(Problem::new(
+            StatusCode::BAD_REQUEST,
+            "nameless",
+            "nobody has given a name",
+            "say who you are: it stands in the log of this machine",
+        ))
+    }
+
+    /// The same, where a name is not asked for.
+    pub fn is_called(&self, typed: &str) -> String {
+        let somebody = || self.token.as_ref().map_or("somebody at the page", |token| &token.name);
+        self.signs(typed).unwrap_or_else(|_| somebody().to_owned())
+    }
+
+    /// Whether its token has not been revoked meanwhile.
+    pub fn stands(&self) -> bool {
+        self.token.as_ref().is_none_or(|token| self.access.tokens.stands(token))
+    }
+}
+
+/// Why somebody is not let in.
+enum Refused {
+    Unknown,
+    Lesser(Role),
+    TooOften(TooOften),
+}
+
+impl From<TooOften> for Refused {
+    fn from(too_often: TooOften) -> Self {
+        Self::TooOften(too_often)
+    }
+}
+
+impl Access {
+    /// `folder`: of the journal.
+    ///
+    /// # Errors
+    /// Tokens are demanded and cannot be read.
+    pub fn new(config: &Http, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
+        let tokens = Tokens::beside(folder);
+        if config.tokens && tokens.all()?.is_empty() {
+            log(
+                "there is no token yet, and nobody gets in without one: `trued token add NAME --role ROLE`",
+            );
+        }
+        let (demanded, names) = (config.tokens, config.names.clone());
+        let (sessions, rates, log) = (Sessions::default(), Rates::default(), log.clone());
+        Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, log }))
+    }
+
+    fn judge(self: &Arc<Self>, request: &Request) -> Result<Caller, Refused> {
+        let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
+        let (reads, address) = (request.method().is_safe(), self.address(request));
+        let token = match self.demanded && route != DOOR {
+            true => Some(self.token(request.headers(), &address)?),
+            false => None,
+        };
+        let least = needed(route, reads);
+        if token.as_ref().is_some_and(|token| token.role < least) {
+            return Err(Refused::Lesser(least));
+        }
+        if !reads && route != HOLD {
+            self.rates.change(token.as_ref().map_or(&address, |token| &token.name))?;
+        }
+        Ok(Caller { token, access: Arc::clone(self) })
+    }
+
+    fn token(&self, headers: &HeaderMap, address: &str) -> Result<Token, Refused> {
+        let shown = text(headers, AUTHORIZATION).map(bearer);
+        let token = match shown {
+            Some(shown) => shown.and_then(|shown| self.tokens.find(shown)),
+            None => match session(headers) {
+                None => return Err(Refused::Unknown),
+                Some(number) => {
+                    self.sessions.find(&number).filter(|token| self.tokens.stands(token))
+                }
+            },
+        };
+        match token {
+            Some(token) => Ok(token),
+            None => {
+                self.rates.failure(address)?;
+                (self.log)(&format!("{address} has shown what is no token"));
+                Err(Refused::Unknown)
+            }
+        }
+    }
+
+    /// Of whoever asks; of a proxy on this computer, whom it names.
+    fn address(&self, request: &Request) -> String {
+        let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
+        let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |info| info.0.ip());
+        let told = text(request.headers(), HeaderName::from_static("x-forwarded-for"));
+        let last = told.and_then(|all| all.rsplit(',').next()?.trim().parse::<IpAddr>().ok());
+        let named = last.filter(|_| !self.names.is_empty() && peer.is_loopback());
+        named.unwrap_or(peer).to_string()
+    }
+
+    /// A browser gives a secure cookie back under the proxy's name only.
+    fn is_behind_proxy(&self, headers: &HeaderMap) -> bool {
+        let host = text(headers, HOST).unwrap_or("");
+        self.names.iter().any(|name| name.eq_ignore_ascii_case(host))
+    }
+}
+
+fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+fn bearer(authorization: &str) -> Option<&str> {
+    let (scheme, token) = authorization.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
+fn session(headers: &HeaderMap) -> Option<String> {
+    let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut known = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
+    known.find(|cookie| cookie.name() == SESSION).map(|cookie| cookie.value().to_owned())
+}
+
+/// Before every answer.
+pub async fn admit(
+    State(access): State<Arc<Access>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    match access.judge(&request) {
+        Ok(caller) => {
+            request.extensions_mut().insert(caller);
+            next.run(request).await
+        }
+        Err(Refused::Unknown) if is_for_a_person(&request) => Redirect::to(DOOR).into_response(),
+        Err(refused) => refused.into_response(),
+    }
+}
+
+fn is_for_a_person(request: &Request) -> bool {
+    let accepts = text(request.headers(), ACCEPT).unwrap_or("");
+    !request.uri().path().starts_with("/api/") && accepts.contains("text/html")
+}
+
+impl IntoResponse for Refused {
+    fn into_response(self) -> Response {
+        match self {
+            Self::Unknown => {
+                let mut response = Problem::new(
+                    StatusCode::UNAUTHORIZED,
+                    "no-token",
+                    "this server answers to tokens only",
+                    "send `Authorization: Bearer TOKEN`, or come in at /login; `trued token add` makes one",
+                )
+                .into_response();
+                let bearer = HeaderValue::from_static("Bearer");
+                response.headers_mut().insert(WWW_AUTHENTICATE, bearer);
+                response
+            }
+            Self::Lesser(least) => Problem::new(
+                StatusCode::FORBIDDEN,
+                "wrong-role",
+                format!("this is for a token of role {least}, or more"),
+                "ask somebody who has one",
+            )
+            .into_response(),
+            Self::TooOften(TooOften(wait)) => too_often(wait).into_response(),
+        }
+    }
+}
+
+fn too_often(wait: Duration) -> impl IntoResponse {
+    let seconds = wait.as_secs() + 1;
+    let problem = Problem::new(
+        StatusCode::TOO_MANY_REQUESTS,
+        "too-often",
+        "that is asked for too often",
+        format!("wait {seconds} s; a hold needs not wait"),
+    );
+    ([(RETRY_AFTER, HeaderValue::from(seconds))], problem)
+}

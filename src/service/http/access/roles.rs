@@ -1,0 +1,84 @@
+//! Who may do what.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// Each may do what the one before it may.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Reads, and may hold the machine.
+    Viewer,
+    /// Starts, acknowledges, resumes, answers.
+    Operator,
+    /// Signs, and arms what starts by itself.
+    Metrologist,
+}
+
+impl Role {
+    const ALL: [Self; 3] = [Self::Viewer, Self::Operator, Self::Metrologist];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Viewer => "viewer",
+            Self::Operator => "operator",
+            Self::Metrologist => "metrologist",
+        }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl FromStr for Role {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|role| role.as_str() == text);
+        found.ok_or_else(|| "a role is viewer, operator or metrologist".to_owned())
+    }
+}
+
+/// Refused to nobody who is known, and not counted.
+pub const HOLD: &str = "/api/v1/machines/{name}/hold";
+/// Whoever stands before the door must see it.
+pub const DOOR: &str = "/login";
+
+/// What a changing route asks for at least. One that does not stand here asks for the most.
+const CHANGES: [(&str, Role); 7] = [
+    (HOLD, Role::Viewer),
+    ("/logout", Role::Viewer),
+    ("/api/v1/machines/{name}/start", Role::Operator),
+    ("/api/v1/machines/{name}/acknowledge", Role::Operator),
+    ("/api/v1/machines/{name}/resume", Role::Operator),
+    // Nothing moves that a metrologist has not armed.
+    ("/api/v1/machines/{name}/due", Role::Operator),
+    ("/api/v1/machines/{name}/disarm", Role::Operator),
+];
+
+/// `reads`: the request changes nothing.
+pub fn needed(route: &str, reads: bool) -> Role {
+    if reads {
+        return Role::Viewer;
+    }
+    CHANGES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_asks_for_the_most() {
+        assert_eq!(needed("/api/v1/runs/{run}/sign", false), Role::Metrologist);
+        assert_eq!(needed("/api/v1/runs/{run}/sign", true), Role::Viewer);
+        assert_eq!(needed(HOLD, false), Role::Viewer);
+        assert_eq!(needed("/api/v1/machines/{name}/start", false), Role::Operator);
+        assert!(Role::Viewer < Role::Operator && Role::Operator < Role::Metrologist);
+    }
+}

@@ -1,0 +1,85 @@
+//! Who has come in at the page: the browser has a number that means nothing by itself, what it stands for is
+//! kept here, for a shift, and for as long as its token stands.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use subtle::ConstantTimeEq;
+
+use super::secret;
+use super::tokens::Token;
+
+/// Then one must come in anew.
+pub const LASTS: Duration = Duration::from_secs(12 * 3600);
+/// The oldest makes room.
+const MOST: usize = 64;
+
+struct Session {
+    sha256: String,
+    token: Token,
+    begun: Instant,
+}
+
+#[derive(Default)]
+pub struct Sessions(Mutex<Vec<Session>>);
+
+impl Sessions {
+    fn all(&self) -> std::sync::MutexGuard<'_, Vec<Session>> {
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|session| session.begun.elapsed() < LASTS);
+        all
+    }
+
+    /// What the browser is to keep.
+    ///
+    /// # Errors
+    /// No random numbers.
+    pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
+        let number = secret::new()?;
+        let session = Session { sha256: secret::sha256(&number), token, begun: Instant::now() };
+        let mut all = self.all();
+        if all.len() >= MOST {
+            all.remove(0);
+        }
+        all.push(session);
+        Ok(number)
+    }
+
+    pub fn find(&self, number: &str) -> Option<Token> {
+        let sha256 = secret::sha256(number);
+        let all = self.all();
+        let is =
+            |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
+        all.iter().find(is).map(|session| session.token.clone())
+    }
+
+    pub fn close(&self, number: &str) {
+        let sha256 = secret::sha256(number);
+        self.all().retain(|session| session.sha256 != sha256);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::roles::Role;
+    use super::super::tokens::Tokens;
+    use super::*;
+
+    #[test]
+    fn the_oldest_makes_room_and_who_leaves_has_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let tokens = Tokens::beside(folder.path());
+        tokens.add("tablet", Role::Viewer).unwrap();
+        let token = tokens.all().unwrap().remove(0);
+        let sessions = Sessions::default();
+        let numbers: Vec<String> =
+            (0..MOST).map(|_| sessions.open(token.clone()).unwrap()).collect();
+        assert_eq!(sessions.find(&numbers[0]), Some(token.clone()));
+        sessions.open(token.clone()).unwrap();
+        assert_eq!(sessions.find(&numbers[0]), None);
+        assert_eq!(sessions.find(&numbers[1]), Some(token));
+        sessions.close(&numbers[1]);
+        assert_eq!(sessions.find(&numbers[1]), None);
+        assert_eq!(sessions.find(""), None);
+    }
+}

@@ -1,0 +1,258 @@
+//! The tokens: made on this computer, shown once, kept as SHA-256 only.
+//!
+//! They lie in a file of their own beside the journal, for this user alone. The journal is copied, sent and
+//! exported, and nobody should have to think of what else is in it; a file is read without a database, and
+//! one that was changed meanwhile is noticed by a look at it.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use subtle::ConstantTimeEq;
+
+use super::roles::Role;
+use super::secret;
+
+/// No more of them.
+const MOST: usize = 1000;
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Token {
+    pub name: String,
+    pub role: Role,
+    pub made: Timestamp,
+    sha256: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    trued_tokens: u32,
+    tokens: Vec<Token>,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum TokenError {
+    #[error("{path}: {source}", path = path.display())]
+    File { path: PathBuf, source: io::Error },
+    #[error("{path}: {source}", path = path.display())]
+    Unreadable { path: PathBuf, source: serde_json::Error },
+    #[error("`{0}` is no name of a token: letters, digits and . _ - only, 40 at most")]
+    Name(String),
+    #[error("there is a token `{0}` already")]
+    Exists(String),
+    #[error("there is no token `{0}`")]
+    Unknown(String),
+    #[error("there are {MOST} tokens already")]
+    Full,
+    #[error("this computer gives no random numbers: {0}")]
+    Random(#[from] getrandom::Error),
+}
+
+impl TokenError {
+    /// What to do next.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::File { .. } => {
+                "check that disk and whose folder that is, or give another with --state"
+            }
+            Self::Unreadable { .. } => "put that file aside; tokens are then made anew",
+            Self::Name(_) => "say whose it is, e.g. `tablet-hall-2`",
+            Self::Exists(_) => "revoke that one first, or choose another name",
+            Self::Unknown(_) => "`trued token list` shows which there are",
+            Self::Full => "revoke those that nobody uses",
+            Self::Random(_) => "try again once it has started up",
+        }
+    }
+}
+
+/// How a file looks from outside, to see that it is another.
+type Look = (u64, u64, i64, i64);
+
+/// The file, and what was last read of it.
+pub struct Tokens {
+    path: PathBuf,
+    read: Mutex<(Option<Look>, Vec<Token>)>,
+}
+
+impl Tokens {
+    /// In the folder of the journal.
+    pub fn beside(journal: &Path) -> Self {
+        Self { path: journal.join("tokens.json"), read: Mutex::default() }
+    }
+
+    /// As they are now.
+    ///
+    /// # Errors
+    /// The file cannot be read; the last that could be read still counts in [`Self::find`].
+    pub fn all(&self) -> Result<Vec<Token>, TokenError> {
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        let look = match fs::metadata(&self.path) {
+            Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
+            Err(error) if error.kind() == ErrorKind::NotFound => None,
+            Err(source) => return Err(self.failed(source)),
+        };
+        if read.0 != look {
+            let tokens = match look {
+                Some(_) => {
+                    self.parse(&fs::read(&self.path).map_err(|error| self.failed(error))?)?
+                }
+                None => Vec::new(),
+            };
+            *read = (look, tokens);
+        }
+        Ok(read.1.clone())
+    }
+
+    fn parse(&self, bytes: &[u8]) -> Result<Vec<Token>, TokenError> {
+        let unreadable = |source| TokenError::Unreadable { path: self.path.clone(), source };
+        Ok(serde_json::from_slice::<Kept>(bytes).map_err(unreadable)?.tokens)
+    }
+
+    /// Whose `shown` is. Every token is looked at, each to its end.
+    pub fn find(&self, shown: &str) -> Option<Token> {
+        let sha256 = secret::sha256(shown);
+        let mut found = None;
+        for token in self.known() {
+            if bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes())) {
+                found = Some(token);
+            }
+        }
+        found
+    }
+
+    /// Whether `token` has not been revoked.
+    pub fn stands(&self, token: &Token) -> bool {
+        self.known().contains(token)
+    }
+
+    fn known(&self) -> Vec<Token> {
+        self.all()
+            .unwrap_or_else(|_| self.read.lock().unwrap_or_else(PoisonError::into_inner).1.clone())
+    }
+
+    /// A new one; what is returned is kept nowhere.
+    ///
+    /// # Errors
+    /// No name, or one that there is; the file.
+    pub fn add(&self, name: &str, role: Role) -> Result<String, TokenError> {
+        let fits = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+        if name.is_empty() || name.len() > 40 || !name.chars().all(fits) {
+            return Err(TokenError::Name(name.to_owned()));
+        }
+        let shown = format!("trued_{}", secret::new()?);
+        let sha256 = secret::sha256(&shown);
+        let token = Token { name: name.to_owned(), role, made: Timestamp::now(), sha256 };
+        self.change(|tokens| match tokens.iter().any(|known| known.name == name) {
+            true => Err(TokenError::Exists(name.to_owned())),
+            false if tokens.len() >= MOST => Err(TokenError::Full),
+            false => {
+                tokens.push(token);
+                Ok(())
+            }
+        })?;
+        Ok(shown)
+    }
+
+    /// # Errors
+    /// No such token; the file.
+    pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
+        self.change(|tokens| {
+            let before = tokens.len();
+            tokens.retain(|token| token.name != name);
+            match tokens.len() < before {
+                true => Ok(()),
+                false => Err(TokenError::Unknown(name.to_owned())),
+            }
+        })
+    }
+
+    /// One at a time; whole or not at all.
+    fn change(
+        &self,
+        change: impl FnOnce(&mut Vec<Token>) -> Result<(), TokenError>,
+    ) -> Result<(), TokenError> {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        let failed = |error| self.failed(error);
+        fs::create_dir_all(folder).map_err(failed)?;
+        let lock = private(&self.path.with_extension("lock")).map_err(failed)?;
+        lock.lock().map_err(failed)?;
+        let mut tokens = self.all()?;
+        change(&mut tokens)?;
+        let kept = Kept { trued_tokens: 1, tokens };
+        let unreadable = |source| TokenError::Unreadable { path: self.path.clone(), source };
+        let text = serde_json::to_string_pretty(&kept).map_err(unreadable)?;
+        self.replace(folder, &text).map_err(failed)
+    }
+
+    fn replace(&self, folder: &Path, text: &str) -> io::Result<()> {
+        let beside = self.path.with_extension("new");
+        let mut file = private(&beside)?;
+        file.set_len(0)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&beside, &self.path)?;
+        File::open(folder)?.sync_all()
+    }
+
+    fn failed(&self, source: io::Error) -> TokenError {
+        TokenError::File { path: self.path.clone(), source }
+    }
+}
+
+/// For this user alone.
+fn private(path: &Path) -> io::Result<File> {
+    File::options().write(true).create(true).truncate(false).mode(0o600).open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    #[test]
+    fn a_token_is_shown_once_and_kept_as_its_hash() {
+        let folder = tempfile::tempdir().unwrap();
+        let (cli, daemon) = (Tokens::beside(folder.path()), Tokens::beside(folder.path()));
+        assert_eq!(daemon.all().unwrap(), []);
+        let shown = cli.add("tablet", Role::Operator).unwrap();
+        assert_eq!(shown.len(), "trued_".len() + 64);
+        assert_ne!(shown, cli.add("other", Role::Viewer).unwrap());
+        let found = daemon.find(&shown).unwrap();
+        assert_eq!((found.name.as_str(), found.role), ("tablet", Role::Operator));
+        let file = folder.path().join("tokens.json");
+        assert!(!fs::read_to_string(&file).unwrap().contains(&shown[6..]));
+        assert_eq!(fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+        for wrong in ["", "trued_", &shown[..shown.len() - 1], &found.sha256] {
+            assert_eq!(daemon.find(wrong), None, "{wrong}");
+        }
+        cli.revoke("tablet").unwrap();
+        assert_eq!(daemon.find(&shown), None);
+        assert!(!daemon.stands(&found));
+        assert_eq!(daemon.all().unwrap().len(), 1);
+    }
+
+    #[test]
+    fn what_is_no_token_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let tokens = Tokens::beside(&folder.path().join("made"));
+        for name in ["", "two words", "a\nb", &"n".repeat(41)] {
+            assert!(matches!(tokens.add(name, Role::Viewer), Err(TokenError::Name(_))), "{name}");
+        }
+        assert!(matches!(tokens.revoke("nobody"), Err(TokenError::Unknown(_))));
+        let shown = tokens.add("one", Role::Viewer).unwrap();
+        assert!(matches!(tokens.add("one", Role::Viewer), Err(TokenError::Exists(_))));
+        // What cannot be read any more leaves those that are known.
+        assert!(tokens.find(&shown).is_some());
+        fs::write(folder.path().join("made/tokens.json"), "{").unwrap();
+        assert!(matches!(tokens.all(), Err(TokenError::Unreadable { .. })));
+        assert!(tokens.find(&shown).is_some());
+        assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::Unreadable { .. })));
+    }
+}

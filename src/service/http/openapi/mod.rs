@@ -1,0 +1,90 @@
+//! The interface described for programs, made from the routes themselves: `/api/v1/openapi.json`, and the
+//! same in `docs/openapi.json`.
+
+pub mod views;
+
+use axum::routing::get;
+use axum::{Json, Router};
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{
+    Components, ContentBuilder, Info, OpenApi, OpenApiBuilder, PathItem, Ref, ResponseBuilder,
+};
+use utoipa::{PartialSchema, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+
+use super::problem::Problem;
+use super::{Web, actions, api, events, schedule};
+
+/// Of the security scheme.
+const TOKEN: &str = "token";
+
+/// Of the interface, with its description.
+pub fn routes() -> Router<Web> {
+    let (router, described) = described();
+    router.route("/api/v1/openapi.json", get(move || async move { Json(described) }))
+}
+
+fn described() -> (Router<Web>, OpenApi) {
+    let mut components = Components::new();
+    components.schemas.insert(Problem::name().into_owned(), Problem::schema());
+    let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer);
+    let bearer = bearer.description(Some("where the configuration says `tokens = true`"));
+    components.add_security_scheme(TOKEN, SecurityScheme::Http(bearer.build()));
+    let head = OpenApiBuilder::new().info(Info::new("trued", "1")).components(Some(components));
+    let all = OpenApiRouter::with_openapi(head.build());
+    let all = all.merge(api::routes()).merge(actions::routes()).merge(events::routes());
+    let all = all.merge(schedule::routes());
+    let (router, mut described) = all.split_for_parts();
+    described.paths.paths.values_mut().flat_map(operations).for_each(common);
+    (router, described)
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    [item.get.as_mut(), item.post.as_mut()].into_iter().flatten()
+}
+
+/// What holds for each: a token, and what is said where there is no answer.
+fn common(operation: &mut Operation) {
+    operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(TOKEN, [])]);
+    let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name())));
+    let refused = ResponseBuilder::new()
+        .description("no answer: why, and what to do")
+        .content("application/json", problem.build());
+    operation.responses.responses.insert("default".to_owned(), refused.build().into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WRITE: &str = "TRUED_WRITE_OPENAPI";
+
+    #[test]
+    fn the_description_is_the_one_that_is_checked_in() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/openapi.json");
+        let text = described().1.to_pretty_json().unwrap() + "\n";
+        if std::env::var_os(WRITE).is_some() {
+            std::fs::write(file, &text).unwrap();
+        }
+        let kept = std::fs::read_to_string(file).unwrap();
+        assert!(
+            kept == text,
+            "{file} is not of this program; `{WRITE}=1 cargo test --lib openapi`"
+        );
+    }
+
+    #[test]
+    fn whatever_changes_something_is_a_post_and_tells_of_problems() {
+        let described = serde_json::to_value(described().1).unwrap();
+        let paths = described["paths"].as_object().unwrap();
+        assert!(paths.len() >= 12, "{}", paths.len());
+        for (path, item) in paths {
+            for (method, operation) in item.as_object().unwrap() {
+                assert!(["get", "post"].contains(&method.as_str()), "{method} {path}");
+                assert!(operation["responses"]["default"].is_object(), "{method} {path}");
+                assert!(operation["description"].is_string() || operation["summary"].is_string());
+            }
+        }
+    }
+}

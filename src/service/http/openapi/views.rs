@@ -1,0 +1,168 @@
+//! How the nouns of lower floors look to a program. They know nothing of HTTP, so their schemas stand here;
+//! a test holds them against what is really written. What has a contract and a version of its own (plan,
+//! reading, estimate, series) is not described a second time.
+#![allow(dead_code, reason = "only their schemas are used")]
+
+use utoipa::ToSchema;
+
+/// As the contract has it that README.md describes.
+#[derive(ToSchema)]
+#[schema(value_type = Object)]
+pub struct Contract(());
+
+/// One value of one method over all finished runs.
+#[derive(ToSchema)]
+#[schema(value_type = Object)]
+pub struct SeriesView(());
+
+/// Of a machine: `planned`, `armed`, `last`, as docs/schedule.md has them.
+#[derive(ToSchema)]
+#[schema(as = Agenda, value_type = Object)]
+pub struct AgendaView(());
+
+#[derive(ToSchema)]
+#[schema(as = Signature)]
+pub struct SignatureView {
+    who: String,
+    remark: String,
+    estimate_sha256: String,
+}
+
+#[derive(ToSchema)]
+#[schema(as = Verdict, rename_all = "lowercase")]
+pub enum VerdictView {
+    Pass,
+    Fail,
+    Undecided,
+    /// Measured; no tolerance is stated.
+    None,
+}
+
+#[derive(ToSchema)]
+#[schema(as = Parameter)]
+pub struct ParameterView {
+    symbol: String,
+    value: f64,
+    /// um, urad, um/m, mm or ms.
+    unit: String,
+    /// Standard uncertainty.
+    u: f64,
+    /// Expanded uncertainty, k·u.
+    #[schema(rename = "U")]
+    expanded: f64,
+    k: f64,
+    /// Null: infinitely many.
+    dof: Option<f64>,
+    identifiable: bool,
+    #[schema(required = false)]
+    u_monte_carlo: Option<f64>,
+    #[schema(required = false)]
+    budget: Vec<BudgetView>,
+}
+
+/// A source of uncertainty.
+#[derive(ToSchema)]
+#[schema(as = Budget)]
+pub struct BudgetView {
+    source: String,
+    u: f64,
+}
+
+#[derive(ToSchema)]
+#[schema(as = Run)]
+pub struct RunView {
+    id: i64,
+    #[schema(format = DateTime)]
+    started: String,
+    /// When it came to its state; null while it runs.
+    #[schema(format = DateTime)]
+    ended: Option<String>,
+    method: String,
+    machine: String,
+    /// running, held, finished, failed, interrupted or closed.
+    state: String,
+    program_version: String,
+    config_sha256: String,
+    plan_sha256: String,
+    /// Who signed its last estimate last.
+    signed: Option<String>,
+}
+
+#[derive(ToSchema)]
+#[schema(as = Audit)]
+pub struct AuditView {
+    who: String,
+    what: String,
+    why: String,
+    machine: String,
+    /// The run that was on, 0 for none.
+    run: i64,
+    outcome: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Serialize;
+    use utoipa::PartialSchema;
+
+    use super::*;
+    use crate::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
+    use crate::store::{Audit, RunId, RunState, RunSummary};
+
+    fn names(of: &serde_json::Value) -> Vec<String> {
+        let mut names: Vec<String> = of.as_object().unwrap().keys().cloned().collect();
+        names.sort();
+        names
+    }
+
+    fn same<V: PartialSchema>(written: impl Serialize) {
+        let schema = serde_json::to_value(V::schema()).unwrap();
+        let written = serde_json::to_value(written).unwrap();
+        assert_eq!(names(&schema["properties"]), names(&written));
+        for (name, value) in written.as_object().unwrap() {
+            let kind = &schema["properties"][name]["type"];
+            let known = [("string", value.is_string()), ("number", value.is_number())];
+            let known =
+                [known[0], known[1], ("integer", value.is_i64()), ("array", value.is_array())];
+            for (word, is) in known {
+                assert!(kind != word || is, "{name}: {kind}, {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_view_is_what_is_written() {
+        let parameter = Parameter {
+            symbol: "EX0C".to_owned(),
+            value: 1.5,
+            unit: Unit::Um,
+            u: 0.5,
+            expanded: 1.0,
+            k: 2.0,
+            dof: Some(9.0),
+            identifiable: true,
+            u_monte_carlo: Some(0.5),
+            budget: vec![BudgetLine { source: "probe".to_owned(), u: 0.1 }],
+        };
+        same::<BudgetView>(&parameter.budget[0]);
+        same::<ParameterView>(parameter);
+        let text = String::new;
+        same::<RunView>(RunSummary {
+            id: RunId(1),
+            started: jiff::Timestamp::UNIX_EPOCH,
+            ended: Some(jiff::Timestamp::UNIX_EPOCH),
+            method: text(),
+            machine: text(),
+            state: RunState::Held,
+            program_version: text(),
+            config_sha256: text(),
+            plan_sha256: text(),
+            signed: Some(text()),
+        });
+        let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
+        same::<AuditView>(Audit { who, what, why, machine, run: 1, outcome });
+        let schema = serde_json::to_value(VerdictView::schema()).unwrap();
+        let all = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::None];
+        assert_eq!(schema["enum"], serde_json::to_value(all).unwrap());
+    }
+}
