@@ -74,8 +74,9 @@ impl Daemon {
         let folder = tempfile::tempdir_in(folder).unwrap();
         let machine: PathBuf = folder.path().join("machine.toml");
         std::fs::write(&machine, at_wire(wire)).unwrap();
-        let mut command = command(&["serve", "--machine"], folder.path());
-        let mut child = command.arg(machine).stderr(Stdio::piped()).spawn().unwrap();
+        let machine = machine.display().to_string();
+        let mut command = command(&["serve", "--machine", &machine], folder.path());
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());
         while line.trim() != "ready" {

@@ -77,6 +77,10 @@ pub struct RunArgs {
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
+    /// Your name, where a daemon has the machine and is asked for one of its cycles: you have looked at it, it
+    /// is free to be moved, in its automatic mode, its guards are closed. On a terminal you are asked for it.
+    #[arg(long, value_name = "NAME")]
+    pub acknowledge: Option<String>,
     /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not
     /// kept in the journal.
     #[arg(long, value_name = "FILE", conflicts_with = "capture")]

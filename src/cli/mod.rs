@@ -13,6 +13,7 @@ macro_rules! tell {
 
 mod args;
 mod check;
+mod daemon;
 mod failure;
 mod files;
 mod identify;

@@ -1,6 +1,5 @@
 //! `trued resume`: a person has looked at the machine; the run goes on.
 
-use std::io::{BufRead as _, IsTerminal as _};
 use std::path::Path;
 
 use super::Exit;
@@ -10,6 +9,7 @@ use super::files::state_folder;
 use super::progress::Progress;
 use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
+use super::terminal::typed;
 use super::wires::Wires;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError, Question};
@@ -89,8 +89,7 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
 fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<Event, Failure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
-        None if std::io::stdin().is_terminal() => asked(&again.question())?,
-        None => String::new(),
+        None => asked(&again.question())?,
     };
     // Whoever was asked on the terminal was asked for it.
     let homed = args.homed || args.acknowledge.is_none();
@@ -99,12 +98,9 @@ fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<Event, Failure> {
 
 /// On a terminal.
 fn asked(Question { ended, ask, .. }: &Question) -> Result<String, Failure> {
-    tell!("{ended}");
-    tell!(
-        "look at the machine: {ask} Z goes straight up first, then the references are touched.\n\
+    typed(&format!(
+        "{ended}\nlook at the machine: {ask} Z goes straight up first, then the references are touched.\n\
          type your name to go on, nothing to leave it as it is:"
-    );
-    let mut line = String::new();
-    std::io::stdin().lock().read_line(&mut line).map_err(Failure::plain)?;
-    Ok(line.trim().to_owned())
+    ))
+    .map_err(Failure::plain)
 }

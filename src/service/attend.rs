@@ -1,7 +1,5 @@
 //! At one machine: waiting, and doing what its desk has accepted, one thing at a time.
 
-mod again;
-
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -23,7 +21,7 @@ use crate::store::{Journal, MachineLock, RunId};
 
 /// Why a cycle has no estimate.
 #[derive(Debug, thiserror::Error)]
-enum Failed {
+pub(super) enum Failed {
     #[error(transparent)]
     Setup(#[from] SetupError),
     #[error(transparent)]
@@ -31,9 +29,9 @@ enum Failed {
 }
 
 /// Of a part of the whole, never back.
-struct Progress {
-    whole_s: f64,
-    percent: u16,
+pub(super) struct Progress {
+    pub(super) whole_s: f64,
+    pub(super) percent: u16,
 }
 
 /// One machine, waiting.
@@ -41,13 +39,13 @@ pub(super) struct Attendant {
     machine: MachineFile,
     config: Config,
     folder: PathBuf,
-    pace: Pace,
-    desk: Desk,
+    pub(super) pace: Pace,
+    pub(super) desk: Desk,
     asks: mpsc::Receiver<Ask>,
     log: Log,
     captures: Option<Captures>,
     /// While no person may resume it.
-    lock: Option<MachineLock>,
+    pub(super) lock: Option<MachineLock>,
 }
 
 impl Attendant {
@@ -154,7 +152,7 @@ impl Attendant {
         &self.desk
     }
 
-    async fn take(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
+    pub(super) async fn take(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
         Ok(lock)
@@ -241,7 +239,7 @@ impl Attendant {
     }
 
     /// With every byte kept where that is wanted; a stop is heard from here on.
-    async fn open(
+    pub(super) async fn open(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
     ) -> Result<(Devices, Option<Begun<'_>>), SetupError> {
@@ -252,7 +250,7 @@ impl Attendant {
         Ok((devices, capture))
     }
 
-    fn tell(&self, event: &Event, progress: &mut Progress) {
+    pub(super) fn tell(&self, event: &Event, progress: &mut Progress) {
         match event {
             Event::Announced { text } => (self.log)(text),
             Event::StageStarted { stage } => {

@@ -5,6 +5,7 @@
 //! machine held lets go of the machine's lock, so that a person can resume it; nothing starts until
 //! somebody has acknowledged.
 
+mod again;
 mod attend;
 pub mod board;
 mod captures;
@@ -22,7 +23,7 @@ use std::sync::Arc;
 
 pub use self::config::{Config, Http};
 pub use self::daemon_file::DaemonFile;
-pub use self::http::{Role, Token, TokenError, Tokens};
+pub use self::http::{Role, Token, TokenError, Tokens, Whereabouts, address};
 pub use self::together::Service;
 use crate::run::RunError;
 use crate::setup::SetupError;

@@ -155,10 +155,11 @@ impl sensors::Driver for Eye {
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
         loop {
+            // Others want to go on as well.
+            tokio::task::yield_now().await;
             if let Some(sample) = self.0.lock().unwrap().sample() {
                 return sample;
             }
-            tokio::task::yield_now().await;
         }
     }
 
@@ -251,7 +252,12 @@ impl Control {
     async fn go(&self, block: &Block) -> Result<Track, ControllerError> {
         let feeds = |motion: &Motion| matches!(motion, Motion::Feed { .. });
         let sweeps = block.motions.len() > 1 && block.motions.iter().all(feeds);
-        let mut from = self.scene.lock().unwrap().stands.clone();
+        let mut from = {
+            let mut scene = self.scene.lock().unwrap();
+            // What was said at rest is over.
+            scene.t_s += PERIOD_S;
+            scene.stands.clone()
+        };
         let mut track = Track::of(from.iter().map(|(axis, _)| axis).collect());
         let (mut lost, mut number) = (0, 0);
         self.stamp(&mut track, &mut lost);

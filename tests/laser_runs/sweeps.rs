@@ -255,7 +255,7 @@ fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
     ];
     std::thread::scope(|scope| {
         for (case, words) in &cases {
-            scope.spawn(|| trial(fails(*case, words)));
+            scope.spawn(move || trial(fails(*case, words)));
         }
     });
 }

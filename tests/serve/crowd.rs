@@ -51,7 +51,7 @@ async fn one(port: u16, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
             // Whatever ends it.
             let _ = misbehave(stream, port, number % 6).await;
         }
-        sleep(Duration::from_millis(700)).await;
+        sleep(Duration::from_secs(3)).await;
     }
 }
 

@@ -4,6 +4,7 @@
 
 mod abuse;
 mod again;
+mod asks;
 mod client;
 mod crowd;
 mod hostile;
@@ -63,6 +64,8 @@ fn main() {
         alone("a_held_run_is_resumed_by_somebody_with_a_name", again::resumed),
         alone("a_result_is_signed_as_it_was_read", again::signed),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
+        alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
+        alone("a_daemon_without_a_page_is_named", asks::no_page),
         alone("two_machines_of_one_daemon_measure_at_once", several::machines),
         alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
         alone("each_role_may_what_it_may_and_no_more", hostile::roles),

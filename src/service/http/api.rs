@@ -43,7 +43,14 @@ pub(super) async fn look<T: Send + 'static>(
     read: impl FnOnce(&Journal) -> T + Send + 'static,
 ) -> Result<T, Problem> {
     let journal = Arc::clone(&web.journal);
-    tokio::task::spawn_blocking(move || read(&journal)).await.map_err(|_| {
+    // Who goes away while he waits for his turn leaves nothing behind that would be read for nobody.
+    let turn = Arc::clone(&web.readers).acquire_owned().await;
+    let read = move || {
+        let read = read(&journal);
+        drop(turn);
+        read
+    };
+    tokio::task::spawn_blocking(read).await.map_err(|_| {
         let status = axum::http::StatusCode::INTERNAL_SERVER_ERROR;
         Problem::new(status, "no-answer", "the question ended without answer", "ask again")
     })

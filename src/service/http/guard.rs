@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HOST, HeaderName, HeaderValue, ORIGIN};
-use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 
@@ -52,7 +52,7 @@ pub fn around(router: Router, names: Names, access: Arc<Access>) -> Router {
 }
 
 async fn meant_for_us(State(names): State<Names>, request: Request, next: Next) -> Response {
-    if let Err(problem) = check(&names, request.headers(), request.method().is_safe()) {
+    if let Err(problem) = check(&names, &request) {
         return problem.into_response();
     }
     // What is read of a body is read in time; an answer may go on for long, as events do.
@@ -66,9 +66,12 @@ async fn meant_for_us(State(names): State<Names>, request: Request, next: Next) 
     }
 }
 
-fn check(names: &Names, headers: &HeaderMap, safe: bool) -> Result<(), Problem> {
+fn check(names: &Names, request: &Request) -> Result<(), Problem> {
+    let headers = request.headers();
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-    if !text(HOST).is_some_and(|host| names.hold(host)) {
+    let one = headers.get_all(HOST).iter().count() == 1;
+    let told = request.uri().authority().is_none_or(|told| names.hold(told.as_str()));
+    if !(one && told && text(HOST).is_some_and(|host| names.hold(host))) {
         return Err(Problem::new(
             StatusCode::MISDIRECTED_REQUEST,
             "other-host",
@@ -77,7 +80,7 @@ fn check(names: &Names, headers: &HeaderMap, safe: bool) -> Result<(), Problem> 
              [serve.http]",
         ));
     }
-    if safe {
+    if request.method().is_safe() {
         return Ok(());
     }
     let from_elsewhere = match text(ORIGIN) {

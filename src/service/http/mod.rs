@@ -14,14 +14,18 @@ mod page;
 mod problem;
 mod schedule;
 mod standing;
+mod whereabouts;
 
 use std::net::TcpListener;
 use std::sync::Arc;
 
 use axum::Router;
+use tokio::sync::Semaphore;
 
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
+pub use self::page::address;
+pub use self::whereabouts::Whereabouts;
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::{Log, ServeError};
@@ -43,6 +47,7 @@ struct Web {
     machines: Arc<[Shown]>,
     journal: Arc<Journal>,
     access: Arc<Access>,
+    readers: Arc<Semaphore>,
 }
 
 impl Web {
@@ -67,7 +72,12 @@ pub fn start(
     let at = listener.local_addr().map_err(cannot)?;
     let names = guard::Names::of(at, &config.names);
     let access = Access::new(config, journal.folder(), log)?;
-    let router = router(Web { machines: machines.into(), journal, access }, names);
+    let here = Whereabouts { pid: std::process::id(), page: at };
+    if let Err(error) = here.leave(journal.folder()) {
+        log(&format!("commands will not find the page: {error}"));
+    }
+    let readers = Arc::new(Semaphore::new(READERS));
+    let router = router(Web { machines: machines.into(), journal, access, readers }, names);
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
@@ -81,8 +91,8 @@ pub fn start(
     Ok(())
 }
 
-/// Readers of the journal at a time; others wait.
-const READERS: usize = 4;
+/// Readers of the journal at a time; others wait, and the run has the rest of the computer.
+const READERS: usize = 2;
 
 fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();

@@ -1,12 +1,12 @@
 //! A person at the page lets a run go on.
 
-use super::{Attendant, Failed, Progress};
+use super::ServeError;
+use super::attend::{Attendant, Failed, Progress};
+use super::board::Refusal;
+use super::captures::Begun;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError};
-use crate::service::ServeError;
-use crate::service::board::Refusal;
-use crate::service::captures::Begun;
 use crate::setup;
 use crate::store::{Journal, RunId};
 
