@@ -253,7 +253,7 @@ fn schedules(
             params![machine, name, calendar],
             |row| read::parsed(row, 0),
         );
-        Ok(seen.optional()?.map_or_else(|| whole(now), |seen| seen))
+        Ok(seen.optional()?.unwrap_or_else(|| whole(now)))
     });
     let seen = seen.collect::<Result<Vec<Timestamp>, Fault>>()?;
     transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;
