@@ -4,8 +4,9 @@ use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
-use crate::decision::trend::{self, Point, Told, Trend};
+use crate::decision::trend::{self, Kind, Point, Told, Trend};
 use crate::record::estimate::{Estimate, Unit};
+use crate::report::Individuals;
 use crate::store::{Journal, RunId, StoreError};
 
 /// What one finished run said of one value.
@@ -87,4 +88,25 @@ fn day(t_s: f64) -> String {
 
 fn told(series: &Series) -> Told<'_> {
     Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
+}
+
+/// Its values as a figure, as seen at `now`; `None` if there is nothing to draw.
+pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
+    let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
+    let values = &series.values;
+    let at = |index: usize| values.get(index).map(|value| before_s(value.started));
+    let steps = series.trend.changes.iter().filter(|change| change.kind == Kind::Step);
+    // Between the last value before and the first one after.
+    let between = |first: usize| Some((at(first.checked_sub(1)?)? + at(first)?) / 2.0);
+    let from = steps.clone().map(|step| step.first).max().unwrap_or(0);
+    let figure = Individuals {
+        symbol: series.symbol.clone(),
+        values: values.iter().map(|v| [before_s(v.started), v.value, v.expanded]).collect(),
+        limits: series.trend.individuals.map(|chart| {
+            let [lower, upper] = chart.limits();
+            ([lower, chart.centre, upper], from)
+        }),
+        steps: steps.filter_map(|step| between(step.first)).collect(),
+    };
+    figure.draw(series.unit)
 }

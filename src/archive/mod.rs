@@ -1,6 +1,7 @@
 //! Floor 6: what the journal holds, for people: how a run went, its report, a machine's history.
 //! Nothing is measured and nothing is written here.
 
+pub mod compare;
 pub mod history;
 pub mod report;
 pub mod story;

@@ -1,6 +1,6 @@
 //! The report of a stored run.
 
-use super::story::story;
+use super::story::{signed, story};
 use crate::record::event::Event;
 use crate::record::proof::Proof;
 use crate::report::page;
@@ -46,6 +46,7 @@ pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
         readings: stored.readings.len(),
         state: stored.summary.state.as_str().to_owned(),
         story: story(&stored),
+        signed: Some(signed(&stored)),
         proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     Ok(page::render(&stored.plan, &last.estimate, &facts)?)

@@ -1,7 +1,7 @@
 //! What a stored run has been through, in words.
 
 use crate::record::event::Event;
-use crate::store::{RunId, RunState, RunSummary, StoredRun};
+use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
 
 /// What happened on the way: stops, faults, who let it go on; when, and in words.
 pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
@@ -13,7 +13,29 @@ pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
         _ => None,
     };
     let events = stored.events.iter();
-    events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?))).collect()
+    let events = events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?)));
+    let signed = stored.signatures.iter().map(|(at, signature)| {
+        let of = if is_of_last(stored, signature) { "" } else { " (an earlier estimate)" };
+        (format!("{at:.0}"), format!("signed{of} {}", by(signature)))
+    });
+    events.chain(signed).collect()
+}
+
+/// Who answers for the last estimate, in words; a signature under an earlier one does not count.
+pub fn signed(stored: &StoredRun) -> Vec<String> {
+    let of_last = stored.signatures.iter().filter(|(_, signature)| is_of_last(stored, signature));
+    of_last.map(|(at, signature)| format!("{} on {at:.0}", by(signature))).collect()
+}
+
+fn is_of_last(stored: &StoredRun, signature: &Signature) -> bool {
+    stored.estimates.last().is_some_and(|last| last.sha256 == signature.estimate_sha256)
+}
+
+fn by(Signature { who, remark, .. }: &Signature) -> String {
+    match remark.as_str() {
+        "" => format!("by {who}"),
+        remark => format!("by {who} ({remark})"),
+    }
 }
 
 /// The last word of a run that did not come to its end.

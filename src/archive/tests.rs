@@ -1,7 +1,10 @@
+use super::compare::{CompareError, compare};
 use super::history::history;
+use super::report::report;
+use super::story::{signed, story};
 use crate::record::estimate::{Estimate, Parameter, Unit};
 use crate::record::plan::Plan;
-use crate::store::{Journal, NewRun, RunId, RunState};
+use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 
 fn plan(method: &str, machine: &str) -> Plan {
     serde_json::from_value(serde_json::json!({
@@ -68,4 +71,65 @@ fn a_history_is_what_finished_runs_last_said() {
         .collect();
     let wanted = format!("samba EX0C {first}:2 {last}:6");
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
+}
+
+/// A name stands under one estimate, for good: identified again, the run shows as not signed.
+#[test]
+fn a_signature_speaks_for_the_estimate_that_was_signed() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
+    let run = journal.begin(&new).wait().unwrap();
+    let sign = |who: &str, hash: &str| {
+        let signature = Signature {
+            who: who.to_owned(),
+            remark: "as ever".to_owned(),
+            estimate_sha256: hash.to_owned(),
+        };
+        journal.sign(run, &signature).wait().unwrap();
+    };
+    let by = || journal.runs().unwrap()[0].signed.clone();
+    let told = || signed(&journal.load(run).unwrap());
+    let first = journal.estimate(run, &estimate(&[("EX0C", 1.0, true)])).wait().unwrap();
+    assert_eq!((by(), told()), (None, Vec::new()));
+    sign("Ada", &first);
+    sign("Lise", &first);
+    assert_eq!(by().as_deref(), Some("Lise"));
+    assert!(told().len() == 2 && told()[0].starts_with("by Ada (as ever) on 20"), "{:?}", told());
+    journal.estimate(run, &estimate(&[("EX0C", 2.0, true)])).wait().unwrap();
+    assert_eq!((by(), told()), (None, Vec::new()));
+    let story = story(&journal.load(run).unwrap());
+    assert!(story[1].1.starts_with("signed (an earlier estimate) by Lise"), "{story:?}");
+    let html = report(&journal, run).unwrap();
+    assert!(html.contains("Not signed."));
+    let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    for statement in ["DELETE FROM signatures", "UPDATE signatures SET who = 'Eve'"] {
+        assert!(raw.execute(statement, []).is_err(), "{statement}");
+    }
+    let ghost = Signature { who: "Eve".to_owned(), remark: String::new(), estimate_sha256: first };
+    assert!(journal.sign(RunId(7), &ghost).wait().is_err());
+}
+
+#[test]
+fn runs_of_different_methods_are_not_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = |method: &str, config: &str, value: Option<f64>| -> RunId {
+        let new = NewRun { config: config.to_owned(), plan: plan(method, "mill") };
+        let id = journal.begin(&new).wait().unwrap();
+        if let Some(value) = value {
+            let estimate = estimate(&[("EX0C", value, true), ("EY0C", 3.0, true)]);
+            journal.estimate(id, &estimate).wait().unwrap();
+        }
+        id
+    };
+    let (one, other) = (run("samba", "a", Some(1.0)), run("samba", "b", Some(4.0)));
+    let (laser, none) = (run("laser-r-test", "a", Some(1.0)), run("samba", "a", None));
+    let found = compare(&journal, one, other).unwrap();
+    let changed: Vec<_> = found.differences.iter().map(|d| (d.by, d.significant)).collect();
+    assert_eq!(changed, [(3.0, true), (0.0, false)]);
+    assert_eq!(found.besides, ["the machine file was changed between them"]);
+    assert!(matches!(compare(&journal, one, laser), Err(CompareError::Methods(..))));
+    assert!(matches!(compare(&journal, one, none), Err(CompareError::NoEstimate(_))));
+    assert!(matches!(compare(&journal, one, RunId(9)), Err(CompareError::Store(_))));
 }

@@ -42,6 +42,12 @@ pub enum Command {
     Runs(RunsArgs),
     /// Tell how a machine's values went over its runs, and what changed.
     Trend(TrendArgs),
+    /// Tell what a machine's schedule does when, who armed it, and what became of the last times.
+    Schedule(ScheduleArgs),
+    /// Let a cycle start by the schedule while nobody is there, until a time.
+    Arm(ArmArgs),
+    /// Nothing of this machine starts by the schedule any more, until it is armed again.
+    Disarm(DisarmArgs),
     /// Show one stored run.
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
@@ -71,6 +77,10 @@ pub struct RunArgs {
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
+    /// Your name, where a daemon has the machine and is asked for one of its cycles: you have looked at it, it
+    /// is free to be moved, in its automatic mode, its guards are closed. On a terminal you are asked for it.
+    #[arg(long, value_name = "NAME")]
+    pub acknowledge: Option<String>,
     /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not
     /// kept in the journal.
     #[arg(long, value_name = "FILE", conflicts_with = "capture")]
@@ -111,9 +121,13 @@ pub struct CheckArgs {
 
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// The machine file, with a section [serve].
+    /// What the daemon serves: its machines and its page.
     #[arg(long, value_name = "FILE")]
-    pub machine: PathBuf,
+    pub config: Option<PathBuf>,
+    /// One machine alone: its file, with a section [serve]. Without either, the simulated machine is served,
+    /// with its page at 127.0.0.1:8137.
+    #[arg(long, value_name = "FILE", conflicts_with = "config")]
+    pub machine: Option<PathBuf>,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
     /// Keep every byte of each run's links in a file of its own: FILE, with the run's number before its
@@ -262,6 +276,49 @@ pub struct TrendArgs {
     pub days: u32,
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ScheduleArgs {
+    /// Name of the machine; without it, all that the journal knows.
+    pub name: Option<String>,
+    /// The machine file, for what comes next.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
+    pub machine: Option<PathBuf>,
+    /// The daemon's file, likewise.
+    #[arg(long, value_name = "FILE", conflicts_with = "name")]
+    pub config: Option<PathBuf>,
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ArmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle, as in [[serve.cycle]].
+    pub cycle: u16,
+    /// Your name: the machine will move while nobody is there, and you have seen to it that it may.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    /// For so long, such as 14d or 8h, or until an instant, such as 2027-01-31T18:00:00+01:00.
+    #[arg(long, value_name = "WHEN")]
+    pub until: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
+}
+
+#[derive(Debug, Args)]
+pub struct DisarmArgs {
+    /// Name of the machine.
+    pub machine: String,
+    /// Number of the cycle; without it, all of them.
+    pub cycle: Option<u16>,
+    /// Your name.
+    #[arg(long, value_name = "NAME")]
+    pub who: String,
+    #[arg(long, value_name = "WORDS", default_value = "")]
+    pub why: String,
 }
 
 #[derive(Debug, Args)]

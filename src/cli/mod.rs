@@ -13,6 +13,7 @@ macro_rules! tell {
 
 mod args;
 mod check;
+mod daemon;
 mod failure;
 mod files;
 mod identify;
@@ -22,6 +23,7 @@ mod progress;
 mod resume;
 mod run;
 mod runs;
+mod schedule;
 mod serve;
 mod show;
 mod signals;
@@ -94,6 +96,9 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Watch(args) => watch::watch(&args),
         Command::Runs(args) => runs::list(&args, state),
         Command::Trend(args) => trend::trend(&args, state),
+        Command::Schedule(args) => schedule::schedule(&args, state),
+        Command::Arm(args) => schedule::arm(&args, state),
+        Command::Disarm(args) => schedule::disarm(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
         Command::Token(args) => token::token(&args, state),

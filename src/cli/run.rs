@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::args::{OutputArgs, RunArgs, Speed};
+use super::daemon::Daemon;
 use super::failure::Failure;
 use super::files::read_estimate;
 use super::progress::Progress;
@@ -26,8 +27,15 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     check_report_folder(&args.output)?;
     let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = wires.folder(state)?;
-    let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
+    let lock = MachineLock::acquire(&folder, &machine.machine.name);
     let journal = Journal::open(&folder)?;
+    let lock = match lock {
+        Ok(lock) => lock,
+        Err(error) => {
+            let daemon = Daemon::that_has_it(&error, &folder).ok_or(error)?;
+            return tell_result(&journal, daemon.run(args, &journal)?, &args.output, true);
+        }
+    };
     journal.mark_interrupted(&lock).wait()?;
 
     let mut progress = Progress::start(args.output.json);

@@ -30,6 +30,9 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             run.state.as_str(),
             run.machine
         );
+        if let Some(who) = &run.signed {
+            say!("       signed by {who}");
+        }
         let stopped =
             !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
         if let Some(way_on) =

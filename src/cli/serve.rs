@@ -1,4 +1,4 @@
-//! `trued serve`: one machine waits for whoever may start it.
+//! `trued serve`: machines wait for whoever may start them.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,24 +7,20 @@ use super::Exit;
 use super::args::ServeArgs;
 use super::failure::Failure;
 use super::files::state_folder;
-use super::run::{check_folder, runtime};
+use super::run::check_folder;
 use super::signals::stop_on_signals;
-use crate::methods;
-use crate::service::{Config, Ended, Service};
-use crate::setup::{MachineFile, SetupError};
+use crate::service::{DaemonFile, Ended, Service};
+use crate::setup::SetupError;
 
 pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let machine = MachineFile::read(&args.machine).map_err(SetupError::from)?;
-    machine.check_method_names(&methods::NAMES).map_err(SetupError::from)?;
-    let config: Option<Config> = machine.serve().map_err(SetupError::from)?;
-    let config = config.ok_or_else(|| {
-        Failure::new(
-            format!("{}: it has no section [serve]", args.machine.display()),
-            "say there which cycles may be started, and by whom; docs/modbus.md tells how",
-        )
-    })?;
+    let file = match (&args.config, &args.machine) {
+        (Some(config), _) => DaemonFile::read(config),
+        (None, Some(machine)) => DaemonFile::of_machine(machine),
+        (None, None) => DaemonFile::built_in(),
+    };
+    let DaemonFile { machines, http } = file.map_err(SetupError::from)?;
     let log = Arc::new(|words: &str| tell!("{words}"));
-    let service = Service::new(machine, config, state_folder(state)?, args.speed.into(), log)?;
+    let service = Service::new(machines, http, state_folder(state)?, args.speed.into(), log)?;
     let service = match &args.capture {
         Some(file) => {
             check_folder(file, "the captures", "--capture")?;
@@ -33,7 +29,7 @@ pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         None => service,
     };
     stop_on_signals(service.halt())?;
-    match runtime()?.block_on(service.serve())? {
+    match service.serve()? {
         Ended::Waiting => Ok(Exit::Pass),
         Ended::Held => Ok(Exit::Stopped),
     }

@@ -1,5 +1,6 @@
 //! Somebody at the terminal is asked.
 
+use std::io::{BufRead as _, IsTerminal as _};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Duration;
 
@@ -11,6 +12,16 @@ use crate::record::question::{Answer, Question, Seen};
 
 /// How often a stop is looked for while an answer is waited for.
 const STOP_POLL: Duration = Duration::from_millis(50);
+
+/// What somebody types; nothing where nobody sits.
+pub fn typed(words: &str) -> std::io::Result<String> {
+    let mut line = String::new();
+    if std::io::stdin().is_terminal() {
+        tell!("{words}");
+        std::io::stdin().lock().read_line(&mut line)?;
+    }
+    Ok(line.trim().to_owned())
+}
 
 pub struct Terminal {
     stop: Stop,

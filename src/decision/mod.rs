@@ -1,6 +1,8 @@
 //! Floor 3: decision rules, and what a machine's history says.
 
+pub mod difference;
 pub mod references;
+pub mod revisit;
 pub mod trend;
 
 use crate::record::estimate::{Estimate, Limit, Parameter, Verdict};

@@ -84,6 +84,20 @@ impl Track {
         Some((*self.times_s.get(set_out)?, *self.times_s.get(stands_from)?))
     }
 
+    /// How many of `points` it comes so near to (mm or rad), one after the other.
+    pub fn reaches(&self, points: &[Position], near: f64) -> usize {
+        let mut reached = 0;
+        for values in self.values.chunks_exact(self.axes.len().max(1)) {
+            let is_near = |point: &Position| {
+                let stands = self.axes.iter().zip(values);
+                let off = |(axis, at): (&Axis, &f64)| Some((point.get(*axis)? - at).abs());
+                stands.filter_map(off).all(|off| off <= near)
+            };
+            reached += usize::from(points.get(reached).is_some_and(is_near));
+        }
+        reached
+    }
+
     fn number(&self, number: usize) -> Option<&[f64]> {
         self.values.chunks_exact(self.axes.len().max(1)).nth(number)
     }
@@ -137,6 +151,18 @@ mod tests {
         back.push(3.0, [3.0]);
         back.push(4.0, [4.0, 4.0]);
         assert_eq!((back.positions(), back.at(3.5), back.gaps()), (3, None, 2));
+    }
+
+    #[test]
+    fn it_knows_which_points_it_has_passed_in_their_order() {
+        let at = |y: f64| Position::new().with(Axis::Y, y).with(Axis::X, 9.0);
+        let reaches = |points: &[f64]| {
+            let points: Vec<Position> = points.iter().map(|y| at(*y)).collect();
+            track().reaches(&points, 0.1)
+        };
+        assert_eq!(reaches(&[0.0, 1.05, 3.95]), 3);
+        assert_eq!((reaches(&[0.0, 2.0, 4.0]), reaches(&[1.0, 0.0]), reaches(&[0.5])), (1, 1, 0));
+        assert_eq!(Track::default().reaches(&[at(0.0)], 0.1), 0);
     }
 
     #[test]

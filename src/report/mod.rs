@@ -10,3 +10,5 @@ mod related;
 #[cfg(test)]
 mod tests;
 mod vectors;
+
+pub use figure::Individuals;

@@ -20,6 +20,8 @@ pub struct Facts {
     pub state: String,
     /// Stops, faults and acknowledgements: when, and in words.
     pub story: Vec<(String, String)>,
+    /// Who answers for the result, if somebody could.
+    pub signed: Option<Vec<String>>,
     pub readings: usize,
     pub program_version: String,
     /// What is hashed (machine file, plan, ..) and its SHA-256.
@@ -56,6 +58,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             proof => proof(plan, &facts.proofs),
             facts => fact_rows(facts, &estimate.priors),
             story => facts.story.clone(),
+            signed => facts.signed.clone(),
             program_version => facts.program_version.as_str(),
         },
     )

@@ -122,6 +122,7 @@ fn facts() -> Facts {
         run: "12".to_owned(),
         started: "2025-03-14T09:26:53Z".to_owned(),
         state: "finished".to_owned(),
+        signed: Some(vec!["by Ada on 2025-03-15".to_owned()]),
         readings: 96,
         story: vec![("10:02".to_owned(), "acknowledged by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),

@@ -99,7 +99,11 @@ impl RunError {
                  the machine file ([controller.sampler])"
                     .to_owned()
             }
-            Self::Unswept { .. } => "plan it with dwell points (sampling = \"dwell\")".to_owned(),
+            Self::Unswept { .. } => {
+                "`trued resume` measures it anew; if it stays so, plan it with dwell points \
+                 (sampling = \"dwell\")"
+                    .to_owned()
+            }
             Self::NoReading { .. } => "please report this with the run's export".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
             Self::UnseenAgain { .. } => {

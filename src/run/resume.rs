@@ -1,11 +1,11 @@
 //! A run that goes on after a stop: a person has acknowledged, the references are measured again
 //! and compared, and the next touch is the first one that has no reading yet.
 
-use super::references::References;
 use super::timeline::Timeline;
 use super::{Run, RunError};
 use crate::base::Position;
 use crate::decision::references::{Shift, in_words};
+use crate::decision::revisit::References;
 use crate::record::event::Event;
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
 use crate::record::reading::Reading;

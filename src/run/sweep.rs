@@ -10,6 +10,9 @@ const STILL: f64 = 0.002;
 /// A sensor that is faster by no more than this is as fast as the plan wants it.
 const AS_FAST: f64 = 1.02;
 const WINDOW: usize = 50;
+/// A stamped way has been at a point that it passes so near, mm or rad: the axes stop there, and lag behind
+/// what they are told.
+const NEAR: f64 = 0.2;
 
 /// The way to the first point of `path` and the rest of the motions, each a block of its own: on the way to
 /// the first point a sensor may see nothing. The scan is as many moves at feed as the path has ways.
@@ -22,6 +25,14 @@ pub(super) fn apart(blocks: Vec<Block>, path: &[Position]) -> Option<(Block, Blo
     let at_feed = |motion: &Motion| matches!(motion, Motion::Feed { .. });
     let is_scan = !motions.is_empty() && motions.iter().all(at_feed);
     is_scan.then(|| (way.clone(), Block { motions, ..way }))
+}
+
+/// Why a track is not of all of `path`. Samples beyond its ends would be missed by nobody.
+pub(super) fn unstamped(track: &Track, path: &[Position]) -> Option<String> {
+    let reached = track.reaches(path, NEAR);
+    (reached < path.len()).then(|| {
+        format!("the control has stamped {reached} of the {} points that it passes", path.len())
+    })
 }
 
 /// Samples with the positions at which their axes stood.
@@ -156,6 +167,15 @@ mod tests {
         assert_eq!(placed(&samples, &track(), 1000.0).thinned, 0);
         let thinned = placed(&samples, &track(), 100.0);
         assert!((880 - thinned.samples.len() as i32).abs() <= 4, "{}", thinned.samples.len());
+    }
+
+    #[test]
+    fn a_track_that_ends_before_the_scan_or_begins_later_is_none_of_it() {
+        let path = |points: &[f64]| points.iter().map(|at| x(*at)).collect::<Vec<Position>>();
+        assert_eq!(unstamped(&track(), &path(&[0.0, 10.0])), None);
+        let why = unstamped(&track(), &path(&[0.0, 10.0, 0.0])).unwrap();
+        assert!(why.contains("2 of the 3 points"), "{why}");
+        assert!(unstamped(&track(), &path(&[-1.0, 10.0])).unwrap().contains("0 of the 2"));
     }
 
     #[test]

@@ -1,24 +1,27 @@
-//! Waiting, and doing what the desk has accepted, one thing at a time.
+//! At one machine: waiting, and doing what its desk has accepted, one thing at a time.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use tokio::sync::mpsc;
+
 use super::board::{Board, Refusal, State};
-use super::captures::Begun;
-use super::config::Cycle;
-use super::desk::Ask;
-use super::http::{self, Shown};
+use super::captures::{Begun, Captures};
+use super::config::{Config, Cycle};
+use super::desk::{Ask, Desk};
+use super::http::Shown;
 use super::past::unfinished;
-use super::{Ended, ServeError, Service, triggers};
+use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{self, CycleError};
-use crate::setup::{self, Past, SetupError};
+use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
 
 /// Why a cycle has no estimate.
 #[derive(Debug, thiserror::Error)]
-enum Failed {
+pub(super) enum Failed {
     #[error(transparent)]
     Setup(#[from] SetupError),
     #[error(transparent)]
@@ -26,51 +29,98 @@ enum Failed {
 }
 
 /// Of a part of the whole, never back.
-struct Progress {
-    whole_s: f64,
-    percent: u16,
+pub(super) struct Progress {
+    pub(super) whole_s: f64,
+    pub(super) percent: u16,
 }
 
-impl Service {
-    /// Until [`Service::halt`]. Call inside a tokio runtime.
+/// One machine, waiting.
+pub(super) struct Attendant {
+    machine: MachineFile,
+    config: Config,
+    folder: PathBuf,
+    pub(super) pace: Pace,
+    pub(super) desk: Desk,
+    asks: mpsc::Receiver<Ask>,
+    log: Log,
+    captures: Option<Captures>,
+    /// While no person may resume it.
+    pub(super) lock: Option<MachineLock>,
+}
+
+impl Attendant {
+    /// `folder`: where journal and locks are. Nothing is opened yet.
     ///
     /// # Errors
-    /// What keeps it from serving at all; what befalls a cycle is on the board and in the log.
-    pub async fn serve(mut self) -> Result<Ended, ServeError> {
-        let journal = Arc::new(Journal::open(&self.folder)?);
-        let mut lock = Some(self.lock(&journal).await?);
+    /// A cycle of a method or with settings that there are not.
+    pub fn new(
+        (machine, config): (MachineFile, Config),
+        folder: PathBuf,
+        pace: Pace,
+        log: Log,
+    ) -> Result<Self, ServeError> {
+        for cycle in &config.cycle {
+            setup::header(&machine, &cycle.method, cycle.repeat)?;
+        }
+        let (desk, asks) = Desk::new(&config, log.clone());
+        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None, lock: None })
+    }
+
+    pub fn capturing(self, captures: Captures) -> Self {
+        Self { captures: Some(captures), ..self }
+    }
+
+    /// The machine is ours, its cycles could be measured, its triggers are heard. Call inside the tokio
+    /// runtime that [`Self::attend`] will live in.
+    ///
+    /// # Errors
+    /// What keeps it from serving at all.
+    pub async fn begin(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
+        self.lock = Some(self.take(journal).await?);
         self.rehearse().await?;
         triggers::start(&self.config, &self.desk, &self.log)?;
-        if let Some(config) = &self.config.http {
-            http::start(config, vec![self.shown()], Arc::clone(&journal), &self.log)?;
-        }
-        match unfinished(&journal, self.name())? {
+        match unfinished(journal, self.name())? {
             Some(before) => {
                 (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
-                lock = None;
+                self.lock = None;
+                let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
+                self.desk.show(|board| board.run = run);
                 self.desk.becomes(State::Held);
             }
             None => self.desk.becomes(State::Waiting),
         }
-        (self.log)("ready");
+        let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
+        schedule::start(self.name(), kept, &self.desk, journal, &self.log)
+    }
+
+    /// Until the desk's end. What befalls a cycle is on the board and in the log.
+    pub async fn attend(mut self, journal: &Journal) -> Ended {
         while let Some(ask) = self.asks.recv().await {
             match ask {
                 _ if self.desk.is_ending() => break,
                 Ask::End => break,
-                Ask::Acknowledge => self.acknowledged(&journal, &mut lock).await,
+                Ask::Acknowledge => self.acknowledged(journal).await,
                 Ask::Start { cycle } => {
-                    let state = self.cycle(cycle, &journal).await;
-                    if state != State::Waiting && self.desk.is_ending() {
-                        return Ok(Ended::Held);
+                    let measured = self.measured(cycle, journal).await;
+                    if let Some(ended) = self.after(measured) {
+                        return ended;
                     }
-                    if state == State::Held {
-                        // Now a person may resume it.
-                        lock = None;
+                }
+                Ask::Resume { run, who, homed } => {
+                    let Some(again) = self.acknowledged_again(run, (&who, homed), journal).await
+                    else {
+                        self.lock = None;
+                        self.desk.becomes(State::Held);
+                        continue;
+                    };
+                    let measured = self.measured_again(again, journal).await;
+                    if let Some(ended) = self.after(measured) {
+                        return ended;
                     }
                 }
             }
         }
-        Ok(Ended::Waiting)
+        Ended::Waiting
     }
 
     /// What any cycle would be refused for is told now, not when the operator presses the button.
@@ -89,34 +139,38 @@ impl Service {
         Ok(())
     }
 
-    fn shown(&self) -> Shown {
+    pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         Shown { name: self.name().to_owned(), desk: self.desk.clone(), cycles, demand }
     }
 
-    fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         &self.machine.machine.name
     }
 
-    async fn lock(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
+    pub fn desk(&self) -> &Desk {
+        &self.desk
+    }
+
+    pub(super) async fn take(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
         Ok(lock)
     }
 
     /// A person at the machine has acknowledged. That lets a new cycle start; it does not resume.
-    async fn acknowledged(&self, journal: &Journal, lock: &mut Option<MachineLock>) {
-        match self.clear(journal, lock).await {
+    async fn acknowledged(&mut self, journal: &Journal) {
+        match self.clear(journal).await {
             Ok(None) => {
                 self.desk.becomes(State::Waiting);
                 (self.log)("acknowledged; ready");
             }
             Ok(Some(why)) => {
-                *lock = None;
+                self.lock = None;
                 self.desk.refuse(why, "acknowledgement");
             }
             Err(error) => {
-                *lock = None;
+                self.lock = None;
                 let why = match error {
                     ServeError::Lock(_) => Refusal::Elsewhere,
                     _ => Refusal::NotReady,
@@ -126,13 +180,9 @@ impl Service {
         }
     }
 
-    async fn clear(
-        &self,
-        journal: &Journal,
-        lock: &mut Option<MachineLock>,
-    ) -> Result<Option<Refusal>, ServeError> {
-        if lock.is_none() {
-            *lock = Some(self.lock(journal).await?);
+    async fn clear(&mut self, journal: &Journal) -> Result<Option<Refusal>, ServeError> {
+        if self.lock.is_none() {
+            self.lock = Some(self.take(journal).await?);
         }
         let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
         if before.position_lost {
@@ -144,9 +194,8 @@ impl Service {
         Ok(None)
     }
 
-    /// Run one cycle; how the service stands afterwards.
-    async fn cycle(&self, number: u16, journal: &Journal) -> State {
-        let measured = self.measured(number, journal).await;
+    /// Show how a run has ended; the service ends with it if it must.
+    fn after(&mut self, measured: Result<(RunId, Estimate), Failed>) -> Option<Ended> {
         let (state, told) = match &measured {
             Ok((run, estimate)) => {
                 (State::Waiting, format!("run {run} is finished, verdict {:?}", estimate.verdict))
@@ -160,7 +209,11 @@ impl Service {
         };
         (self.log)(&told);
         self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
-        state
+        if state == State::Held {
+            // Now a person may resume it.
+            self.lock = None;
+        }
+        (state != State::Waiting && self.desk.is_ending()).then_some(Ended::Held)
     }
 
     async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), Failed> {
@@ -169,11 +222,8 @@ impl Service {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
         let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
-        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
         let opening = setup::devices(&self.machine, self.pace, Past::default());
-        let devices = wiring.during(opening).await?;
-        self.desk.under_way(&devices.controller.halt());
+        let (devices, capture) = self.open(opening).await?;
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         let begun = |id: RunId| {
@@ -188,7 +238,19 @@ impl Service {
         Ok(ended?)
     }
 
-    fn tell(&self, event: &Event, progress: &mut Progress) {
+    /// With every byte kept where that is wanted; a stop is heard from here on.
+    pub(super) async fn open(
+        &self,
+        opening: impl Future<Output = Result<Devices, SetupError>>,
+    ) -> Result<(Devices, Option<Begun<'_>>), SetupError> {
+        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
+        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
+        let devices = wiring.during(opening).await?;
+        self.desk.under_way(&devices.controller.halt());
+        Ok((devices, capture))
+    }
+
+    pub(super) fn tell(&self, event: &Event, progress: &mut Progress) {
         match event {
             Event::Announced { text } => (self.log)(text),
             Event::StageStarted { stage } => {

@@ -123,3 +123,14 @@ pub struct Board {
     /// Touches and scans that are in the journal.
     pub measured: u32,
 }
+
+impl Board {
+    /// Nothing of what was before stands on.
+    pub(super) fn begins(&mut self, cycle: u16) {
+        (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
+        (self.progress_percent, self.verdict) = (0, None);
+        self.deviations.clear();
+        (self.stage, self.step) = (String::new(), String::new());
+        (self.remaining_s, self.measured) = (0.0, 0);
+    }
+}

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::schedule::entry::{self, Entry};
 use super::triggers::modbus::map::CYCLES;
 use crate::link::{HostPort, Named};
 
@@ -46,18 +47,45 @@ pub struct Modbus {
     pub fresh_s: f64,
 }
 
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HttpKeys {
+    listen: SocketAddr,
+    #[serde(default)]
+    names: Vec<String>,
+    #[serde(default)]
+    tokens: bool,
+}
+
 /// The page and its interface for programs.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "HttpKeys")]
 pub struct Http {
     /// Address and port of this computer, reached from it alone.
     pub listen: SocketAddr,
     /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
-    #[serde(default)]
     pub names: Vec<String>,
     /// Everybody shows a token of his own.
-    #[serde(default)]
     pub tokens: bool,
+}
+
+impl TryFrom<HttpKeys> for Http {
+    type Error = String;
+
+    fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
+        if !names.is_empty() && !tokens {
+            return Err("names let people elsewhere in, and whoever asks may start a cycle: say `tokens = true`, \
+                        and make a token for each with `trued token add`"
+                .to_owned());
+        }
+        match listen.ip().is_loopback() {
+            true => Ok(Self { listen, names, tokens }),
+            false => Err(format!(
+                "listen is `{listen}`, which others can reach, and whoever reaches it may start a cycle: \
+                 listen on 127.0.0.1"
+            )),
+        }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -95,6 +123,8 @@ struct Keys {
     modbus: Option<Modbus>,
     line: Option<Line>,
     http: Option<Http>,
+    #[serde(default)]
+    schedule: Vec<Entry>,
 }
 
 /// `[serve]`, found sound.
@@ -109,6 +139,7 @@ pub struct Config {
     pub modbus: Option<Modbus>,
     pub line: Option<Line>,
     pub http: Option<Http>,
+    pub schedule: Vec<Entry>,
 }
 
 fn min_interval_s() -> f64 {
@@ -127,7 +158,7 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, demand, cycle, modbus, line, http } = keys;
+        let Keys { min_interval_s, demand, cycle, modbus, line, http, schedule } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
         }
@@ -139,16 +170,11 @@ impl TryFrom<Keys> for Config {
             );
         }
         check_cycles(&cycle)?;
+        let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
+        entry::check(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
-        http.as_ref().map_or(Ok(()), check_http)?;
-        if modbus.is_none() && line.is_none() && http.is_none() {
-            return Err(
-                "nothing could start a cycle: add [serve.modbus], [serve.line] or [serve.http]"
-                    .to_owned(),
-            );
-        }
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        Ok(Self { min_interval, demand, cycle, modbus, line, http })
+        Ok(Self { min_interval, demand, cycle, modbus, line, http, schedule })
     }
 }
 
@@ -164,22 +190,6 @@ fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
     match cycles.is_empty() {
         true => Err("no cycle may be started: add [[serve.cycle]]".to_owned()),
         false => Ok(()),
-    }
-}
-
-fn check_http(http: &Http) -> Result<(), String> {
-    if !http.names.is_empty() && !http.tokens {
-        return Err("http.names lets people elsewhere in, and whoever asks may start a cycle: say `tokens = \
-                    true`, and make a token for each with `trued token add`"
-            .to_owned());
-    }
-    match http.listen.ip().is_loopback() {
-        true => Ok(()),
-        false => Err(format!(
-            "http.listen is `{}`, which others can reach, and whoever reaches it may start a cycle: listen \
-             on 127.0.0.1",
-            http.listen
-        )),
     }
 }
 

@@ -10,14 +10,24 @@ use tokio::sync::{mpsc, watch};
 use super::Log;
 use super::board::{Board, Refusal, Said, State};
 use super::config::{Config, Demand};
+use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
+use crate::store::RunId;
 
 /// What the service must do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ask {
-    Start { cycle: u16 },
+    Start {
+        cycle: u16,
+    },
     Acknowledge,
+    /// This person has seen to what is asked before a run goes on.
+    Resume {
+        run: RunId,
+        who: String,
+        homed: bool,
+    },
     End,
 }
 
@@ -40,6 +50,7 @@ pub struct Desk {
     log: Log,
     /// Counts what changed on the board.
     changes: Arc<watch::Sender<u64>>,
+    rota: Rota,
 }
 
 impl Desk {
@@ -56,6 +67,7 @@ impl Desk {
             min_interval: config.min_interval,
             log,
             changes: Arc::new(watch::Sender::new(0)),
+            rota: Rota::default(),
         };
         (desk, todo)
     }
@@ -77,6 +89,19 @@ impl Desk {
         self.changes.send_modify(|count| *count = count.wrapping_add(1));
     }
 
+    /// Where the schedule meets whoever asks.
+    pub fn rota(&self) -> &Rota {
+        &self.rota
+    }
+
+    /// Whether [`Self::start`] would accept it just now; nobody is told.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn may(&self, cycle: u16, said: Said) -> Result<(), Refusal> {
+        self.judge(&self.inner(), cycle, said)
+    }
+
     /// A trigger asks for `cycle`. From an accepted start on the service is running.
     ///
     /// # Errors
@@ -92,16 +117,39 @@ impl Desk {
             return Err(why);
         }
         inner.stop = false;
-        let board = &mut inner.board;
-        board.accepted = board.accepted.wrapping_add(1);
-        (board.state, board.cycle, board.run) = (State::Running, cycle, 0);
-        (board.progress_percent, board.verdict) = (0, None);
-        board.deviations.clear();
-        (board.stage, board.step) = (String::new(), String::new());
-        (board.remaining_s, board.measured) = (0.0, 0);
+        inner.board.accepted = inner.board.accepted.wrapping_add(1);
+        inner.board.begins(cycle);
         drop(inner);
         self.changed();
         (self.log)(&format!("cycle {cycle} is started by {by}"));
+        Ok(())
+    }
+
+    /// A person lets the held run go on. From an accepted one on the service is running.
+    ///
+    /// # Errors
+    /// Nothing is held here, or the service is busy; it is on the board and in the log as well.
+    pub fn resume(&self, run: RunId, who: &str, homed: bool) -> Result<(), Refusal> {
+        let mut inner = self.inner();
+        let judged = match inner.board.state {
+            State::Held | State::Failed => Ok(()),
+            State::Running => Err(Refusal::Busy),
+            _ => Err(Refusal::NothingToAcknowledge),
+        };
+        let ask = Ask::Resume { run, who: who.to_owned(), homed };
+        let sent = judged.and_then(|()| self.asks.try_send(ask).map_err(|_| Refusal::NotReady));
+        if let Err(why) = sent {
+            drop(inner);
+            self.refuse(why, &format!("resume of run {run} by {who}"));
+            return Err(why);
+        }
+        inner.stop = false;
+        let cycle = inner.board.cycle;
+        inner.board.begins(cycle);
+        inner.board.run = u32::try_from(run.0).unwrap_or(u32::MAX);
+        drop(inner);
+        self.changed();
+        (self.log)(&format!("run {run} is resumed by {who}"));
         Ok(())
     }
 

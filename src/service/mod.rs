@@ -1,31 +1,32 @@
-//! Floor 8: `trued serve`, in its smallest form. One machine; it holds its lock, waits for triggers,
-//! runs a cycle, judges, waits again.
+//! Floor 8: `trued serve`. For each machine an attendant on a thread of its own: it holds the machine's
+//! lock, waits for triggers, runs a cycle, judges, waits again. One journal and one page for all.
 //!
 //! What may start a cycle is in [`desk`]; each folder here is a way in. A cycle that ends with the
 //! machine held lets go of the machine's lock, so that a person can resume it; nothing starts until
 //! somebody has acknowledged.
 
+mod again;
 mod attend;
 pub mod board;
 mod captures;
 pub mod config;
+mod daemon_file;
 pub mod desk;
 mod http;
 mod past;
+pub mod rota;
+pub mod schedule;
+mod together;
 pub mod triggers;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use tokio::sync::mpsc;
-
-use self::captures::Captures;
-pub use self::config::Config;
-use self::desk::{Ask, Desk};
-pub use self::http::{Role, Token, TokenError, Tokens};
-use crate::controllers::Halt;
+pub use self::config::{Config, Http};
+pub use self::daemon_file::DaemonFile;
+pub use self::http::{Role, Token, TokenError, Tokens, Whereabouts, address};
+pub use self::together::Service;
 use crate::run::RunError;
-use crate::setup::{MachineFile, Pace, SetupError};
+use crate::setup::SetupError;
 use crate::store::{LockError, StoreError};
 
 /// Words for the person who reads the log.
@@ -44,10 +45,16 @@ pub enum ServeError {
     Cycle { number: u16, error: Box<RunError> },
     #[error("{what} cannot listen on {listen}: {source}")]
     Listen { what: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
+    #[error("two machines are named `{0}`")]
+    SameName(String),
+    #[error("nothing could start a cycle of `{0}`")]
+    NoWayIn(String),
     #[error(transparent)]
     Token(#[from] TokenError),
     #[error("a thread cannot be started: {0}")]
     Thread(std::io::Error),
+    #[error("the thread of `{0}` has died")]
+    Died(String),
 }
 
 impl ServeError {
@@ -63,8 +70,19 @@ impl ServeError {
                  has; ports below 1024 need a right of their own"
                     .to_owned(),
             ),
+            Self::SameName(_) => Some(
+                "the journal tells machines by their name: give each its own in [machine]"
+                    .to_owned(),
+            ),
+            Self::NoWayIn(_) => {
+                Some("add [serve.modbus], [serve.line] or [serve.http] to its file".to_owned())
+            }
             Self::Token(error) => Some(error.remedy().to_owned()),
             Self::Thread(_) => None,
+            Self::Died(_) => Some(
+                "look at the machine and report what stands in the log as an error of trued"
+                    .to_owned(),
+            ),
         }
     }
 }
@@ -76,48 +94,4 @@ pub enum Ended {
     Waiting,
     /// A run was under way and has not come to its end: the machine holds.
     Held,
-}
-
-/// One machine, waiting.
-pub struct Service {
-    machine: MachineFile,
-    config: Config,
-    folder: PathBuf,
-    pace: Pace,
-    desk: Desk,
-    asks: mpsc::Receiver<Ask>,
-    log: Log,
-    captures: Option<Captures>,
-}
-
-impl Service {
-    /// `folder`: where journal and locks are. Nothing is opened yet.
-    ///
-    /// # Errors
-    /// A cycle of a method or with settings that there are not.
-    pub fn new(
-        machine: MachineFile,
-        config: Config,
-        folder: PathBuf,
-        pace: Pace,
-        log: Log,
-    ) -> Result<Self, ServeError> {
-        for cycle in &config.cycle {
-            crate::setup::header(&machine, &cycle.method, cycle.repeat)?;
-        }
-        let (desk, asks) = Desk::new(&config, log.clone());
-        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None })
-    }
-
-    /// With every byte of each run's links in a file: `file` with the run's number before its ending.
-    pub fn capturing(mut self, file: PathBuf) -> Self {
-        self.captures = Some(Captures::new(file));
-        self
-    }
-
-    /// Ends the service: holds the machine if a run is on.
-    pub fn halt(&self) -> Halt {
-        let desk = self.desk.clone();
-        Halt::new(move || desk.end())
-    }
 }

@@ -34,7 +34,7 @@ impl Journal {
     }
 }
 
-fn add(connection: &mut Connection, audit: &Audit) -> Result<(), Fault> {
+pub(super) fn add(connection: &Connection, audit: &Audit) -> Result<(), Fault> {
     let Audit { who, what, why, machine, run, outcome } = audit;
     connection.execute(
         "INSERT INTO audit (at, who, what, why, machine, run, outcome)

@@ -11,7 +11,9 @@ use std::thread::{self, JoinHandle};
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
-use super::{Fault, MachineLock, Measured, RunId, RunState, RunSummary, StoreError, StoredRun};
+use super::{
+    Fault, MachineLock, Measured, Progress, RunId, RunState, RunSummary, StoreError, StoredRun,
+};
 use super::{folder, read, scan, schema, write};
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
@@ -145,6 +147,11 @@ impl Journal {
     /// Everything of one run, as of one instant.
     pub fn load(&self, run: RunId) -> Result<StoredRun, StoreError> {
         self.look(|connection| read::run(connection, run))
+    }
+
+    /// Without what was measured.
+    pub fn progress(&self, run: RunId) -> Result<Progress, StoreError> {
+        self.look(|connection| read::progress(connection, run))
     }
 
     pub(super) fn look<T>(

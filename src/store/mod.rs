@@ -17,7 +17,9 @@ mod journal;
 mod lock;
 mod read;
 mod scan;
+mod schedule;
 mod schema;
+mod signature;
 mod state_dir;
 #[cfg(test)]
 mod tests;
@@ -27,6 +29,8 @@ pub use audit::Audit;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};
+pub use schedule::{Arming, Outcome, Slot};
+pub use signature::Signature;
 pub use state_dir::state_dir;
 
 /// Number of a run in its journal.
@@ -93,6 +97,8 @@ pub struct RunSummary {
     pub config_sha256: String,
     /// Of the plan as far as it is written, see [`sha256`].
     pub plan_sha256: String,
+    /// Who signed its last estimate last.
+    pub signed: Option<String>,
 }
 
 /// Everything the journal holds of one run.
@@ -111,6 +117,18 @@ pub struct StoredRun {
     pub events: Vec<(Timestamp, Event)>,
     /// Oldest first; the last one counts.
     pub estimates: Vec<StoredEstimate>,
+    /// Oldest first; one that is bound to an earlier estimate does not speak for the last.
+    pub signatures: Vec<(Timestamp, Signature)>,
+}
+
+/// How far a run has come: cheap enough to be asked for again and again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// With the steps so far, without interruptions.
+    pub plan: Plan,
+    pub stages: Vec<Stage>,
+    /// Step and repeat of each touch and scan that is kept.
+    pub done: Vec<(u32, u32)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]

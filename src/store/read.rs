@@ -6,7 +6,8 @@ use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::de::DeserializeOwned;
 
-use super::{Fault, Measured, RunId, RunState, RunSummary, StoredEstimate, StoredRun, scan};
+use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
+use super::{scan, signature};
 use crate::base::Axis;
 use crate::record::event::Event;
 use crate::record::plan::Plan;
@@ -15,7 +16,12 @@ use crate::record::reading::Reading;
 /// Column of a scan's samples.
 const SAMPLES: usize = 14;
 const SUMMARY: &str = "SELECT id, started, ended, method, machine, state, program_version,
-                              config_sha256, plan_sha256, config FROM runs";
+                              config_sha256, plan_sha256, config,
+                              (SELECT who FROM signatures
+                               WHERE run = runs.id AND estimate_sha256 =
+                                   (SELECT sha256 FROM estimates WHERE run = runs.id
+                                    ORDER BY seq DESC LIMIT 1)
+                               ORDER BY seq DESC LIMIT 1) FROM runs";
 
 pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
@@ -80,18 +86,33 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
             run,
             estimate,
         )?,
+        signatures: signature::of_run(&snapshot, run)?,
+    })
+}
+
+pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progress, Fault> {
+    let snapshot = connection.transaction()?;
+    Ok(Progress {
+        plan: uninterrupted(&snapshot, run)?,
+        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
+        done: rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })?,
     })
 }
 
 /// The plan as far as it is written, with the interruptions so far.
 pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
+    Ok(Plan { gaps_s: gaps(connection, run)?, ..uninterrupted(connection, run)? })
+}
+
+fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     let mut plan: Plan = connection
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| json(row, 0))
         .optional()?
         .ok_or(Fault::NoRun(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
     plan.steps = statement.query_map([run.0], |row| json(row, 0))?.collect::<Result<_, _>>()?;
-    plan.gaps_s = gaps(connection, run)?;
     Ok(plan)
 }
 
@@ -109,7 +130,7 @@ fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
     Ok(gaps)
 }
 
-fn rows<T>(
+pub(super) fn rows<T>(
     connection: &Connection,
     select: &str,
     run: RunId,
@@ -133,6 +154,7 @@ fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
         program_version: row.get(6)?,
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
+        signed: row.get(10)?,
     })
 }
 
@@ -186,6 +208,9 @@ pub(super) fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>
     text.parse().map_err(|error: T::Err| damaged(column, error.into()))
 }
 
-fn damaged(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
+pub(super) fn damaged(
+    column: usize,
+    why: Box<dyn std::error::Error + Send + Sync>,
+) -> rusqlite::Error {
     rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
 }

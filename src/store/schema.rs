@@ -11,7 +11,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::Fault;
 
 /// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 4] = [
+const MIGRATIONS: [&str; 6] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -109,6 +109,56 @@ CREATE TABLE audit (
 ) STRICT;
 CREATE TRIGGER audit_is_kept BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'audit is kept'); END;
 CREATE TRIGGER audit_stands BEFORE UPDATE ON audit BEGIN SELECT RAISE(ABORT, 'audit stands'); END;
+",
+    // Who answers for an estimate; nothing of it is ever changed.
+    "
+CREATE TABLE signatures (
+    seq INTEGER PRIMARY KEY,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    at TEXT NOT NULL,
+    who TEXT NOT NULL,
+    remark TEXT NOT NULL,
+    estimate_sha256 TEXT NOT NULL
+) STRICT;
+CREATE INDEX signatures_of ON signatures (run);
+CREATE TRIGGER signatures_are_kept BEFORE DELETE ON signatures
+    BEGIN SELECT RAISE(ABORT, 'signatures are kept'); END;
+CREATE TRIGGER signatures_stand BEFORE UPDATE ON signatures
+    BEGIN SELECT RAISE(ABORT, 'signatures stand'); END;
+",
+    // Who let a cycle start while nobody is there; what became of each instant of a schedule; up to
+    // which instant each schedule was seen to.
+    "
+CREATE TABLE armings (
+    seq INTEGER PRIMARY KEY,
+    machine TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    who TEXT NOT NULL,
+    why TEXT NOT NULL,
+    armed TEXT NOT NULL,
+    until TEXT NOT NULL,
+    after_event INTEGER NOT NULL,
+    ended TEXT,
+    ended_why TEXT
+) STRICT;
+CREATE TABLE slots (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    at TEXT NOT NULL,
+    cycle INTEGER NOT NULL,
+    decided TEXT NOT NULL,
+    outcome TEXT NOT NULL,
+    why TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    PRIMARY KEY (machine, schedule, at)
+) STRICT;
+CREATE TABLE schedules (
+    machine TEXT NOT NULL,
+    schedule TEXT NOT NULL,
+    calendar TEXT NOT NULL,
+    seen TEXT NOT NULL,
+    PRIMARY KEY (machine, schedule)
+) STRICT;
 ",
 ];
 

@@ -178,7 +178,7 @@ pub(super) fn mark_interrupted(
 }
 
 /// Immediate, so that two processes that write never fail half-way into a transaction.
-fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
+pub(super) fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }
 

@@ -96,7 +96,6 @@ fn late(text: String) -> String {
 }
 
 #[test]
-#[ignore = "open: the errors' U is true (χ² 197 of 200), latency and lost motion are 0.03 ms and 1.1 µm off"]
 fn u_is_true_of_continuous_scans_and_of_their_latency() {
     const OF: u64 = 40;
     let settings = "sampling = \"continuous\"\nrate_hz = 250.0\n";

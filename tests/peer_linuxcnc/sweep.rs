@@ -152,8 +152,15 @@ struct Found {
     used: usize,
 }
 
+/// What a sample is off that comes [`NEAR_MS`] too late, at the end of a fast pass, mm.
+fn agrees_mm() -> f64 {
+    let slope = REACH / (RADIUS * RADIUS - REACH * REACH).sqrt();
+    NEAR_MS * 1e-3 * FEEDS[1] / 60.0 * slope
+}
+
 /// Gauss-Newton by differences over centre and latency; samples further off than four times the usual are
-/// left out, round by round: lines come late from Python where others compile, half of them at times.
+/// left out, round by round, and in the end those that do not agree: lines come late from Python where others
+/// compile, half of them at times.
 fn fit(passes: &[Pass]) -> Result<Found, Failed> {
     let expected = |at: DVec3, centre: DVec3| {
         let off = at - centre;
@@ -161,7 +168,7 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
     };
     let mut unknown = DVec4::new(80.0, 0.0, 190.0, 0.04);
     let (mut limit, mut last) = (f64::INFINITY, None);
-    for _ in 0..25 {
+    for round in 0..25 {
         let residual = |pass: &Pass, (t_s, value): (f64, f64), unknown: DVec4| {
             let at = pass.at(t_s - unknown.w)?;
             Some(value - expected(at, unknown.truncate()))
@@ -192,6 +199,7 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
         unknown += normal.inverse() * right;
         all.sort_by(f64::total_cmp);
         limit = 4.0 * 1.48 * all.get(all.len() / 2).ok_or("no sample")?.max(1e-6);
+        limit = if round < 12 { limit } else { limit.min(agrees_mm()) };
         if used == 0 || !unknown.is_finite() {
             return Err("the fit finds nothing".into());
         }
@@ -239,6 +247,7 @@ pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
             readings.len(),
             latency_s * 1e3
         );
+        // The rest came late; of those that agree none was chosen by being like the others alone.
         if off_um.abs().max_element() > NEAR_MM * 1e3 || 4 * used < readings.len() {
             return Err(format!("the ball is off by {off_um} um, {used} readings agree").into());
         }

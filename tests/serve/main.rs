@@ -3,6 +3,8 @@
 //! `TRUED_REQUIRE_PEERS=1` they fail.
 
 mod abuse;
+mod again;
+mod asks;
 mod client;
 mod crowd;
 mod hostile;
@@ -10,6 +12,7 @@ mod line;
 mod page;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
+mod several;
 mod shop;
 mod starts;
 mod stops;
@@ -58,7 +61,13 @@ fn main() {
         alone("a_line_of_text_starts_a_cycle", line::starts),
         alone("a_cycle_is_started_from_the_page_and_told_as_elsewhere", page::a_cycle),
         alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
+        alone("a_held_run_is_resumed_by_somebody_with_a_name", again::resumed),
+        alone("a_result_is_signed_as_it_was_read", again::signed),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
+        alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
+        alone("a_daemon_without_a_page_is_named", asks::no_page),
+        alone("two_machines_of_one_daemon_measure_at_once", several::machines),
+        alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
         alone("each_role_may_what_it_may_and_no_more", hostile::roles),
         alone("a_session_is_a_browsers_own", hostile::sessions),
         alone("too_often_is_refused_but_no_hold", hostile::too_often),

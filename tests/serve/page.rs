@@ -41,18 +41,22 @@ pub fn ask(port: u16, method: &str, path: &str, headers: &str, body: &str) -> (u
 
 pub const JSON: &str = "Content-Type: application/json\r\n";
 
-fn post(port: u16, what: &str, body: &Value) -> (u16, Value) {
-    let (status, body) = ask(port, "POST", &format!("{MACHINE}/{what}"), JSON, &body.to_string());
+pub fn post(port: u16, what: &str, body: &Value) -> (u16, Value) {
+    post_to(port, &format!("{MACHINE}/{what}"), body)
+}
+
+pub fn post_to(port: u16, path: &str, body: &Value) -> (u16, Value) {
+    let (status, body) = ask(port, "POST", path, JSON, &body.to_string());
     (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
 }
 
-fn get(port: u16, path: &str) -> Value {
+pub fn get(port: u16, path: &str) -> Value {
     let (status, body) = ask(port, "GET", path, "", "");
     assert_eq!(status, 200, "{path}: {body}");
     serde_json::from_str(&body).unwrap()
 }
 
-fn until(port: u16, right: impl Fn(&Value) -> bool) -> Value {
+pub fn until(port: u16, right: impl Fn(&Value) -> bool) -> Value {
     let started = Instant::now();
     loop {
         let standing = get(port, MACHINE);
@@ -68,7 +72,7 @@ pub fn vouched() -> Value {
     json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true})
 }
 
-fn code(answer: &(u16, Value)) -> (u16, &str) {
+pub fn code(answer: &(u16, Value)) -> (u16, &str) {
     (answer.0, answer.1["code"].as_str().unwrap_or(""))
 }
 

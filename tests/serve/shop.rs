@@ -10,6 +10,8 @@ pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"1
 
 pub struct Shop {
     folder: tempfile::TempDir,
+    /// For every program that it starts.
+    pub envs: Vec<(String, String)>,
 }
 
 /// `trued serve`; killed with this value.
@@ -38,8 +40,9 @@ impl Daemon {
 impl Shop {
     /// The built-in machine; `trigger`: the rest of `[serve]`.
     pub fn new(trigger: &str) -> Self {
-        let shop = Self { folder: tempfile::tempdir().unwrap() };
+        let shop = Self { folder: tempfile::tempdir().unwrap(), envs: Vec::new() };
         let machine = include_str!("../../config/simulated.toml");
+        let machine = machine.split("\n[serve]").next().unwrap();
         let rest = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                     [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                     [serve]\nmin_interval_s = 0.0\n\
@@ -62,6 +65,7 @@ impl Shop {
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).arg("--state").arg(self.folder.path().join("state"));
+        command.envs(self.envs.clone());
         command
     }
 
@@ -93,8 +97,13 @@ impl Shop {
 
     pub fn serve_with(&self, more: &[&str]) -> Daemon {
         let machine = self.machine();
-        let mut command = self.command(&["serve", "--machine", &machine]);
-        command.args(more);
+        self.serve_as(&[&["--machine", &machine], more].concat())
+    }
+
+    /// Whatever it serves.
+    pub fn serve_as(&self, arguments: &[&str]) -> Daemon {
+        let mut command = self.command(&["serve"]);
+        command.args(arguments);
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());

@@ -145,7 +145,10 @@ pub fn at_once() {
         sleep(Duration::from_millis(ms));
         drop(client);
         let log = daemon.log.clone();
-        assert_eq!(daemon.terminate(), 5, "after {ms} ms: {}", log.lock().unwrap());
-        assert_eq!(shop.states(), ["held"], "after {ms} ms: {}", log.lock().unwrap());
+        let ended = (daemon.terminate(), shop.states());
+        // Before the run began there is nothing to hold.
+        let none = ms < 300 && ended == (0, Vec::new());
+        let held = ended == (5, vec!["held".to_owned()]);
+        assert!(none || held, "after {ms} ms: {ended:?}: {}", log.lock().unwrap());
     }
 }

@@ -23,9 +23,12 @@ const LEAST_MM: f64 = 1e-6;
 /// Rounds after each of which the positions are looked up anew.
 const ROUNDS: usize = 30;
 /// Done when a round changes the latency by less, s, or by less than this part of its standard
-/// uncertainty: samples come and go beside turning points.
+/// uncertainty.
 const SAME_S: f64 = 1e-8;
 const SETTLED: f64 = 0.05;
+/// In so many rounds it is chosen anew which samples can be trusted; then they stay, or some would come and
+/// go with every round.
+const CHOICES: usize = 4;
 /// An unknown that the others make so many times more uncertain is not told from them. At two feeds in
 /// the ratio r, r > 1, it is (r + 1)/(r − 1).
 const MOST_INFLATED: f64 = 5.5;
@@ -87,9 +90,12 @@ fn half_step(axis: Axis, toward: DVec3) -> DVec3 {
 /// # Errors
 /// No sample on the sphere; latency and lags that the passes do not tell apart.
 pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyError> {
-    let mut tau_s = 0.0;
-    for _ in 0..ROUNDS {
-        let round = Round::new(bench, scans, tau_s)?;
+    let (mut tau_s, mut chosen) = (0.0, Vec::new());
+    for number in 0..ROUNDS {
+        if number < CHOICES {
+            chosen = scans.iter().map(|scan| Chosen::new(bench, scan, tau_s)).collect();
+        }
+        let round = Round::new(bench, &chosen, tau_s)?;
         let (factored, x) = round.solve()?;
         let by = x.first().copied().unwrap_or(f64::NAN);
         tau_s += by;
@@ -98,7 +104,7 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
         }
         let found = round.finish(tau_s, &factored, &x);
         let u_s = found.root[(0, 0)];
-        if by.abs() < SAME_S.max(SETTLED * u_s) {
+        if number + 1 >= CHOICES && by.abs() < SAME_S.max(SETTLED * u_s) {
             return Ok(found);
         }
     }
@@ -108,6 +114,25 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
                   measure again, or with dwell points: sampling = \"dwell\""
             .to_owned(),
     }))
+}
+
+/// The samples of one scan that can be trusted, by cells.
+struct Chosen<'a> {
+    scan: &'a Timed<'a>,
+    cells: Vec<Vec<Seen>>,
+}
+
+impl<'a> Chosen<'a> {
+    fn new(bench: &Bench<'_>, scan: &'a Timed<'a>, tau_s: f64) -> Self {
+        let seen = scan.track.seen(tau_s);
+        let cells = by_place(bench, &seen).into_iter();
+        Self { scan, cells: cells.map(|all| all.into_iter().copied().collect()).collect() }
+    }
+
+    fn with(&self, tau_s: f64) -> Vec<Vec<Seen>> {
+        let again = |one: &Seen| self.scan.track.again(one, tau_s);
+        self.cells.iter().map(|all| all.iter().filter_map(again).collect()).collect()
+    }
 }
 
 /// The samples as one latency places them.
@@ -127,18 +152,20 @@ struct Row {
 impl Round {
     /// # Errors
     /// Too few samples.
-    fn new(bench: &Bench<'_>, scans: &[Timed<'_>], tau_s: f64) -> Result<Self, IdentifyError> {
-        let seen: Vec<Vec<Seen>> = scans.iter().map(|scan| scan.track.seen(tau_s)).collect();
-        let moved = |k: usize| seen.iter().flatten().any(|one| one.toward[k] != 0.0);
+    fn new(bench: &Bench<'_>, chosen: &[Chosen<'_>], tau_s: f64) -> Result<Self, IdentifyError> {
+        let all = || chosen.iter().flat_map(|of| of.cells.iter().flatten());
+        let moved = |k: usize| all().any(|one| one.toward[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| moved(*k));
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
         let mut cells: Vec<Vec<Row>> = Vec::new();
-        for (scan, seen) in scans.iter().zip(&seen) {
-            let Some(sphere) = Sphere::of(bench, (scan.travel, scan.spindle), seen) else {
+        for of in chosen {
+            let (scan, placed) = (of.scan, of.with(tau_s));
+            let seen = placed.concat();
+            let Some(sphere) = Sphere::of(bench, (scan.travel, scan.spindle), &seen) else {
                 continue;
             };
-            for all in by_place(bench, seen) {
-                let rows = all.into_iter().filter_map(|one| {
+            for all in &placed {
+                let rows = all.iter().filter_map(|one| {
                     let at = scan.travel * one.xyz;
                     let off = one.value - sphere.reading(at)?;
                     let slope = scan.travel.transpose() * sphere.slope(at)?;

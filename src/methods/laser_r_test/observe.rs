@@ -11,8 +11,9 @@ use super::latency::{Latency, Timed, fit};
 use super::model::linear;
 use super::track::Track;
 use crate::base::Position;
-use crate::methods::IdentifyError;
-use crate::record::plan::{REPEAT_AFTER_STOP, Sampling, Scan, Step};
+use crate::decision::revisit::granted_mm;
+use crate::methods::{IdentifyError, Refused};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
 use crate::record::reading::{Flag, Reading};
 
 /// Axes that move less than this stand, mm.
@@ -61,6 +62,9 @@ pub struct Observed {
     pub latency: Option<Latency>,
     /// Samples of continuous scans taken where an axis turned round, or without a position.
     pub turning: usize,
+    /// Interruptions in the midst of what is measured: after what time, and how far a reference measured
+    /// again might lie from where it was, mm.
+    pub stops: Vec<(f64, f64)>,
     /// Ways of continuous scans with too few samples, in words.
     pub thin: Vec<String>,
 }
@@ -117,10 +121,32 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
         raws.push(raw(bench, (first, pass, steps.len()), &all.concat(), &mut observed));
     }
     observed.latency = latency(bench, &raws)?;
+    observed.stops = stops(bench.plan, readings)?;
     for raw in raws {
         placed(bench, raw, &mut observed);
     }
     Ok(observed)
+}
+
+/// What was measured after a stop lies as near to what was before as its references have shown.
+fn stops(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyError> {
+    let ordinary = |reading: &&Reading| reading.repeat < REPEAT_AFTER_STOP;
+    let goes_on = |gap_s: f64| readings.iter().filter(ordinary).any(|reading| reading.t_s > gap_s);
+    let granted = |gap_s: f64| {
+        let unseen = || Refused {
+            why: format!(
+                "the run was interrupted {gap_s:.0} s after it began, and there are no readings of its \
+                 references from after that"
+            ),
+            instead: format!(
+                "take the readings as `trued export` writes them: those of references measured again have \
+                 a repeat of {REPEAT_AFTER_STOP} and more"
+            ),
+        };
+        granted_mm(plan, readings, gap_s).map(|mm| (gap_s, mm)).ok_or_else(unseen)
+    };
+    let stops = plan.gaps_s.iter().copied().filter(|gap_s| goes_on(*gap_s)).map(granted);
+    stops.collect::<Result<_, _>>().map_err(IdentifyError::Refused)
 }
 
 /// From the scans made for it.

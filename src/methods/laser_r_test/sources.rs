@@ -12,7 +12,6 @@ use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
 use crate::base::{Axis, Point};
-use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
 use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::{ErrorParameter, Shape as Motion};
@@ -81,7 +80,7 @@ pub fn sources(
         seen.linear_axes(),
         seen.rotary_axes(x),
         seen.drift(),
-        seen.interruptions(),
+        seen.interruptions(&observed.stops),
         seen.radius(),
         seen.squareness(),
         seen.form(),
@@ -224,37 +223,25 @@ impl Seen<'_> {
     }
 
     /// What was measured after an interruption may lie apart from what was measured before, by as much
-    /// as references measured again are allowed to.
-    fn interruptions(&self) -> UncertaintySource {
-        let mut columns = Vec::new();
-        for gap_s in &self.bench.plan.gaps_s {
-            let times = || self.grouped.spots.iter().map(|spot| spot.t_s);
-            let before = times().filter(|t_s| t_s <= gap_s).reduce(f64::max);
-            let after = times().filter(|t_s| t_s > gap_s).reduce(f64::min);
-            let (Some(before), Some(after)) = (before, after) else { continue };
-            for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-                let size = self.step_mm(axis, [before, after]);
+    /// as references measured again are allowed to. That whole limit counts as standard uncertainty: nobody
+    /// knows how steps spread.
+    fn interruptions(&self, stops: &[(f64, f64)]) -> UncertaintySource {
+        let columns = stops.iter().flat_map(|(gap_s, limit_mm)| {
+            (0..3).map(move |k| {
+                let size = limit_mm * self.least_seen(k);
                 let spots = self.grouped.spots.iter().zip(&self.normals);
-                let step = spots.map(|(s, n)| if s.t_s > *gap_s { n[k] * size } else { 0.0 });
-                columns.push(step.collect());
-            }
-        }
-        source("steps at interruptions", Acts::Joint(columns))
+                spots.map(|(s, n)| if s.t_s > *gap_s { n[k] * size } else { 0.0 }).collect()
+            })
+        });
+        source("steps at interruptions", Acts::Joint(columns.collect()))
     }
 
-    fn step_mm(&self, axis: Axis, t_s: [f64; 2]) -> f64 {
-        let machine = &self.bench.plan.machine;
-        let spec = machine.axes.get(&axis);
-        let pair = Pair {
-            label: String::new(),
-            position_mm: [0.0; 2],
-            t_s,
-            resolution_mm: spec.map_or(0.0, |spec| spec.resolution_um * 1e-3),
-        };
-        let u_mm = self.bench.plan.probe.repeatability_um.unwrap_or(1.0) * 1e-3;
-        let rate = machine.drift_um_per_h * 1e-3 / 3600.0;
-        let limits = Limits::new(Scatter::Declared { u_mm }, places(self.bench.plan), rate);
-        Shift::of(&pair, &limits).limit_mm
+    /// So far may the sphere stand along an axis for a reading that is 1 mm off: across the beam only flanks
+    /// see it.
+    fn least_seen(&self, k: usize) -> f64 {
+        let seen = self.normals.iter().zip(&self.along).map(|(n, along)| (n[k] / along).abs());
+        let most = seen.fold(0.0, f64::max);
+        if most > 0.0 { 1.0 / most } else { 0.0 }
     }
 
     fn radius(&self) -> UncertaintySource {

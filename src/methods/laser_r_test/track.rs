@@ -11,10 +11,14 @@ use crate::record::reading::{Flag, Reading};
 const SPAN_S: f64 = 5e-3;
 /// Stamps so many times farther apart than usual have a gap between them.
 const GAP: f64 = 5.0;
-/// An axis has turned round when it has come back so far: its lost motion is used up by then, mm.
+/// An axis has turned round when it has come back so far: its lost motion is used up by then, mm. As far
+/// before it turns it is not trusted either, or beside turning points there would be samples of one way alone.
 const TURNED_MM: f64 = 0.05;
 /// Slower than this part of the fastest motion it stands: what an axis has lost is not certain there.
 const STANDS: f64 = 0.05;
+/// Where the velocity changes too abruptly for the stamps, positions between them may be so far off, mm:
+/// what was seen there is not used.
+const UNSURE_MM: f64 = 0.1e-3;
 /// So far an axis may seem to move while it stands, mm.
 const TREMBLES_MM: f64 = 2e-3;
 
@@ -25,6 +29,8 @@ pub struct Track {
     /// X, Y, Z at these stamps, and how they change there.
     xyz: Vec<DVec3>,
     slopes: Vec<DVec3>,
+    /// Of each stamp and the next: whether positions between them can be told.
+    sure: Vec<bool>,
     /// As [`ways`] of each axis.
     toward: Vec<Option<DVec3>>,
     /// Fastest motion, mm/s.
@@ -59,6 +65,7 @@ impl Track {
         apart.sort_by(f64::total_cmp);
         let gap_s = GAP * apart.get(apart.len() / 2).copied().unwrap_or_default();
         let slopes = slopes(&t_s, &xyz, gap_s);
+        let sure = sure(&t_s, &xyz);
         let fastest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
         let mut toward: Vec<Option<DVec3>> = Vec::with_capacity(xyz.len());
         // After a gap nobody knows which way an axis moved last.
@@ -68,11 +75,11 @@ impl Track {
             toward.extend(xyz.get(from..to).map(self::toward).unwrap_or_default());
             from = to;
         }
-        Self { toward, slopes, fastest, t_s, xyz, gap_s, said }
+        Self { toward, slopes, sure, fastest, t_s, xyz, gap_s, said }
     }
 
     /// What the sensor said and where the axes stood, with this latency; without what it said where the
-    /// axes turned round, or where no stamp is near.
+    /// axes turned round, where their velocity changed too abruptly, or where no stamp is near.
     pub fn seen(&self, latency_s: f64) -> Vec<Seen> {
         let seen = |&(stamp_s, value): &(f64, f64)| {
             let t_s = stamp_s - latency_s;
@@ -82,13 +89,19 @@ impl Track {
             // Between two stamps an axis may have turned round as well.
             let next = self.t_s.partition_point(|stamp| *stamp < t_s);
             self.toward.get(next).copied().flatten()?;
+            let sure = self.t_s.get(node) == Some(&t_s) || self.sure.get(node) == Some(&true);
             let unknown = |k: usize| toward[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
-            if velocity.length() < STANDS * self.fastest || (0..3).any(unknown) {
-                return None;
-            }
-            Some(Seen { xyz, velocity, toward, value, t_s: stamp_s })
+            let stands = velocity.length() < STANDS * self.fastest;
+            let seen = Seen { xyz, velocity, toward, value, t_s: stamp_s };
+            (sure && !stands && !(0..3).any(unknown)).then_some(seen)
         };
         self.said.iter().filter_map(seen).collect()
+    }
+
+    /// The same sample with another latency, trusted as before.
+    pub fn again(&self, seen: &Seen, latency_s: f64) -> Option<Seen> {
+        let t_s = seen.t_s - latency_s;
+        Some(Seen { xyz: self.at(t_s)?, velocity: self.velocity(t_s)?, ..*seen })
     }
 
     /// Values that there are.
@@ -123,6 +136,24 @@ impl Track {
     }
 }
 
+/// What the cubic between two stamps may be off where the acceleration is another one at each end is a
+/// sixteenth of what their velocities and those beside them show of its change.
+fn sure(t_s: &[f64], xyz: &[DVec3]) -> Vec<bool> {
+    let nodes: Vec<(f64, DVec3)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+    let passes = |pair: &[(f64, DVec3)]| match pair {
+        &[(t0, p0), (t1, p1)] => (t1 - t0, (p1 - p0) / (t1 - t0)),
+        _ => (0.0, DVec3::ZERO),
+    };
+    let passes: Vec<(f64, DVec3)> = nodes.windows(2).map(passes).collect();
+    let velocity = |k: usize| passes.get(k).map(|(_, velocity)| *velocity);
+    let of = |(k, (lasts, own)): (usize, &(f64, DVec3))| {
+        let before = k.checked_sub(1).and_then(velocity).unwrap_or(*own);
+        let after = velocity(k + 1).unwrap_or(*own);
+        (before + after - *own * 2.0).length() * lasts / 16.0 <= UNSURE_MM
+    };
+    passes.iter().enumerate().map(of).collect()
+}
+
 /// Derivatives at the stamps of the parabola through each and its neighbours; towards one neighbour alone
 /// where the other lies beyond a gap.
 fn slopes(t_s: &[f64], xyz: &[DVec3], gap_s: f64) -> Vec<DVec3> {
@@ -147,7 +178,7 @@ fn toward(places: &[DVec3]) -> Vec<Option<DVec3>> {
 }
 
 /// Of each place on the way of one axis: the sign of its last motion, 0 as long as it has not moved.
-/// Nothing from where it turns round until it has come [`TURNED_MM`].
+/// Nothing from [`TURNED_MM`] before it turns round until it has come as far back.
 fn ways(places: &[f64]) -> Vec<Option<f64>> {
     let mut ways: Vec<Option<f64>> = Vec::with_capacity(places.len());
     let mut way = 0.0;
@@ -164,10 +195,10 @@ fn ways(places: &[f64]) -> Vec<Option<f64>> {
             }
         };
         let extreme = if turned > 0.0 { least } else { most };
-        let since = places.iter().take(ways.len()).rev();
-        let since = since.take_while(|p| (**p - extreme) * turned > TREMBLES_MM).count();
-        let kept = ways.len() - since;
-        ways.iter_mut().skip(kept).for_each(|way| *way = None);
+        let since = |place: f64| (place - extreme) * turned;
+        let beside = ways.iter_mut().zip(places).rev();
+        let beside = beside.take_while(|(_, place)| since(**place) <= TURNED_MM);
+        beside.filter(|(_, place)| since(**place) > TREMBLES_MM).for_each(|(way, _)| *way = None);
         (way, least, most) = (turned, *place, *place);
         ways.push(Some(way));
     }
@@ -252,7 +283,9 @@ mod tests {
         assert_eq!(ways[10], Some(0.0));
         assert_eq!((ways[60], ways[149], ways[160]), (Some(1.0), Some(1.0), Some(-1.0)));
         assert_eq!(ways[152], None);
-        // 10 to 50 um from where it begins, and from where it turns.
-        assert!((8..=10).contains(&count(None)), "{ways:?}");
+        // Not trusted before it turns either, as far as it is not after.
+        assert_eq!((ways[143], ways[146]), (Some(1.0), None));
+        // 10 to 50 um from where it begins; to where it turns, and from there.
+        assert!((12..=16).contains(&count(None)), "{ways:?}");
     }
 }

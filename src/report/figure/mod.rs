@@ -10,6 +10,7 @@ mod arrows;
 mod circle;
 mod curve;
 mod histogram;
+mod individuals;
 mod matrix;
 mod paths;
 mod points;
@@ -20,6 +21,7 @@ mod tests;
 
 pub(super) use arrows::Common;
 pub(super) use circle::circle;
+pub use individuals::Individuals;
 pub(super) use matrix::{correlation, matrix};
 
 /// Colours by their role; the page's style sheet replaces them by these very values in the dark.
@@ -80,7 +82,7 @@ fn picture(
     let drawn = draw(&area).is_ok() && area.present().is_ok();
     drop(area);
     let sized = format!("<svg width=\"{width}\" height=\"{height}\"");
-    drawn.then(|| svg.replacen(&sized, "<svg role=\"img\"", 1))
+    drawn.then(|| svg.replacen(&sized, "<svg role=\"img\" aria-label=\"figure\"", 1))
 }
 
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticked, Ticked>>;

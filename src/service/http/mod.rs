@@ -12,7 +12,9 @@ mod guard;
 mod openapi;
 mod page;
 mod problem;
+mod schedule;
 mod standing;
+mod whereabouts;
 
 use std::net::TcpListener;
 use std::sync::Arc;
@@ -22,6 +24,8 @@ use tokio::sync::Semaphore;
 
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
+pub use self::page::address;
+pub use self::whereabouts::Whereabouts;
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::{Log, ServeError};
@@ -68,6 +72,10 @@ pub fn start(
     let at = listener.local_addr().map_err(cannot)?;
     let names = guard::Names::of(at, &config.names);
     let access = Access::new(config, journal.folder(), log)?;
+    let here = Whereabouts { pid: std::process::id(), page: at };
+    if let Err(error) = here.leave(journal.folder()) {
+        log(&format!("commands will not find the page: {error}"));
+    }
     let readers = Arc::new(Semaphore::new(READERS));
     let router = router(Web { machines: machines.into(), journal, access, readers }, names);
     let told = log.clone();

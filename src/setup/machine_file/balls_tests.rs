@@ -241,7 +241,9 @@ fn a_table_is_refused_with_its_line_and_column() {
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
     let beside = artefact::Beside::Folder(path.parent().unwrap());
-    let message = MachineFile::parsed("x.toml", text, beside).unwrap_err().to_string();
+    let message = MachineFile::parsed(Document::parse("x.toml", text).unwrap(), beside)
+        .unwrap_err()
+        .to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");
     assert!(message.contains("beside the machine file"), "{message}");
 }

@@ -1,7 +1,9 @@
-//! The text of a machine file: finds sections and lines, turns a fault into an error with a place.
+//! The text of a file in TOML that a person writes: finds sections and lines, turns a fault into an error with a place.
 //!
 //! The text is parsed anew for each question. It is a few kilobytes; in exchange nothing borrows
 //! from anything for longer than a call.
+
+use std::path::Path;
 
 use serde::Deserialize;
 use toml::Spanned;
@@ -21,6 +23,13 @@ impl Document {
         let document = Self { file: file.to_owned(), text };
         document.root()?;
         Ok(document)
+    }
+
+    pub fn read(path: &Path) -> Result<Self, MachineFileError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
+        Self::parse(&file, text)
     }
 
     pub fn text(&self) -> &str {
@@ -47,6 +56,22 @@ impl Document {
             table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect();
         names.sort();
         Ok(names.into_iter().map(|(_, name)| name).collect())
+    }
+
+    /// Every name directly below `path` is one of `known`.
+    pub fn only(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
+        for name in self.names(path)? {
+            if !known.contains(&name.as_str()) {
+                let full = [path, &[name.as_str()]].concat();
+                let prefix = |name: &str| [path, &[name]].concat().join(".");
+                let problem = Problem::UnknownSection {
+                    section: prefix(&name),
+                    known: known.iter().map(|name| prefix(name)).collect(),
+                };
+                return Err(self.error_at(&full, problem));
+            }
+        }
+        Ok(())
     }
 
     /// Hand the value at `path` to `read`; `None` where the file does not have it.

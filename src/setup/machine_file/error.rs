@@ -1,4 +1,4 @@
-//! What can be wrong with a machine file: file, line, section, key, and what to do about it.
+//! What can be wrong with a file that a person writes: file, line, section, key, and what to do about it.
 
 use std::fmt;
 use std::io;
@@ -7,7 +7,7 @@ use super::hint;
 
 #[derive(Debug, thiserror::Error)]
 pub enum MachineFileError {
-    #[error("{file} cannot be read: {source}; check the path given with --machine")]
+    #[error("{file} cannot be read: {source}; check the path")]
     Read { file: String, source: io::Error },
     #[error(
         "{file} cannot be read: {source}; check `file` in [artefact]: it is looked for beside the machine file"

@@ -36,7 +36,7 @@ mod value;
 
 use artefact::Beside;
 pub use controller::{Control, ControllerConfig};
-use document::Document;
+pub use document::{Document, value_problem};
 pub use error::{MachineFileError, Problem};
 pub use value::{Fault, Value};
 
@@ -79,25 +79,22 @@ impl MachineFile {
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
-        Self::parsed(&file, text, Beside::Folder(path.parent().unwrap_or(Path::new(""))))
+        let beside = Beside::Folder(path.parent().unwrap_or(Path::new("")));
+        Self::parsed(Document::read(path)?, beside)
     }
 
     /// `file` is the name that errors call it by. There is nothing beside the text.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
-        Self::parsed(file, text, Beside::Nothing)
+        Self::parsed(Document::parse(file, text)?, Beside::Nothing)
     }
 
     /// The machine file of a stored run, with the artefact that its plan holds.
     pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
-        Self::parsed(file, text, Beside::Artefact(artefact))
+        Self::parsed(Document::parse(file, text)?, Beside::Artefact(artefact))
     }
 
-    fn parsed(file: &str, text: String, beside: Beside<'_>) -> Result<Self, MachineFileError> {
-        let document = Document::parse(file, text)?;
-        known_names(&document, &[], &SECTIONS)?;
+    fn parsed(document: Document, beside: Beside<'_>) -> Result<Self, MachineFileError> {
+        document.only(&[], &SECTIONS)?;
         let machine = machine(&document)?;
         let probe = document.required(&["probe"])?;
         check::probe(&document, &probe)?;
@@ -142,9 +139,12 @@ impl MachineFile {
         self.document.section(&["simulated"], T::deserialize)
     }
 
-    /// `[serve]` as its owner's type; `None` where the file has no such section.
-    pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
-        self.document.section(&["serve"], T::deserialize)
+    /// `[serve]` as its owner's type.
+    ///
+    /// # Errors
+    /// Also where the file has no such section.
+    pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
+        self.document.required(&["serve"])
     }
 
     /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.
@@ -168,7 +168,7 @@ impl MachineFile {
 
     /// Refuse a `[method.NAME]` for a method that is not in the list.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
-        known_names(&self.document, &["method"], known)
+        self.document.only(&["method"], known)
     }
 }
 
@@ -184,20 +184,4 @@ fn machine(document: &Document) -> Result<Machine, MachineFileError> {
     let machine = Machine { axes, ..document.required(&["machine"])? };
     check::machine(document, &machine)?;
     Ok(machine)
-}
-
-/// Every name directly below `path` is one of `known`.
-fn known_names(document: &Document, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
-    for name in document.names(path)? {
-        if !known.contains(&name.as_str()) {
-            let full = [path, &[name.as_str()]].concat();
-            let prefix = |name: &str| [path, &[name]].concat().join(".");
-            let problem = Problem::UnknownSection {
-                section: prefix(&name),
-                known: known.iter().map(|name| prefix(name)).collect(),
-            };
-            return Err(document.error_at(&full, problem));
-        }
-    }
-    Ok(())
 }

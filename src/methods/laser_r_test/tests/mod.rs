@@ -7,6 +7,7 @@ mod harmonics;
 mod played;
 mod probe;
 mod refusals;
+mod stops;
 mod whole;
 
 use serde::Deserialize;

@@ -50,12 +50,15 @@ pub const HOLD: &str = "/api/v1/machines/{name}/hold";
 pub const DOOR: &str = "/login";
 
 /// What a changing route asks for at least. One that does not stand here asks for the most.
-const CHANGES: [(&str, Role); 5] = [
+const CHANGES: [(&str, Role); 7] = [
     (HOLD, Role::Viewer),
     ("/logout", Role::Viewer),
     ("/api/v1/machines/{name}/start", Role::Operator),
     ("/api/v1/machines/{name}/acknowledge", Role::Operator),
     ("/api/v1/machines/{name}/resume", Role::Operator),
+    // Nothing moves that a metrologist has not armed.
+    ("/api/v1/machines/{name}/due", Role::Operator),
+    ("/api/v1/machines/{name}/disarm", Role::Operator),
 ];
 
 /// `reads`: the request changes nothing.

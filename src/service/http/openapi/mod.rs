@@ -15,7 +15,7 @@ use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 
 use super::problem::Problem;
-use super::{Web, actions, api, events};
+use super::{Web, actions, api, events, schedule};
 
 /// Of the security scheme.
 const TOKEN: &str = "token";
@@ -35,6 +35,7 @@ fn described() -> (Router<Web>, OpenApi) {
     let head = OpenApiBuilder::new().info(Info::new("trued", "1")).components(Some(components));
     let all = OpenApiRouter::with_openapi(head.build());
     let all = all.merge(api::routes()).merge(actions::routes()).merge(events::routes());
+    let all = all.merge(schedule::routes());
     let (router, mut described) = all.split_for_parts();
     described.paths.paths.values_mut().flat_map(operations).for_each(common);
     (router, described)

@@ -15,6 +15,19 @@ pub struct Contract(());
 #[schema(value_type = Object)]
 pub struct SeriesView(());
 
+/// Of a machine: `planned`, `armed`, `last`, as docs/schedule.md has them.
+#[derive(ToSchema)]
+#[schema(as = Agenda, value_type = Object)]
+pub struct AgendaView(());
+
+#[derive(ToSchema)]
+#[schema(as = Signature)]
+pub struct SignatureView {
+    who: String,
+    remark: String,
+    estimate_sha256: String,
+}
+
 #[derive(ToSchema)]
 #[schema(as = Verdict, rename_all = "lowercase")]
 pub enum VerdictView {
@@ -71,6 +84,8 @@ pub struct RunView {
     program_version: String,
     config_sha256: String,
     plan_sha256: String,
+    /// Who signed its last estimate last.
+    signed: Option<String>,
 }
 
 #[derive(ToSchema)]
@@ -142,6 +157,7 @@ mod tests {
             program_version: text(),
             config_sha256: text(),
             plan_sha256: text(),
+            signed: Some(text()),
         });
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         same::<AuditView>(Audit { who, what, why, machine, run: 1, outcome });

@@ -1,30 +1,40 @@
-// Brings the live part up to date. A value whose source does not answer is taken away, never left to stand.
+// Brings the live part up to date. What its source does not tell is taken away, never left to stand.
 (() => {
   const live = document.getElementById("live");
-  const here = "/machines/" + encodeURIComponent(live.dataset.machine);
-  const away = (is) => document.body.classList.toggle("away", is);
+  const { from, events, state } = live.dataset;
+  const title = document.title;
+  const away = (is) => {
+    document.body.classList.toggle("away", is);
+    document.title = is ? "no connection" : title;
+  };
+  // Not more often: a small computer answers many pages.
+  const rest = (ms) => new Promise((done) => setTimeout(done, ms));
   let asked = false, again = false;
   const refresh = async () => {
     if (asked) { again = true; return; }
     asked = true;
     try {
-      const answer = await fetch(here + "/live");
+      const answer = await fetch(from, { signal: AbortSignal.timeout(5000) });
       if (!answer.ok) throw new Error(answer.statusText);
       live.innerHTML = await answer.text();
       away(false);
     } catch {
       away(true);
     }
+    await rest(250);
     asked = false;
     if (again) { again = false; refresh(); }
   };
-  const events = new EventSource("/api/v1" + here + "/events");
-  events.addEventListener("standing", (event) => {
-    const { state } = JSON.parse(event.data);
-    // Other things can be done now: the page is made anew, unless somebody is filling in its form.
-    if (state !== live.dataset.state) { location.reload(); return; }
+  if (!events) {
+    (async () => { for (;;) { await rest(2000); await refresh(); } })();
+    return;
+  }
+  const told = new EventSource(events);
+  told.addEventListener("standing", (event) => {
+    // Other things can be done now: the page is made anew.
+    if (JSON.parse(event.data).state !== state) { location.reload(); return; }
     refresh();
   });
-  events.onerror = () => away(true);
-  events.onopen = () => refresh();
+  told.onerror = () => away(true);
+  told.onopen = () => refresh();
 })();

@@ -2,8 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use super::map::{ACKNOWLEDGE, AUTO, COILS, CYCLES, DOOR, ENABLE, START, STOP};
+use super::map::{
+    ACKNOWLEDGE, ARTEFACT, AUTO, COILS, CYCLES, DOOR, ENABLE, IDLE, PROBE, START, STOP, TEMPERATURE,
+};
 use crate::service::board::Said;
+use crate::service::rota::Told;
 
 /// A coil must have been low for this long before its rise counts: contacts bounce.
 const DEBOUNCE: Duration = Duration::from_millis(50);
@@ -76,14 +79,28 @@ impl Inputs {
         if !in_time(last, now) || !in_time(before, last) {
             return Said::default();
         }
-        let coil = |number: u16| self.coils.get(usize::from(number)).copied().unwrap_or(false);
         Said {
             fresh: true,
-            enable: coil(ENABLE),
-            auto: coil(AUTO),
-            door: coil(DOOR),
-            stop: coil(STOP),
+            enable: self.coil(ENABLE),
+            auto: self.coil(AUTO),
+            door: self.coil(DOOR),
+            stop: self.coil(STOP),
         }
+    }
+
+    /// As [`Self::said`], with what only a schedule asks for.
+    pub fn told(&self, now: Instant) -> Told {
+        Told {
+            said: self.said(now),
+            probe: self.coil(PROBE),
+            artefact: self.coil(ARTEFACT),
+            temperature: self.coil(TEMPERATURE),
+            idle: self.coil(IDLE),
+        }
+    }
+
+    fn coil(&self, number: u16) -> bool {
+        self.coils.get(usize::from(number)).copied().unwrap_or(false)
     }
 }
 

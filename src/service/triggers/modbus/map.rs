@@ -13,6 +13,11 @@ pub const AUTO: u16 = 1;
 pub const DOOR: u16 = 2;
 pub const STOP: u16 = 3;
 pub const ACKNOWLEDGE: u16 = 4;
+/// What a cycle without anybody there may need beyond: see docs/schedule.md.
+pub const PROBE: u16 = 5;
+pub const ARTEFACT: u16 = 6;
+pub const TEMPERATURE: u16 = 7;
+pub const IDLE: u16 = 8;
 pub const START: u16 = 10;
 pub const COILS: usize = (START + CYCLES + 1) as usize;
 
@@ -45,12 +50,16 @@ const MAP_VERSION: u16 = 1;
 
 /// Of the rows that docs/modbus.md shows: space, first register, name.
 #[cfg(test)]
-pub const ROWS: [(&str, usize, &str); 21] = [
+pub const ROWS: [(&str, usize, &str); 25] = [
     ("coil", ENABLE as usize, "enable"),
     ("coil", AUTO as usize, "auto"),
     ("coil", DOOR as usize, "door"),
     ("coil", STOP as usize, "stop"),
     ("coil", ACKNOWLEDGE as usize, "acknowledge"),
+    ("coil", PROBE as usize, "probe"),
+    ("coil", ARTEFACT as usize, "artefact"),
+    ("coil", TEMPERATURE as usize, "temperature"),
+    ("coil", IDLE as usize, "idle"),
     ("coil", START as usize + 1, "start 1"),
     ("coil", (START + CYCLES) as usize, "start 8"),
     ("holding", ALIVE as usize, "alive"),

@@ -45,14 +45,16 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     log(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
+    let fresh = Duration::from_secs_f64(config.fresh_s);
+    let inputs = Arc::new(Mutex::new(Inputs::new(fresh)));
+    let shared = Arc::new(Shared { desk: desk.clone(), inputs, since: Instant::now() });
+    let told = Arc::clone(&shared.inputs);
+    desk.rota()
+        .tells(move || told.lock().unwrap_or_else(PoisonError::into_inner).told(Instant::now()));
     let door = Door {
         allow: config.allow.clone().into(),
         places: Places::new(PLACES),
-        shared: Arc::new(Shared {
-            desk: desk.clone(),
-            inputs: Mutex::new(Inputs::new(Duration::from_secs_f64(config.fresh_s))),
-            since: Instant::now(),
-        }),
+        shared,
         log: log.clone(),
         stranger: Mutex::new(None),
     };
@@ -109,7 +111,7 @@ impl Door {
 
 struct Shared {
     desk: Desk,
-    inputs: Mutex<Inputs>,
+    inputs: Arc<Mutex<Inputs>>,
     since: Instant,
 }
 

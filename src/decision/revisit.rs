@@ -1,8 +1,8 @@
 //! The references of a plan: places that are touched, or looked at, again and again to see whether the
 //! machine stands as it stood.
 
+use super::references::{Limits, Pair, Scatter, Shift};
 use crate::base::{Axis, Position};
-use crate::decision::references::{Limits, Pair, Scatter, Shift};
 use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage, Step, StepKind};
 use crate::record::reading::{Flag, Reading};
 
@@ -53,7 +53,7 @@ fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
 }
 
 /// The places that can be compared.
-pub(super) struct References<'a> {
+pub struct References<'a> {
     plan: &'a Plan,
     places: Vec<Place<'a>>,
 }
@@ -186,6 +186,16 @@ impl Place<'_> {
         let ordinary = self.visits.iter().filter(|visit| visit.repeat < REPEAT_AFTER_STOP);
         ordinary.map(|visit| visit.outward_mm).collect()
     }
+}
+
+/// What the references that were measured again after the stop at `gap_s` grant each of their places, mm: as
+/// the run has compared them. `None`: `readings`, in the order of measurement, hold no such references.
+pub fn granted_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> Option<f64> {
+    let stop = readings.iter().position(|reading| reading.t_s > gap_s)?;
+    let (before, after) = readings.split_at(stop);
+    let again = after.iter().take_while(|reading| reading.repeat >= REPEAT_AFTER_STOP).count();
+    let (shifts, _) = References::of(plan, before).compare(after.get(..again)?);
+    shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
 }
 
 /// Unit vector of the touch; of a scan, against the normal of what it looks at.

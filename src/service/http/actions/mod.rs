@@ -1,22 +1,26 @@
-//! What can be done: start a cycle, hold the machine, acknowledge. Each says who asks, and each stands in
-//! the audit log before it is answered. The same words come as JSON from a program and as a form from the
+//! What can be done: start a cycle, hold the machine, acknowledge, resume, sign. Each says who asks, and each
+//! stands in the audit log before it is answered. The same words come as JSON from a program and as a form from the
 //! page, which is sent back to the machine's page.
+
+mod resume;
+mod sign;
+mod words;
 
 use std::time::Duration;
 
-use axum::extract::rejection::{FormRejection, JsonRejection};
+use axum::Json;
 use axum::extract::{Extension, FromRequest, Path, Request, State};
 use axum::http::StatusCode;
-use axum::http::header::CONTENT_TYPE;
+use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Redirect, Response};
-use axum::{Form, Json};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+pub(super) use self::words::Words;
 use super::access::Caller;
+use super::page::for_people;
 use super::problem::Problem;
 use super::standing::Standing;
 use super::{Shown, Web};
@@ -28,7 +32,13 @@ use crate::store::Audit;
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub fn routes() -> OpenApiRouter<Web> {
-    OpenApiRouter::new().routes(routes!(start)).routes(routes!(hold)).routes(routes!(acknowledge))
+    OpenApiRouter::new()
+        .routes(routes!(start))
+        .routes(routes!(hold))
+        .routes(routes!(acknowledge))
+        .routes(routes!(resume::resume))
+        .routes(routes!(sign::sign))
+        .layer(from_fn(for_people))
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -52,42 +62,6 @@ struct Asked {
     who: String,
     #[serde(default)]
     why: String,
-}
-
-/// JSON or a form, by what the request says it is.
-enum Words<T> {
-    Json(T),
-    Form(T),
-}
-
-impl<T> Words<T> {
-    /// What was said, and whether the answer is for a person at the page.
-    fn split(self) -> (T, bool) {
-        match self {
-            Self::Json(said) => (said, false),
-            Self::Form(said) => (said, true),
-        }
-    }
-}
-
-impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for Words<T> {
-    type Rejection = Problem;
-
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let kind = request.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-        match kind.is_some_and(|kind| kind.starts_with("application/json")) {
-            true => Ok(Self::Json(Json::from_request(request, state).await.map_err(not_json)?.0)),
-            false => Ok(Self::Form(Form::from_request(request, state).await.map_err(no_form)?.0)),
-        }
-    }
-}
-
-fn not_json(error: JsonRejection) -> Problem {
-    Problem::new(error.status(), "unreadable", error.body_text(), "send what the API describes")
-}
-
-fn no_form(error: FormRejection) -> Problem {
-    Problem::new(error.status(), "unreadable", error.body_text(), "send what the page's form sends")
 }
 
 /// Start a cycle. Its caller vouches for what `[serve]` demands.
@@ -116,14 +90,12 @@ fn vouched(machine: &Shown, asked: &Start) -> Result<(), Problem> {
         Demand::Door if !asked.door => Some("that the guards are closed (door)"),
         _ => None,
     });
-    missing.map_or(Ok(()), |what| {
-        Err(Problem::new(
-            StatusCode::CONFLICT,
-            "not-vouched",
-            format!("nobody has vouched {what}"),
-            "look at the machine, then say so",
-        ))
-    })
+    missing.map_or(Ok(()), |what| Err(not_vouched(what)))
+}
+
+fn not_vouched(what: &str) -> Problem {
+    let message = format!("nobody has vouched {what}");
+    Problem::new(StatusCode::CONFLICT, "not-vouched", message, "look at the machine, then say so")
 }
 
 /// Hold the machine at once. This is never refused to whoever is known; what is said beside it may be missing.

@@ -1,0 +1,184 @@
+//! A daemon has the machine: the command asks it for one of its cycles, as the page would, and waits.
+
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::Exit;
+use super::args::RunArgs;
+use super::failure::Failure;
+use super::signals::stop_on_signals;
+use super::terminal::typed;
+use crate::controllers::Halt;
+use crate::record::estimate::Estimate;
+use crate::service::{Whereabouts, address};
+use crate::store::{Holder, Journal, LockError, RunId};
+
+/// From one look to the next.
+const LOOK: Duration = Duration::from_millis(200);
+/// One that does not answer for so long has died or hangs.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// A token, where the daemon answers to tokens only.
+const TOKEN: &str = "TRUED_TOKEN";
+
+/// The daemon that has a machine.
+#[derive(Clone)]
+pub struct Daemon {
+    agent: ureq::Agent,
+    /// Of the machine's part of the interface.
+    address: String,
+    token: Option<String>,
+}
+
+impl Daemon {
+    /// Whoever holds the machine has a page.
+    pub fn that_has_it(error: &LockError, folder: &Path) -> Option<Self> {
+        let LockError::Held { holder: Some(Holder { machine, pid, .. }), .. } = error else {
+            return None;
+        };
+        let Whereabouts { page, .. } = Whereabouts::of(*pid, folder)?;
+        let agent = ureq::Agent::config_builder()
+            .timeout_global(Some(PATIENCE))
+            .http_status_as_error(false)
+            .proxy(None)
+            .build();
+        let address = format!("http://{page}/api/v1{}", address(machine));
+        Some(Self { agent: agent.into(), address, token: std::env::var(TOKEN).ok() })
+    }
+
+    /// Start the cycle that `args` ask for, and wait for its end. A signal holds the machine.
+    pub fn run(&self, args: &RunArgs, journal: &Journal) -> Result<(RunId, Estimate), Failure> {
+        alone_can(args)?;
+        let standing = self.standing()?;
+        let cycles = standing["cycles"].as_array().map_or(&[][..], Vec::as_slice);
+        let cycle = cycles.iter().find(|cycle| cycle["method"] == *args.method);
+        let cycle = cycle.ok_or_else(|| no_such_cycle(&args.method, cycles))?;
+        let who = who(args)?;
+        let daemon = self.clone();
+        stop_on_signals(Halt::new(move || drop(daemon.post("hold", &json!({})))))?;
+        let vouched = json!({
+            "cycle": cycle["number"], "who": who, "enable": true, "auto": true, "door": true,
+        });
+        self.post("start", &vouched)?;
+        let ended = self.watched()?;
+        let run = RunId(ended["run"].as_i64().unwrap_or(0));
+        match ended["state"].as_str() {
+            Some("waiting") => {}
+            Some("held") => {
+                let way_on = format!("look at the machine, then `trued resume {run}`");
+                return Err(Failure {
+                    exit: Exit::Stopped,
+                    ..Failure::new(format!("run {run} is held"), way_on)
+                });
+            }
+            _ => return Err(Failure::new("the cycle has failed", "the daemon's log says why")),
+        }
+        let last = journal.load(run)?.estimates.pop();
+        let last = last.ok_or_else(|| Failure::plain(format!("run {run} has no estimate")))?;
+        Ok((run, last.estimate))
+    }
+
+    /// Until no run is on. Each stage is told.
+    fn watched(&self) -> Result<Value, Failure> {
+        let mut stage = Value::Null;
+        loop {
+            let standing = self.standing()?;
+            if standing["state"] != "running" {
+                return Ok(standing);
+            }
+            if standing["stage"] != stage && standing["stage"] != "" {
+                stage = standing["stage"].clone();
+                let left = standing["remaining_s"].as_f64().unwrap_or(0.0) / 60.0;
+                tell!("{}: about {left:.0} min left", stage.as_str().unwrap_or_default());
+            }
+            sleep(LOOK);
+        }
+    }
+
+    fn standing(&self) -> Result<Value, Failure> {
+        answer(self.known(self.agent.get(&self.address)).call())
+    }
+
+    fn post(&self, what: &str, words: &Value) -> Result<Value, Failure> {
+        let request = self.agent.post(format!("{}/{what}", self.address));
+        answer(self.known(request).send_json(words))
+    }
+
+    fn known<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        match &self.token {
+            Some(token) => request.header("Authorization", format!("Bearer {token}")),
+            None => request,
+        }
+    }
+}
+
+fn answer(
+    answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
+) -> Result<Value, Failure> {
+    let lost = |error: ureq::Error| {
+        Failure::new(
+            format!("the daemon that has the machine does not answer: {error}"),
+            "look at the machine, and at the daemon's log",
+        )
+    };
+    let mut answered = answered.map_err(lost)?;
+    let refused = !answered.status().is_success();
+    let said: Value = answered.body_mut().read_json().map_err(lost)?;
+    let word = |key: &str| said[key].as_str().unwrap_or_default().to_owned();
+    match (refused, word("code").as_str()) {
+        (false, _) => Ok(said),
+        (true, "no-token") => {
+            Err(Failure::new(word("message"), format!("put a token into {TOKEN}")))
+        }
+        (true, _) => Err(Failure::new(format!("the daemon: {}", word("message")), word("remedy"))),
+    }
+}
+
+/// What a cycle of the daemon does not know.
+fn alone_can(args: &RunArgs) -> Result<(), Failure> {
+    let only = [
+        ("--with", !args.with.is_empty()),
+        ("--repeat", args.repeat.is_some()),
+        ("--capture", args.output.capture.is_some()),
+    ];
+    match only.into_iter().find(|(_, is_asked)| *is_asked) {
+        None => Ok(()),
+        Some((option, _)) => Err(Failure::new(
+            format!("a daemon has the machine, and its cycles know no {option}"),
+            "go without it, or end the daemon first",
+        )),
+    }
+}
+
+fn no_such_cycle(method: &str, cycles: &[Value]) -> Failure {
+    let known: Vec<&str> = cycles.iter().filter_map(|cycle| cycle["method"].as_str()).collect();
+    Failure::new(
+        format!("a daemon has the machine, and none of its cycles is {method}"),
+        format!("ask for one of {}, or add it to [serve] of the machine file", known.join(", ")),
+    )
+}
+
+/// A person vouches for what the page would ask.
+fn who(args: &RunArgs) -> Result<String, Failure> {
+    const ASK: &str =
+        "is it free to be moved, the control in its automatic mode, are the guards closed?";
+    let who = match &args.acknowledge {
+        Some(name) => name.trim().to_owned(),
+        None => typed(&format!(
+            "a daemon has the machine and would move it: {ASK}\ntype your name to start, nothing to leave it:"
+        ))
+        .map_err(Failure::plain)?,
+    };
+    match who.is_empty() {
+        false => Ok(who),
+        true => Err(Failure {
+            exit: Exit::Usage,
+            ..Failure::new(
+                "nobody vouches for the machine; nothing has moved",
+                format!("look at the machine ({ASK}), then give `--acknowledge YOUR_NAME`"),
+            )
+        }),
+    }
+}

@@ -1,0 +1,111 @@
+//! What the budget grants a run that was interrupted is what its references would have let pass.
+
+use glam::{DMat3, DVec3};
+
+use super::played::{World, run, table_5};
+use super::{ideal, settings};
+use crate::decision::revisit::References;
+use crate::methods::laser_r_test::bench::Bench;
+use crate::methods::laser_r_test::identify::{identify, parts};
+use crate::methods::laser_r_test::sources::{Acts, sources};
+use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
+use crate::record::reading::Reading;
+
+const NOISE_UM: f64 = 0.5;
+/// It rests so long after the first poses.
+const RESTS_S: f64 = 600.0;
+
+struct Stopped {
+    plan: Plan,
+    before: Vec<Reading>,
+    later: Vec<Reading>,
+}
+
+impl Stopped {
+    fn new() -> Self {
+        let world = table_5(NOISE_UM, 1);
+        let (mut plan, _, readings) = run(ideal(NOISE_UM), &settings(), &world, 9).unwrap();
+        let reference = plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap().id;
+        let (before, mut later): (Vec<_>, Vec<_>) =
+            readings.into_iter().partition(|reading| reading.step < reference + 9);
+        later.iter_mut().for_each(|reading| reading.t_s += RESTS_S);
+        plan.gaps_s.push(before.last().unwrap().t_s);
+        Self { plan, before, later }
+    }
+
+    /// The reference twice more, of a machine that now stands `by` further; the first time with the noise
+    /// that it had before.
+    fn again(&self, by: DVec3) -> Vec<Reading> {
+        let step: &Step =
+            self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
+        let mut t_s = self.plan.gaps_s[0] + RESTS_S / 2.0;
+        let mut readings = Vec::new();
+        for (round, seed) in [(0, 1), (1, 9)] {
+            let world = table_5(NOISE_UM, seed);
+            let mut taken = World { zero: world.zero + by, ..world }.play(step, 0.0, &mut t_s);
+            taken.iter_mut().for_each(|reading| reading.repeat = REPEAT_AFTER_STOP + round);
+            readings.extend(taken);
+        }
+        readings
+    }
+
+    /// Whether a run would go on.
+    fn agrees(&self, by: DVec3) -> bool {
+        let (shifts, _) = References::of(&self.plan, &self.before).compare(&self.again(by));
+        shifts.len() == 26 && shifts.iter().all(|shift| shift.agrees())
+    }
+
+    /// The greatest step along `way` with which it would, mm.
+    fn most_mm(&self, way: DVec3) -> f64 {
+        let (mut least, mut most) = (0.0, 0.1);
+        while most - least > 1e-6 {
+            let middle = (least + most) / 2.0;
+            if self.agrees(way * middle) { least = middle } else { most = middle }
+        }
+        least
+    }
+}
+
+/// How large the source's steps along X, Y and Z are: what one adds at a spot is its part of the normal, and
+/// the squares of the parts are 1 together.
+fn sizes_mm(columns: &[Vec<f64>]) -> DVec3 {
+    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for i in (0..columns[0].len()).filter(|i| columns[2][*i] != 0.0) {
+        let squares = DVec3::new(columns[0][i], columns[1][i], columns[2][i]).powf(2.0) * 1e6;
+        normal += DMat3::from_cols(squares * squares.x, squares * squares.y, squares * squares.z);
+        right += squares;
+    }
+    let inverse = normal.inverse() * right;
+    DVec3::from_array(inverse.to_array().map(|of| 1e-3 / of.sqrt()))
+}
+
+#[test]
+fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
+    let stopped = Stopped::new();
+    let own = settings();
+    let bench = Bench::new(&stopped.plan, &own).unwrap();
+    let [before, again, later] = [&stopped.before, &stopped.again(DVec3::ZERO), &stopped.later];
+    let readings = [before.as_slice(), again, later].concat();
+    let parts = parts(&bench, &readings).unwrap();
+    let all = sources(&bench, &parts.observed, &parts.grouped, &parts.fitted.x);
+    let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
+    let Acts::Joint(columns) = &step.acts else { panic!("each by itself") };
+    let granted = sizes_mm(columns);
+    for (k, way) in DVec3::AXES.into_iter().enumerate() {
+        let let_pass = stopped.most_mm(way);
+        println!("granted {:.3} um, let pass {:.3} um", granted[k] * 1e3, let_pass * 1e3);
+        // The outermost spots of other poses lie a little farther out than those of the reference.
+        assert!((granted[k] / let_pass - 1.0).abs() < 0.05, "{k}: {granted} {let_pass}");
+    }
+}
+
+#[test]
+fn a_stop_without_references_after_it_is_refused() {
+    let stopped = Stopped::new();
+    let own = settings();
+    let bench = Bench::new(&stopped.plan, &own).unwrap();
+    let error = identify(&bench, &[stopped.before, stopped.later].concat()).unwrap_err();
+    println!("{error}\n  -> {}", error.remedy());
+    assert!(error.to_string().contains("no readings of its references"), "{error}");
+    assert!(error.remedy().contains("trued export"), "{}", error.remedy());
+}

@@ -1,0 +1,139 @@
+//! A stored run goes on after a stop: who may let it, and from there to its estimate. For the command and
+//! the service.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+
+use super::{CycleError, Interrupted, Run, can_resume, conclude};
+use crate::archive::story;
+use crate::methods::{self, Method};
+use crate::record::estimate::Estimate;
+use crate::record::event::Event;
+use crate::setup::{Devices, MachineFile, Past, SetupError};
+use crate::store::{Journal, RunId, RunState, StoredRun};
+
+/// An unfinished run with what it was begun with.
+pub struct Again {
+    pub machine: MachineFile,
+    method: Arc<dyn Method>,
+    stored: StoredRun,
+    /// Wall time since the last reading, s.
+    elapsed_s: f64,
+}
+
+/// What a person at the machine is asked before it moves again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Question {
+    pub run: RunId,
+    /// How the run was interrupted.
+    pub ended: String,
+    pub ask: &'static str,
+    /// All axes must be homed first.
+    pub position_lost: bool,
+}
+
+/// Why a run does not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum AgainError {
+    #[error("run {run} {why}: there is nothing to resume")]
+    NotUnfinished { run: RunId, why: &'static str, way_on: Option<String> },
+    #[error("{}\nnobody has acknowledged it; nothing has moved", .0.ended)]
+    Nobody(Question),
+    #[error("{}\nnobody has said that all axes are homed; nothing has moved", .0.ended)]
+    NotHomed(Question),
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+}
+
+impl Again {
+    /// # Errors
+    /// It is not unfinished; its machine file or its settings are of another version.
+    pub fn of(stored: StoredRun) -> Result<Self, AgainError> {
+        check_state(&stored)?;
+        let file = format!("machine file of run {}", stored.summary.id);
+        let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)
+            .map_err(SetupError::from)?;
+        let method = methods::configure(&stored.plan.method, stored.plan.settings.clone())
+            .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+        let since = stored.measured_until.or(stored.summary.ended);
+        let elapsed_s =
+            since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
+        Ok(Self { machine, method: method.into(), stored, elapsed_s })
+    }
+
+    pub fn stored(&self) -> &StoredRun {
+        &self.stored
+    }
+
+    pub fn question(&self) -> Question {
+        question(&self.stored)
+    }
+
+    /// A simulated machine lives on from there.
+    pub fn past(&self) -> Past<'_> {
+        Past { readings: &self.stored.readings, elapsed_s: self.elapsed_s }
+    }
+
+    /// A person's word that the machine may move; for the journal, before anything does.
+    ///
+    /// # Errors
+    /// Nobody has a name; nobody says that the axes are homed where the position may be lost.
+    pub fn acknowledged(&self, who: &str, homed: bool) -> Result<Event, AgainError> {
+        let question = self.question();
+        let who = who.trim().to_owned();
+        match (who.is_empty(), question.position_lost && !homed) {
+            (true, _) => Err(AgainError::Nobody(question)),
+            (false, true) => Err(AgainError::NotHomed(question)),
+            (false, false) => {
+                let Question { ended, ask, .. } = question;
+                Ok(Event::Acknowledged { who, what: format!("{ended}; asked: {ask}") })
+            }
+        }
+    }
+
+    /// On open devices, to its estimate; the acknowledgement is in the journal.
+    ///
+    /// # Errors
+    /// A fault or a stop: the machine holds, what was measured is in the journal.
+    pub async fn run(
+        self,
+        devices: &Devices,
+        journal: &Journal,
+        tell: &mut dyn FnMut(&Event),
+    ) -> Result<(RunId, Estimate), CycleError> {
+        let Self { machine, method, stored, elapsed_s } = self;
+        let StoredRun { summary, plan, stages, readings, .. } = stored;
+        let mut run = Run::new(summary.id, method.as_ref(), devices, journal, plan, tell);
+        let ended = run.resume(Interrupted { stages, readings, elapsed_s }).await;
+        let estimate = conclude(run, ended, &method, Vec::new(), &machine.tolerance).await?;
+        Ok((summary.id, estimate))
+    }
+}
+
+/// Of a run that was interrupted.
+pub fn question(stored: &StoredRun) -> Question {
+    let position_lost = story::position_lost(stored);
+    let ask = match position_lost {
+        true => {
+            "are all axes homed, for the control may have lost its position? is the way free, what sits in the spindle whole?"
+        }
+        false => "is the way free, what sits in the spindle whole?",
+    };
+    Question { run: stored.summary.id, ended: story::how_it_ended(stored), ask, position_lost }
+}
+
+fn check_state(stored: &StoredRun) -> Result<(), AgainError> {
+    let (run, state) = (stored.summary.id, stored.summary.state);
+    if state.is_resumable() {
+        return Ok(());
+    }
+    let why = match state {
+        RunState::Finished => "has come to its end",
+        RunState::Failed => "was refused before anything moved",
+        RunState::Closed => "is closed",
+        _ => "is under way",
+    };
+    let way_on = story::way_on(stored, can_resume(&stored.plan, &stored.readings));
+    Err(AgainError::NotUnfinished { run, why, way_on })
+}

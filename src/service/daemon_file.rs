@@ -1,0 +1,92 @@
+//! `config/trued.toml`: which machines one daemon serves, and where its page is. Each machine has its own
+//! file, found beside this one.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::config::{Config, Http};
+use crate::methods;
+use crate::setup::MachineFile;
+use crate::setup::machine_file::{Document, MachineFileError, value_problem};
+
+const SECTIONS: [&str; 2] = ["http", "machine"];
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    file: PathBuf,
+}
+
+/// What one daemon serves.
+pub struct DaemonFile {
+    pub machines: Vec<(MachineFile, Config)>,
+    pub http: Option<Http>,
+}
+
+impl DaemonFile {
+    /// # Errors
+    /// This file or a machine's: file, line, key and what to do.
+    pub fn read(path: &Path) -> Result<Self, MachineFileError> {
+        let document = Document::read(path)?;
+        document.only(&[], &SECTIONS)?;
+        let http = document.section(&["http"], Http::deserialize)?;
+        let entries: Vec<Entry> = document.required(&["machine"])?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let machines = entries.iter().enumerate().map(|(index, entry)| {
+            let (machine, config) = served(MachineFile::read(&folder.join(&entry.file))?)?;
+            let Some(http) = &config.http else { return Ok((machine, config)) };
+            let why = format!(
+                "names a machine with a page of its own at {}: one daemon has one page; move \
+                 [serve.http] of that file here as [http]",
+                http.listen
+            );
+            let problem = value_problem(&["machine", "file"], why);
+            Err(document.error_at_entry(&["machine"], index, "file", problem))
+        });
+        Ok(Self { machines: machines.collect::<Result<_, _>>()?, http })
+    }
+
+    /// The machine of one file, with its own page if it has one.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn of_machine(path: &Path) -> Result<Self, MachineFileError> {
+        let (machine, config) = served(MachineFile::read(path)?)?;
+        let http = config.http.clone();
+        Ok(Self { machines: vec![(machine, config)], http })
+    }
+
+    /// The built-in simulated machine, and a page.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn built_in() -> Result<Self, MachineFileError> {
+        let machine = served(MachineFile::embedded_for("self-calibration")?)?;
+        let http = Http { listen: ([127, 0, 0, 1], 8137).into(), names: Vec::new(), tokens: false };
+        Ok(Self { machines: vec![machine], http: Some(http) })
+    }
+}
+
+fn served(machine: MachineFile) -> Result<(MachineFile, Config), MachineFileError> {
+    machine.check_method_names(&methods::NAMES)?;
+    let config = machine.serve()?;
+    Ok((machine, config))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_one_in_config_names_a_machine_that_is_there() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
+        let DaemonFile { machines, http } = DaemonFile::read(&file).unwrap();
+        assert_eq!(machines.len(), 1);
+        assert_eq!(machines[0].1.cycle[0].method, "self-calibration");
+        // As `trued serve` alone.
+        let DaemonFile { machines: built_in, http: page } = DaemonFile::built_in().unwrap();
+        assert_eq!(machines[0].0.text(), built_in[0].0.text());
+        assert_eq!(http.map(|http| http.listen), page.map(|page| page.listen));
+    }
+}

@@ -1,0 +1,81 @@
+//! A person at the page lets a run go on.
+
+use axum::extract::{Extension, Path, State};
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::words::Words;
+use super::{answer, not_vouched};
+use crate::archive::story::goes_on;
+use crate::run::{Again, AgainError, Question, can_resume};
+use crate::service::http::Web;
+use crate::service::http::access::Caller;
+use crate::service::http::api::look;
+use crate::service::http::problem::Problem;
+use crate::service::http::standing::Standing;
+use crate::store::RunId;
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GoOn {
+    run: i64,
+    who: String,
+    /// What this person has seen to at the machine: its way, what sits in the spindle.
+    #[serde(default)]
+    free: bool,
+    #[serde(default)]
+    whole: bool,
+    /// All axes, where the control may have lost its position.
+    #[serde(default)]
+    homed: bool,
+}
+
+/// Go on with a held run. Its caller vouches for the machine.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = Standing)))]
+pub async fn resume(
+    State(web): State<Web>,
+    Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
+    words: Words<GoOn>,
+) -> Result<Response, Problem> {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (GoOn { run, who, free, whole, homed }, to_page) = words.split();
+    let who = caller.signs(&who)?;
+    let run = RunId(run);
+    let stored = look(&web, move |journal| journal.load(run)).await??;
+    if stored.summary.machine != name {
+        return Err(Problem::not_found(format!("run {run} of {name}")));
+    }
+    let can_resume = can_resume(&stored.plan, &stored.readings);
+    let again = Again::of(stored)?;
+    if !(free && whole) {
+        return Err(not_vouched(&format!("that it can go on ({})", again.question().ask)));
+    }
+    again.acknowledged(&who, homed)?;
+    if !can_resume {
+        return Err(Problem::new(
+            StatusCode::CONFLICT,
+            "no-references",
+            goes_on(run, can_resume),
+            "acknowledge it, then start a new run",
+        ));
+    }
+    let accepted = machine.desk.resume(run, &who, homed);
+    let what = format!("resume of run {run}");
+    answer(&web, machine, (who, what, String::new()), accepted, to_page).await
+}
+
+impl From<AgainError> for Problem {
+    fn from(error: AgainError) -> Self {
+        let (code, remedy) = match &error {
+            AgainError::NotUnfinished { way_on, .. } => ("not-unfinished", way_on.clone()),
+            AgainError::Nobody(Question { ask, .. }) => ("nameless", Some((*ask).to_owned())),
+            AgainError::NotHomed(Question { ask, .. }) => ("not-homed", Some((*ask).to_owned())),
+            AgainError::Setup(error) => ("setup", error.remedy()),
+        };
+        let remedy = remedy.unwrap_or_else(|| "start a new run".to_owned());
+        Self::new(StatusCode::CONFLICT, code, error.to_string(), remedy)
+    }
+}

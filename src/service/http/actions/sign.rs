@@ -1,0 +1,60 @@
+//! A person answers for a result, by name.
+
+use axum::Json;
+use axum::extract::{Extension, Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::words::Words;
+use crate::archive::report::ReportError;
+use crate::service::http::Web;
+use crate::service::http::access::Caller;
+use crate::service::http::api::look;
+use crate::service::http::openapi::views::SignatureView;
+use crate::service::http::problem::Problem;
+use crate::store::{Audit, RunId, Signature};
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sign {
+    who: String,
+    /// The remark.
+    #[serde(default)]
+    why: String,
+    /// SHA-256 of the estimate that this person has read.
+    estimate: String,
+}
+
+/// Answer for a result, by name.
+#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", params(("run" = i64, Path)), request_body = Sign, responses((status = CREATED, body = SignatureView)))]
+pub async fn sign(
+    State(web): State<Web>,
+    Path(run): Path<i64>,
+    Extension(caller): Extension<Caller>,
+    words: Words<Sign>,
+) -> Result<Response, Problem> {
+    let (Sign { who, why, estimate }, to_page) = words.split();
+    let (run, who) = (RunId(run), caller.signs(&who)?);
+    let stored = look(&web, move |journal| journal.load(run)).await??;
+    let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
+    if last.sha256 != estimate {
+        return Err(Problem::new(
+            StatusCode::CONFLICT,
+            "other-estimate",
+            format!("run {run} has been identified again since: its estimate is another one"),
+            "read it, then sign that one",
+        ));
+    }
+    let remark = why.trim().to_owned();
+    let signature = Signature { who: who.clone(), remark, estimate_sha256: estimate };
+    web.journal.sign(run, &signature).await?;
+    let (what, machine, outcome) =
+        (format!("signature under run {run}"), stored.summary.machine, "accepted".to_owned());
+    web.journal.audit(&Audit { who, what, why, machine, run: run.0, outcome }).await?;
+    Ok(match to_page {
+        true => Redirect::to(&format!("/runs/{run}")).into_response(),
+        false => (StatusCode::CREATED, Json(signature)).into_response(),
+    })
+}

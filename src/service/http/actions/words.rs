@@ -1,0 +1,45 @@
+//! What was said, as JSON or as a form.
+
+use axum::extract::rejection::{FormRejection, JsonRejection};
+use axum::extract::{FromRequest, Request};
+use axum::http::header::CONTENT_TYPE;
+use axum::{Form, Json};
+use serde::de::DeserializeOwned;
+
+use crate::service::http::problem::Problem;
+
+/// JSON or a form, by what the request says it is.
+pub enum Words<T> {
+    Json(T),
+    Form(T),
+}
+
+impl<T> Words<T> {
+    /// What was said, and whether the answer is for a person at the page.
+    pub fn split(self) -> (T, bool) {
+        match self {
+            Self::Json(said) => (said, false),
+            Self::Form(said) => (said, true),
+        }
+    }
+}
+
+impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for Words<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let kind = request.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+        match kind.is_some_and(|kind| kind.starts_with("application/json")) {
+            true => Ok(Self::Json(Json::from_request(request, state).await.map_err(not_json)?.0)),
+            false => Ok(Self::Form(Form::from_request(request, state).await.map_err(no_form)?.0)),
+        }
+    }
+}
+
+fn not_json(error: JsonRejection) -> Problem {
+    Problem::new(error.status(), "unreadable", error.body_text(), "send what the API describes")
+}
+
+fn no_form(error: FormRejection) -> Problem {
+    Problem::new(error.status(), "unreadable", error.body_text(), "send what the page's form sends")
+}

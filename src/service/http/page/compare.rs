@@ -1,0 +1,62 @@
+//! Two runs beside each other.
+
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use axum::response::Html;
+use minijinja::{Value, context};
+use serde::Deserialize;
+
+use super::{render, row};
+use crate::archive::compare::{CompareError, Comparison, compare};
+use crate::decision::difference::Difference;
+use crate::service::http::Web;
+use crate::service::http::api::look;
+use crate::service::http::problem::Problem;
+use crate::store::RunId;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pair {
+    a: i64,
+    b: i64,
+}
+
+pub async fn page(
+    State(web): State<Web>,
+    Query(Pair { a, b }): Query<Pair>,
+) -> Result<Html<String>, Problem> {
+    let found = look(&web, move |journal| compare(journal, RunId(a), RunId(b))).await??;
+    let Comparison { runs, differences, besides } = found;
+    render(
+        "compare.html",
+        context! {
+            runs => runs.iter().map(row).collect::<Vec<_>>(),
+            rows => differences.iter().map(line).collect::<Vec<_>>(),
+            besides,
+        },
+    )
+}
+
+fn line(difference: &Difference) -> Value {
+    let Difference { symbol, unit, first, second, by, expanded, significant } = difference;
+    let number = |value: &f64| format!("{value:.2}");
+    context! {
+        symbol,
+        unit => unit.symbol(),
+        first => number(first),
+        second => number(second),
+        by => format!("{by:+.2}"),
+        expanded => number(expanded),
+        significant,
+    }
+}
+
+impl From<CompareError> for Problem {
+    fn from(error: CompareError) -> Self {
+        let remedy = error.remedy();
+        match error {
+            CompareError::Store(error) => error.into(),
+            other => Self::new(StatusCode::CONFLICT, "no-comparison", other.to_string(), remedy),
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! What a person is told whose request came to nothing: the words of the answer as a page.
+
+use axum::body::to_bytes;
+use axum::extract::Request;
+use axum::http::HeaderMap;
+use axum::http::header::CONTENT_TYPE;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use minijinja::context;
+use serde::Deserialize;
+
+use super::render;
+
+/// No answer of this kind is longer, bytes.
+const MOST: usize = 64 * 1024;
+
+#[derive(Deserialize)]
+struct Words {
+    message: String,
+    remedy: String,
+}
+
+/// Answers that say why not become a page, unless a program asked.
+pub async fn for_people(request: Request, next: Next) -> Response {
+    let program = is_json(request.headers());
+    let response = next.run(request).await;
+    let (failed, told) = (response.status(), is_json(response.headers()));
+    if program || !told || failed.is_success() {
+        return response;
+    }
+    let (parts, body) = response.into_parts();
+    let bytes = to_bytes(body, MOST).await.unwrap_or_default();
+    let page = serde_json::from_slice(&bytes).ok().and_then(|Words { message, remedy }| {
+        render("refused.html", context! { message, remedy }).ok()
+    });
+    match page {
+        Some(page) => (failed, page).into_response(),
+        None => (parts, bytes).into_response(),
+    }
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+    kind.is_some_and(|kind| kind.starts_with("application/json"))
+}

@@ -1,0 +1,155 @@
+//! Where a run touches: plan view and side view of the artefact, as somebody who stands beside the table
+//! sees it. Its table frame; lengths in mm.
+
+use glam::DVec3;
+use minijinja::{Value, context};
+
+use crate::artefact::{Shape, parts};
+use crate::base::{Point, Position};
+use crate::kinematics::Chain;
+use crate::record::plan::{Plan, Step};
+use crate::service::http::problem::Problem;
+use crate::store::{Journal, Progress, RunId};
+
+/// The two views, and which coordinate points up in each.
+const VIEWS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
+/// Marks are this part of the picture's width.
+const MARK: f64 = 1.0 / 70.0;
+/// Of all that is drawn, on each side.
+const MARGIN: f64 = 0.08;
+
+/// What happens in a run just now; nothing where there is no run.
+pub fn of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
+    match run.0 {
+        0 => Ok(None),
+        _ => Ok(drawn(&journal.progress(run)?)),
+    }
+}
+
+struct Mark {
+    /// `done`, `now` or `next`.
+    class: &'static str,
+    way: Vec<DVec3>,
+}
+
+fn drawn(progress: &Progress) -> Option<Value> {
+    let marks = marks(progress)?;
+    let bodies: Vec<Shape> =
+        parts(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
+    let count = |class| marks.iter().filter(|mark| mark.class == class).count();
+    Some(context! {
+        done => count("done"),
+        next => count("next"),
+        views => VIEWS.map(|(name, up)| view(name, up, &marks, &bodies)),
+    })
+}
+
+/// Of each step. Stages that are not planned yet have none.
+fn marks(progress: &Progress) -> Option<Vec<Mark>> {
+    let Progress { plan, stages, done } = progress;
+    let chain = Chain::new(&plan.machine).ok()?;
+    let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
+    let now = stages
+        .last()
+        .and_then(|stage| stage.steps.iter().find(|step| !done.contains(&(**step, stage.repeat))));
+    let class = |step: &Step| match (now == Some(&step.id), is_done(step.id)) {
+        (true, _) => "now",
+        (false, true) => "done",
+        (false, false) => "next",
+    };
+    let mark = |step: &Step| Mark { class: class(step), way: way(plan, &chain, step) };
+    // Whatever is to be seen best is drawn last.
+    let mut marks: Vec<Mark> = plan.steps.iter().map(mark).collect();
+    marks.sort_by_key(|mark| mark.class == "now");
+    Some(marks)
+}
+
+/// Of the stylus ball, or of the sensor's zero point.
+fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<DVec3> {
+    let sensor = plan.sensors.iter().find(|sensor| sensor.name == step.sensor);
+    let [x, y, z] = sensor.map_or(plan.machine.tool_mm, |sensor| sensor.zero_mm);
+    let place = |at: &Position| chain.tip_in_table(at, Point::new(x, y, z), &[]).mm;
+    match &step.scan {
+        Some(scan) => scan.path.iter().map(place).collect(),
+        None => vec![place(&step.from)],
+    }
+}
+
+/// Least and greatest of all that is drawn, along each axis.
+fn bounds(marks: &[Mark], bodies: &[Shape]) -> [DVec3; 2] {
+    let reach = |body: &Shape, sign: f64| {
+        DVec3::from_array(DVec3::AXES.map(|axis| sign * body.highest(sign * axis)))
+    };
+    let places = marks.iter().flat_map(|mark| mark.way.iter().copied());
+    let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
+    places
+        .chain(ends)
+        .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
+}
+
+/// Both views at one scale. Down on the screen is up in the shop.
+fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
+    let [low, high] = bounds(marks, bodies);
+    let span = (high - low).max_element().max(1.0);
+    let middle = (low + high) / 2.0;
+    let size = (1.0 + 2.0 * MARGIN) * span;
+    let (left, top) = (middle.x - size / 2.0, -middle[up] - size / 2.0);
+    let flat = |at: DVec3| [at.x, -at[up]];
+    context! {
+        name,
+        frame => format!("{left:.2} {top:.2} {size:.2} {size:.2}"),
+        radius => mm(MARK * size),
+        large => mm(2.0 * MARK * size),
+        bodies => bodies.iter().map(|body| outline(*body, up)).collect::<Vec<_>>(),
+        marks => marks.iter().map(|mark| context! {
+            class => mark.class,
+            at => mark.way.first().map(|at| flat(*at).map(mm)),
+            way => (mark.way.len() > 1).then(|| polyline(mark.way.iter().map(|at| flat(*at)))),
+        }).collect::<Vec<_>>(),
+    }
+}
+
+/// A circle, or a line as thick as the body: of a cylinder that lies askew its rims are left out.
+fn outline(body: Shape, up: usize) -> Value {
+    let flat = |at: DVec3| [at.x, -at[up]].map(mm);
+    match body {
+        Shape::Ball { centre, radius } => context! { centre => flat(centre), radius => mm(radius) },
+        Shape::Cylinder { from, to, radius } => {
+            let along = to - from;
+            match along.x.hypot(along[up]) < 0.1 * along.length() {
+                true => context! { centre => flat(from), radius => mm(radius) },
+                false => context! { from => flat(from), to => flat(to), width => mm(2.0 * radius) },
+            }
+        }
+    }
+}
+
+fn polyline(points: impl Iterator<Item = [f64; 2]>) -> String {
+    points.map(|[x, y]| format!("{x:.2},{y:.2} ")).collect()
+}
+
+fn mm(value: f64) -> String {
+    format!("{value:.2}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A round part of 20 mm, 30 high, and a touch 5 mm beside it: 30 of 34.8 mm wide, both views alike.
+    #[test]
+    fn both_views_hold_all_of_it_at_one_scale() {
+        let (from, to, radius) = (DVec3::ZERO, DVec3::new(0.0, 0.0, 30.0), 10.0);
+        let bodies = [Shape::Cylinder { from, to, radius }];
+        let marks = [Mark { class: "now", way: vec![DVec3::new(15.0, 0.0, 12.0)] }];
+        let [above, side] = VIEWS.map(|(name, up)| view(name, up, &marks, &bodies));
+        let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
+        assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");
+        assert_eq!(told(&side, "frame"), "-14.90 -32.40 34.80 34.80");
+        let body = |view: &Value| view.get_attr("bodies").unwrap().get_item_by_index(0).unwrap();
+        assert_eq!(told(&body(&above), "radius"), "10.00");
+        assert_eq!(told(&body(&side), "width"), "20.00");
+        let mark = side.get_attr("marks").unwrap().get_item_by_index(0).unwrap();
+        assert_eq!(told(&mark, "at"), "[\"15.00\", \"-12.00\"]");
+    }
+}

@@ -1,0 +1,145 @@
+//! What is due when, and what became of it; who lets it start while nobody is there.
+
+use axum::Json;
+use axum::extract::{Extension, Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Redirect, Response};
+use jiff::Timestamp;
+use serde::Deserialize;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::access::Caller;
+use super::actions::Words;
+use super::api::look;
+use super::openapi::views::AgendaView;
+use super::problem::Problem;
+use super::{Shown, Web};
+use crate::service::board::Refusal;
+use crate::service::rota::{Agenda, agenda, arming};
+use crate::store::Audit;
+
+pub fn routes() -> OpenApiRouter<Web> {
+    OpenApiRouter::new()
+        .routes(routes!(schedule))
+        .routes(routes!(arm))
+        .routes(routes!(disarm))
+        .routes(routes!(due))
+}
+
+/// What comes, who has armed what, and what became of the last times, newest first.
+#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
+async fn schedule(
+    State(web): State<Web>,
+    Path(name): Path<String>,
+) -> Result<Json<Agenda>, Problem> {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    Ok(Json(of(&web, machine).await?))
+}
+
+async fn of(web: &Web, machine: &Shown) -> Result<Agenda, Problem> {
+    let (desk, name) = (machine.desk.clone(), machine.name.clone());
+    Ok(look(web, move |journal| agenda(journal, &desk, &name)).await??)
+}
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct Arm {
+    cycle: u16,
+    who: String,
+    /// An instant, or how long from now: `14d`.
+    until: String,
+    #[serde(default)]
+    why: String,
+}
+
+/// Let a cycle start at its time while nobody is there, until then.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", params(("name" = String, Path)), request_body = Arm, responses((status = ACCEPTED, body = AgendaView)))]
+async fn arm(
+    State(web): State<Web>,
+    Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
+    words: Words<Arm>,
+) -> Result<Response, Problem> {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (Arm { cycle, who, until, why }, to_page) = words.split();
+    let who = caller.signs(&who)?;
+    if !machine.cycles.iter().any(|known| known.number == cycle) {
+        return Err(Refusal::NoSuchCycle.into());
+    }
+    let now = Timestamp::now();
+    let arming = arming((&name, cycle), (&who, &why), &until, now).map_err(|why| {
+        let remedy = "say until when, such as 14d or 2027-01-31T18:00:00+01:00";
+        Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
+    })?;
+    web.journal.arm(&arming).await?;
+    answer(&web, machine, to_page).await
+}
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct Disarm {
+    /// All of them, if none is named.
+    cycle: Option<u16>,
+    who: String,
+    #[serde(default)]
+    why: String,
+}
+
+/// Nothing starts by itself any more.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", params(("name" = String, Path)), request_body = Disarm, responses((status = ACCEPTED, body = AgendaView)))]
+async fn disarm(
+    State(web): State<Web>,
+    Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
+    words: Words<Disarm>,
+) -> Result<Response, Problem> {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (Disarm { cycle, who, why }, to_page) = words.split();
+    web.journal.disarm(&name, cycle, &caller.signs(&who)?, &why).await?;
+    answer(&web, machine, to_page).await
+}
+
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct Due {
+    cycle: u16,
+    who: String,
+}
+
+/// As if its time had come by the schedule: armed, ready, and once.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/due", params(("name" = String, Path)), request_body = Due, responses((status = ACCEPTED, body = AgendaView)))]
+async fn due(
+    State(web): State<Web>,
+    Path(name): Path<String>,
+    Extension(caller): Extension<Caller>,
+    words: Words<Due>,
+) -> Result<Response, Problem> {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (Due { cycle, who }, to_page) = words.split();
+    let who = caller.signs(&who)?;
+    let answered = match machine.desk.rota().due(cycle, who.clone()) {
+        Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
+        None => Err(Refusal::NotReady.to_string()),
+    };
+    let outcome = match &answered {
+        Ok(()) => "accepted".to_owned(),
+        Err(why) => format!("refused: {why}"),
+    };
+    let (what, run) = (format!("cycle {cycle} is due"), machine.desk.board().run.into());
+    let audit = Audit { who, what, why: String::new(), machine: name, run, outcome };
+    web.journal.audit(&audit).await?;
+    answered.map_err(|why| {
+        let remedy = "it stands in the schedule as skipped; see to it, then ask again";
+        Problem::new(StatusCode::CONFLICT, "not-started", why, remedy)
+    })?;
+    answer(&web, machine, to_page).await
+}
+
+async fn answer(web: &Web, machine: &Shown, to_page: bool) -> Result<Response, Problem> {
+    Ok(match to_page {
+        true => Redirect::to(&super::page::address(&machine.name)).into_response(),
+        false => (StatusCode::ACCEPTED, Json(of(web, machine).await?)).into_response(),
+    })
+}

@@ -1,0 +1,215 @@
+//! Between the schedule and whoever asks at the desk: what comes next, what the machine tells of itself
+//! when nobody presses a button, and a call that something is due.
+
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use jiff::tz::TimeZone;
+use jiff::{SignedDuration, Span, Timestamp, Zoned};
+use serde::Serialize;
+use tokio::sync::oneshot;
+
+use super::board::Said;
+use super::desk::Desk;
+use crate::store::{Arming, Journal, Slot, StoreError};
+
+/// What the machine says of itself, and of what a cycle without anybody there needs beyond.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Told {
+    pub said: Said,
+    pub probe: bool,
+    pub artefact: bool,
+    pub temperature: bool,
+    /// The control executes no program.
+    pub idle: bool,
+}
+
+impl Told {
+    /// Where several tell, all must say so.
+    fn and(self, other: Self) -> Self {
+        let (one, two) = (self.said, other.said);
+        Self {
+            said: Said {
+                fresh: true,
+                enable: one.enable && two.enable,
+                auto: one.auto && two.auto,
+                door: one.door && two.door,
+                stop: one.stop || two.stop,
+            },
+            probe: self.probe && other.probe,
+            artefact: self.artefact && other.artefact,
+            temperature: self.temperature && other.temperature,
+            idle: self.idle && other.idle,
+        }
+    }
+}
+
+/// One schedule, as it stands.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Planned {
+    pub name: String,
+    pub cycle: u16,
+    /// Pattern and zone, as the machine file says.
+    pub at: String,
+    pub zone: String,
+    pub latest_min: u64,
+    /// What comes, on the clock of its zone.
+    pub next: Vec<Zoned>,
+    /// Since when a slot waits, and what for.
+    pub waiting: Option<String>,
+}
+
+/// A machine's schedule: what comes, who has armed what, and what became of the last slots, newest first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Agenda {
+    pub planned: Vec<Planned>,
+    pub armed: Vec<Arming>,
+    pub last: Vec<Slot>,
+}
+
+/// As the page and the interface show it.
+///
+/// # Errors
+/// The journal cannot be read.
+pub fn agenda(journal: &Journal, desk: &Desk, machine: &str) -> Result<Agenda, StoreError> {
+    const LAST: usize = 50;
+    Ok(Agenda {
+        planned: desk.rota().planned(),
+        armed: journal.armings(machine)?,
+        last: journal.slots(machine, LAST)?,
+    })
+}
+
+/// Nobody arms a machine for longer.
+const LONGEST: SignedDuration = SignedDuration::from_hours(24 * 366);
+
+/// `cycle` of `machine` is armed by `who` from `now` on, `until` an instant (`2027-01-31T18:00:00+01:00`) or
+/// for so long (`14d`).
+///
+/// # Errors
+/// It does not say until when, or that is over, or too far away.
+pub fn arming(
+    (machine, cycle): (&str, u16),
+    (who, why): (&str, &str),
+    until: &str,
+    now: Timestamp,
+) -> Result<Arming, String> {
+    // Nobody reads nanoseconds.
+    let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
+    let for_so_long =
+        |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
+    let instant = until.parse::<Timestamp>().ok();
+    let instant = instant.or_else(|| until.parse::<Zoned>().ok().map(|zoned| zoned.timestamp()));
+    let instant = instant.or_else(|| until.parse::<Span>().ok().and_then(for_so_long));
+    let Some(until) = instant else {
+        return Err(format!("`{until}` is neither an instant nor a time span"));
+    };
+    if until <= now {
+        return Err(format!("{until} is over already"));
+    }
+    if until.duration_since(now) > LONGEST {
+        return Err(format!("{until} is more than a year away; an arming must be renewed"));
+    }
+    let [machine, who, why] = [machine, who, why].map(str::to_owned);
+    Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
+}
+
+/// Somebody says that `cycle` is due now. The answer: its slot starts, or why not.
+pub struct Call {
+    pub cycle: u16,
+    pub who: String,
+    pub answer: oneshot::Sender<Result<(), String>>,
+}
+
+type Teller = Box<dyn Fn() -> Told + Send>;
+
+#[derive(Clone, Default)]
+pub struct Rota(Arc<Mutex<Inner>>);
+
+#[derive(Default)]
+struct Inner {
+    planned: Vec<Planned>,
+    tellers: Vec<Teller>,
+    calls: Option<Sender<Call>>,
+}
+
+impl Rota {
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// One more who knows how the machine stands.
+    pub fn tells(&self, teller: impl Fn() -> Told + Send + 'static) {
+        self.inner().tellers.push(Box::new(teller));
+    }
+
+    /// By all whose word is fresh; `None` without one.
+    pub fn told(&self) -> Option<Told> {
+        let inner = self.inner();
+        let fresh = inner.tellers.iter().map(|teller| teller()).filter(|told| told.said.fresh);
+        fresh.reduce(Told::and)
+    }
+
+    pub fn planned(&self) -> Vec<Planned> {
+        self.inner().planned.clone()
+    }
+
+    pub fn plans(&self, planned: Vec<Planned>) {
+        self.inner().planned = planned;
+    }
+
+    /// Where calls go.
+    pub fn listens(&self, calls: Sender<Call>) {
+        self.inner().calls = Some(calls);
+    }
+
+    /// `cycle` is due, says `who`. `None`: no schedule is kept yet.
+    pub fn due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), String>>> {
+        let (answer, told) = oneshot::channel();
+        let calls = self.inner().calls.clone()?;
+        calls.send(Call { cycle, who, answer }).ok()?;
+        Some(told)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arming_ends_within_a_year() {
+        let now: Timestamp = "2026-11-22T12:00:00Z".parse().unwrap();
+        let until = |words: &str| {
+            arming(("the mill", 1), ("Ada", ""), words, now).map(|arming| arming.until.to_string())
+        };
+        assert_eq!(until("14d").unwrap(), "2026-12-06T12:00:00Z");
+        assert_eq!(until("8h").unwrap(), "2026-11-22T20:00:00Z");
+        assert_eq!(until("2026-12-24T06:00:00+01:00").unwrap(), "2026-12-24T05:00:00Z");
+        assert_eq!(until("2026-12-24T06:00[Europe/Berlin]").unwrap(), "2026-12-24T05:00:00Z");
+        for (words, why) in [
+            ("tomorrow", "neither"),
+            ("2026-12-24T06:00", "neither"),
+            ("-1d", "over"),
+            ("2026-11-22T12:00:00Z", "over"),
+            ("2y", "more than a year"),
+        ] {
+            let told = until(words).unwrap_err();
+            assert!(told.contains(why), "{words}: {told}");
+        }
+    }
+
+    #[test]
+    fn where_several_tell_all_must_say_so_and_who_is_silent_does_not_count() {
+        let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+        let all = Told { said, probe: true, artefact: true, temperature: true, idle: true };
+        let rota = Rota::default();
+        assert_eq!(rota.told(), None);
+        rota.tells(Told::default);
+        assert_eq!(rota.told(), None, "nobody's word is fresh");
+        rota.tells(move || all);
+        assert_eq!(rota.told(), Some(all));
+        let other = Told { said: Said { door: false, stop: true, ..said }, idle: false, ..all };
+        rota.tells(move || other);
+        assert_eq!(rota.told(), Some(other));
+    }
+}

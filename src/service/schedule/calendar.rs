@@ -1,0 +1,186 @@
+//! When a schedule is due: a cron pattern on the wall clock of a place, with its daylight saving.
+
+use croner::Cron;
+use croner::parser::{CronParser, Seconds, Year};
+use jiff::tz::TimeZone;
+use jiff::{Timestamp, Zoned};
+
+/// `30 5 * * 1-5` in `Europe/Berlin`.
+///
+/// A fixed time that the clocks jump over in spring is due once, at the first instant after the gap;
+/// one that comes twice in autumn is due once, at the first. A pattern with `*` or steps in its minutes or
+/// hours goes by the clock on the wall: nothing of it is due in the gap, and it is due in both of the
+/// doubled hours.
+#[derive(Debug, Clone)]
+pub struct Calendar {
+    cron: Cron,
+    zone: TimeZone,
+}
+
+impl Calendar {
+    pub fn new(pattern: &str, zone: &str) -> Result<Self, String> {
+        let parser =
+            CronParser::builder().seconds(Seconds::Disallowed).year(Year::Disallowed).build();
+        let cron = parser.parse(pattern).map_err(|error| {
+            format!(
+                "at = \"{pattern}\" is no pattern of minute, hour, day, month and weekday ({error}): \
+                 \"30 5 * * 1-5\" is 05:30 from Monday to Friday"
+            )
+        })?;
+        let zone = TimeZone::get(zone).map_err(|_| {
+            format!(
+                "zone = \"{zone}\" is no time zone: say one such as \"Europe/Berlin\", or \"UTC\""
+            )
+        })?;
+        let calendar = Self { cron, zone };
+        let never = calendar.after(Timestamp::now()).next().is_none();
+        match never {
+            true => Err(format!("at = \"{pattern}\" is never due: no such day comes")),
+            false => Ok(calendar),
+        }
+    }
+
+    /// What comes after `instant`, without end.
+    pub fn after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
+        let first = Some(self.here(instant));
+        let next = |last: &Zoned| self.cron.find_next_occurrence(last, false).ok();
+        std::iter::successors(first, next).skip(1)
+    }
+
+    /// What was due after `from` and until `to`, oldest first; of these the newest `most`, and whether
+    /// there were more.
+    pub fn between(&self, from: Timestamp, to: Timestamp, most: usize) -> (Vec<Timestamp>, bool) {
+        if to <= from {
+            return (Vec::new(), false);
+        }
+        // Back from the end, so that a window of years costs no more than what is wanted of it.
+        let mut inclusive = true;
+        let mut last = self.here(to);
+        let mut found = Vec::new();
+        while let Ok(before) = self.cron.find_previous_occurrence(&last, inclusive) {
+            let at = before.timestamp();
+            if at <= from || found.len() > most {
+                break;
+            }
+            found.push(at);
+            (last, inclusive) = (before, false);
+        }
+        let more = found.len() > most;
+        found.truncate(most);
+        found.reverse();
+        (found, more)
+    }
+
+    fn here(&self, instant: Timestamp) -> Zoned {
+        instant.to_zoned(self.zone.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(text: &str) -> Timestamp {
+        text.parse().unwrap()
+    }
+
+    fn days(pattern: &str, zone: &str, from: &str, to: &str) -> Vec<String> {
+        let calendar = Calendar::new(pattern, zone).unwrap();
+        let (back, more) = calendar.between(at(from), at(to), 100);
+        assert!(!more);
+        let forth = calendar.after(at(from)).map(|next| next.timestamp());
+        let forth: Vec<Timestamp> = forth.take_while(|next| *next <= at(to)).collect();
+        assert_eq!(back, forth, "both ways tell the same");
+        back.iter().map(Timestamp::to_string).collect()
+    }
+
+    // The figures are those of Python's zoneinfo, `datetime(2027, 3, 27, 2, 30, tzinfo=ZoneInfo("Europe/Berlin"))
+    // .astimezone(timezone.utc)`, where a time comes twice with fold=0; those of Berlin are also those of
+    // `date -d`, which takes the later of two.
+
+    #[test]
+    fn a_fixed_time_in_the_gap_is_due_once_after_it() {
+        let found =
+            days("30 2 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-29T12:00:00Z");
+        let wanted = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
+        assert_eq!(found, wanted);
+    }
+
+    #[test]
+    fn a_fixed_time_that_comes_twice_is_due_once() {
+        let found =
+            days("30 2 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-11-01T12:00:00Z");
+        let wanted = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
+        assert_eq!(found, wanted);
+    }
+
+    #[test]
+    fn the_hour_on_the_wall_stays_through_both_changes() {
+        let spring =
+            days("30 5 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-28T12:00:00Z");
+        assert_eq!(spring, ["2027-03-27T04:30:00Z", "2027-03-28T03:30:00Z"]);
+        let autumn =
+            days("30 5 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-10-31T12:00:00Z");
+        assert_eq!(autumn, ["2027-10-30T03:30:00Z", "2027-10-31T04:30:00Z"]);
+        // Half an hour, and in the other half of the year.
+        let lord_howe = days(
+            "15 2 * * *",
+            "Australia/Lord_Howe",
+            "2027-10-01T12:00:00Z",
+            "2027-10-04T00:00:00Z",
+        );
+        assert_eq!(
+            lord_howe,
+            ["2027-10-01T15:45:00Z", "2027-10-02T15:30:00Z", "2027-10-03T15:15:00Z"]
+        );
+    }
+
+    #[test]
+    fn every_half_hour_goes_by_the_clock_on_the_wall() {
+        let spring =
+            days("*/30 * * * *", "Europe/Berlin", "2027-03-28T00:00:00Z", "2027-03-28T02:00:00Z");
+        let wanted = [
+            "2027-03-28T00:30:00Z",
+            "2027-03-28T01:00:00Z",
+            "2027-03-28T01:30:00Z",
+            "2027-03-28T02:00:00Z",
+        ];
+        assert_eq!(spring, wanted);
+        let autumn =
+            days("*/30 2 * * *", "Europe/Berlin", "2027-10-30T23:00:00Z", "2027-10-31T03:00:00Z");
+        let wanted = [
+            "2027-10-31T00:00:00Z",
+            "2027-10-31T00:30:00Z",
+            "2027-10-31T01:00:00Z",
+            "2027-10-31T01:30:00Z",
+        ];
+        assert_eq!(autumn, wanted);
+    }
+
+    #[test]
+    fn of_a_long_time_the_newest() {
+        let calendar = Calendar::new("* * * * *", "UTC").unwrap();
+        let (found, more) =
+            calendar.between(at("1970-01-01T00:00:00Z"), at("2027-01-01T00:00:30Z"), 3);
+        let wanted = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
+        assert_eq!((found, more), (wanted.map(at).to_vec(), true));
+        assert_eq!(
+            calendar.between(at("2027-01-01T00:00:00Z"), at("2027-01-01T00:00:59Z"), 3),
+            (vec![], false)
+        );
+    }
+
+    #[test]
+    fn what_is_no_calendar_says_how_one_looks() {
+        for (pattern, zone, words) in [
+            ("30 5 * *", "UTC", "30 5 * * 1-5"),
+            ("0 30 5 * * *", "UTC", "30 5 * * 1-5"),
+            ("61 5 * * *", "UTC", "30 5 * * 1-5"),
+            ("30 5 * * *", "Europe/Berlim", "Europe/Berlin"),
+            ("30 5 30 2 *", "UTC", "no such day comes"),
+        ] {
+            let told = Calendar::new(pattern, zone).unwrap_err();
+            assert!(told.contains(words), "{told}");
+        }
+    }
+}

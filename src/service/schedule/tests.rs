@@ -1,0 +1,295 @@
+//! The keeper over a real desk and a real journal, on a clock that the test sets. What the daemon does of
+//! it, on a clock that is set under it, is in `tests/schedule/`.
+
+use std::sync::{Arc, Mutex};
+
+use tokio::sync::mpsc::Receiver;
+use tokio::sync::oneshot;
+
+use super::keeper::Keeper;
+use super::*;
+use crate::service::board::{Said, State};
+use crate::service::config::Config;
+use crate::service::desk::Ask;
+use crate::service::rota::{Planned, Told};
+use crate::store::{Arming, Outcome};
+
+const MACHINE: &str = "the mill";
+
+struct Bench {
+    folder: tempfile::TempDir,
+    journal: Arc<Journal>,
+    desk: Desk,
+    asks: Receiver<Ask>,
+    keeper: Keeper,
+    told: Arc<Mutex<Told>>,
+    /// Of the clock that nobody sets.
+    now_s: f64,
+}
+
+fn at(text: &str) -> Timestamp {
+    text.parse().unwrap()
+}
+
+fn entries() -> Vec<Entry> {
+    let text =
+        "name = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\nidle_min = 2";
+    vec![toml::from_str(text).unwrap()]
+}
+
+fn config() -> Config {
+    toml::from_str(
+        "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+         [http]\nlisten = \"127.0.0.1:0\"\n",
+    )
+    .unwrap()
+}
+
+fn ready() -> Told {
+    let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+    Told { said, idle: true, ..Told::default() }
+}
+
+/// A new service on the journal in `folder`; since when its schedule is known.
+fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
+    let journal = Arc::new(Journal::open(folder.path()).unwrap());
+    if let Some(since) = since {
+        let known = vec![("dawn".to_owned(), "30 5 * * * Europe/Berlin".to_owned())];
+        journal.schedules(MACHINE, known, at(since)).wait().unwrap();
+    }
+    let log: Log = Arc::new(|_: &str| {});
+    let (desk, asks) = Desk::new(&config(), log.clone());
+    desk.becomes(State::Waiting);
+    let told = Arc::new(Mutex::new(ready()));
+    let teller = Arc::clone(&told);
+    desk.rota().tells(move || *teller.lock().unwrap());
+    let demand = config().demand;
+    let keeper = Keeper::begin(MACHINE, (&entries(), &demand), &desk, &journal, &log).unwrap();
+    Bench { folder, journal, desk, asks, keeper, told, now_s: 0.0 }
+}
+
+/// Armed for a week from the 22nd of November 2026 on; each day at 04:30 UTC.
+fn bench() -> Bench {
+    let bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
+    bench.arm("2026-11-22T12:00:00Z");
+    bench
+}
+
+impl Bench {
+    fn arm(&self, armed: &str) {
+        let armed = at(armed);
+        let arming = Arming {
+            machine: MACHINE.to_owned(),
+            cycle: 1,
+            who: "Ada".to_owned(),
+            why: String::new(),
+            armed,
+            until: armed + jiff::SignedDuration::from_hours(168),
+            ended: None,
+            broken: None,
+        };
+        self.journal.arm(&arming).wait().unwrap();
+    }
+
+    /// Look every 30 s of both clocks, `from` on.
+    fn looks(&mut self, from: &str, times: i32) {
+        for step in 0..times {
+            let now = at(from) + jiff::SignedDuration::from_secs((30 * step).into());
+            self.now_s += 30.0;
+            self.keeper.look(now, self.now_s);
+        }
+    }
+
+    fn starts(&mut self) -> usize {
+        std::iter::from_fn(|| self.asks.try_recv().ok())
+            .filter(|ask| matches!(ask, Ask::Start { .. }))
+            .count()
+    }
+
+    fn slots(&self) -> Vec<(String, Outcome, String)> {
+        let slots = self.journal.slots(MACHINE, 100).unwrap().into_iter();
+        slots.map(|slot| (slot.at.to_string()[8..16].to_owned(), slot.outcome, slot.why)).collect()
+    }
+
+    fn one(&self, day: &str, outcome: Outcome, why: &str) {
+        let slots = self.slots();
+        let [(at, became, words)] = slots.as_slice() else { panic!("{slots:?}") };
+        assert!((at.as_str(), *became) == (day, outcome) && words.contains(why), "{slots:?}");
+    }
+
+    /// The power goes, and comes back.
+    fn again(self) -> Self {
+        let Self { folder, journal, keeper, desk, .. } = self;
+        drop((keeper, desk, journal));
+        open(folder, None)
+    }
+
+    fn planned(&self) -> Planned {
+        self.desk.rota().planned().remove(0)
+    }
+}
+
+#[test]
+fn what_is_due_and_armed_and_ready_starts_once() {
+    let mut bench = bench();
+    bench.looks("2026-11-23T04:20:00Z", 21);
+    assert_eq!(bench.planned().next[0].to_string(), "2026-11-24T05:30:00+01:00[Europe/Berlin]");
+    assert_eq!(bench.starts(), 1);
+    bench.one("23T04:30", Outcome::Started, "");
+    bench.looks("2026-11-23T04:30:30Z", 10);
+    assert_eq!(bench.starts(), 0);
+    // It failed before it had a run: nothing starts any more until it is armed anew.
+    bench.desk.ended(State::Failed, None);
+    bench.looks("2026-11-23T04:36:00Z", 1);
+    bench.one("23T04:30", Outcome::Failed, "before it had a run");
+    bench.desk.becomes(State::Waiting);
+    bench.looks("2026-11-24T04:25:00Z", 20);
+    assert_eq!(bench.starts(), 0);
+    let slots = bench.slots();
+    assert!(
+        slots[0].1 == Outcome::Skipped && slots[0].2.contains("the schedule's cycle 1 failed"),
+        "{slots:?}"
+    );
+    let audits = bench.journal.audits().unwrap();
+    assert_eq!(audits.last().unwrap().1.what, "cycle 1 is disarmed");
+}
+
+#[test]
+fn what_nobody_has_armed_does_not_start() {
+    let mut bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
+    bench.looks("2026-11-23T04:20:00Z", 21);
+    bench.one("23T04:30", Outcome::Skipped, "nobody has armed");
+    // An arming that comes after its time moves nothing.
+    bench.arm("2026-11-23T04:31:00Z");
+    bench.looks("2026-11-23T04:31:00Z", 60);
+    assert_eq!((bench.starts(), bench.slots().len()), (0, 1));
+}
+
+#[test]
+fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
+    let mut bench = bench();
+    bench.told.lock().unwrap().said.door = false;
+    bench.looks("2026-11-23T04:20:00Z", 40);
+    assert_eq!(bench.slots(), [], "it waits");
+    assert!(bench.planned().waiting.unwrap().contains("a guard is open"));
+    bench.looks("2026-11-23T04:40:00Z", 50);
+    bench.one("23T04:30", Outcome::Skipped, "latest start is over: not ready: a guard is open");
+    bench.told.lock().unwrap().said.door = true;
+    bench.looks("2026-11-23T05:05:00Z", 20);
+    assert_eq!(bench.starts(), 0);
+    // The next day the door is closed ten minutes later, and the machine has been idle before.
+    bench.told.lock().unwrap().said.door = false;
+    bench.looks("2026-11-24T04:29:00Z", 20);
+    bench.told.lock().unwrap().said.door = true;
+    bench.looks("2026-11-24T04:39:00Z", 1);
+    assert_eq!(bench.starts(), 1);
+}
+
+#[test]
+fn a_machine_that_worked_just_now_is_waited_for() {
+    let mut bench = bench();
+    bench.looks("2026-11-23T04:20:00Z", 19);
+    bench.told.lock().unwrap().idle = false;
+    bench.looks("2026-11-23T04:29:30Z", 2);
+    bench.told.lock().unwrap().idle = true;
+    bench.looks("2026-11-23T04:30:30Z", 4);
+    assert_eq!(bench.starts(), 0, "for a minute and a half");
+    assert!(bench.planned().waiting.unwrap().contains("idle for 1 of 2 minutes"));
+    bench.looks("2026-11-23T04:32:30Z", 1);
+    assert_eq!(bench.starts(), 1);
+    // What nobody tells is not assumed.
+    let mut silent = self::bench();
+    silent.told.lock().unwrap().said.fresh = false;
+    silent.looks("2026-11-23T04:20:00Z", 100);
+    silent.one("23T04:30", Outcome::Skipped, "nobody tells enable, auto, door, idle");
+}
+
+#[test]
+fn a_manual_run_is_waited_for() {
+    let mut bench = bench();
+    bench.desk.start(1, ready().said, "Ada").unwrap();
+    assert_eq!(bench.starts(), 1);
+    bench.looks("2026-11-23T04:20:00Z", 40);
+    assert_eq!(bench.starts(), 0);
+    assert!(bench.planned().waiting.unwrap().contains("a run is on"));
+    bench.desk.ended(State::Waiting, None);
+    bench.looks("2026-11-23T04:40:00Z", 6);
+    assert_eq!(bench.starts(), 1, "two minutes after its end");
+    bench.one("23T04:30", Outcome::Started, "");
+}
+
+#[test]
+fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
+    let mut bench = bench();
+    bench.looks("2026-11-23T04:20:00Z", 24);
+    assert_eq!(bench.starts(), 1);
+    bench.looks("2026-11-23T04:10:00Z", 30);
+    bench.desk.ended(State::Waiting, None);
+    bench.looks("2026-11-23T04:25:00.4Z", 30);
+    assert_eq!(bench.starts(), 0);
+    bench.one("23T04:30", Outcome::Failed, "before it had a run");
+    // Nor after the power was away meanwhile.
+    let mut bench = bench.again();
+    bench.arm("2026-11-22T12:00:00Z");
+    bench.looks("2026-11-23T04:10:00.4Z", 60);
+    assert_eq!((bench.starts(), bench.slots().len()), (0, 1));
+}
+
+#[test]
+fn a_slot_that_was_missed_by_a_wrong_clock_runs_when_its_time_comes() {
+    let mut bench = bench();
+    bench.looks("2026-11-23T04:20:00Z", 2);
+    bench.looks("2026-11-23T06:00:00Z", 1);
+    bench.one("23T04:30", Outcome::Missed, "the clock went forward");
+    assert_eq!(bench.starts(), 0);
+    bench.looks("2026-11-23T04:22:00.4Z", 20);
+    assert_eq!(bench.starts(), 1);
+    bench.one("23T04:30", Outcome::Started, "");
+}
+
+#[test]
+fn what_a_power_cut_took_is_missed_and_does_not_run() {
+    let mut bench = bench();
+    bench.looks("2026-11-23T04:20:00Z", 2);
+    let mut bench = bench.again();
+    bench.looks("2026-11-23T04:30:10Z", 60);
+    assert_eq!(bench.starts(), 0);
+    bench.one("23T04:30", Outcome::Missed, "no service was there");
+    // In the run that the schedule started: it is told, and not run again.
+    bench.looks("2026-11-24T04:25:00Z", 12);
+    assert_eq!(bench.starts(), 1);
+    let mut bench = bench.again();
+    bench.looks("2026-11-24T04:31:00Z", 60);
+    assert_eq!(bench.starts(), 0);
+    let slots = bench.slots();
+    assert_eq!((slots.len(), slots[0].1), (2, Outcome::Failed), "{slots:?}");
+}
+
+#[test]
+fn a_call_is_judged_alike_and_counts_once() {
+    let mut bench = bench();
+    let call = |bench: &mut Bench, now: &str| {
+        bench.now_s += 1.0;
+        bench.keeper.look(at(now), bench.now_s);
+        let (answer, mut told) = oneshot::channel();
+        bench.keeper.called(Call { cycle: 1, who: "timer".to_owned(), answer }, at(now));
+        told.try_recv().unwrap()
+    };
+    bench.told.lock().unwrap().said.auto = false;
+    let refused = call(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();
+    assert!(refused.contains("automatic mode"), "{refused}");
+    bench.told.lock().unwrap().said.auto = true;
+    assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
+    assert_eq!(bench.starts(), 1);
+    bench.desk.ended(State::Waiting, None);
+    bench.arm("2026-11-22T12:00:00Z");
+    // The clock is set back, the timer elapses again.
+    for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {
+        let refused = call(&mut bench, now).unwrap_err();
+        assert!(refused.contains("started already"), "{refused}");
+    }
+    let told: Vec<_> = bench.slots().into_iter().map(|(_, outcome, _)| outcome).collect();
+    assert_eq!(told.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 4);
+    bench.arm("2026-11-22T12:00:00Z");
+    assert_eq!(call(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
+}

@@ -1,0 +1,327 @@
+//! What a schedule must not forget: who has armed which cycle, and what became of each slot. A slot is
+//! known by its instant, so that a clock that is set back brings none of them twice.
+
+use jiff::{Timestamp, Unit};
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
+use serde::Serialize;
+
+use super::{Audit, Fault, Journal, Pending, RunId, StoreError, audit, read, write};
+
+/// A person lets a cycle start while nobody is there.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Arming {
+    pub machine: String,
+    pub cycle: u16,
+    pub who: String,
+    pub why: String,
+    pub armed: Timestamp,
+    pub until: Timestamp,
+    /// Before its time: when and why.
+    pub ended: Option<(Timestamp, String)>,
+    /// A run of this machine that was held, failed or broke off since; nobody has looked at what it
+    /// left behind.
+    pub broken: Option<RunId>,
+}
+
+/// What became of a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    Started,
+    /// Its run came to an estimate.
+    Ran,
+    /// Started, but its run did not come to its end.
+    Failed,
+    Skipped,
+    /// Nobody was there at its time.
+    Missed,
+}
+
+impl Outcome {
+    const ALL: [Self; 5] = [Self::Started, Self::Ran, Self::Failed, Self::Skipped, Self::Missed];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Started => "started",
+            Self::Ran => "ran",
+            Self::Failed => "failed",
+            Self::Skipped => "skipped",
+            Self::Missed => "missed",
+        }
+    }
+}
+
+/// One instant of one schedule, and what became of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Slot {
+    pub machine: String,
+    pub schedule: String,
+    pub cycle: u16,
+    pub at: Timestamp,
+    pub outcome: Outcome,
+    pub why: String,
+    /// 0 without one.
+    pub run: i64,
+}
+
+impl Journal {
+    /// From now on `arming` counts for its cycle, and none before it. It stands in the audit log.
+    pub fn arm(&self, arming: &Arming) -> Pending<()> {
+        let arming = arming.clone();
+        self.submit(move |connection| arm(connection, &arming))
+    }
+
+    /// Nothing of `machine` starts any more while nobody is there; of one cycle, or of all. How many
+    /// armings that ended; each stands in the audit log.
+    pub fn disarm(
+        &self,
+        machine: &str,
+        cycle: Option<u16>,
+        who: &str,
+        why: &str,
+    ) -> Pending<usize> {
+        let [machine, who, why] = [machine, who, why].map(str::to_owned);
+        self.submit(move |connection| disarm(connection, &machine, cycle, &who, &why))
+    }
+
+    /// The last arming of each cycle of `machine`, whether it still counts or not.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn armings(&self, machine: &str) -> Result<Vec<Arming>, StoreError> {
+        self.look(|connection| armings(connection, machine))
+    }
+
+    /// Every machine that the journal knows of.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn machines(&self) -> Result<Vec<String>, StoreError> {
+        self.look(|connection| {
+            let all = "SELECT machine FROM runs UNION SELECT machine FROM schedules
+                       UNION SELECT machine FROM armings";
+            let mut statement = connection.prepare(all)?;
+            let names = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+            Ok(names)
+        })
+    }
+
+    /// These are the schedules of `machine`, by name and calendar. Up to which instant was each seen to?
+    /// A new one, or one with another calendar: up to `now`.
+    pub fn schedules(
+        &self,
+        machine: &str,
+        known: Vec<(String, String)>,
+        now: Timestamp,
+    ) -> Pending<Vec<Timestamp>> {
+        let machine = machine.to_owned();
+        self.submit(move |connection| schedules(connection, &machine, &known, now))
+    }
+
+    /// Keep what became of a slot. `false`: it was decided before, and that stands. What was missed may
+    /// still be started, if the clock is set back; what was started may end.
+    pub fn slot(&self, slot: &Slot) -> Pending<bool> {
+        let slot = slot.clone();
+        self.submit(move |connection| keep(connection, &slot))
+    }
+
+    /// The newest of `machine`, newest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn slots(&self, machine: &str, most: usize) -> Result<Vec<Slot>, StoreError> {
+        self.look(|connection| slots(connection, machine, most))
+    }
+}
+
+fn arm(connection: &mut Connection, arming: &Arming) -> Result<(), Fault> {
+    let Arming { machine, cycle, who, why, armed, until, .. } = arming;
+    let transaction = write::begin_writing(connection)?;
+    end(&transaction, machine, Some(*cycle), "armed anew")?;
+    transaction.execute(
+        "INSERT INTO armings (machine, cycle, who, why, armed, until, after_event)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, (SELECT coalesce(max(seq), 0) FROM events))",
+        params![machine, cycle, who, why, armed.to_string(), until.to_string()],
+    )?;
+    // A person goes by the clock as it is now: what was seen to beyond it was seen by a wrong one.
+    transaction.execute(
+        "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
+        params![machine, second(*armed)],
+    )?;
+    note(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
+    Ok(transaction.commit()?)
+}
+
+fn disarm(
+    connection: &mut Connection,
+    machine: &str,
+    cycle: Option<u16>,
+    who: &str,
+    why: &str,
+) -> Result<usize, Fault> {
+    let transaction = write::begin_writing(connection)?;
+    let reason = if why.is_empty() { format!("by {who}") } else { format!("{why}, by {who}") };
+    let ended = end(&transaction, machine, cycle, &reason)?;
+    for arming in &ended {
+        let arming = Arming { who: who.to_owned(), why: why.to_owned(), ..arming.clone() };
+        note(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
+    }
+    transaction.commit()?;
+    Ok(ended.len())
+}
+
+/// Those that were not ended before.
+fn end(
+    transaction: &Transaction<'_>,
+    machine: &str,
+    cycle: Option<u16>,
+    why: &str,
+) -> Result<Vec<Arming>, Fault> {
+    let all = armings(transaction, machine)?.into_iter();
+    let open = all
+        .filter(|arming| arming.ended.is_none() && cycle.is_none_or(|cycle| cycle == arming.cycle));
+    let open: Vec<Arming> = open.collect();
+    transaction.execute(
+        "UPDATE armings SET ended = ?3, ended_why = ?4
+         WHERE machine = ?1 AND ended IS NULL AND (?2 IS NULL OR cycle = ?2)",
+        params![machine, cycle, write::now(), why],
+    )?;
+    Ok(open)
+}
+
+fn note(transaction: &Transaction<'_>, arming: &Arming, what: String) -> Result<(), Fault> {
+    let Arming { machine, who, why, .. } = arming.clone();
+    audit::add(transaction, &Audit { who, what, why, machine, run: 0, outcome: "done".to_owned() })
+}
+
+fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault> {
+    let mut statement = connection.prepare(
+        "SELECT cycle, who, why, armed, until, ended, ended_why, after_event FROM armings
+         WHERE seq IN (SELECT max(seq) FROM armings WHERE machine = ?1 GROUP BY cycle)
+         ORDER BY cycle",
+    )?;
+    let rows = statement.query_map([machine], |row| {
+        let ended = match row.get::<_, Option<String>>(5)? {
+            Some(_) => Some((read::parsed(row, 5)?, row.get(6)?)),
+            None => None,
+        };
+        let arming = Arming {
+            machine: machine.to_owned(),
+            cycle: row.get(0)?,
+            who: row.get(1)?,
+            why: row.get(2)?,
+            armed: read::parsed(row, 3)?,
+            until: read::parsed(row, 4)?,
+            ended,
+            broken: None,
+        };
+        Ok((arming, row.get::<_, i64>(7)?))
+    })?;
+    rows.map(|row| {
+        let (arming, after) = row?;
+        Ok(Arming { broken: broken(connection, machine, after)?, ..arming })
+    })
+    .collect()
+}
+
+/// By the order in which things were written down, not by a clock that may be set.
+fn broken(connection: &Connection, machine: &str, after: i64) -> Result<Option<RunId>, Fault> {
+    let found = connection.query_row(
+        "SELECT runs.id FROM runs WHERE machine = ?1 AND (
+             state = 'interrupted'
+             AND (SELECT max(seq) FROM events WHERE run = runs.id
+                  AND json_extract(event, '$.event') <> 'acknowledged') > ?2
+             OR id IN (SELECT run FROM events WHERE seq > ?2
+                       AND json_extract(event, '$.event') IN ('held', 'faulted')))
+         ORDER BY id LIMIT 1",
+        params![machine, after],
+        |row| row.get(0).map(RunId),
+    );
+    Ok(found.optional()?)
+}
+
+fn schedules(
+    connection: &mut Connection,
+    machine: &str,
+    known: &[(String, String)],
+    now: Timestamp,
+) -> Result<Vec<Timestamp>, Fault> {
+    let transaction = write::begin_writing(connection)?;
+    let seen = known.iter().map(|(name, calendar)| {
+        let seen = transaction.query_row(
+            "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
+            params![machine, name, calendar],
+            |row| read::parsed(row, 0),
+        );
+        Ok(seen.optional()?.unwrap_or_else(|| whole(now)))
+    });
+    let seen = seen.collect::<Result<Vec<Timestamp>, Fault>>()?;
+    transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;
+    for ((name, calendar), seen) in known.iter().zip(&seen) {
+        transaction.execute(
+            "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
+            params![machine, name, calendar, second(*seen)],
+        )?;
+    }
+    transaction.commit()?;
+    Ok(seen)
+}
+
+fn keep(connection: &mut Connection, slot: &Slot) -> Result<bool, Fault> {
+    let Slot { machine, schedule, cycle, at, outcome, why, run } = slot;
+    let (at, outcome) = (second(*at), outcome.as_str());
+    let transaction = write::begin_writing(connection)?;
+    let kept = transaction.execute(
+        "INSERT INTO slots (machine, schedule, at, cycle, decided, outcome, why, run)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
+         ON CONFLICT (machine, schedule, at) DO UPDATE SET
+             decided = excluded.decided, outcome = excluded.outcome, why = excluded.why,
+             run = excluded.run
+         WHERE outcome = 'missed' AND excluded.outcome <> 'missed'
+            OR outcome = 'started' AND (excluded.outcome IN ('ran', 'failed', 'skipped')
+                                        OR run = 0 AND excluded.run > 0)",
+        params![machine, schedule, at, cycle, write::now(), outcome, why, run],
+    )?;
+    transaction.execute(
+        "UPDATE schedules SET seen = ?3 WHERE machine = ?1 AND schedule = ?2 AND seen < ?3",
+        params![machine, schedule, at],
+    )?;
+    transaction.commit()?;
+    Ok(kept > 0)
+}
+
+fn slots(connection: &Connection, machine: &str, most: usize) -> Result<Vec<Slot>, Fault> {
+    let mut statement = connection.prepare(
+        "SELECT schedule, at, cycle, outcome, why, run FROM slots
+         WHERE machine = ?1 ORDER BY at DESC, schedule LIMIT ?2",
+    )?;
+    let most = i64::try_from(most).unwrap_or(i64::MAX);
+    let rows = statement.query_map(params![machine, most], |row| slot(machine, row))?;
+    Ok(rows.collect::<Result<_, _>>()?)
+}
+
+fn slot(machine: &str, row: &Row<'_>) -> rusqlite::Result<Slot> {
+    let outcome: String = row.get(3)?;
+    Ok(Slot {
+        machine: machine.to_owned(),
+        schedule: row.get(0)?,
+        at: read::parsed(row, 1)?,
+        cycle: row.get(2)?,
+        outcome: Outcome::ALL
+            .into_iter()
+            .find(|known| known.as_str() == outcome)
+            .ok_or_else(|| read::damaged(3, format!("unknown outcome `{outcome}`").into()))?,
+        why: row.get(4)?,
+        run: row.get(5)?,
+    })
+}
+
+/// Slots are whole seconds: the same instant is the same text.
+fn second(at: Timestamp) -> String {
+    whole(at).to_string()
+}
+
+fn whole(at: Timestamp) -> Timestamp {
+    at.round(jiff::TimestampRound::new().smallest(Unit::Second).mode(jiff::RoundMode::Floor))
+        .unwrap_or(at)
+}

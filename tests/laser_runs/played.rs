@@ -1,0 +1,315 @@
+//! A control that stamps its positions and a sensor beside it, both without a wire, on a clock that goes on
+//! by what they do: whatever happens to them in mid-pass happens at the same sample each time. The sensor
+//! says how far X is from the middle of the scan, so that each reading tells where it was taken.
+
+use std::sync::{Arc, Mutex};
+
+use trued::base::{Axis, Clock, Position};
+use trued::controllers::{self, Controller, ControllerError, Halt, Introduction, Look};
+use trued::link::LinkError;
+use trued::record::motion::{Block, Motion, Outcome};
+use trued::record::reading::Flag;
+use trued::record::sensor;
+use trued::record::track::Track;
+use trued::sensors::{self, Sample, Sensor, SensorError};
+
+pub const MIDDLE_MM: f64 = 80.0;
+pub const PERIOD_S: f64 = 1e-3;
+/// Stamps of a control that has lost some, or of another clock.
+const LOST: usize = 50;
+const ELSEWHEN_S: f64 = 1e6;
+
+/// What happens in mid-pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// The sensor says no more than this.
+    Says(Flag),
+    /// So many samples do not come, and the sensor's counter says so.
+    Loses(u32),
+    /// The counter says that so many are missing; none is.
+    CountsAnew(u32),
+    SensorGone,
+    ControlGone,
+    /// A person asks for the hold.
+    Hold,
+    /// Of the control's stamps: none; none from here on; none before; some are missing; from here on of
+    /// another clock; all of another clock.
+    NoTrack,
+    TrackEnds,
+    TrackBegins,
+    TrackGap,
+    StampsJump,
+    OtherClock,
+    /// The sensor says nothing unless it is asked.
+    Mute,
+}
+
+/// In the scan in motion of this step, at this sample of it.
+pub type Plot = Option<(u32, usize, Event)>;
+
+#[derive(Default)]
+pub struct Scene {
+    t_s: f64,
+    pub stands: Position,
+    moving: bool,
+    /// The sensor has a sample to tell.
+    due: bool,
+    plot: Plot,
+    /// From the moment on at which it came to pass.
+    happens: Option<Event>,
+    skipped: u32,
+    /// Steps of the blocks that were begun, and where the machine stood when it came to pass.
+    pub begun: Vec<u32>,
+    pub stood: Option<Position>,
+    /// All values that were said.
+    pub said: Vec<f64>,
+}
+
+pub type Shared = Arc<Mutex<Scene>>;
+
+pub fn shared(stands: Position) -> Shared {
+    Arc::new(Mutex::new(Scene { stands, ..Scene::default() }))
+}
+
+impl Scene {
+    /// What the sensor says now; nothing as long as the machine moves and has not gone on.
+    fn sample(&mut self) -> Option<Result<Sample, SensorError>> {
+        if self.moving && !std::mem::take(&mut self.due) {
+            return None;
+        }
+        self.t_s += if self.moving { 0.0 } else { PERIOD_S };
+        let value = self.stands.at(Axis::X) - MIDDLE_MM;
+        let (mut flag, mut missing) = (Flag::None, 0);
+        match self.happens {
+            Some(Event::SensorGone) => return Some(Err(lost("the sensor").into())),
+            Some(Event::Says(bad)) => flag = bad,
+            Some(Event::CountsAnew(count)) => {
+                (flag, missing, self.happens) = (Flag::Gap, count, None);
+            }
+            Some(Event::Loses(count)) if self.skipped < count => {
+                self.skipped += 1;
+                // Nothing comes; the machine goes on.
+                return None;
+            }
+            Some(Event::Loses(count)) => (flag, missing, self.happens) = (Flag::Gap, count, None),
+            _ => {}
+        }
+        let value_mm = matches!(flag, Flag::None | Flag::Gap).then_some(value);
+        self.said.extend(value_mm);
+        Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing }))
+    }
+
+    /// The control and the machine go on by a period.
+    fn goes_on(&mut self, to: Position, (step, number): (u32, usize)) {
+        self.t_s += PERIOD_S;
+        (self.stands, self.moving, self.due) = (to, true, true);
+        if let Some((_, _, event)) = self.plot.filter(|plot| (plot.0, plot.1) == (step, number)) {
+            self.happens = Some(event);
+            self.stood = Some(self.stands.clone());
+        }
+    }
+}
+
+fn lost(who: &str) -> LinkError {
+    LinkError::Lost { address: who.to_owned(), why: "it is gone".to_owned() }
+}
+
+/// The clock of both.
+pub struct Hands(pub Shared);
+
+impl Clock for Hands {
+    fn now_s(&self) -> f64 {
+        self.0.lock().unwrap().t_s
+    }
+}
+
+/// The sensor of a machine file.
+#[derive(Clone)]
+pub struct Eye(pub Shared);
+
+impl std::fmt::Debug for Eye {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Eye")
+    }
+}
+
+impl sensors::Named for Eye {
+    fn at(&self) -> String {
+        "this test".to_owned()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, _: Arc<dyn Clock>) -> sensors::Opening<'a> {
+        let eye = self.clone();
+        Box::pin(async move { Ok(Sensor::spawn(sensor.name.clone(), eye)) })
+    }
+}
+
+impl sensors::Driver for Eye {
+    async fn prepare(&mut self) -> Result<sensors::Prepared, SensorError> {
+        Ok(sensors::Prepared { identity: "played".to_owned(), rate_hz: 1.0 / PERIOD_S })
+    }
+
+    async fn forget(&mut self) -> Result<(), SensorError> {
+        Ok(())
+    }
+
+    async fn next(&mut self) -> Result<Sample, SensorError> {
+        loop {
+            // Others want to go on as well.
+            tokio::task::yield_now().await;
+            if let Some(sample) = self.0.lock().unwrap().sample() {
+                return sample;
+            }
+        }
+    }
+
+    fn on_demand(&self) -> bool {
+        matches!(self.0.lock().unwrap().plot, Some((_, _, Event::Mute)))
+    }
+}
+
+struct Control {
+    scene: Shared,
+    halt: Halt,
+}
+
+/// Open the control of `scene`, to which `plot` happens.
+pub fn control(scene: &Shared, plot: Plot) -> Controller {
+    {
+        let mut scene = scene.lock().unwrap();
+        (scene.plot, scene.happens, scene.skipped, scene.moving) = (plot, None, 0, false);
+        scene.stood = None;
+        scene.begun.clear();
+    }
+    let halt = Halt::new(|| {});
+    Controller::spawn(Control { scene: scene.clone(), halt: halt.clone() }, halt)
+}
+
+/// Where a motion leads to, and its speed in mm/s.
+fn lead(motion: &Motion) -> Option<(&Position, f64)> {
+    match motion {
+        Motion::Rapid { to } => Some((to, 1000.0)),
+        Motion::Feed { to, feed_mm_min } => Some((to, feed_mm_min / 60.0)),
+        _ => None,
+    }
+}
+
+/// All places from one to the other, a period apart.
+fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
+    let to = from.updated_by(to);
+    let far = from.iter().map(|(axis, at)| (to.at(axis) - at).abs()).fold(0.0, f64::max);
+    let count = (far / (speed * PERIOD_S)).ceil().max(1.0) as usize;
+    let place = |part: f64| {
+        from.iter().map(|(axis, at)| (axis, at + part * (to.at(axis) - at))).collect::<Position>()
+    };
+    (1..=count).map(|k| place(k as f64 / count as f64)).collect()
+}
+
+impl Control {
+    /// Until the sensor has told of the place; a sensor that is not watched says nothing.
+    async fn told(&self) -> Result<(), ControllerError> {
+        loop {
+            {
+                let scene = self.scene.lock().unwrap();
+                match scene.happens {
+                    Some(Event::Hold) => self.halt.now(),
+                    Some(Event::ControlGone) => return Err(lost("the control").into()),
+                    _ => {}
+                }
+                if self.halt.is_halted() {
+                    return Err(ControllerError::Halted);
+                }
+                if !scene.due || matches!(scene.plot, Some((_, _, Event::Mute))) {
+                    return Ok(());
+                }
+            }
+            tokio::task::yield_now().await;
+        }
+    }
+
+    fn stamp(&self, track: &mut Track, lost: &mut usize) {
+        let scene = self.scene.lock().unwrap();
+        let mut t_s = scene.t_s;
+        match scene.happens {
+            Some(Event::TrackEnds) => return,
+            Some(Event::TrackGap) if *lost < LOST => {
+                *lost += 1;
+                return track.gap();
+            }
+            Some(Event::TrackBegins) if *lost == 0 => {
+                *lost = LOST;
+                *track = Track::of(scene.stands.iter().map(|(axis, _)| axis).collect());
+            }
+            Some(Event::StampsJump) => t_s -= ELSEWHEN_S,
+            _ => {}
+        }
+        if matches!(scene.plot, Some((_, _, Event::OtherClock))) {
+            t_s += ELSEWHEN_S;
+        }
+        track.push(t_s, scene.stands.iter().map(|(_, at)| at));
+    }
+
+    async fn go(&self, block: &Block) -> Result<Track, ControllerError> {
+        let feeds = |motion: &Motion| matches!(motion, Motion::Feed { .. });
+        let sweeps = block.motions.len() > 1 && block.motions.iter().all(feeds);
+        let mut from = {
+            let mut scene = self.scene.lock().unwrap();
+            // What was said at rest is over.
+            scene.t_s += PERIOD_S;
+            scene.stands.clone()
+        };
+        let mut track = Track::of(from.iter().map(|(axis, _)| axis).collect());
+        let (mut lost, mut number) = (0, 0);
+        self.stamp(&mut track, &mut lost);
+        for (to, speed) in block.motions.iter().filter_map(lead) {
+            for place in way(&from, to, speed) {
+                number += usize::from(sweeps);
+                self.scene.lock().unwrap().goes_on(place, (block.step, number));
+                self.stamp(&mut track, &mut lost);
+                self.told().await?;
+            }
+            from = self.scene.lock().unwrap().stands.clone();
+        }
+        Ok(track)
+    }
+}
+
+impl controllers::Driver for Control {
+    async fn prepare(&mut self) -> Result<controllers::Prepared, ControllerError> {
+        let stands = self.scene.lock().unwrap().stands.clone();
+        Ok(controllers::Prepared {
+            identity: "played".to_owned(),
+            stop: "at once".to_owned(),
+            stands,
+        })
+    }
+
+    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        self.scene.lock().unwrap().begun.push(block.step);
+        if self.halt.is_halted() {
+            return Err(ControllerError::Halted);
+        }
+        let gone = self.go(block).await;
+        let mut scene = self.scene.lock().unwrap();
+        scene.moving = false;
+        let none = matches!(scene.happens, Some(Event::NoTrack));
+        Ok(Outcome { track: Some(gone?).filter(|_| !none), ..Outcome::default() })
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        let stands = self.scene.lock().unwrap().stands.clone();
+        Ok(Look { probe_closed: false, stands })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        Ok(Introduction::default())
+    }
+
+    fn stamps(&self) -> bool {
+        true
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        Ok(())
+    }
+}

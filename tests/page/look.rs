@@ -1,0 +1,68 @@
+//! What a page must be beside right: usable by everybody, and a picture of it.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::axe;
+use super::browser::Browser;
+
+/// At a desk, and a tablet upright.
+const SIZES: [(&str, [u32; 2]); 2] = [("desktop", [1280, 900]), ("tablet", [820, 1180])];
+
+/// At both widths, in the light and in the dark: a picture, nothing that axe-core calls serious, nothing
+/// wider than the screen, no target that a glove misses.
+pub async fn at(browser: &Browser, name: &str) {
+    for (width, size) in SIZES {
+        browser.size(size).await;
+        for scheme in ["light", "dark"] {
+            let feature = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
+            browser.tell("Emulation.setEmulatedMedia", feature).await;
+            picture(browser, &format!("{name}-{width}-{scheme}")).await;
+            let where_ = format!("{name}, {width}, {scheme}");
+            assert_eq!(serious(browser).await, Vec::<String>::new(), "{where_}");
+        }
+        let where_ = format!("{name}, {width}");
+        assert_eq!(small(browser).await, Vec::<String>::new(), "{where_}");
+        let over =
+            "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        assert_eq!(browser.client.execute(over, vec![]).await.unwrap(), json!(0), "{where_}");
+    }
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("page")
+}
+
+async fn picture(browser: &Browser, name: &str) {
+    std::fs::create_dir_all(folder()).unwrap();
+    let png = browser.client.screenshot().await.unwrap();
+    std::fs::write(folder().join(format!("{name}.png")), png).unwrap();
+}
+
+/// What axe-core finds, serious or worse.
+pub async fn serious(browser: &Browser) -> Vec<String> {
+    let script = std::fs::read_to_string(axe().unwrap()).unwrap();
+    browser.client.execute(&script, vec![]).await.expect("axe-core");
+    let ask = "const done = arguments[arguments.length - 1];
+        axe.run().then((found) => done(found.violations.map((fault) => ({
+            id: fault.id, impact: fault.impact, help: fault.help,
+            where: fault.nodes.map((node) => node.html).slice(0, 3) }))),
+            (error) => done([{ impact: 'serious', id: String(error) }]))";
+    let found = browser.client.execute_async(ask, vec![]).await.expect("what it finds");
+    let found = found.as_array().expect("a list").clone();
+    let bad = |fault: &&Value| matches!(fault["impact"].as_str(), Some("serious" | "critical"));
+    found.iter().filter(bad).map(ToString::to_string).collect()
+}
+
+/// Whatever is to be hit with a glove and is less than 48 pixels high, or wide.
+async fn small(browser: &Browser) -> Vec<String> {
+    let ask = "return [...document.querySelectorAll('a, button, input, select, summary')]
+        .filter((one) => one.offsetParent && one.type !== 'hidden')
+        .map((one) => [one.closest('label') || one, one.outerHTML])
+        .map(([hit, html]) => [hit.getBoundingClientRect(), html])
+        .filter(([box]) => box.height < 47.5 || box.width < 47.5)
+        .map(([box, html]) => `${Math.round(box.width)} x ${Math.round(box.height)}: ${html}`)";
+    let found = browser.client.execute(ask, vec![]).await.expect("sizes");
+    found.as_array().expect("a list").iter().map(ToString::to_string).collect()
+}

@@ -1,0 +1,105 @@
+//! The clock on the wall, under the daemon and the commands alike; and the machine that tells how it stands.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{sleep, spawn};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use jiff::Timestamp;
+
+pub struct Wall {
+    folder: tempfile::TempDir,
+}
+
+impl Wall {
+    /// A clock that shows `now`.
+    pub fn showing(now: &str) -> Self {
+        let wall = Self { folder: tempfile::tempdir().unwrap() };
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/clock/shim.c");
+        let mut compiler = Command::new("cc");
+        compiler.args(["-Wall", "-Werror", "-shared", "-fPIC", "-O1", "-o"]);
+        let compiled = compiler.arg(wall.library()).arg(source).output().unwrap();
+        assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+        wall.set(now);
+        wall
+    }
+
+    fn library(&self) -> PathBuf {
+        self.folder.path().join("clock.so")
+    }
+
+    fn file(&self) -> PathBuf {
+        self.folder.path().join("ahead")
+    }
+
+    /// From now on it shows `now`, and goes on from there.
+    pub fn set(&self, now: &str) {
+        let now: Timestamp = now.parse().unwrap();
+        let real = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+        // Whole: whoever reads it in between sees the old or the new.
+        let new = self.folder.path().join("new");
+        fs::write(&new, (now.as_second() - real as i64).to_string()).unwrap();
+        fs::rename(&new, self.file()).unwrap();
+    }
+
+    pub fn envs(&self) -> Vec<(String, String)> {
+        let text = |path: PathBuf| path.display().to_string();
+        vec![
+            ("LD_PRELOAD".to_owned(), text(self.library())),
+            ("SET_CLOCK".to_owned(), text(self.file())),
+        ]
+    }
+}
+
+/// A line over TCP, as a serial server carries it, that tells every 200 ms what it is given here.
+pub struct Machine {
+    pub port: u16,
+    words: Arc<Mutex<String>>,
+    heard: Arc<AtomicUsize>,
+}
+
+pub const READY: &str = "TELL ENABLE AUTO DOOR";
+
+impl Machine {
+    pub fn new() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let words = Arc::new(Mutex::new(READY.to_owned()));
+        let told = Arc::clone(&words);
+        let heard = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&heard);
+        spawn(move || {
+            for stream in listener.incoming() {
+                let Ok(mut stream) = stream else { return };
+                let mut answers = BufReader::new(stream.try_clone().unwrap());
+                loop {
+                    let words = told.lock().unwrap().clone();
+                    let mut answer = String::new();
+                    let sent = stream.write_all(format!("{words}\r\n").as_bytes());
+                    if sent.is_err() || !answers.read_line(&mut answer).is_ok_and(|n| n > 0) {
+                        break;
+                    }
+                    assert_eq!(answer.trim(), "OK");
+                    count.fetch_add(1, Ordering::SeqCst);
+                    sleep(Duration::from_millis(200));
+                }
+            }
+        });
+        Self { port, words, heard }
+    }
+
+    /// From now on; the daemon has heard it.
+    pub fn tells(&self, words: &str) {
+        *self.words.lock().unwrap() = words.to_owned();
+        // What was on its way already, and then these.
+        let before = self.heard.load(Ordering::SeqCst);
+        while self.heard.load(Ordering::SeqCst) < before + 2 {
+            sleep(Duration::from_millis(20));
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! The command, while a daemon has the machine.
+
+use super::page::HTTP;
+use super::shop::Shop;
+
+/// It asks the daemon for its cycle, and ends as if it had measured itself.
+pub fn a_cycle() {
+    let shop = Shop::new(HTTP);
+    let daemon = shop.serve("fast");
+    let machine = shop.machine();
+    let run = |method: &str, more: &[&str]| {
+        let output = shop.trued(&[&["run", method, "--machine", &machine], more].concat());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), told, String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let (code, told, _) = run("self-calibration", &[]);
+    assert!(code == Some(2) && told.contains("nobody vouches"), "{code:?} {told}");
+    let (code, told, _) = run("latch-delay", &["--acknowledge", "Ada"]);
+    assert!(code == Some(1) && told.contains("none of its cycles is latch-delay"), "{told}");
+    let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--repeat", "2"]);
+    assert!(code == Some(1) && told.contains("--repeat"), "{told}");
+    assert!(shop.states().is_empty());
+    let (code, told, said) = run("self-calibration", &["--acknowledge", "Ada", "--json"]);
+    assert_eq!(code, Some(0), "{told}");
+    let estimate: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(estimate, shop.json(&["show", "1", "--json"]));
+    assert_eq!(shop.states(), ["finished"]);
+    assert!(daemon.log.lock().unwrap().contains("cycle 1 is started by Ada"));
+}
+
+/// Without a page nobody can be asked: who has the machine is told.
+pub fn no_page() {
+    let shop = Shop::new("[serve.line]\ntcp = \"127.0.0.1:9\"\n");
+    let daemon = shop.serve("fast");
+    let output = shop.trued(&["run", "self-calibration", "--machine", &shop.machine()]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains(&format!("in use by process {}", daemon.child.id())), "{told}");
+}
