@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use super::{Check, Ended, Part};
 use crate::record::reading::Flag;
-use crate::record::sensor;
 use crate::sensors::{Entry, Prepared, Sample, SensorError};
 
 /// It is listened to for so long, s, and for so many samples at least and at most.
@@ -13,14 +12,20 @@ const FEWEST: u32 = 20;
 const MOST: u32 = 500;
 /// More noise than so many times what is declared is another sensor, or another place.
 const NOISY: f64 = 5.0;
+/// A rate that is off by more than this share is another one. The computer may be late with the first or the
+/// last of what it takes.
+const OFF_RATE: f64 = 0.2;
+
+/// What is wrong, and what to do.
+type Mistake = (String, &'static str);
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    for Entry { sensor, reached } in &check.file.sensors {
+    for entry in &check.file.sensors {
         check.go_on()?;
         let since = Instant::now();
-        let name = format!("{} ({})", sensor.name, reached.at());
-        match listen(check, &sensor.name).await {
-            Ok((prepared, samples)) => match mistake(sensor, &samples) {
+        let name = format!("{} ({})", entry.sensor.name, entry.reached.at());
+        match listen(check, &entry.sensor.name).await {
+            Ok((prepared, samples)) => match mistake(entry, &samples) {
                 Some((what, remedy)) => {
                     check.failed(Part::Sensors, since, format!("{name} {what}"), remedy);
                 }
@@ -44,43 +49,73 @@ async fn listen(check: &Check<'_>, name: &str) -> Result<(Prepared, Vec<Sample>)
     Ok((prepared, samples))
 }
 
-/// What is wrong with what it says, and what to do.
-fn mistake(sensor: &sensor::Sensor, samples: &[Sample]) -> Option<(String, &'static str)> {
-    let missing: u64 = samples.iter().map(|sample| u64::from(sample.missing)).sum();
-    let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
+fn mistake(Entry { sensor, rate_hz, .. }: &Entry, samples: &[Sample]) -> Option<Mistake> {
     let values = values(samples);
-    let [least, greatest] = sensor.range_mm;
+    lost(samples)
+        .or_else(|| beyond(sensor.range_mm, &values))
+        .or_else(|| scatter(sensor.noise_um?, &values))
+        .or_else(|| rate((*rate_hz)?, samples))
+}
+
+/// Samples that did not come.
+fn lost(samples: &[Sample]) -> Option<Mistake> {
+    let missing = missing(samples);
+    let jumps = samples.iter().filter(|sample| sample.missing > 0).count();
+    if 2 * jumps > samples.len() {
+        let what = format!(
+            "counts on by more than one from most samples to the next: {missing} would be missing beside {}",
+            samples.len()
+        );
+        let remedy = "compare `counter` of its layout with its manual (place, width, order; a counter may \
+                      count time or measurements that are not sent); is it set to send each sample?";
+        return Some((what, remedy));
+    }
     if missing > 0 {
         let what = format!("loses samples: {missing} are missing beside {}", samples.len());
         return Some((what, "see to its cable and its speed; is the bus overloaded?"));
     }
-    if stale > 0 {
-        let what = format!("falls silent: {stale} of {} samples did not come", samples.len());
-        return Some((
-            what,
-            "see to its cable, its power and its rate; is its time-out too short?",
-        ));
-    }
-    if let Some(value) = values.iter().find(|value| !(least..=greatest).contains(*value)) {
-        let what = format!(
-            "says {value:.3} mm, beyond its range of [{least}, {greatest}] mm, and does not call it so"
-        );
-        let remedy = "compare scale, offset, sign, byte or word order of its layout with its manual, \
-                      and range_mm";
-        return Some((what, remedy));
-    }
-    let (_, sd) = statistics(&values)?;
-    if sd == 0.0 && sensor.noise_um.is_some_and(|noise| noise > 0.0) {
+    let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
+    let what = format!("falls silent: {stale} of {} samples did not come", samples.len());
+    let remedy = "see to its cable, its power and its rate; is its time-out too short?";
+    (stale > 0).then_some((what, remedy))
+}
+
+fn beyond([least, greatest]: [f64; 2], values: &[f64]) -> Option<Mistake> {
+    let value = values.iter().find(|value| !(least..=greatest).contains(*value))?;
+    let what = format!(
+        "says {value:.3} mm, beyond its range of [{least}, {greatest}] mm, and does not call it so"
+    );
+    let remedy = "compare scale, offset, sign, byte or word order of its layout with its manual, and \
+                  range_mm";
+    Some((what, remedy))
+}
+
+fn scatter(noise_um: f64, values: &[f64]) -> Option<Mistake> {
+    let (_, sd) = statistics(values)?;
+    if sd == 0.0 && noise_um > 0.0 {
         let what = "says the same to the last digit all the time".to_owned();
         return Some((what, "does it measure? See to its trigger, its hold input and its layout"));
     }
-    if let Some(noise) = sensor.noise_um.filter(|noise| 1e3 * sd > NOISY * noise) {
-        let what = format!("scatters by {:.2} µm, where noise_um says {noise} µm", 1e3 * sd);
-        let remedy = "let it look at a clean surface that stands still; if that is so, correct noise_um \
-                      or its layout";
-        return Some((what, remedy));
-    }
-    None
+    let what = format!("scatters by {:.2} µm, where noise_um says {noise_um} µm", 1e3 * sd);
+    let remedy = "let it look at a clean surface that stands still; if that is so, correct noise_um or its \
+                  layout";
+    (1e3 * sd > NOISY * noise_um).then_some((what, remedy))
+}
+
+fn rate(declared_hz: f64, samples: &[Sample]) -> Option<Mistake> {
+    let (first, rest) = samples.split_first()?;
+    let span_s = rest.last()?.t_s - first.t_s;
+    let gives_hz = (rest.len() as u64 + missing(rest)) as f64 / span_s;
+    let what = format!("gives {gives_hz:.0} samples a second, where rate_hz says {declared_hz}");
+    let remedy =
+        "set the sensor to the rate that is wanted (averaging makes it slower), or correct rate_hz";
+    let off = (gives_hz / declared_hz - 1.0).abs() > OFF_RATE;
+    (span_s > 0.0 && off).then_some((what, remedy))
+}
+
+/// As the sensor's counter says.
+fn missing(samples: &[Sample]) -> u64 {
+    samples.iter().map(|sample| u64::from(sample.missing)).sum()
 }
 
 fn told(name: &str, prepared: &Prepared, samples: &[Sample]) -> String {

@@ -11,6 +11,7 @@ mod live_check;
 mod resume;
 mod scan;
 mod stage;
+mod stands;
 mod sweep;
 mod timeline;
 
@@ -151,7 +152,22 @@ impl<'a> Run<'a> {
             done.push(stage);
             next = self.next(&done)?;
         }
+        self.tell_of_samples().await?;
         Ok(self.devices.controller.finish().await?)
+    }
+
+    /// Whether all came that was listened to, and how much was not listened to.
+    async fn tell_of_samples(&mut self) -> Result<(), RunError> {
+        let mut told = Vec::new();
+        for sensor in &self.looking {
+            // A sensor that has ended since has said so where it was needed.
+            let tally = sensor.tally().await.unwrap_or_default();
+            told.extend((tally.came > 0).then(|| format!("{}: {tally}", sensor.name())));
+        }
+        for text in told {
+            self.note(Event::Announced { text }).await?;
+        }
+        Ok(())
     }
 
     fn next(&self, done: &[Stage]) -> Result<Next, RunError> {

@@ -3,10 +3,12 @@
 
 use tokio::sync::mpsc;
 
+use super::stands::unrounded;
 use super::sweep::{self, Placed};
 use super::{Run, RunError};
 use crate::base::Position;
 use crate::controllers::ControllerError;
+use crate::planning::end_of;
 use crate::record::event::Event;
 use crate::record::motion::{Block, Outcome};
 use crate::record::plan::{Sampling, Scan, Step};
@@ -90,11 +92,15 @@ impl Run<'_> {
         blocks: Vec<Block>,
     ) -> Result<Vec<Reading>, RunError> {
         let mut readings = Vec::new();
+        let first = step.scan.as_ref().and_then(|scan| scan.path.first());
+        let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
             let good = if number == 0 { on_the_way } else { in_sight };
+            commanded = end_of(&block, &commanded);
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
+            let stands = unrounded(&stands, &commanded);
             let samples = self.seen(step, count).await?;
             readings.extend(self.at_point(step, repeat, (own_s, &stands), &samples));
         }

@@ -13,6 +13,8 @@ use crate::record::sensor::{self, SensorKind};
 #[serde(try_from = "Keys")]
 pub struct Entry {
     pub sensor: sensor::Sensor,
+    /// Samples a second, as it is set to give.
+    pub rate_hz: Option<f64>,
     pub reached: Reached,
 }
 
@@ -51,6 +53,7 @@ struct Keys {
     #[serde(default)]
     body_length_mm: f64,
     noise_um: Option<f64>,
+    rate_hz: Option<f64>,
     #[serde(default)]
     linearity_um: f64,
     #[serde(default)]
@@ -106,7 +109,12 @@ impl TryFrom<Keys> for Entry {
             incidence_limit_deg: keys.incidence_limit_deg,
         };
         check(&sensor)?;
-        Ok(Self { sensor, reached })
+        if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
+            return Err(format!(
+                "`rate_hz` is {hz}; it is how many samples a second the sensor gives"
+            ));
+        }
+        Ok(Self { sensor, rate_hz: keys.rate_hz, reached })
     }
 }
 

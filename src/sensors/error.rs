@@ -14,6 +14,8 @@ pub enum SensorError {
     Can(#[from] CanError),
     #[error("nothing came from the sensor within {seconds} s")]
     Silent { seconds: f64 },
+    #[error("samples come, but their counter always says the same")]
+    Stands,
     #[error("what the sensor says cannot be understood: {text}")]
     Strange { text: String, remedy: String },
     #[error("the machine has no sensor `{name}`")]
@@ -38,12 +40,22 @@ impl SensorError {
             Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {
                 format!("{}; of the sensor it stands in its table in [[sensor]]", error.remedy())
             }
-            Self::Modbus(error) => error.remedy(),
+            Self::Modbus(ModbusError::Late { .. }) => {
+                "see that the sensor is on, then compare `unit`, baud rate and parity of [sensor.modbus] \
+                 with its manual; a slow sensor needs a longer `timeout_s`"
+                    .to_owned()
+            }
+            Self::Modbus(error) => {
+                format!("{}; of the sensor it stands in [sensor.modbus]", error.remedy())
+            }
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
                 "see that the sensor has power, that its cable is plugged in, and that it is set to send"
                     .to_owned()
             }
+            Self::Stands => "see that the sensor measures (trigger, hold input); if it does, compare `counter` \
+                             of its table in [[sensor]] with its manual: place, width, order"
+                .to_owned(),
             Self::Strange { remedy, .. } => remedy.clone(),
             Self::Unknown { .. } => "describe it as a [[sensor]] of the machine file".to_owned(),
             Self::NothingToSee { .. } => {

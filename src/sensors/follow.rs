@@ -15,6 +15,12 @@ pub struct Counting {
     broken: bool,
     /// Nobody asked for what lies between the last sample and the next.
     fresh: bool,
+    /// The last sample had the number of the one before.
+    stands: bool,
+    /// So much time has passed that the counter may have gone round to the same number.
+    long: bool,
+    /// Samples that came while nobody listened, as far as the counter tells.
+    passed_over: u64,
 }
 
 enum Step {
@@ -24,7 +30,9 @@ enum Step {
 
 impl Counting {
     pub fn new(round: Option<u64>) -> Self {
-        Self { round, count: None, broken: false, fresh: true }
+        let (count, broken, fresh) = (None, false, true);
+        let (stands, long, passed_over) = (false, false, 0);
+        Self { round, count, broken, fresh, stands, long, passed_over }
     }
 
     /// Samples may be missing before the next one.
@@ -37,10 +45,25 @@ impl Counting {
         (self.broken, self.fresh) = (false, true);
     }
 
+    /// What lies between the last sample and the next is not missed, however much it is.
+    pub fn pass(&mut self) {
+        self.forget();
+        self.long = true;
+    }
+
+    pub fn passed_over(&self) -> u64 {
+        self.passed_over
+    }
+
     /// What comes next is the first: with a narrow counter it may have gone round to the same number.
     pub fn begin(&mut self) {
         self.forget();
         self.count = None;
+    }
+
+    /// The last sample came, and its counter said that it had come before.
+    pub fn stands(&self) -> bool {
+        self.stands
     }
 
     pub fn follow(&mut self, t_s: f64, Decoded { value, counter }: Decoded) -> Sample {
@@ -48,6 +71,7 @@ impl Counting {
             Some(count) => self.step(count),
             None => Step::On { missing: 0 },
         };
+        self.stands = matches!(step, Step::Stands);
         let Step::On { missing } = step else {
             return Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 };
         };
@@ -62,14 +86,17 @@ impl Counting {
     }
 
     fn step(&mut self, count: u64) -> Step {
-        let fresh = std::mem::take(&mut self.fresh);
+        let (fresh, long) = (std::mem::take(&mut self.fresh), std::mem::take(&mut self.long));
         let Some(last) = self.count.replace(count) else { return Step::On { missing: 0 } };
         let round = self.round.unwrap_or(1);
         match (round + count - last) % round {
             // After an interruption it may have gone round.
-            0 if !self.broken => Step::Stands,
+            0 if !self.broken && !long => Step::Stands,
             0 => Step::On { missing: 0 },
-            _ if fresh => Step::On { missing: 0 },
+            on if fresh => {
+                self.passed_over += on - 1;
+                Step::On { missing: 0 }
+            }
             on => Step::On { missing: u32::try_from(on - 1).unwrap_or(u32::MAX) },
         }
     }

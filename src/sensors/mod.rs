@@ -27,6 +27,7 @@ mod layout_tests;
 pub mod modbus;
 pub mod serial;
 mod simulated;
+mod tally;
 #[cfg(test)]
 mod tests;
 mod told;
@@ -35,6 +36,7 @@ pub mod wires;
 pub use entry::{Entry, Reached};
 pub use error::SensorError;
 pub use simulated::{Simulated, View};
+pub use tally::Tally;
 
 /// A sensor as one of the tables of `[[sensor]]` names it. What stands there is its room's own matter.
 pub trait Named: fmt::Debug + Send + Sync {
@@ -80,6 +82,10 @@ pub trait Driver: Send + 'static {
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
     /// It says nothing unless it is asked: there is nothing to watch while the machine moves.
     fn on_demand(&self) -> bool;
+    /// So many samples at least came while nobody listened, as its counter says; 0 without one.
+    fn passed_over(&self) -> u64 {
+        0
+    }
 }
 
 /// Who says nothing so often in a row says nothing.
@@ -94,6 +100,7 @@ enum Request {
     Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(Good, Act),
     Rest(oneshot::Sender<Result<Option<Sample>, SensorError>>),
+    Tally(oneshot::Sender<Result<Tally, SensorError>>),
 }
 
 /// The handle that a run holds: messages to the driver's task.
@@ -155,6 +162,11 @@ impl Sensor {
         self.ask(Request::Rest).await
     }
 
+    /// What came up to now.
+    pub async fn tally(&self) -> Result<Tally, SensorError> {
+        self.ask(Request::Tally).await
+    }
+
     async fn ask<T>(
         &self,
         request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> Request,
@@ -167,7 +179,7 @@ impl Sensor {
 
 /// The driver's task: requests one after the other until the handle is dropped.
 async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
-    let (mut seen, mut talk) = (Ok(None), Talk::plain());
+    let (mut seen, mut talk, mut tally) = (Ok(None), Talk::plain(), Tally::default());
     while let Some(request) = inbox.recv().await {
         match request {
             Request::Captured(by) => talk = by,
@@ -180,12 +192,17 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
             Request::Take(count, answer) => {
                 talk.asked(&told::take(count));
                 let samples = take(&mut driver, count).await;
+                samples.iter().flatten().for_each(|sample| tally.count(sample));
                 samples.iter().flatten().for_each(|sample| talk.said(&told::sample(sample)));
                 drop(answer.send(samples));
             }
             Request::Watch(good, act) => {
                 talk.asked(told::WATCH);
-                seen = watch(&mut driver, &inbox, (good, act), &talk).await;
+                seen = watch(&mut driver, &inbox, (good, act), (&talk, &mut tally)).await;
+            }
+            Request::Tally(answer) => {
+                let passed_over = driver.passed_over();
+                drop(answer.send(Ok(Tally { passed_over, ..tally })));
             }
             Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
         }
@@ -211,7 +228,7 @@ async fn watch(
     driver: &mut impl Driver,
     inbox: &mpsc::Receiver<Request>,
     (good, act): (Good, Act),
-    talk: &Talk,
+    (talk, tally): (&Talk, &mut Tally),
 ) -> Result<Option<Sample>, SensorError> {
     if driver.on_demand() {
         return Ok(None);
@@ -223,6 +240,7 @@ async fn watch(
         if !good {
             act();
         }
+        tally.count(&sample);
         // No disk stands between the sample and the hold.
         talk.said(&told::sample(&sample));
         if !good {

@@ -66,7 +66,7 @@ impl Sensors {
 
     async fn opened(&self, name: &str) -> Result<Sensor, SensorError> {
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
-        let Entry { sensor, reached } =
+        let Entry { sensor, reached, .. } =
             named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
         let talk = Talk::over(&self.wiring, &format!("sensor {name}"));
         if talk.is_replayed() {

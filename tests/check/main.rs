@@ -5,6 +5,8 @@ mod links;
 mod mistakes;
 mod people;
 mod program;
+mod sensor_mistakes;
+mod sensors;
 
 use std::sync::Mutex;
 use std::thread;
@@ -16,7 +18,7 @@ use trued::setup::Pace;
 
 /// The longest first: those of the links wait for what does not answer.
 fn all() -> impl Iterator<Item = &'static Mistake> {
-    links::MISTAKES.iter().chain(MISTAKES)
+    links::MISTAKES.iter().chain(sensor_mistakes::MISTAKES).chain(MISTAKES)
 }
 
 /// At a time. Most of them wait; more would be late on a small computer, and late is a finding of its own.

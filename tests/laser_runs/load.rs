@@ -1,21 +1,16 @@
-//! A thousand samples a second beside a running cycle, while every core computes: none is lost while the
-//! run listens. The sensor is the script that knows nothing of ours; what it sees it is told.
+//! A thousand samples a second beside a running cycle, while every core computes: the program loses none.
+//! The sensor is the script that knows nothing of ours; what it sees it is told.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use trued::base::Clock;
 use trued::record::reading::Flag;
-use trued::record::sensor;
-use trued::run::Cycle;
-use trued::sensors::serial::{Config, Serial};
-use trued::sensors::{Driver, Named, Opening, Prepared, Reached, Sample, Sensor, SensorError};
-use trued::setup::{self, MachineFile, Pace, Past};
-use trued::store::Journal;
+use trued::setup::Pace;
+use trued::store::{Journal, RunId};
 use trued::world::{Sensed, World};
 
 use super::bench::Bench;
@@ -27,7 +22,7 @@ const PYTHON: &str = "python3";
 /// pseudo-terminal when all cores compute: that is no silence of the sensor.
 const FRAMES: &str = r#"
 timeout_s = 10.0
-[frame]
+[sensor.serial.frame]
 sync = [0x7E, 0x81]
 length = 5
 counter = { byte = 0, width = 16, order = "little" }
@@ -73,6 +68,8 @@ impl Drop for Beside {
 /// The script, in a process of its own.
 struct Script {
     child: Child,
+    stdin: Arc<Mutex<ChildStdin>>,
+    stdout: BufReader<ChildStdout>,
     path: String,
 }
 
@@ -82,15 +79,17 @@ impl Script {
         let mut command = Command::new(PYTHON);
         command.arg(script).arg("frames").stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        let stdin = Arc::new(Mutex::new(child.stdin.take().unwrap()));
         let mut path = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut path).unwrap();
-        Self { child, path: path.trim().to_owned() }
+        stdout.read_line(&mut path).unwrap();
+        Self { child, stdin, stdout, path: path.trim().to_owned() }
     }
 
     /// It is told each millisecond what it sees.
-    fn sees(&mut self, world: Arc<Mutex<World>>, beside: &Beside) {
-        let mut stdin = self.child.stdin.take().unwrap();
-        writeln!(stdin, "follow").unwrap();
+    fn sees(&self, world: Arc<Mutex<World>>, beside: &Beside) {
+        let stdin = self.stdin.clone();
+        writeln!(stdin.lock().unwrap(), "follow").unwrap();
         let mut last = Instant::now();
         beside.each(move || {
             std::thread::sleep(Duration::from_millis(1));
@@ -100,8 +99,16 @@ impl Script {
                 Some(Sensed::Distance(mm)) => format!("{:.0}", mm * COUNTS_PER_MM),
                 _ => "none".to_owned(),
             };
-            let _ = writeln!(stdin, "{seen}");
+            let _ = writeln!(stdin.lock().unwrap(), "{seen}");
         });
+    }
+
+    /// How many samples it has sent up to now.
+    fn count(&mut self) -> u64 {
+        writeln!(self.stdin.lock().unwrap(), "count").unwrap();
+        let mut line = String::new();
+        self.stdout.read_line(&mut line).unwrap();
+        line.trim().parse().unwrap()
     }
 }
 
@@ -112,70 +119,40 @@ impl Drop for Script {
     }
 }
 
-/// What came to the run, sample by sample.
-#[derive(Debug, Default)]
-struct Tally {
-    taken: u64,
-    /// As the sensor's counter says.
+/// What the program says of its samples at the end of a run.
+#[derive(Debug)]
+struct Told {
+    came: u64,
     missing: u64,
     silences: u64,
-    /// The longest that a sample was late to the one before, s.
-    longest_s: f64,
-    last_s: Option<f64>,
+    passed_over: u64,
 }
 
-/// The sensor on its port; each sample that the run is given is counted.
-#[derive(Debug)]
-struct Counted {
-    config: Config,
-    tally: Arc<Mutex<Tally>>,
-}
-
-impl Named for Counted {
-    fn at(&self) -> String {
-        self.config.at()
-    }
-
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
-        Box::pin(async move {
-            let serial = Serial::open(self.config.clone(), sensor, clock).await?;
-            let counting = Counting { serial, tally: self.tally.clone() };
-            Ok(Sensor::spawn(sensor.name.as_str(), counting))
-        })
+impl Told {
+    fn of(line: &str) -> Option<Self> {
+        let numbers = line.trim().strip_prefix("laser: ")?.split(", ");
+        let numbers = numbers.map(|part| part.split(' ').next()?.parse().ok());
+        let numbers: Vec<u64> = numbers.collect::<Option<_>>()?;
+        let [came, missing, silences, passed_over] = numbers[..] else { return None };
+        Some(Self { came, missing, silences, passed_over })
     }
 }
 
-struct Counting {
-    serial: Serial,
-    tally: Arc<Mutex<Tally>>,
-}
-
-impl Driver for Counting {
-    async fn prepare(&mut self) -> Result<Prepared, SensorError> {
-        self.serial.prepare().await
-    }
-
-    async fn forget(&mut self) -> Result<(), SensorError> {
-        self.tally.lock().unwrap().last_s = None;
-        self.serial.forget().await
-    }
-
-    async fn next(&mut self) -> Result<Sample, SensorError> {
-        let sample = self.serial.next().await?;
-        let mut tally = self.tally.lock().unwrap();
-        tally.taken += 1;
-        tally.missing += u64::from(sample.missing);
-        tally.silences += u64::from(sample.flag == Flag::Stale);
-        let late_s = tally.last_s.map_or(0.0, |last_s| sample.t_s - last_s);
-        tally.longest_s = tally.longest_s.max(late_s);
-        tally.last_s = Some(sample.t_s);
-        Ok(sample)
-    }
-
-    fn on_demand(&self) -> bool {
-        self.serial.on_demand()
+/// Every core computes.
+fn load(beside: &Beside) {
+    for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+        let mut number = seed as u64;
+        beside.each(move || {
+            for _ in 0..10_000 {
+                number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            }
+            std::hint::black_box(number);
+        });
     }
 }
+
+/// Samples that may have been on their way when the script was asked for its count.
+const ON_THE_WAY: u64 = 5000;
 
 #[test]
 #[ignore = "takes two minutes; .ci/long runs it"]
@@ -186,44 +163,46 @@ fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let bench = Bench::at(&text, Pace::Real);
     let (beside, mut script) = (Beside::begin(), Script::start());
     script.sees(bench.world.clone(), &beside);
-    for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
-        let mut number = seed as u64;
-        beside.each(move || {
-            for _ in 0..10_000 {
-                number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            }
-            std::hint::black_box(number);
-        });
-    }
+    load(&beside);
 
     let control = format!("tcp = \"{}\"", bench.address);
-    let text = file(&text, &control, "[sensor.simulated]\n");
-    let mut machine = MachineFile::parse("machine.toml", text).unwrap();
-    let config = toml::from_str(&format!("serial = \"{}\"\n{FRAMES}", script.path)).unwrap();
-    let tally = Arc::new(Mutex::new(Tally::default()));
-    machine.sensors[0].reached = Reached::Real(Arc::new(Counted { config, tally: tally.clone() }));
-    let (method, plan) = setup::header(&machine, "laser-r-test", None).unwrap();
+    let sensor = format!("[sensor.serial]\nserial = \"{}\"\n{FRAMES}", script.path);
     let folder = tempfile::tempdir().unwrap();
-    let journal = Journal::open(folder.path()).unwrap();
+    let machine = folder.path().join("machine.toml");
+    std::fs::write(&machine, file(&text, &control, &sensor)).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(["run", "laser-r-test", "--json", "--machine"]).arg(machine);
+    command.arg("--state").arg(folder.path()).stdin(Stdio::null());
     let begun = Instant::now();
-    // One thread for everything that waits, as the program has it.
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let run = runtime.block_on(async {
-        let devices = setup::devices(&machine, Pace::Real, Past::default()).await.unwrap();
-        let cycle = Cycle { machine: &machine, method: method.into(), plan, priors: Vec::new() };
-        let ended = cycle.run(&devices, &journal, |_| (), &mut |_| ()).await;
-        ended.unwrap_or_else(|error| panic!("{error}")).0
-    });
+    let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let (mut said, mut told, mut sent) = (String::new(), None, Vec::new());
+    for line in BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap) {
+        // The sensor is ready; all that is to be measured was measured.
+        if line.contains("laser: serial sensor") || told.is_none() && Told::of(&line).is_some() {
+            sent.push(script.count());
+            told = told.or(Told::of(&line));
+        }
+        said += &(line + "\n");
+    }
+    let ended = run.wait_with_output().unwrap();
     let seconds = begun.elapsed();
     drop(beside);
 
-    let tally = tally.lock().unwrap();
-    let readings = journal.load(run).unwrap().readings;
+    assert_eq!(ended.status.code(), Some(0), "{said}");
+    let told = told.unwrap_or_else(|| panic!("it says nothing of its samples: {said}"));
+    let readings = Journal::open(folder.path()).unwrap().load(RunId(1)).unwrap().readings;
     let flagged = readings.iter().filter(|reading| reading.flag != Flag::None).count();
-    println!("{seconds:.1?}: {tally:?}; {} kept, {flagged} flagged", readings.len());
+    println!(
+        "{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged",
+        readings.len()
+    );
     assert!(seconds > LEAST, "{seconds:?}");
-    // It listens while the machine moves or rests, which is nearly always.
-    assert!(tally.taken as f64 > 800.0 * seconds.as_secs_f64(), "{tally:?}");
-    assert_eq!((tally.missing, tally.silences, flagged), (0, 0, 0));
+    assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);
+    // It listens while the machine moves or rests, which is nearly always; and what it listened to and what
+    // it passed over on purpose is all that was sent.
+    assert!(told.came > 20 * told.passed_over, "{told:?}");
+    let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
+    let accounted = told.came + told.passed_over;
+    assert!(accounted.abs_diff(measured - ready) < ON_THE_WAY, "{accounted} {sent:?}");
 }

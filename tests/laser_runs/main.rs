@@ -8,7 +8,11 @@ mod bench;
 mod fails;
 mod kills;
 mod load;
+mod memory;
 mod played;
+mod refused;
 mod sender;
 mod shop;
+#[path = "../support/mod.rs"]
+mod support;
 mod sweeps;

@@ -166,9 +166,10 @@ fn read(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
 }
 
-/// The control says where it stands to a micrometre and a thousandth of a degree.
+/// The control shows where it stands to a micrometre and a thousandth of a degree; what was commanded is known
+/// to a tenth of that.
 fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
-    let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 6e-4;
+    let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
         && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
 }

@@ -14,10 +14,13 @@ const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketca
 const MACHINE: &str = include_str!("../../config/simulated.toml");
 const LASER: &str = include_str!("../../config/laser.toml");
 const SCENES: &str = include_str!("scenes");
+const WITHOUT: &str = include_str!("without");
 
 const FRAMES: i64 = 10_000;
 /// At these frames the counter goes on by so much more than one.
 const LEFT_OUT: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
+
+const NO_CAN: &str = "this computer's kernel has no CAN";
 
 type Said = BTreeMap<String, String>;
 
@@ -77,29 +80,32 @@ fn not_here() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("machine.toml");
     std::fs::write(&file, on("can-none", 0.1))?;
-    let watched =
-        Command::new(PROGRAM).args(["watch", "laser", "--machine"]).arg(&file).output()?;
-    let said = String::from_utf8_lossy(&watched.stderr).into_owned();
-    let kernel =
-        said.contains("this computer's kernel has no CAN") && said.contains("modprobe can");
-    let interface = said.contains("there is no CAN interface `can-none`")
-        && said.contains("ip -brief link show type can");
-    if watched.status.code() == Some(1) && (kernel || interface) {
-        return Ok(());
+    for words in [&["watch", "laser"][..], &["check"]] {
+        let mut command = Command::new(PROGRAM);
+        command.args(words).arg("--machine").arg(&file).arg("--state").arg(folder.path());
+        let ended = command.output()?;
+        let said = [ended.stderr, ended.stdout].concat();
+        let said = String::from_utf8_lossy(&said);
+        let kernel = said.contains(NO_CAN) && said.contains("modprobe can can_raw");
+        let interface = said.contains("there is no CAN interface `can-none`")
+            && said.contains("ip -brief link show type can");
+        if ended.status.code() != Some(1) || !(kernel || interface) {
+            return Err(format!("{words:?}: {said}").into());
+        }
     }
-    Err(said.into())
+    Ok(())
 }
 
-/// A log as candump writes it: `count` frames a millisecond apart, from the least to the greatest of 24
-/// bits.
-fn log(count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
+/// A log as candump writes it: `count` frames, so many milliseconds apart, from the least to the greatest of
+/// 24 bits.
+fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
     let mut text = String::new();
     for frame in 0..count {
         let more: i64 = left_out.iter().filter(|(at, _)| *at <= frame).map(|(_, more)| more).sum();
         let counter = (first_count + frame + more) & 0xFFFF;
         let value = -8_388_608 + frame * 16_777_215 / (count - 1);
         let value = value & 0xFF_FFFF;
-        let (seconds, millis) = ((frame + 1) / 1000, (frame + 1) % 1000);
+        let (seconds, millis) = ((frame + 1) * apart / 1000, (frame + 1) * apart % 1000);
         writeln!(text, "({seconds:010}.{millis:03}000) vcan0 181#{counter:04X}{value:06X}00")
             .expect("text");
     }
@@ -113,9 +119,12 @@ fn in_the_guest(cache: &Path) -> Result<(), Failed> {
     let twin = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"vcan0\"\n";
     for (name, text) in [
         ("scenes", SCENES.to_owned()),
-        ("stream.log", log(FRAMES, 65_000, &LEFT_OUT)),
-        ("before.log", log(200, 0, &[])),
-        ("after.log", log(200, 250, &[])),
+        ("stream.log", log(1, FRAMES, 65_000, &LEFT_OUT)),
+        ("before.log", log(1, 200, 0, &[])),
+        ("after.log", log(1, 200, 250, &[])),
+        ("without", WITHOUT.to_owned()),
+        ("half.log", log(2, 15_000, 0, &[])),
+        ("half.toml", on("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
         ("quick.toml", on("vcan0", 0.5)),
         ("patient.toml", on("vcan0", 30.0)),
         ("none.toml", on("can7", 0.5)),
@@ -158,6 +167,10 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
         ("down.gaps", 1),
         ("down.missing", 50),
         ("down.stale", 1),
+        ("off.values", 4),
+        ("off.gaps", 1),
+        ("off.missing", 3),
+        ("off.stale", 1),
         ("others.status", 0),
         ("others.values", 2),
         ("twin.status", 0),
@@ -188,12 +201,25 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
     }
-    let words = [
-        "there is no CAN interface `can7`; there are: vcan0",
-        "`lo` is no CAN interface; there are: vcan0",
-    ];
-    match words.iter().find(|words| !told.contains(**words)) {
+    match WORDS.iter().find(|words| !told.contains(**words)) {
         Some(words) => Err(format!("nobody said: {words}\n{told}")),
         None => Ok(()),
     }
 }
+
+/// What has to come up; `trued check` says what begins with the name of a scene.
+const WORDS: [&str; 11] = [
+    "there is no CAN interface `can7`; there are: vcan0",
+    "`lo` is no CAN interface; there are: vcan0",
+    "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): this computer's kernel has no CAN",
+    "without:         → load the modules as root, `modprobe can can_raw`",
+    "errors: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, and \
+     the bus has errors",
+    "errors:         → compare the bit rate (`ip -details link show vcan0`)",
+    "stranger: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, but \
+     those of others did: 182",
+    "closed: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN interface `vcan0` is down",
+    "gone: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN controller of `vcan0` has left",
+    "samples a second, where rate_hz says 1000",
+    "sound: sensors ok             laser (simulated)",
+];

@@ -16,6 +16,10 @@ pub enum CanError {
     Down { interface: String, why: String },
     #[error("no frame {id} came on `{interface}`, and the bus has errors: {why}")]
     Trouble { interface: String, id: String, why: String },
+    #[error("the CAN controller of `{interface}` has left the bus ({why}): it hears nothing")]
+    Off { interface: String, why: String },
+    #[error("no frame {id} came on `{interface}`, but those of others did: {others}")]
+    Others { interface: String, id: String, others: String },
     #[error("the CAN interface `{interface}` could not be opened: {source}")]
     Open { interface: String, source: io::Error },
     #[error("the thread that listened to `{interface}` has ended")]
@@ -52,6 +56,14 @@ impl CanError {
                 "compare the bit rate (`ip -details link show {interface}`) with the sensor's manual; \
                  see that both ends of the bus have 120 ohm and that CAN high and low are not swapped"
             ),
+            Self::Off { interface, .. } => format!(
+                "compare bit rate, cable and terminators (120 ohm at both ends), then restart it as root: \
+                 `ip link set {interface} down`, `ip link set {interface} up`; `restart-ms 100` among its \
+                 settings lets it do so by itself"
+            ),
+            Self::Others { .. } => "compare `id` (and `extended`: 29 bits) of [sensor.can] with the \
+                                    sensor's manual, and the number that is set at the sensor"
+                .to_owned(),
             Self::Open { .. } => "check `interface` of [sensor.can]".to_owned(),
             Self::Gone { .. } => "start again; if it happens again, report it".to_owned(),
         }

@@ -13,11 +13,14 @@ use crate::base::Clock;
 mod error;
 mod frame;
 mod interfaces;
+mod others;
 mod outlet;
 mod owner;
+mod socket;
 mod stamp;
 #[cfg(test)]
 mod tests;
+mod trouble;
 
 pub use error::CanError;
 pub use frame::{Frame, Id};
@@ -36,14 +39,18 @@ pub enum Heard {
     Up,
     /// The bus has errors, in words.
     Trouble(String),
-    /// So many frames came while nobody took them.
+    /// The controller has left the bus, in words: nothing comes until it is restarted.
+    Off(String),
+    /// So many frames at least came while nobody took them, or while the controller could not.
     Lost(u32),
+    /// Nothing of its own identifier has come for a while, and frames of this one do.
+    Other(Id),
 }
 
 type OnDemand = Box<dyn FnMut() -> Option<Frame> + Send>;
 
 enum Source {
-    Kernel(mpsc::Receiver<Heard>),
+    Listening(mpsc::Receiver<Heard>),
     OnDemand(OnDemand),
 }
 
@@ -60,8 +67,12 @@ impl Can {
     /// # Errors
     /// A kernel without CAN, no such interface.
     pub fn open(interface: &str, id: Id, clock: Arc<dyn Clock>) -> Result<Self, CanError> {
-        let heard = owner::start(interface, id, clock)?;
-        Ok(Self { name: interface.to_owned(), source: Source::Kernel(heard) })
+        Ok(Self::over(interface, owner::start(interface, id, clock)?))
+    }
+
+    /// What somebody hears on a bus.
+    pub fn over(name: impl Into<String>, heard: mpsc::Receiver<Heard>) -> Self {
+        Self { name: name.into(), source: Source::Listening(heard) }
     }
 
     /// Frames that are made when they are asked for; `None`: silence.
@@ -89,7 +100,8 @@ impl Can {
         match &mut self.source {
             Source::OnDemand(source) => Ok(source().map(Heard::Frame)),
             // What is dropped here waits on a channel, not on the device.
-            Source::Kernel(heard) => match timeout_at(Instant::now() + wait, heard.recv()).await {
+            Source::Listening(heard) => match timeout_at(Instant::now() + wait, heard.recv()).await
+            {
                 Err(_) => Ok(None),
                 Ok(Some(heard)) => Ok(Some(heard)),
                 Ok(None) => Err(CanError::Gone { interface: self.name.clone() }),
@@ -102,7 +114,7 @@ impl Can {
     /// # Errors
     /// The thread that listens has ended.
     pub fn waiting(&mut self) -> Result<Option<Heard>, CanError> {
-        let Source::Kernel(heard) = &mut self.source else { return Ok(None) };
+        let Source::Listening(heard) = &mut self.source else { return Ok(None) };
         match heard.try_recv() {
             Ok(heard) => Ok(Some(heard)),
             Err(TryRecvError::Empty) => Ok(None),

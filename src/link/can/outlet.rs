@@ -2,7 +2,7 @@
 
 use socketcan::{CanDataFrame, CanSocket, EmbeddedFrame, Socket};
 
-use super::owner::{id_of, socket};
+use super::socket::{in_kernels_words, socket};
 use super::{CanError, Frame};
 
 /// Sends frames on an interface.
@@ -24,7 +24,7 @@ impl Outlet {
     /// The interface is down or gone.
     pub fn send(&self, frame: &Frame) -> Result<(), CanError> {
         let open = |source| CanError::Open { interface: self.interface.clone(), source };
-        let built = CanDataFrame::new(id_of(frame.id), frame.data());
+        let built = CanDataFrame::new(in_kernels_words(frame.id), frame.data());
         let built = built.ok_or_else(|| open(std::io::ErrorKind::InvalidInput.into()))?;
         self.socket.write_frame(&built).map_err(open)
     }

@@ -2,29 +2,18 @@
 
 use std::io;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::Instant;
 
-use socketcan::{
-    CanFilter, CanFrame, CanSocket, EmbeddedFrame, ExtendedId, ShouldRetry, Socket, SocketOptions,
-    StandardId,
-};
+use socketcan::{CanFrame, CanSocket, EmbeddedFrame, ShouldRetry, Socket};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-use super::interfaces;
+use super::others::{Others, Turn};
+use super::socket::{self, PAUSE, listening};
 use super::stamp::Stamps;
-use super::{CanError, Frame, Heard, Id, WAITING_FRAMES};
+use super::trouble::Trouble;
+use super::{CanError, Frame, Heard, Id, WAITING_FRAMES, interfaces};
 use crate::base::Clock;
-
-/// How often it looks whether its handle is gone, or its interface back.
-const PAUSE: Duration = Duration::from_millis(100);
-/// What the kernel may keep while this thread does not run, bytes; it grants less if it wants.
-const KEPT_BY_KERNEL: usize = 1 << 20;
-/// Flags and bits of an identifier's word, as in the kernel's `can.h`.
-const EXTENDED: u32 = 0x8000_0000;
-const REMOTE: u32 = 0x4000_0000;
-const STANDARD_BITS: u32 = 0x7FF;
-const EXTENDED_BITS: u32 = 0x1FFF_FFFF;
 
 /// Open it, and start the thread.
 pub(super) fn start(
@@ -42,40 +31,6 @@ pub(super) fn start(
         .spawn(move || owner.run(socket))
         .map_err(|source| CanError::Open { interface, source })?;
     Ok(receiver)
-}
-
-/// A socket on `interface`, which may be down.
-pub(super) fn socket(interface: &str) -> Result<CanSocket, CanError> {
-    // On no interface in particular: fails if the kernel has no CAN at all.
-    CanSocket::open_iface(0).map_err(|source| CanError::NoKernel { source })?;
-    CanSocket::open(interface).map_err(|source| CanError::of_opening(interface, source))
-}
-
-fn listening(interface: &str, id: Id) -> Result<CanSocket, CanError> {
-    let socket = socket(interface)?;
-    let set = || {
-        let (flag, bits) =
-            if id.is_extended() { (EXTENDED, EXTENDED_BITS) } else { (0, STANDARD_BITS) };
-        socket.set_filters(&[CanFilter::new(id.raw() | flag, bits | EXTENDED | REMOTE)])?;
-        socket.set_error_filter_accept_all()?;
-        socket.set_recv_timestamp(true)?;
-        socket.set_read_timeout(PAUSE)?;
-        socket.as_raw_socket().set_recv_buffer_size(KEPT_BY_KERNEL)
-    };
-    match set() {
-        Ok(()) => Ok(socket),
-        Err(source) => Err(CanError::Open { interface: interface.to_owned(), source }),
-    }
-}
-
-pub(super) fn id_of(id: Id) -> socketcan::Id {
-    // Both are in range: `Id` was made so.
-    let extended = || ExtendedId::new(id.raw()).unwrap_or(ExtendedId::ZERO).into();
-    let standard = |raw| StandardId::new(raw).unwrap_or(StandardId::ZERO).into();
-    match u16::try_from(id.raw()) {
-        Ok(raw) if !id.is_extended() => standard(raw),
-        _ => extended(),
-    }
 }
 
 struct Owner {
@@ -106,25 +61,48 @@ impl Owner {
 
     /// Until the interface fails, or the handle is gone (`None`).
     fn listen(&mut self, socket: &CanSocket) -> Option<io::Error> {
+        let mut others = Others::new(Instant::now());
         while !self.heard.is_closed() {
+            let mut turn = others.passed(Instant::now());
             match socket.read_frame_with_timestamps() {
                 Ok((CanFrame::Data(frame), stamps)) => {
                     let t_s = self.stamps.time_s(stamps.socket);
-                    // The filter was set a moment after the socket was there.
-                    if frame.id() == id_of(self.id) {
-                        self.pass_on(Frame::new(t_s, self.id, frame.data()));
+                    match socket::id_of(&frame) {
+                        Some(id) if id == self.id => {
+                            self.pass_on(Frame::new(t_s, id, frame.data()));
+                            turn = others.own(Instant::now()).or(turn);
+                        }
+                        // The filter was set a moment after the socket was there.
+                        Some(id) if others.is_news(id) => self.tell(Heard::Other(id)),
+                        _ => {}
                     }
                 }
-                Ok((CanFrame::Error(frame), _)) => {
-                    self.tell(Heard::Trouble(frame.into_error().to_string()));
-                }
+                Ok((CanFrame::Error(frame), _)) => self.trouble(frame.into_error().into()),
                 Ok((CanFrame::Remote(_), _)) => {}
                 Err(error) if error.should_retry() => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Some(error),
             }
+            let turned = match turn {
+                Some(Turn::All) => socket::all(socket),
+                Some(Turn::Own) => socket::only(socket, self.id),
+                None => Ok(()),
+            };
+            if let Err(error) = turned {
+                return Some(error);
+            }
         }
         None
+    }
+
+    fn trouble(&mut self, trouble: Trouble) {
+        match trouble {
+            Trouble::Errors(why) => self.tell(Heard::Trouble(why)),
+            Trouble::Off(why) => self.turn(Heard::Off(why)),
+            // At least one; nobody knows how many.
+            Trouble::Missed => self.lost = self.lost.saturating_add(1),
+            Trouble::None => {}
+        }
     }
 
     /// Once the interface is up again; `None`: the handle is gone.
@@ -151,8 +129,8 @@ impl Owner {
         }
     }
 
-    /// The interface's own state is told whatever happens, behind the frames that came before it:
-    /// no frame comes meanwhile that could be missed.
+    /// That nothing can come is told whatever happens, behind the frames that came before it: no frame
+    /// comes meanwhile that could be missed.
     fn turn(&mut self, heard: Heard) {
         if self.lost > 0 && self.heard.blocking_send(Heard::Lost(self.lost)).is_ok() {
             self.lost = 0;
@@ -174,13 +152,19 @@ mod tests {
     use super::*;
     use crate::base::clock::HostClock;
 
+    fn owner() -> (Owner, mpsc::Receiver<Heard>) {
+        let (heard, receiver) = mpsc::channel(WAITING_FRAMES);
+        let id = Id::new(0x181, false).unwrap();
+        let stamps = Stamps::new(Arc::new(HostClock::start()));
+        let interface = "can0".to_owned();
+        (Owner { interface, id, stamps, heard, lost: 0 }, receiver)
+    }
+
     /// A reader that looks elsewhere for so long that its queue is full still learns of it.
     #[test]
     fn an_interface_that_goes_down_is_told_behind_a_full_queue() {
-        let (heard, mut receiver) = mpsc::channel(WAITING_FRAMES);
-        let id = Id::new(0x181, false).unwrap();
-        let stamps = Stamps::new(Arc::new(HostClock::start()));
-        let mut owner = Owner { interface: "can0".to_owned(), id, stamps, heard, lost: 0 };
+        let (mut owner, mut receiver) = owner();
+        let id = owner.id;
         for _ in 0..WAITING_FRAMES + 3 {
             owner.pass_on(Frame::new(0.0, id, &[1]));
         }
@@ -193,5 +177,23 @@ mod tests {
         let rest: Vec<Heard> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
         assert_eq!(rest, [Heard::Lost(3), Heard::Down("off".to_owned()), Heard::Up]);
         told.join().unwrap();
+    }
+
+    /// A controller that was restarted has missed frames: what comes then says so first.
+    #[test]
+    fn a_restart_and_an_overflow_are_told_before_the_next_frame() {
+        let (mut owner, mut receiver) = owner();
+        owner.trouble(Trouble::Errors("stuffed".to_owned()));
+        owner.trouble(Trouble::Off("bus off".to_owned()));
+        owner.trouble(Trouble::Missed);
+        owner.trouble(Trouble::None);
+        let frame = Frame::new(0.0, owner.id, &[1]);
+        owner.pass_on(frame);
+        owner.pass_on(frame);
+        drop(owner);
+        let all: Vec<Heard> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
+        let (errors, off) =
+            (Heard::Trouble("stuffed".to_owned()), Heard::Off("bus off".to_owned()));
+        assert_eq!(all, [errors, off, Heard::Lost(1), Heard::Frame(frame), Heard::Frame(frame)]);
     }
 }

@@ -29,7 +29,10 @@ pub fn read(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
     while let Some((line, record)) = next(&mut rows)? {
         let reading = row(&columns, &record).map_err(|problem| at(line, problem))?;
         let (step, repeat) = (reading.step, reading.repeat);
+        // A sample that says why it has no value is no touch.
+        let is_touch = matches!(reading.flag, Flag::None | Flag::Excluded);
         if reading.value_mm.is_none()
+            && is_touch
             && let Some(first) = touches.insert((step, repeat), line)
         {
             return Err(at(line, Problem::Duplicate { step, repeat, first }));

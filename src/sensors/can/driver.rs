@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::Config;
+use super::bus::Bus;
 use crate::base::Clock;
-use crate::link::can::{Can, CanError, Frame, Heard, Id};
+use crate::link::can::{Can, Frame, Heard, Id};
 use crate::record::reading::Flag;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Layout;
@@ -27,8 +28,7 @@ pub(super) struct Driver {
     counting: Counting,
     /// What was received before is not wanted.
     since_s: f64,
-    /// What the bus said last of its errors.
-    trouble: Option<String>,
+    bus: Bus,
     _served: Option<Arc<()>>,
 }
 
@@ -42,8 +42,8 @@ impl Driver {
         let Config { id, layout, timeout, .. } = config.clone();
         let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
         let since_s = f64::NEG_INFINITY;
-        let (trouble, _served) = (None, None);
-        Self { can, id, layout, range_mm, timeout, clock, counting, since_s, trouble, _served }
+        let (bus, _served) = (Bus::default(), None);
+        Self { can, id, layout, range_mm, timeout, clock, counting, since_s, bus, _served }
     }
 
     /// Keeps what serves it.
@@ -65,62 +65,70 @@ impl Driver {
         Sample { t_s: self.clock.now_s(), value_mm: None, flag: Flag::Stale, missing: 0 }
     }
 
-    /// The first sign of life.
+    /// The first sign of life. A bus with errors alone is never silent, so that patience has an end.
     async fn first(&mut self) -> Result<Sample, SensorError> {
-        let mut down = None;
         let wait = self.timeout.max(PATIENCE);
+        let deadline = Instant::now() + wait;
         loop {
-            match self.can.next(wait).await? {
-                Some(Heard::Frame(frame)) => return self.read(&frame),
-                Some(Heard::Down(why)) => down = Some(why),
-                Some(Heard::Up) => down = None,
-                Some(Heard::Lost(_)) => {}
-                // A bus with errors alone is never silent.
-                Some(Heard::Trouble(why)) => {
-                    if self.trouble.replace(why).is_some() && down.is_none() {
-                        break;
-                    }
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.can.next(left).await? {
+                Some(Heard::Frame(frame)) => {
+                    self.bus.speaks();
+                    return self.read(&frame);
                 }
-                None => break,
+                Some(other) if !left.is_zero() => self.bus.hears(other),
+                _ => break,
             }
         }
-        let interface = self.can.name().to_owned();
-        Err(match (down, self.trouble.take()) {
-            (Some(why), _) => CanError::Down { interface, why }.into(),
-            (None, Some(why)) => {
-                CanError::Trouble { interface, id: self.id.to_string(), why }.into()
+        let ails = self.bus.ails(self.can.name(), self.id);
+        Err(ails.map_or(SensorError::Silent { seconds: wait.as_secs_f64() }, SensorError::from))
+    }
+
+    /// Samples until they are enough to know their rate; how many, and how long they took, s.
+    async fn listen(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
+        let (mut last, mut steps, mut stood) = (first.t_s, 0, 0);
+        while steps < ENOUGH && stood < ENOUGH && last - first.t_s < LISTEN_S {
+            let Sample { t_s, flag, missing, .. } = self.next().await?;
+            if self.counting.stands() {
+                stood += 1;
+            } else if flag == Flag::Stale {
+                break;
+            } else {
+                (last, steps) = (t_s, steps + 1 + missing as usize);
             }
-            (None, None) => SensorError::Silent { seconds: wait.as_secs_f64() },
-        })
+        }
+        if steps == 0 && stood > 0 {
+            return Err(SensorError::Stands);
+        }
+        Ok((steps, last - first.t_s))
     }
 }
 
 impl Seam for Driver {
     async fn prepare(&mut self) -> Result<Prepared, SensorError> {
         self.forget().await?;
-        self.trouble = None;
         let first = self.first().await?;
-        let (mut last, mut steps) = (first.t_s, 0);
-        while steps < ENOUGH && last - first.t_s < LISTEN_S {
-            let Sample { t_s, flag, missing, .. } = self.next().await?;
-            if flag == Flag::Stale {
-                break;
-            }
-            (last, steps) = (t_s, steps + 1 + missing as usize);
-        }
-        let span_s = last - first.t_s;
+        let (steps, span_s) = self.listen(first).await?;
         if span_s <= 0.0 {
-            return Err(SensorError::Silent { seconds: self.timeout.as_secs_f64() });
+            let ails = self.bus.ails(self.can.name(), self.id).map(SensorError::from);
+            let seconds = self.timeout.as_secs_f64();
+            return Err(ails.unwrap_or(SensorError::Silent { seconds }));
         }
         let identity = format!("frames {} on {}", self.id, self.can.name());
         Ok(Prepared { identity, rate_hz: steps as f64 / span_s })
+    }
+
+    fn passed_over(&self) -> u64 {
+        self.counting.passed_over()
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {
         if !self.can.is_on_demand() {
             // The kernel may still hold some of what came before.
             self.since_s = self.clock.now_s();
-            while self.can.waiting()?.is_some() {}
+            while let Some(heard) = self.can.waiting()? {
+                self.bus.hears(heard);
+            }
         }
         self.counting.forget();
         Ok(())
@@ -133,14 +141,21 @@ impl Seam for Driver {
             match self.can.next(left).await? {
                 None => return Ok(self.nothing()),
                 Some(Heard::Frame(frame)) if frame.t_s < self.since_s => {}
-                Some(Heard::Frame(frame)) => return self.read(&frame),
-                Some(Heard::Down(_)) => {
+                Some(Heard::Frame(frame)) => {
+                    self.bus.speaks();
+                    return self.read(&frame);
+                }
+                Some(heard @ (Heard::Down(_) | Heard::Off(_))) => {
+                    self.bus.hears(heard);
                     self.counting.interrupted();
                     return Ok(self.nothing());
                 }
-                Some(Heard::Up | Heard::Lost(_)) => self.counting.interrupted(),
-                // Frames that a controller could not read do not come; the counter tells.
-                Some(Heard::Trouble(why)) => self.trouble = Some(why),
+                Some(heard @ (Heard::Up | Heard::Lost(_))) => {
+                    self.bus.hears(heard);
+                    self.counting.interrupted();
+                }
+                // What a controller could not read is sent once more; the counter tells the rest.
+                Some(heard) => self.bus.hears(heard),
             }
         }
     }

@@ -1,5 +1,8 @@
 //! Displacement sensors that send frames on a CAN bus.
 
+mod bus;
+#[cfg(test)]
+mod bus_tests;
 mod config;
 mod driver;
 pub mod simulated;

@@ -11,7 +11,7 @@ use crate::record::sensor;
 use crate::sensors::{Sample, Sensor};
 use crate::world::Sensed;
 
-fn noun() -> sensor::Sensor {
+pub(super) fn noun() -> sensor::Sensor {
     serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0],
         "range_mm": [-100.0, 100.0],
@@ -19,7 +19,7 @@ fn noun() -> sensor::Sensor {
     .unwrap()
 }
 
-fn config(text: &str) -> Result<Config, String> {
+pub(super) fn config(text: &str) -> Result<Config, String> {
     toml::from_str(text).map_err(|error| error.message().to_owned())
 }
 
@@ -83,7 +83,7 @@ async fn frames_become_samples_with_their_flags() {
     );
 }
 
-struct Stands;
+pub(super) struct Stands;
 
 impl Clock for Stands {
     fn now_s(&self) -> f64 {

@@ -14,7 +14,7 @@ use crate::record::reading::Flag;
 use crate::record::sensor;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, Prepared, Sample, SensorError};
+use crate::sensors::{Driver, MOST_SILENT, Prepared, Sample, SensorError};
 
 /// How long it is listened to before it is called ready, and how many samples are enough.
 const LISTEN: Duration = Duration::from_millis(500);
@@ -112,7 +112,6 @@ impl Serial {
 
     async fn forget_all(&mut self) -> Result<(), SensorError> {
         self.ready.clear();
-        self.counting.begin();
         self.cutter.begin(self.config.request.is_none());
         self.flow()?.forget().await?;
         Ok(())
@@ -205,14 +204,19 @@ impl Serial {
         self.heard = Heard::default();
         let begun = Instant::now();
         let end = begun + LISTEN.max(self.config.timeout);
-        let mut times = Vec::new();
+        let (mut times, mut stood) = (Vec::new(), 0);
         while times.len() < ENOUGH && Instant::now() < end {
             self.ask().await?;
-            let Some((at, _)) = self.said(end).await? else { break };
+            let Some((at, said)) = self.said(end).await? else { break };
+            self.counting.follow(0.0, said);
+            stood += usize::from(self.counting.stands());
             times.push(at);
             if self.on_demand() {
                 break;
             }
+        }
+        if stood >= MOST_SILENT as usize && stood + 1 == times.len() {
+            return Err(SensorError::Stands);
         }
         let span = times.first().zip(times.last()).map(|(first, last)| *last - *first);
         Ok((times.len(), span.unwrap_or_default()))
@@ -226,8 +230,8 @@ impl Driver for Serial {
             self.reopen().await?;
         }
         self.forget_all().await?;
-        let (count, span) = self.listen().await?;
         self.counting.begin();
+        let (count, span) = self.listen().await?;
         if self.heard.bytes == 0 {
             let seconds = LISTEN.max(self.config.timeout).as_secs_f64();
             return Err(SensorError::Silent { seconds });
@@ -245,7 +249,12 @@ impl Driver for Serial {
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {
+        self.counting.pass();
         self.forget_all().await
+    }
+
+    fn passed_over(&self) -> u64 {
+        self.counting.passed_over()
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {

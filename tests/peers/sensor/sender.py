@@ -14,7 +14,8 @@ Commands come a line each on standard input:
                      them noise, bursts and a silence; answers [[counter, um or null], ..] of all that were
                      sent whole and [skipped, spoilt], and is silent then
     follow           send again for as long as it lives; from now on each line of input says what it sees, in
-                     micrometres or whatever else is counted, or `none`
+                     micrometres or whatever else is counted, or `none`; `count` answers the number of
+                     samples sent so far
 
 Text: `#COUNTER MICROMETRES` and carriage return, line feed; counter round at 1000; `ERR` in place of a number.
 Frames: 7E 81, counter (16 bit, low byte first), micrometres (24 bit two's complement, high byte first; the
@@ -118,7 +119,10 @@ def follow(sensor):
 
     def listen():
         for line in sys.stdin:
-            seen[0] = None if line.strip() == "none" else int(line)
+            if line.strip() == "count":
+                tell(sensor.count)
+            else:
+                seen[0] = None if line.strip() == "none" else int(line)
 
     threading.Thread(target=listen, daemon=True).start()
     sensor.um = lambda: seen[0]

@@ -1,0 +1,73 @@
+//! What an error frame of the CAN controller's means for whoever waits for frames.
+
+use socketcan::CanError;
+use socketcan::errors::{ControllerProblems, ErrorCause};
+
+/// One error frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Trouble {
+    /// Bits that nobody understands. Who has sent them sends them again.
+    Errors(String),
+    /// The controller has left the bus: it hears nothing until it is restarted.
+    Off(String),
+    /// Frames came that the controller could not take.
+    Missed,
+    /// What is of no concern to a listener, or good news.
+    None,
+}
+
+/// What a controller says when all is well again.
+const WELL: ControllerProblems = ControllerProblems::ACTIVE;
+
+impl From<CanError> for Trouble {
+    fn from(error: CanError) -> Self {
+        let overflowed =
+            |problems: ControllerProblems| problems.intersects(ControllerProblems::RX_OVERFLOW);
+        if error.is_restarted() || error.controller().is_some_and(overflowed) {
+            Self::Missed
+        } else if error.is_bus_off() {
+            Self::Off(error.to_string())
+        } else if error.causes().any(is_of_concern) {
+            Self::Errors(error.to_string())
+        } else {
+            Self::None
+        }
+    }
+}
+
+fn is_of_concern(cause: &ErrorCause) -> bool {
+    match cause {
+        ErrorCause::LostArbitration(_) | ErrorCause::Counters { .. } => false,
+        ErrorCause::Controller(problems) => *problems != WELL,
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use socketcan::CanErrorFrame;
+
+    use super::*;
+
+    /// Bits and bytes as the kernel's `can/error.h` has them.
+    fn of(class: u32, data: &[u8]) -> Trouble {
+        CanErrorFrame::new_error(class, data).unwrap().into_error().into()
+    }
+
+    #[test]
+    fn error_frames_are_told_apart_by_what_they_mean_for_a_listener() {
+        // Bus error with a protocol violation (stuff error), as at a wrong bit rate.
+        let Trouble::Errors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else { panic!() };
+        assert!(why.contains("bit stuffing error") && why.contains("bus error"), "{why}");
+        // Error-passive, with the counters.
+        let Trouble::Errors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else { panic!() };
+        assert!(why.contains("rx passive") && why.contains("rx=128"), "{why}");
+        assert_eq!(of(0x40, &[]), Trouble::Off("bus off".to_owned()));
+        assert_eq!(of(0x100, &[]), Trouble::Missed);
+        assert_eq!(of(0x04, &[0, 0x01]), Trouble::Missed, "receive buffer overflow");
+        // Back to error-active, counters alone, arbitration that was lost: nothing is wrong.
+        assert_eq!(of(0x04, &[0, 0x40]), Trouble::None);
+        assert_eq!(of(0x200, &[0, 0, 0, 0, 0, 0, 3, 4]), Trouble::None);
+        assert_eq!(of(0x02, &[5]), Trouble::None);
+    }
+}
