@@ -20,7 +20,7 @@ const SERVE: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n[se
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The simulated machine, without what it serves.
-fn machine() -> &'static str {
+fn simulated() -> &'static str {
     FILE.split("\n[serve]").next().unwrap_or(FILE)
 }
 
@@ -34,7 +34,7 @@ fn command(arguments: &[&str], state: &Path) -> Command {
 pub fn tape() -> Vec<Exchange> {
     let folder = tempfile::tempdir().unwrap();
     let (machine, capture) = (folder.path().join("machine.toml"), folder.path().join("a.capture"));
-    std::fs::write(&machine, format!("{}{SERVE}", machine())).unwrap();
+    std::fs::write(&machine, format!("{}{SERVE}", simulated())).unwrap();
     let [machine, file] = [&machine, &capture].map(|path| path.display().to_string());
     let arguments = ["run", "self-calibration", "--machine", &machine, "--capture", &file];
     let ran = command(&arguments, folder.path()).stderr(Stdio::null()).output().unwrap();
@@ -57,7 +57,7 @@ impl Drop for Daemon {
 
 /// `[controller]` and `[simulated]` are another machine's.
 fn at_wire(port: u16) -> String {
-    let file = machine();
+    let file = simulated();
     let begin = file.find("\n[controller]").unwrap();
     let end = begin + 1 + file[begin + 1..].find("\n[").unwrap();
     let simulated = file.find("\n[simulated]").unwrap();

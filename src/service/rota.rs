@@ -94,6 +94,8 @@ pub fn arming(
     until: &str,
     now: Timestamp,
 ) -> Result<Arming, String> {
+    // Nobody reads nanoseconds.
+    let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
     let for_so_long =
         |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
     let instant = until.parse::<Timestamp>().ok();

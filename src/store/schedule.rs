@@ -160,7 +160,8 @@ fn disarm(
     why: &str,
 ) -> Result<usize, Fault> {
     let transaction = write::begin_writing(connection)?;
-    let ended = end(&transaction, machine, cycle, why)?;
+    let reason = if why.is_empty() { format!("by {who}") } else { format!("{why}, by {who}") };
+    let ended = end(&transaction, machine, cycle, &reason)?;
     for arming in &ended {
         let arming = Arming { who: who.to_owned(), why: why.to_owned(), ..arming.clone() };
         note(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
@@ -252,7 +253,7 @@ fn schedules(
             params![machine, name, calendar],
             |row| read::parsed(row, 0),
         );
-        Ok(seen.optional()?.map_or_else(|| whole(now), |seen| seen))
+        Ok(seen.optional()?.unwrap_or_else(|| whole(now)))
     });
     let seen = seen.collect::<Result<Vec<Timestamp>, Fault>>()?;
     transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;

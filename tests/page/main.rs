@@ -27,9 +27,9 @@ pub fn axe() -> Option<PathBuf> {
     file.is_file().then_some(file)
 }
 
-fn trial<F: Future<Output = ()>>(name: &str, run: fn(Browser) -> F) -> Trial
+fn trial<F>(name: &str, run: fn(Browser) -> F) -> Trial
 where
-    F: 'static,
+    F: Future<Output = ()> + 'static,
 {
     Trial::ignorable_test(name, move || match (browser::Driver::start(), axe()) {
         (Some(driver), Some(_)) => {

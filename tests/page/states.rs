@@ -51,7 +51,7 @@ pub async fn without_script(browser: Browser) {
     browser.find("[name=who]").await.send_keys("Ada").await.unwrap();
     browser.find("form[action$='/start'] button").await.click().await.unwrap();
     let started = std::time::Instant::now();
-    while !browser.find(".glance").await.text().await.unwrap().starts_with("true") {
+    while !browser.find("#live .glance").await.text().await.unwrap().starts_with("true") {
         assert!(started.elapsed().as_secs() < 60);
         browser.client.refresh().await.unwrap();
     }

@@ -82,7 +82,7 @@ fn picture(
     let drawn = draw(&area).is_ok() && area.present().is_ok();
     drop(area);
     let sized = format!("<svg width=\"{width}\" height=\"{height}\"");
-    drawn.then(|| svg.replacen(&sized, "<svg role=\"img\"", 1))
+    drawn.then(|| svg.replacen(&sized, "<svg role=\"img\" aria-label=\"figure\"", 1))
 }
 
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticked, Ticked>>;

@@ -30,8 +30,9 @@ pub fn window(
 ) -> Window {
     let from = match looked {
         None => seen,
-        Some(last) if now > seen => last.max(seen),
-        Some(last) => last,
+        // Step by step. What comes once more after the clock was set back is known by its slot.
+        Some(last) if now.duration_since(last) <= IN_TIME => last,
+        Some(last) => last.max(seen),
     };
     let (mut missed, more) = calendar.between(from, now, MOST);
     let in_time = |at: &Timestamp| now.duration_since(*at) <= IN_TIME;
@@ -94,6 +95,8 @@ mod tests {
         assert_eq!(found(Some("2026-11-23T04:40:00Z"), "2026-11-23T04:10:00Z"), none());
         let again = (Vec::new(), Some("23T04:30".to_owned()));
         assert_eq!(found(Some("2026-11-23T04:29:59Z"), "2026-11-23T04:30:00Z"), again);
+        assert_eq!(found(Some("2026-11-23T04:29:59.7Z"), "2026-11-23T04:30:00.7Z"), again);
+        assert_eq!(found(Some("2026-11-23T04:00:00Z"), "2026-11-23T04:40:00Z"), none());
         // From far back forward over what is seen to: that is not missed.
         assert_eq!(found(Some("1970-01-01T00:00:00Z"), "2026-11-23T05:00:00Z"), none());
         assert_eq!(found(None, "1970-01-01T00:00:00Z"), none());

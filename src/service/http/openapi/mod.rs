@@ -8,7 +8,8 @@ use axum::{Json, Router};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{
-    Components, ContentBuilder, Info, OpenApi, OpenApiBuilder, PathItem, Ref, ResponseBuilder,
+    Components, ContentBuilder, Info, OpenApi, OpenApiBuilder, PathItem, Ref, RefOr,
+    ResponseBuilder,
 };
 use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
@@ -46,6 +47,11 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
 
 /// What holds for each: a token, and what is said where there is no answer.
 fn common(operation: &mut Operation) {
+    for answer in operation.responses.responses.values_mut() {
+        if let RefOr::T(answer) = answer {
+            answer.description = "the answer".into();
+        }
+    }
     operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(TOKEN, [])]);
     let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name())));
     let refused = ResponseBuilder::new()

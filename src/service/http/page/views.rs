@@ -75,23 +75,26 @@ fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<DVec3> {
     }
 }
 
+/// Least and greatest of all that is drawn, along each axis.
+fn bounds(marks: &[Mark], bodies: &[Shape]) -> [DVec3; 2] {
+    let reach = |body: &Shape, sign: f64| {
+        DVec3::from_array(DVec3::AXES.map(|axis| sign * body.highest(sign * axis)))
+    };
+    let places = marks.iter().flat_map(|mark| mark.way.iter().copied());
+    let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
+    places
+        .chain(ends)
+        .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
+}
+
+/// Both views at one scale. Down on the screen is up in the shop.
 fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
-    // Down on the screen is up in the shop.
-    let flat = |at: DVec3| [at.x, -at[up]];
-    let ends = bodies.iter().flat_map(|body| match *body {
-        Shape::Ball { centre, radius } => [(centre, radius); 2],
-        Shape::Cylinder { from, to, radius } => [(from, radius), (to, radius)],
-    });
-    let places = marks.iter().flat_map(|mark| mark.way.iter().map(|at| (*at, 0.0)));
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for (at, radius) in ends.chain(places) {
-        for (k, value) in flat(at).into_iter().enumerate() {
-            (low[k], high[k]) = (low[k].min(value - radius), high[k].max(value + radius));
-        }
-    }
-    let span = (high[0] - low[0]).max(high[1] - low[1]).max(1.0);
-    let [left, top] = [0, 1].map(|k| (low[k] + high[k] - span) / 2.0 - MARGIN * span);
+    let [low, high] = bounds(marks, bodies);
+    let span = (high - low).max_element().max(1.0);
+    let middle = (low + high) / 2.0;
     let size = (1.0 + 2.0 * MARGIN) * span;
+    let (left, top) = (middle.x - size / 2.0, -middle[up] - size / 2.0);
+    let flat = |at: DVec3| [at.x, -at[up]];
     context! {
         name,
         frame => format!("{left:.2} {top:.2} {size:.2} {size:.2}"),
@@ -127,4 +130,26 @@ fn polyline(points: impl Iterator<Item = [f64; 2]>) -> String {
 
 fn mm(value: f64) -> String {
     format!("{value:.2}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A round part of 20 mm, 30 high, and a touch 5 mm beside it: 30 of 34.8 mm wide, both views alike.
+    #[test]
+    fn both_views_hold_all_of_it_at_one_scale() {
+        let (from, to, radius) = (DVec3::ZERO, DVec3::new(0.0, 0.0, 30.0), 10.0);
+        let bodies = [Shape::Cylinder { from, to, radius }];
+        let marks = [Mark { class: "now", way: vec![DVec3::new(15.0, 0.0, 12.0)] }];
+        let [above, side] = VIEWS.map(|(name, up)| view(name, up, &marks, &bodies));
+        let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
+        assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");
+        assert_eq!(told(&side, "frame"), "-14.90 -32.40 34.80 34.80");
+        let body = |view: &Value| view.get_attr("bodies").unwrap().get_item_by_index(0).unwrap();
+        assert_eq!(told(&body(&above), "radius"), "10.00");
+        assert_eq!(told(&body(&side), "width"), "20.00");
+        let mark = side.get_attr("marks").unwrap().get_item_by_index(0).unwrap();
+        assert_eq!(told(&mark, "at"), "[\"15.00\", \"-12.00\"]");
+    }
 }
