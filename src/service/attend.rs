@@ -276,7 +276,10 @@ impl Attendant {
 impl Progress {
     /// In percent; 100 is for the end.
     fn at(&mut self, remaining_s: f64) -> u16 {
-        self.whole_s = self.whole_s.max(remaining_s);
+        if remaining_s > self.whole_s {
+            // After a stop the references come by themselves; what is left is known after them.
+            (self.whole_s, self.percent) = (remaining_s, 0);
+        }
         let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));
         self.percent = self.percent.max(done.clamp(0.0, 99.0) as u16);
         self.percent
