@@ -107,7 +107,7 @@ fn what_happens_is_counted() {
 /// By the journal's own dates: of a run of long ago the samples go, while the daemon waits.
 #[test]
 fn samples_go_when_their_time_is_over_and_nothing_else() {
-    let shop = Shop::new(&served("").split("[serve.http]").next().unwrap().to_owned());
+    let shop = Shop::new(served("").split("[serve.http]").next().unwrap());
     let file = shop.path("trued.toml");
     let page = "[http]\nlisten = \"127.0.0.1:0\"\n[[machine]]\nfile = \"machine.toml\"\n";
     std::fs::write(&file, page).unwrap();
