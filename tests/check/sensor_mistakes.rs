@@ -80,12 +80,17 @@ pub const MISTAKES: &[Mistake] = &[
     ),
     row(
         "CAN: a counter that is none",
-        || on_can(&[("byte = 0, width = 16", "byte = 5, width = 8")], sound),
+        || on_can(&[], || frames(|number| frame(number, RATE_HZ, 7, counts(number, 1.2345)))),
         "samples come, but their counter always says the same",
     ),
     row(
-        "CAN: a counter in the value",
-        || on_can(&[("byte = 0, width = 16", "byte = 4, width = 8")], sound),
+        "CAN: a counter of another thing",
+        || {
+            fn of_thirds(number: u64) -> Frame {
+                frame(number, RATE_HZ, 3 * number, counts(number, 1.2345))
+            }
+            on_can(&[], || frames(of_thirds))
+        },
         "counts on by more than one from most samples to the next",
     ),
     row(

@@ -139,7 +139,9 @@ fn check_heights(bench: &Bench<'_>, observed: &Observed, grouped: &Grouped) -> R
             "the beam's direction needs scans at three heights, there are {count}{missing}; one height \
              leaves it unknown by hundreds of urad"
         ),
-        instead: "measure the stage `beam direction` with three heights_mm well apart".to_owned(),
+        instead: "measure the stage `beam direction` with three heights_mm well apart, at each along two \
+                  lines that cross at the pole"
+            .to_owned(),
     })
 }
 
