@@ -10,6 +10,9 @@ pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
         Event::Faulted { what, .. } => Some(format!("fault: {what}")),
         Event::Acknowledged { who, what } => Some(format!("acknowledged by {who}: {what}")),
         Event::Resumed { gap_s } => Some(format!("resumed after a gap at t = {gap_s:.1} s")),
+        Event::SamplesRemoved { scans } => Some(format!(
+            "the samples of {scans} scans were removed: their time to be kept was over"
+        )),
         _ => None,
     };
     let events = stored.events.iter();

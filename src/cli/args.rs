@@ -52,6 +52,8 @@ pub enum Command {
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
+    /// Copy the journal to one file, also while a daemon writes it; the copy is looked through.
+    Backup(BackupArgs),
     /// Tokens, with which the page of `trued serve` and its interface are reached from elsewhere.
     Token(TokenArgs),
 }
@@ -128,6 +130,9 @@ pub struct ServeArgs {
     /// with its page at 127.0.0.1:8137.
     #[arg(long, value_name = "FILE", conflicts_with = "config")]
     pub machine: Option<PathBuf>,
+    /// Read every file and rehearse every cycle, then end: nothing is opened.
+    #[arg(long)]
+    pub check: bool,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
     /// Keep every byte of each run's links in a file of its own: FILE, with the run's number before its
@@ -338,6 +343,12 @@ pub struct ExportArgs {
     /// Folder to write to; made if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct BackupArgs {
+    /// Never over a file that is there. As `journal.sqlite` in a folder of its own it serves with --state.
+    pub file: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -12,6 +12,7 @@ macro_rules! tell {
 }
 
 mod args;
+mod backup;
 mod check;
 mod daemon;
 mod failure;
@@ -101,6 +102,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Disarm(args) => schedule::disarm(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
+        Command::Backup(args) => backup::backup(&args, state),
         Command::Token(args) => token::token(&args, state),
     }
 }

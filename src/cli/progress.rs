@@ -65,6 +65,8 @@ impl Progress {
             }
             // Why, and what to do, is the last word of the command.
             Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.end(),
+            // Long after its run.
+            Event::SamplesRemoved { .. } => {}
         }
     }
 

@@ -1,7 +1,6 @@
 //! `trued serve`: machines wait for whoever may start them.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use super::Exit;
 use super::args::ServeArgs;
@@ -9,7 +8,7 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::run::check_folder;
 use super::signals::stop_on_signals;
-use crate::service::{DaemonFile, Ended, Service};
+use crate::service::{DaemonFile, Ended, Service, telemetry};
 use crate::setup::SetupError;
 
 pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -18,8 +17,8 @@ pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         (None, Some(machine)) => DaemonFile::of_machine(machine),
         (None, None) => DaemonFile::built_in(),
     };
-    let DaemonFile { machines, http } = file.map_err(SetupError::from)?;
-    let log = Arc::new(|words: &str| tell!("{words}"));
+    let DaemonFile { machines, http, retention } = file.map_err(SetupError::from)?;
+    let log = telemetry::start();
     let service = Service::new(machines, http, state_folder(state)?, args.speed.into(), log)?;
     let service = match &args.capture {
         Some(file) => {
@@ -28,6 +27,11 @@ pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         }
         None => service,
     };
+    let service = service.retaining(retention);
+    if args.check {
+        service.check()?;
+        return Ok(Exit::Pass);
+    }
     stop_on_signals(service.halt())?;
     match service.serve()? {
         Ended::Waiting => Ok(Exit::Pass),

@@ -56,4 +56,8 @@ pub enum Event {
         gap_s: f64,
     },
     Finished,
+    /// So many scans have lost their samples, because their time to be kept was over.
+    SamplesRemoved {
+        scans: u32,
+    },
 }

@@ -181,6 +181,15 @@ impl RunError {
         self.of_control().is_some_and(ControllerError::position_lost)
     }
 
+    /// The link to the control or to a sensor failed.
+    pub fn is_of_link(&self) -> bool {
+        use ControllerError::{Link, Modbus, NoAnswer};
+        match self {
+            Self::Sensor { source, .. } => source.is_of_link(),
+            _ => matches!(self.of_control(), Some(Link(_) | Modbus(_) | NoAnswer { .. })),
+        }
+    }
+
     /// A person asked for it.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))

@@ -27,6 +27,10 @@ pub enum SensorError {
 }
 
 impl SensorError {
+    pub fn is_of_link(&self) -> bool {
+        matches!(self, Self::Link(_) | Self::Modbus(_) | Self::Can(_) | Self::Silent { .. })
+    }
+
     /// What to do next.
     pub fn remedy(&self) -> String {
         match self {

@@ -2,14 +2,19 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tracing::field::Empty;
+use tracing::{Instrument, Span, debug, info_span};
 
 use super::board::{Board, Refusal, State};
 use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
 use super::desk::{Ask, Desk};
 use super::http::Shown;
+use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
 use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
@@ -18,6 +23,11 @@ use crate::record::event::Event;
 use crate::run::{self, CycleError};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
+
+/// Who waits says so this often,
+const TICK: Duration = Duration::from_secs(1);
+/// and is late after so long.
+const LATE: Duration = Duration::from_secs(10);
 
 /// Why a cycle has no estimate.
 #[derive(Debug, thiserror::Error)]
@@ -58,11 +68,12 @@ impl Attendant {
         folder: PathBuf,
         pace: Pace,
         log: Log,
+        metrics: &Metrics,
     ) -> Result<Self, ServeError> {
         for cycle in &config.cycle {
             setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
-        let (desk, asks) = Desk::new(&config, log.clone());
+        let (desk, asks) = Desk::new(&config, log.clone(), metrics.of(&machine.machine.name));
         Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None, lock: None })
     }
 
@@ -95,13 +106,22 @@ impl Attendant {
 
     /// Until the desk's end. What befalls a cycle is on the board and in the log.
     pub async fn attend(mut self, journal: &Journal) -> Ended {
-        while let Some(ask) = self.asks.recv().await {
+        loop {
+            self.desk.pulse().beat(LATE);
+            let ask = match timeout(TICK, self.asks.recv()).await {
+                Ok(Some(ask)) => ask,
+                Ok(None) => break,
+                // Nobody has asked.
+                Err(_) => continue,
+            };
+            self.desk.pulse().beat(self.config.patience);
             match ask {
                 _ if self.desk.is_ending() => break,
                 Ask::End => break,
                 Ask::Acknowledge => self.acknowledged(journal).await,
                 Ask::Start { cycle } => {
-                    let measured = self.measured(cycle, journal).await;
+                    let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
+                    let measured = self.measured(cycle, journal).instrument(span).await;
                     if let Some(ended) = self.after(measured) {
                         return ended;
                     }
@@ -113,7 +133,8 @@ impl Attendant {
                         self.desk.becomes(State::Held);
                         continue;
                     };
-                    let measured = self.measured_again(again, journal).await;
+                    let span = info_span!("cycle", machine = self.name(), run = run.0);
+                    let measured = self.measured_again(again, journal).instrument(span).await;
                     if let Some(ended) = self.after(measured) {
                         return ended;
                     }
@@ -124,7 +145,7 @@ impl Attendant {
     }
 
     /// What any cycle would be refused for is told now, not when the operator presses the button.
-    async fn rehearse(&self) -> Result<(), ServeError> {
+    pub async fn rehearse(&self) -> Result<(), ServeError> {
         let dialect = setup::dialect(&self.machine)?;
         for Cycle { number, method, repeat } in &self.config.cycle {
             let (method, plan) = setup::header(&self.machine, method, *repeat)?;
@@ -208,12 +229,27 @@ impl Attendant {
             }
         };
         (self.log)(&told);
+        self.count(&measured);
         self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
         if state == State::Held {
             // Now a person may resume it.
             self.lock = None;
         }
         (state != State::Waiting && self.desk.is_ending()).then_some(Ended::Held)
+    }
+
+    fn count(&self, measured: &Result<(RunId, Estimate), Failed>) {
+        let tally = self.desk.tally();
+        tally.ended(match measured {
+            Ok((_, estimate)) => Outcome::Judged(estimate.verdict),
+            Err(Failed::Cycle(error)) if error.holds() => Outcome::Held,
+            Err(_) => Outcome::Failed,
+        });
+        if let Err(Failed::Cycle(CycleError::Run { error, .. })) = measured
+            && error.is_of_link()
+        {
+            tally.link_failed();
+        }
     }
 
     async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), Failed> {
@@ -227,6 +263,7 @@ impl Attendant {
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         let begun = |id: RunId| {
+            Span::current().record("run", id.0);
             (self.log)(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.is_of(id));
             self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
@@ -251,13 +288,15 @@ impl Attendant {
     }
 
     pub(super) fn tell(&self, event: &Event, progress: &mut Progress) {
+        self.desk.pulse().beat(self.config.patience);
         match event {
             Event::Announced { text } => (self.log)(text),
             Event::StageStarted { stage } => {
                 (self.log)(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.desk.show(|board| board.stage.clone_from(&stage.name));
             }
-            Event::StepStarted { remaining_s, label, .. } => {
+            Event::StepStarted { step, remaining_s, label, .. } => {
+                debug!(step, "{label}");
                 let percent = progress.at(*remaining_s);
                 self.desk.show(|board: &mut Board| {
                     board.progress_percent = percent;
@@ -266,6 +305,7 @@ impl Attendant {
                 });
             }
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
+                self.desk.tally().read();
                 self.desk.show(|board| board.measured += 1);
             }
             _ => {}
@@ -276,7 +316,10 @@ impl Attendant {
 impl Progress {
     /// In percent; 100 is for the end.
     fn at(&mut self, remaining_s: f64) -> u16 {
-        self.whole_s = self.whole_s.max(remaining_s);
+        if remaining_s > self.whole_s {
+            // After a stop the references come by themselves; what is left is known after them.
+            (self.whole_s, self.percent) = (remaining_s, 0);
+        }
         let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));
         self.percent = self.percent.max(done.clamp(0.0, 99.0) as u16);
         self.percent

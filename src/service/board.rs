@@ -17,6 +17,22 @@ pub enum State {
     Ending = 5,
 }
 
+impl State {
+    pub const ALL: [Self; 6] =
+        [Self::Starting, Self::Waiting, Self::Running, Self::Held, Self::Failed, Self::Ending];
+
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Starting => "starting",
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Held => "held",
+            Self::Failed => "failed",
+            Self::Ending => "ending",
+        }
+    }
+}
+
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {

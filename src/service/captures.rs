@@ -42,6 +42,11 @@ impl Captures {
         None
     }
 
+    /// Whether there was one.
+    pub(super) fn forget(&self, run: RunId) -> bool {
+        std::fs::remove_file(self.named(&run.to_string())).is_ok()
+    }
+
     fn named(&self, what: &str) -> PathBuf {
         let Self(file) = self;
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();

@@ -117,6 +117,8 @@ impl TryFrom<LineKeys> for Line {
 struct Keys {
     #[serde(default = "min_interval_s")]
     min_interval_s: f64,
+    #[serde(default = "patience_s")]
+    patience_s: f64,
     #[serde(default = "all")]
     demand: Vec<Demand>,
     cycle: Vec<Cycle>,
@@ -133,6 +135,8 @@ struct Keys {
 pub struct Config {
     /// From the end of one cycle to the start of the next.
     pub min_interval: Duration,
+    /// A run that tells nothing for longer is taken for one that hangs.
+    pub patience: Duration,
     /// [`Demand::Enable`] among them.
     pub demand: Vec<Demand>,
     pub cycle: Vec<Cycle>,
@@ -144,6 +148,10 @@ pub struct Config {
 
 fn min_interval_s() -> f64 {
     5.0
+}
+
+fn patience_s() -> f64 {
+    900.0
 }
 
 fn fresh_s() -> f64 {
@@ -158,9 +166,12 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, demand, cycle, modbus, line, http, schedule } = keys;
+        let Keys { min_interval_s, patience_s, demand, cycle, modbus, line, http, schedule } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
+        }
+        if !(1.0..=86_400.0).contains(&patience_s) {
+            return Err(format!("patience_s is {patience_s}; from 1 to 86400"));
         }
         if !demand.contains(&Demand::Enable) {
             return Err(
@@ -174,7 +185,8 @@ impl TryFrom<Keys> for Config {
         entry::check(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        Ok(Self { min_interval, demand, cycle, modbus, line, http, schedule })
+        let patience = Duration::from_secs_f64(patience_s);
+        Ok(Self { min_interval, patience, demand, cycle, modbus, line, http, schedule })
     }
 }
 

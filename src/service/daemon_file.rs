@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::config::{Config, Http};
+use super::keep::Retention;
 use crate::methods;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{Document, MachineFileError, value_problem};
 
-const SECTIONS: [&str; 2] = ["http", "machine"];
+const SECTIONS: [&str; 3] = ["http", "machine", "retention"];
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -22,6 +23,7 @@ struct Entry {
 pub struct DaemonFile {
     pub machines: Vec<(MachineFile, Config)>,
     pub http: Option<Http>,
+    pub retention: Option<Retention>,
 }
 
 impl DaemonFile {
@@ -31,6 +33,7 @@ impl DaemonFile {
         let document = Document::read(path)?;
         document.only(&[], &SECTIONS)?;
         let http = document.section(&["http"], Http::deserialize)?;
+        let retention = document.section(&["retention"], Retention::deserialize)?;
         let entries: Vec<Entry> = document.required(&["machine"])?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let machines = entries.iter().enumerate().map(|(index, entry)| {
@@ -44,7 +47,7 @@ impl DaemonFile {
             let problem = value_problem(&["machine", "file"], why);
             Err(document.error_at_entry(&["machine"], index, "file", problem))
         });
-        Ok(Self { machines: machines.collect::<Result<_, _>>()?, http })
+        Ok(Self { machines: machines.collect::<Result<_, _>>()?, http, retention })
     }
 
     /// The machine of one file, with its own page if it has one.
@@ -54,7 +57,7 @@ impl DaemonFile {
     pub fn of_machine(path: &Path) -> Result<Self, MachineFileError> {
         let (machine, config) = served(MachineFile::read(path)?)?;
         let http = config.http.clone();
-        Ok(Self { machines: vec![(machine, config)], http })
+        Ok(Self { machines: vec![(machine, config)], http, retention: None })
     }
 
     /// The built-in simulated machine, and a page.
@@ -64,7 +67,7 @@ impl DaemonFile {
     pub fn built_in() -> Result<Self, MachineFileError> {
         let machine = served(MachineFile::embedded_for("self-calibration")?)?;
         let http = Http { listen: ([127, 0, 0, 1], 8137).into(), names: Vec::new(), tokens: false };
-        Ok(Self { machines: vec![machine], http: Some(http) })
+        Ok(Self { machines: vec![machine], http: Some(http), retention: None })
     }
 }
 
@@ -81,11 +84,11 @@ mod tests {
     #[test]
     fn the_one_in_config_names_a_machine_that_is_there() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
-        let DaemonFile { machines, http } = DaemonFile::read(&file).unwrap();
+        let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);
         assert_eq!(machines[0].1.cycle[0].method, "self-calibration");
         // As `trued serve` alone.
-        let DaemonFile { machines: built_in, http: page } = DaemonFile::built_in().unwrap();
+        let DaemonFile { machines: built_in, http: page, .. } = DaemonFile::built_in().unwrap();
         assert_eq!(machines[0].0.text(), built_in[0].0.text());
         assert_eq!(http.map(|http| http.listen), page.map(|page| page.listen));
     }

@@ -10,6 +10,8 @@ use tokio::sync::{mpsc, watch};
 use super::Log;
 use super::board::{Board, Refusal, Said, State};
 use super::config::{Config, Demand};
+use super::metrics::Tally;
+use super::pulse::Pulse;
 use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
@@ -48,6 +50,8 @@ pub struct Desk {
     demand: Arc<[Demand]>,
     min_interval: Duration,
     log: Log,
+    pulse: Pulse,
+    tally: Tally,
     /// Counts what changed on the board.
     changes: Arc<watch::Sender<u64>>,
     rota: Rota,
@@ -55,7 +59,7 @@ pub struct Desk {
 
 impl Desk {
     /// The other end gets what must be done.
-    pub fn new(config: &Config, log: Log) -> (Self, mpsc::Receiver<Ask>) {
+    pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<Ask>) {
         let (asks, todo) = mpsc::channel(8);
         let board = Board::default();
         let inner = Inner { board, halt: None, stop: false, last_end: None };
@@ -66,6 +70,8 @@ impl Desk {
             demand: config.demand.clone().into(),
             min_interval: config.min_interval,
             log,
+            pulse: Pulse::new(config.patience),
+            tally,
             changes: Arc::new(watch::Sender::new(0)),
             rota: Rota::default(),
         };
@@ -74,6 +80,15 @@ impl Desk {
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Of the worker at this machine.
+    pub fn pulse(&self) -> &Pulse {
+        &self.pulse
+    }
+
+    pub(super) fn tally(&self) -> &Tally {
+        &self.tally
     }
 
     pub fn board(&self) -> Board {
@@ -179,6 +194,7 @@ impl Desk {
         inner.board.refusal = Some(why);
         inner.board.refused = inner.board.refused.wrapping_add(1);
         drop(inner);
+        self.tally.refused(why);
         self.changed();
         (self.log)(&format!("refused, {what}: {why}"));
     }
@@ -271,5 +287,20 @@ impl Desk {
         }
         drop(inner);
         self.changed();
+    }
+}
+
+#[cfg(test)]
+impl Desk {
+    /// Of a machine with one cycle.
+    pub fn for_tests() -> Self {
+        let config = "[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
+        let log: Log = Arc::new(|_: &str| {});
+        Self::new(
+            &toml::from_str(config).unwrap(),
+            log,
+            super::metrics::Metrics::default().of("mill"),
+        )
+        .0
     }
 }

@@ -13,9 +13,14 @@ pub mod config;
 mod daemon_file;
 pub mod desk;
 mod http;
+mod keep;
+mod metrics;
+mod notify;
 mod past;
+mod pulse;
 pub mod rota;
 pub mod schedule;
+pub mod telemetry;
 mod together;
 pub mod triggers;
 

@@ -10,7 +10,9 @@ use super::attend::Attendant;
 use super::captures::Captures;
 use super::config::{Config, Http};
 use super::desk::Desk;
-use super::{Ended, Log, ServeError, http};
+use super::keep::{self, Retention};
+use super::metrics::Metrics;
+use super::{Ended, Log, ServeError, http, notify};
 use crate::controllers::Halt;
 use crate::setup::{MachineFile, Pace};
 use crate::store::Journal;
@@ -21,6 +23,9 @@ pub struct Service {
     http: Option<Http>,
     folder: PathBuf,
     log: Log,
+    metrics: Metrics,
+    captures: Option<Captures>,
+    retention: Option<Retention>,
 }
 
 impl Service {
@@ -35,7 +40,7 @@ impl Service {
         pace: Pace,
         log: Log,
     ) -> Result<Self, ServeError> {
-        let several = machines.len() > 1;
+        let (several, metrics) = (machines.len() > 1, Metrics::default());
         let mut attendants: Vec<Attendant> = Vec::new();
         for (machine, config) in machines {
             let name = machine.machine.name.clone();
@@ -46,9 +51,11 @@ impl Service {
                 return Err(ServeError::NoWayIn(name));
             }
             let log = if several { of(name, &log) } else { log.clone() };
-            attendants.push(Attendant::new((machine, config), folder.clone(), pace, log)?);
+            let served = (machine, config);
+            attendants.push(Attendant::new(served, folder.clone(), pace, log, &metrics)?);
         }
-        Ok(Self { attendants, http, folder, log })
+        let (captures, retention) = (None, None);
+        Ok(Self { attendants, http, folder, log, metrics, captures, retention })
     }
 
     /// With every byte of each run's links in a file: `file` with the run's number before its ending.
@@ -56,13 +63,36 @@ impl Service {
         let captures = Captures::new(file);
         let attendants = self.attendants.into_iter();
         self.attendants = attendants.map(|one| one.capturing(captures.clone())).collect();
+        self.captures = Some(captures);
         self
+    }
+
+    /// What is old and large goes in time.
+    pub fn retaining(self, retention: Option<Retention>) -> Self {
+        Self { retention, ..self }
+    }
+
+    /// Whether it could serve: all cycles could be measured. Nothing is opened.
+    ///
+    /// # Errors
+    /// The first cycle that could not.
+    pub fn check(&self) -> Result<(), ServeError> {
+        let runtime = tokio::runtime::Builder::new_current_thread().build();
+        let runtime = runtime.map_err(ServeError::Thread)?;
+        self.attendants.iter().try_for_each(|one| runtime.block_on(one.rehearse()))
     }
 
     /// Ends the service: holds each machine where a run is on.
     pub fn halt(&self) -> Halt {
-        let desks: Vec<Desk> = self.attendants.iter().map(|one| one.desk().clone()).collect();
-        Halt::new(move || desks.iter().for_each(Desk::end))
+        let (desks, log) = (self.desks(), self.log.clone());
+        Halt::new(move || {
+            desks.iter().for_each(Desk::end);
+            notify::stopping(&log);
+        })
+    }
+
+    fn desks(&self) -> Vec<Desk> {
+        self.attendants.iter().map(|one| one.desk().clone()).collect()
     }
 
     /// Until [`Service::halt`].
@@ -70,8 +100,10 @@ impl Service {
     /// # Errors
     /// What keeps it from serving at all: then no machine is served.
     pub fn serve(self) -> Result<Ended, ServeError> {
-        let journal = Arc::new(Journal::open(&self.folder)?);
-        let halt = self.halt();
+        let journal = Arc::new(Journal::watched(&self.folder, self.metrics.wrote())?);
+        let (halt, desks) = (self.halt(), self.desks());
+        let watched = self.attendants.iter().map(|one| (one.name().to_owned(), one.desk().clone()));
+        let watched: notify::Watched = watched.collect();
         let shown = self.attendants.iter().map(Attendant::shown).collect();
         let (ready, all_ready) = channel();
         let threads: Result<Vec<_>, ServeError> = self
@@ -83,8 +115,12 @@ impl Service {
         let begun = threads.and_then(|threads| {
             until_ready(&all_ready)?;
             if let Some(config) = &self.http {
-                http::start(config, shown, journal, &self.log)?;
+                http::start(config, shown, Arc::clone(&journal), self.metrics, &self.log)?;
             }
+            if let Some(retention) = self.retention {
+                keep::start(retention, journal, self.captures, desks, &self.log)?;
+            }
+            notify::ready(watched, &self.log)?;
             Ok(threads)
         });
         if begun.is_err() {

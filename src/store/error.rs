@@ -38,6 +38,10 @@ pub enum Fault {
     NoLog { mode: String },
     #[error(transparent)]
     Io(io::Error),
+    #[error("there is none")]
+    Missing,
+    #[error("it is there already")]
+    Exists,
     #[error("there is no run {0}")]
     NoRun(RunId),
     #[error("{what} holds a number that is not finite and cannot be kept")]
@@ -71,6 +75,8 @@ impl StoreError {
             }
             Fault::Newer { .. } => "use the newer trued, or another place with --state",
             Fault::NoLog { .. } => "put the journal on a local disk with --state",
+            Fault::Missing => "the first run makes it; say with --state where it is",
+            Fault::Exists => "nothing is overwritten: choose another name",
             Fault::NoRun(_) => "`trued runs` lists them",
             Fault::NotFinite { .. } | Fault::Doubled { .. } | Fault::WriterGone | Fault::Sql(_) => {
                 "please report this with the run's export"

@@ -7,6 +7,7 @@ use std::pin::Pin;
 use std::sync::mpsc;
 use std::task::{Context, Poll};
 use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 
 use rusqlite::Connection;
 use tokio::sync::oneshot;
@@ -28,6 +29,9 @@ pub struct NewRun {
     /// With the steps known so far; usually none.
     pub plan: Plan,
 }
+
+/// Its name in the state directory.
+pub(super) const FILE: &str = "journal.sqlite";
 
 type Job = Box<dyn FnOnce(&mut Connection) + Send>;
 
@@ -67,9 +71,9 @@ impl<T> Future for Pending<T> {
 
 impl Journal {
     /// Open or make the journal in `dir` (made as well if missing), and bring its tables up to date.
+    /// A journal of an older version is kept beside it as it was.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
-        let path = dir.join("journal.sqlite");
-        Self::start(dir, &path).map_err(StoreError::at(&path))
+        Self::watched(dir, |_| {})
     }
 
     /// Where it lies.
@@ -77,7 +81,20 @@ impl Journal {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    fn start(dir: &Path, path: &Path) -> Result<Self, Fault> {
+    /// The same; `wrote` hears, on the writer's thread, how long each job took it.
+    pub fn watched(
+        dir: &Path,
+        wrote: impl Fn(Duration) + Send + 'static,
+    ) -> Result<Self, StoreError> {
+        let path = dir.join(FILE);
+        Self::start(dir, &path, wrote).map_err(StoreError::at(&path))
+    }
+
+    fn start(
+        dir: &Path,
+        path: &Path,
+        wrote: impl Fn(Duration) + Send + 'static,
+    ) -> Result<Self, Fault> {
         folder::make(dir)?;
         let connection = schema::open_writer(path)?;
         // SQLite does this as well, but passes over it if it fails.
@@ -85,7 +102,7 @@ impl Journal {
         let (jobs, inbox) = mpsc::channel();
         let writer = thread::Builder::new()
             .name("journal".to_owned())
-            .spawn(move || work(connection, &inbox))?;
+            .spawn(move || work(connection, &inbox, wrote))?;
         Ok(Self { path: path.to_owned(), jobs: Some(jobs), writer: Some(writer) })
     }
 
@@ -186,8 +203,10 @@ impl Drop for Journal {
     }
 }
 
-fn work(mut connection: Connection, inbox: &mpsc::Receiver<Job>) {
+fn work(mut connection: Connection, inbox: &mpsc::Receiver<Job>, wrote: impl Fn(Duration)) {
     while let Ok(job) = inbox.recv() {
+        let began = Instant::now();
         job(&mut connection);
+        wrote(began.elapsed());
     }
 }

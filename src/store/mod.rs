@@ -11,11 +11,13 @@ use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
 
 mod audit;
+mod backup;
 mod error;
 mod folder;
 mod journal;
 mod lock;
 mod read;
+mod retention;
 mod scan;
 mod schedule;
 mod schema;
@@ -26,6 +28,7 @@ mod tests;
 mod write;
 
 pub use audit::Audit;
+pub use backup::backup;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};
 pub use lock::{Holder, LockError, MachineLock};

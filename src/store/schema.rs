@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 
-use super::Fault;
+use super::{Fault, backup};
 
 /// One entry a version; never change one that was released, add another.
 const MIGRATIONS: [&str; 6] = [
@@ -177,7 +177,7 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     connection.pragma_update(None, "synchronous", "FULL")?;
     // Off while tables are made anew: what refers to one stays as it is.
     connection.pragma_update(None, "foreign_keys", false)?;
-    migrate(&mut connection)?;
+    migrate(&mut connection, path)?;
     connection.pragma_update(None, "foreign_keys", true)?;
     Ok(connection)
 }
@@ -190,8 +190,9 @@ pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
     Ok(connection)
 }
 
-/// Bring the tables up to date in one transaction, also when several processes try at once.
-fn migrate(connection: &mut Connection) -> Result<(), Fault> {
+/// Bring the tables up to date in one transaction, also when several processes try at once. What was
+/// there before is kept.
+fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
     let known = MIGRATIONS.len() as i64;
     if version(connection)? == known {
         return Ok(());
@@ -199,7 +200,11 @@ fn migrate(connection: &mut Connection) -> Result<(), Fault> {
     let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
     let found = version(&transaction)?;
     let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
-    for migration in missing.ok_or(Fault::Newer { found, known })? {
+    let missing = missing.ok_or(Fault::Newer { found, known })?;
+    if found > 0 && !missing.is_empty() {
+        backup::before_migration(path, found)?;
+    }
+    for migration in missing {
         transaction.execute_batch(migration)?;
     }
     transaction.pragma_update(None, "user_version", known)?;

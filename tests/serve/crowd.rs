@@ -10,27 +10,30 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::sleep;
 
-use super::page::{HTTP, MACHINE, code, get, port, post, until, vouched};
-use super::shop::{Daemon, Shop};
+use super::hostile::Guarded;
+use super::page::{MACHINE, vouched};
+use super::shop::Daemon;
 
 const ASKED: &str = "TRUED_TEST_CROWD";
 const CROWDS: usize = 2;
 const EACH: usize = 500;
-/// A crowd may cost the daemon so much memory, KiB; measured: see docs/page.md.
-const MOST_KIB: u64 = 24 * 1024;
+/// A crowd may cost the daemon so much memory, KiB: the bounds of docs/page.md, and room.
+const MOST_KIB: u64 = 32 * 1024;
 
-/// The port that this process is to crowd.
-pub fn asked_for() -> Option<u16> {
-    std::env::var(ASKED).ok()?.parse().ok()
+/// The port that this process is to crowd, and the token that it has.
+pub fn asked_for() -> Option<(u16, String)> {
+    let asked = std::env::var(ASKED).ok()?;
+    let (port, token) = asked.split_once(' ')?;
+    Some((port.parse().ok()?, token.to_owned()))
 }
 
 /// Until it is killed; says so once each has been connected.
-pub fn be(port: u16) {
+pub fn be(port: u16, token: &str) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let (tell, mut told) = tokio::sync::mpsc::channel(EACH);
         for number in 0..EACH {
-            tokio::spawn(one(port, number, tell.clone()));
+            tokio::spawn(one(port, token.to_owned(), number, tell.clone()));
         }
         for _ in 0..EACH {
             told.recv().await.unwrap();
@@ -41,7 +44,7 @@ pub fn be(port: u16) {
 }
 
 /// Comes again whenever it is shown out.
-async fn one(port: u16, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
+async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
     let mut first = Some(tell);
     loop {
         if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)).await {
@@ -49,14 +52,19 @@ async fn one(port: u16, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
                 tell.send(()).await.unwrap();
             }
             // Whatever ends it.
-            let _ = misbehave(stream, port, number % 6).await;
+            let _ = misbehave(stream, port, &token, number % 6).await;
         }
         sleep(Duration::from_secs(3)).await;
     }
 }
 
-async fn misbehave(mut stream: TcpStream, port: u16, kind: usize) -> std::io::Result<()> {
-    let host = format!("Host: localhost:{port}\r\n");
+async fn misbehave(
+    mut stream: TcpStream,
+    port: u16,
+    token: &str,
+    kind: usize,
+) -> std::io::Result<()> {
+    let host = format!("Host: localhost:{port}\r\nAuthorization: Bearer {token}\r\n");
     let mut answer = [0; 4096];
     match kind {
         0 => {}
@@ -104,10 +112,12 @@ impl Drop for Crowd {
 }
 
 impl Crowd {
-    fn at(port: u16) -> Self {
+    fn at(guarded: &Guarded) -> Self {
         let mut command = Command::new("sh");
         command.args(["-c", "ulimit -n 4096 2>/dev/null; exec \"$0\""]);
-        command.arg(std::env::current_exe().unwrap()).env(ASKED, port.to_string());
+        command
+            .arg(std::env::current_exe().unwrap())
+            .env(ASKED, format!("{} {}", guarded.port, guarded.metrologist));
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut told = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
@@ -123,42 +133,36 @@ fn high_water(daemon: &Daemon) -> u64 {
     line.trim().strip_suffix(" kB").unwrap().parse().unwrap()
 }
 
-fn measure(port: u16) -> Value {
-    let before = get(port, MACHINE)["run"].as_u64().unwrap();
-    assert_eq!(post(port, "start", &vouched()).0, 202);
-    let measured =
-        until(port, |now| now["state"] == "waiting" && now["run"].as_u64().unwrap() > before);
-    measured["parameters"].clone()
+/// The figures of the next run.
+fn measure(guarded: &Guarded) -> Value {
+    let before = guarded.standing()["run"].as_u64().unwrap();
+    assert_eq!(guarded.post("start", &guarded.operator, &vouched()), 202);
+    let ended = |now: &Value| now["state"] == "waiting" && now["run"].as_u64().unwrap() > before;
+    guarded.until(ended)["parameters"].clone()
 }
 
 pub fn beside_a_run() {
-    let shop = Shop::new(HTTP);
-    let calm = shop.serve("fast");
-    let wanted = measure(port(&calm));
-    let calm_kib = high_water(&calm);
-    drop(calm);
-    let daemon = shop.serve("fast");
-    let port = port(&daemon);
-    let crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(port)).collect();
+    let guarded = Guarded::new("fast");
+    let wanted = measure(&guarded);
+    let calm_kib = high_water(&guarded.daemon);
+    let crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
     // What was measured among them is what was measured without them, to the last digit.
-    assert_eq!(measure(port), wanted);
+    assert_eq!(measure(&guarded), wanted);
     assert!(wanted.as_array().unwrap().len() > 5);
-    let crowd_kib = high_water(&daemon);
+    let crowd_kib = high_water(&guarded.daemon);
     println!("memory: {calm_kib} KiB at most without a crowd, {crowd_kib} KiB with it");
     assert!(crowd_kib < calm_kib + MOST_KIB, "{calm_kib} KiB, with a crowd {crowd_kib} KiB");
     drop(crowds);
-    assert!(!daemon.log.lock().unwrap().contains("panicked"));
+    assert!(!guarded.daemon.log.lock().unwrap().contains("panicked"));
 }
 
 /// And it is held, whoever else is there.
 pub fn and_a_hold() {
-    let shop = Shop::new(HTTP);
-    let daemon = shop.serve("real");
-    let port = port(&daemon);
-    let _crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(port)).collect();
-    assert_eq!(post(port, "start", &vouched()).0, 202);
-    until(port, |now| now["measured"].as_u64().unwrap() > 0);
-    assert_eq!(post(port, "hold", &json!({})).0, 202);
-    until(port, |now| now["state"] == "held");
-    assert_eq!(code(&post(port, "start", &vouched())), (409, "refused"));
+    let guarded = Guarded::new("real");
+    let _crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
+    assert_eq!(guarded.post("start", &guarded.operator, &vouched()), 202);
+    guarded.until(|now| now["measured"].as_u64().unwrap() > 0);
+    assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
+    guarded.until(|now| now["state"] == "held");
+    assert_eq!(guarded.shop.states(), ["held"]);
 }

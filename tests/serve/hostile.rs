@@ -3,9 +3,10 @@
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::page::{HTTP, JSON, MACHINE, ask, port, vouched};
 use super::shop::{Daemon, Shop};
@@ -18,9 +19,9 @@ pub struct Guarded {
     pub shop: Shop,
     pub daemon: Daemon,
     pub port: u16,
-    viewer: String,
-    operator: String,
-    metrologist: String,
+    pub viewer: String,
+    pub operator: String,
+    pub metrologist: String,
 }
 
 fn token(shop: &Shop, name: &str, role: &str) -> String {
@@ -48,9 +49,27 @@ impl Guarded {
     }
 
     /// A program's call.
-    fn post(&self, what: &str, token: &str, body: &serde_json::Value) -> u16 {
+    pub fn post(&self, what: &str, token: &str, body: &Value) -> u16 {
         let headers = format!("{JSON}{}", bearer(token));
         ask(self.port, "POST", &format!("{MACHINE}/{what}"), &headers, &body.to_string()).0
+    }
+
+    pub fn standing(&self) -> Value {
+        let (status, told) = ask(self.port, "GET", MACHINE, &bearer(&self.viewer), "");
+        assert_eq!(status, 200, "{told}");
+        serde_json::from_str(&told).unwrap()
+    }
+
+    pub fn until(&self, right: impl Fn(&Value) -> bool) -> Value {
+        let started = Instant::now();
+        loop {
+            let standing = self.standing();
+            if right(&standing) {
+                return standing;
+            }
+            assert!(started.elapsed() < PATIENCE, "{standing}");
+            sleep(Duration::from_millis(20));
+        }
     }
 
     /// What the daemon answers, with its head.
@@ -114,10 +133,10 @@ pub fn roles() {
         ask(guarded.port, "POST", &format!("{MACHINE}/hold"), &spoilt, "{\"why\": 7").0,
         202
     );
-    guarded.until(|state| state == "held");
+    guarded.until(|now| now["state"] == "held");
     assert_eq!(guarded.post("acknowledge", metrologist, &json!({"who": "Ada"})), 202);
     let audits = ask(guarded.port, "GET", "/api/v1/audit", &bearer(viewer), "").1;
-    let audits: Vec<serde_json::Value> = serde_json::from_str(&audits).unwrap();
+    let audits: Vec<Value> = serde_json::from_str(&audits).unwrap();
     let who: Vec<&str> = audits.iter().map(|audit| audit["who"].as_str().unwrap()).collect();
     assert_eq!(who, ["a-metrologist: Ada", "a-viewer", "a-operator"]);
     // From the moment it is revoked it opens nothing; the others do.
@@ -125,21 +144,6 @@ pub fn roles() {
     assert_eq!(guarded.post("start", operator, &start), 401);
     assert_eq!(guarded.get("/runs", &bearer(operator)), 401);
     assert_eq!(guarded.get("/runs", &bearer(metrologist)), 200);
-}
-
-impl Guarded {
-    fn until(&self, right: impl Fn(&str) -> bool) {
-        let started = std::time::Instant::now();
-        loop {
-            let told = ask(self.port, "GET", MACHINE, &bearer(&self.viewer), "").1;
-            let standing: serde_json::Value = serde_json::from_str(&told).unwrap();
-            if right(standing["state"].as_str().unwrap()) {
-                return;
-            }
-            assert!(started.elapsed() < PATIENCE, "{standing}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
 }
 
 /// A browser's session: a cookie that no script and no other site's page gets, and that alone is not enough.
@@ -166,7 +170,7 @@ pub fn sessions() {
     assert_eq!(start(""), 403);
     assert_eq!(guarded.shop.states(), Vec::<String>::new());
     assert_eq!(start(&format!("Origin: http://{here}\r\n")), 303);
-    guarded.until(|state| state == "waiting");
+    guarded.until(|now| now["state"] == "waiting");
     // Who leaves has left; whose token is revoked is out.
     let other = guarded.come_in(&guarded.metrologist, &here);
     let other = format!("Cookie: {}\r\n", other.split(';').next().unwrap());

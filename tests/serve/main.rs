@@ -41,8 +41,8 @@ fn alone(name: &str, run: fn()) -> Trial {
 }
 
 fn main() {
-    if let Some(port) = crowd::asked_for() {
-        return crowd::be(port);
+    if let Some((port, token)) = crowd::asked_for() {
+        return crowd::be(port, &token);
     }
     let trials = vec![
         with_pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),

@@ -9,6 +9,7 @@ mod api;
 mod connections;
 mod events;
 mod guard;
+mod metrics;
 mod openapi;
 mod page;
 mod problem;
@@ -28,6 +29,7 @@ pub use self::page::address;
 pub use self::whereabouts::Whereabouts;
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
+use super::metrics::Metrics;
 use super::{Log, ServeError};
 use crate::store::Journal;
 
@@ -46,6 +48,7 @@ pub struct Shown {
 struct Web {
     machines: Arc<[Shown]>,
     journal: Arc<Journal>,
+    metrics: Metrics,
     access: Arc<Access>,
     readers: Arc<Semaphore>,
 }
@@ -64,6 +67,7 @@ pub fn start(
     config: &Http,
     machines: Vec<Shown>,
     journal: Arc<Journal>,
+    metrics: Metrics,
     log: &Log,
 ) -> Result<(), ServeError> {
     let cannot = |source| ServeError::Listen { what: "the page", listen: config.listen, source };
@@ -77,7 +81,8 @@ pub fn start(
         log(&format!("commands will not find the page: {error}"));
     }
     let readers = Arc::new(Semaphore::new(READERS));
-    let router = router(Web { machines: machines.into(), journal, access, readers }, names);
+    let router =
+        router(Web { machines: machines.into(), journal, metrics, access, readers }, names);
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
@@ -106,5 +111,6 @@ fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
 fn router(web: Web, names: guard::Names) -> Router {
     let access = Arc::clone(&web.access);
     let all = openapi::routes().merge(page::routes()).merge(access::routes());
+    let all = all.merge(metrics::routes());
     guard::around(all.with_state(web), names, access)
 }

@@ -36,14 +36,7 @@ pub struct Startable {
 }
 
 pub fn state(state: State) -> &'static str {
-    match state {
-        State::Starting => "starting",
-        State::Waiting => "waiting",
-        State::Running => "running",
-        State::Held => "held",
-        State::Failed => "failed",
-        State::Ending => "ending",
-    }
+    state.word()
 }
 
 impl Standing {

@@ -11,6 +11,7 @@ use super::*;
 use crate::service::board::{Said, State};
 use crate::service::config::Config;
 use crate::service::desk::Ask;
+use crate::service::metrics::Metrics;
 use crate::service::rota::{Planned, Told};
 use crate::store::{Arming, Outcome};
 
@@ -58,7 +59,7 @@ fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
         journal.schedules(MACHINE, known, at(since)).wait().unwrap();
     }
     let log: Log = Arc::new(|_: &str| {});
-    let (desk, asks) = Desk::new(&config(), log.clone());
+    let (desk, asks) = Desk::new(&config(), log.clone(), Metrics::default().of(MACHINE));
     desk.becomes(State::Waiting);
     let told = Arc::new(Mutex::new(ready()));
     let teller = Arc::clone(&told);

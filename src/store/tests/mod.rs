@@ -1,4 +1,5 @@
 mod files;
+mod keeping;
 
 use std::collections::BTreeMap;
 

@@ -5,7 +5,7 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{address, moment, render, row, trends, views};
+use super::{address, moment, render, row, schedule, trends, views};
 use crate::archive::history::history;
 use crate::record::estimate::Verdict;
 use crate::run::{can_resume, question};
@@ -14,6 +14,7 @@ use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
 use crate::service::http::standing::Standing;
 use crate::service::http::{Shown, Web};
+use crate::service::rota::agenda;
 use crate::store::{Journal, RunId, StoredRun};
 
 /// Runs on a machine's page.
@@ -24,10 +25,11 @@ pub async fn page(
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let run = machine.desk.board().run;
-    let (all, (runs, waits), drawn) = look(&web, move |journal| {
+    let (run, desk) = (machine.desk.board().run, machine.desk.clone());
+    let (all, (runs, waits), drawn, agenda) = look(&web, move |journal| {
         let drawn = views::of_run(journal, RunId(run.into()))?;
-        Ok::<_, Problem>((history(journal, &name)?, newest(journal, &name)?, drawn))
+        let agenda = agenda(journal, &desk, &name)?;
+        Ok::<_, Problem>((history(journal, &name)?, newest(journal, &name)?, drawn, agenda))
     })
     .await??;
     let values = context! {
@@ -37,6 +39,7 @@ pub async fn page(
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::of_method).collect::<Vec<_>>(),
         runs => runs,
+        schedule => schedule::panel(&agenda),
     };
     render("machine.html", values)
 }

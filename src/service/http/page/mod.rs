@@ -5,6 +5,7 @@ mod compare;
 mod machine;
 mod refused;
 mod run;
+mod schedule;
 mod trends;
 mod views;
 
@@ -28,12 +29,13 @@ use crate::store::{Journal, RunSummary};
 
 const SCRIPT: &str = include_str!("../templates/live.js");
 const ICON: &str = include_str!("../templates/icon.svg");
-const TEMPLATES: [(&str, &str); 13] = [
+const TEMPLATES: [(&str, &str); 14] = [
     ("base.html", include_str!("../templates/base.html")),
     ("machines.html", include_str!("../templates/machines.html")),
     ("overview.html", include_str!("../templates/overview.html")),
     ("machine.html", include_str!("../templates/machine.html")),
     ("actions.html", include_str!("../templates/actions.html")),
+    ("schedule.html", include_str!("../templates/schedule.html")),
     ("live.html", include_str!("../templates/live.html")),
     ("views.html", include_str!("../templates/views.html")),
     ("runs.html", include_str!("../templates/runs.html")),

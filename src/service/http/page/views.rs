@@ -49,9 +49,11 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     let Progress { plan, stages, done } = progress;
     let chain = Chain::new(&plan.machine).ok()?;
     let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
+    // After a stop the references come last, and the stage before them goes on.
     let now = stages
-        .last()
-        .and_then(|stage| stage.steps.iter().find(|step| !done.contains(&(**step, stage.repeat))));
+        .iter()
+        .rev()
+        .find_map(|stage| stage.steps.iter().find(|step| !done.contains(&(**step, stage.repeat))));
     let class = |step: &Step| match (now == Some(&step.id), is_done(step.id)) {
         (true, _) => "now",
         (false, true) => "done",

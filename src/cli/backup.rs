@@ -1,0 +1,16 @@
+//! `trued backup`: a copy of the journal, whatever writes it meanwhile.
+
+use std::path::Path;
+
+use super::Exit;
+use super::args::BackupArgs;
+use super::failure::Failure;
+use super::files::state_folder;
+use crate::store;
+
+pub fn backup(args: &BackupArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let newest = store::backup(&state_folder(state)?, &args.file)?;
+    let until = newest.map_or("no runs yet".to_owned(), |run| format!("up to run {run}"));
+    say!("{}: whole, {until}", args.file.display());
+    Ok(Exit::Pass)
+}

@@ -1,0 +1,24 @@
+//! `/metrics`, for Prometheus.
+
+use axum::Router;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+
+use super::Web;
+
+const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+pub fn routes() -> Router<Web> {
+    Router::new().route("/metrics", get(metrics))
+}
+
+async fn metrics(State(web): State<Web>) -> Response {
+    let machines = web.machines.iter().map(|machine| (machine.name.as_str(), &machine.desk));
+    match web.metrics.text(machines) {
+        Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS)], text).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}

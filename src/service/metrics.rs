@@ -1,0 +1,179 @@
+//! Counters and gauges as Prometheus reads them. Labels are bounded: the machines of the configuration, and
+//! lists of this program.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::time::Duration;
+
+use prometheus_client::encoding::text;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
+use prometheus_client::metrics::info::Info;
+use prometheus_client::registry::Registry;
+
+use super::board::{Refusal, State};
+use super::desk::Desk;
+use crate::record::estimate::Verdict;
+
+type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
+type Seconds = Gauge<f64, AtomicU64>;
+
+/// Of the whole daemon.
+#[derive(Clone)]
+pub struct Metrics {
+    registry: Arc<Registry>,
+    runs: Family<Labels<2>, Counter>,
+    readings: Family<Labels<1>, Counter>,
+    refusals: Family<Labels<2>, Counter>,
+    link_errors: Family<Labels<1>, Counter>,
+    state: Family<Labels<2>, Gauge>,
+    progress_age: Family<Labels<1>, Seconds>,
+    wrote: Histogram,
+}
+
+/// How a cycle ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    Judged(Verdict),
+    /// The machine holds.
+    Held,
+    Failed,
+}
+
+impl Outcome {
+    const ALL: [Self; 6] = [
+        Self::Judged(Verdict::Pass),
+        Self::Judged(Verdict::Fail),
+        Self::Judged(Verdict::Undecided),
+        Self::Judged(Verdict::None),
+        Self::Held,
+        Self::Failed,
+    ];
+
+    fn word(self) -> &'static str {
+        match self {
+            Self::Judged(Verdict::Pass) => "pass",
+            Self::Judged(Verdict::Fail) => "fail",
+            Self::Judged(Verdict::Undecided) => "undecided",
+            Self::Judged(Verdict::None) => "none",
+            Self::Held => "held",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// What is counted at one machine.
+#[derive(Clone)]
+pub struct Tally {
+    metrics: Metrics,
+    machine: String,
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        // A commit is synced: from tenths of a millisecond to a disk that is tired.
+        let wrote = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
+        let mut metrics = Self {
+            registry: Arc::default(),
+            runs: Family::default(),
+            readings: Family::default(),
+            refusals: Family::default(),
+            link_errors: Family::default(),
+            state: Family::default(),
+            progress_age: Family::default(),
+            wrote,
+        };
+        metrics.registry = Arc::new(metrics.registered());
+        metrics
+    }
+}
+
+impl Metrics {
+    fn registered(&self) -> Registry {
+        let mut registry = Registry::with_prefix("trued");
+        let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
+        registry.register("build", "This program", build);
+        registry.register("runs", "Cycles by how they ended", self.runs.clone());
+        registry.register("readings", "Touches and scans in the journal", self.readings.clone());
+        registry.register("refusals", "What was asked for in vain", self.refusals.clone());
+        let link_errors = self.link_errors.clone();
+        registry.register("link_errors", "Cycles that a link has ended", link_errors);
+        registry.register("state", "1 for the state that a machine is in", self.state.clone());
+        let age = self.progress_age.clone();
+        let help = "Since the worker of a machine last made progress: what feeds the watchdog";
+        registry.register("progress_age_seconds", help, age);
+        let help = "How long the journal's writer took for a job, its commit included";
+        registry.register("journal_write_seconds", help, self.wrote.clone());
+        registry
+    }
+
+    /// For the journal's writer.
+    pub fn wrote(&self) -> impl Fn(Duration) + Send + 'static + use<> {
+        let histogram = self.wrote.clone();
+        move |took: Duration| histogram.observe(took.as_secs_f64())
+    }
+
+    /// All that is counted at `machine` is there from the beginning, as 0.
+    pub fn of(&self, machine: &str) -> Tally {
+        let tally = Tally { metrics: self.clone(), machine: machine.to_owned() };
+        Outcome::ALL
+            .iter()
+            .for_each(|outcome| drop(self.runs.get_or_create(&tally.by(outcome.word()))));
+        drop(self.readings.get_or_create(&tally.own()));
+        drop(self.link_errors.get_or_create(&tally.own()));
+        tally
+    }
+
+    /// As it stands, in the OpenMetrics text format.
+    ///
+    /// # Errors
+    /// None that is known: a `String` takes all that is written to it.
+    pub fn text<'a>(
+        &self,
+        machines: impl Iterator<Item = (&'a str, &'a Desk)>,
+    ) -> Result<String, std::fmt::Error> {
+        for (name, desk) in machines {
+            let now = desk.board().state;
+            for state in State::ALL {
+                let labels = [("machine", name.to_owned().into()), ("state", state.word().into())];
+                self.state.get_or_create(&labels).set(i64::from(state == now));
+            }
+            let labels = [("machine", name.to_owned().into())];
+            self.progress_age.get_or_create(&labels).set(desk.pulse().age().as_secs_f64());
+        }
+        let mut text = String::new();
+        text::encode(&mut text, &self.registry)?;
+        Ok(text)
+    }
+}
+
+impl Tally {
+    fn own(&self) -> Labels<1> {
+        [("machine", self.machine.clone().into())]
+    }
+
+    fn by(&self, outcome: &'static str) -> Labels<2> {
+        [("machine", self.machine.clone().into()), ("outcome", outcome.into())]
+    }
+
+    pub fn ended(&self, outcome: Outcome) {
+        self.metrics.runs.get_or_create(&self.by(outcome.word())).inc();
+    }
+
+    pub fn read(&self) {
+        self.metrics.readings.get_or_create(&self.own()).inc();
+    }
+
+    pub fn link_failed(&self) {
+        self.metrics.link_errors.get_or_create(&self.own()).inc();
+    }
+
+    pub fn refused(&self, why: Refusal) {
+        let reason = format!("{why:?}").into();
+        let labels = [("machine", self.machine.clone().into()), ("reason", reason)];
+        self.metrics.refusals.get_or_create(&labels).inc();
+    }
+}

@@ -1,0 +1,153 @@
+//! Copies, old versions, and what may go after a time.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use jiff::Timestamp;
+use rusqlite::Connection;
+
+use super::{estimate, new_run, reading};
+use crate::record::event::Event;
+use crate::store::*;
+
+fn names(dir: &Path) -> Vec<String> {
+    let files = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<_> =
+        files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Copied while a run writes: whole, with at least what was acknowledged before.
+#[test]
+fn a_copy_is_whole_whoever_writes_meanwhile() {
+    let (dir, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let (acknowledged, end) = (AtomicU32::new(0), AtomicU32::new(u32::MAX));
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for step in (0..).take_while(|step| *step < end.load(Ordering::SeqCst)) {
+                journal.reading(run, &reading(step)).wait().unwrap();
+                acknowledged.store(step + 1, Ordering::SeqCst);
+            }
+        });
+        for copy in 0..5 {
+            while acknowledged.load(Ordering::SeqCst) < 20 * copy {
+                std::thread::yield_now();
+            }
+            let before = acknowledged.load(Ordering::SeqCst) as usize;
+            let file = to.path().join(format!("{copy}")).join("journal.sqlite");
+            std::fs::create_dir(file.parent().unwrap()).unwrap();
+            assert_eq!(backup(dir.path(), &file).unwrap(), Some(run));
+            assert_eq!(names(file.parent().unwrap()), ["journal.sqlite"]);
+            let copied = Journal::open(file.parent().unwrap()).unwrap().load(run).unwrap();
+            assert!(copied.readings.len() >= before, "{} of {before}", copied.readings.len());
+            assert!(copied.readings.iter().zip(0..).all(|(kept, step)| *kept == reading(step)));
+        }
+        end.store(0, Ordering::SeqCst);
+    });
+}
+
+#[test]
+fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("copy.sqlite");
+    let missing = backup(dir.path(), &file).unwrap_err();
+    assert!(matches!(missing.fault, Fault::Missing), "{missing}");
+    let state = dir.path().join("state");
+    drop(Journal::open(&state).unwrap());
+    std::fs::write(dir.path().join("copy.sqlite.part"), "half of one").unwrap();
+    assert_eq!(backup(&state, &file).unwrap(), None);
+    let exists = backup(&state, &file).unwrap_err();
+    assert!(matches!(exists.fault, Fault::Exists), "{exists}");
+    assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
+    // Pages that are none: the copy is looked through before it gets its name.
+    Journal::open(&state).unwrap().begin(&new_run()).wait().unwrap();
+    let journal = state.join("journal.sqlite");
+    let mut bytes = std::fs::read(&journal).unwrap();
+    bytes[4096 + 8..3 * 4096].fill(0xa5);
+    std::fs::write(&journal, bytes).unwrap();
+    let damaged = backup(&state, &dir.path().join("second.sqlite")).unwrap_err();
+    assert!(matches!(damaged.fault, Fault::Damaged(_)), "{damaged}");
+    assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
+}
+
+/// A journal of the first version is still there as it was, once.
+#[test]
+fn what_was_before_a_migration_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    drop(old);
+    drop(Journal::open(dir.path()).unwrap());
+    drop(Journal::open(dir.path()).unwrap());
+    let kept: Vec<_> =
+        names(dir.path()).into_iter().filter(|name| name.starts_with("journal-")).collect();
+    let [kept] = kept.as_slice() else { panic!("{kept:?}") };
+    assert!(kept.starts_with("journal-v1-2") && kept.ends_with("Z.sqlite"), "{kept}");
+    let kept = Connection::open(dir.path().join(kept)).unwrap();
+    let number = |ask: &str| kept.query_row(ask, [], |row| row.get::<_, i64>(0)).unwrap();
+    assert_eq!(number("PRAGMA user_version"), 1);
+    assert_eq!(number("SELECT count(*) FROM readings"), 1);
+    // As it was: the states of the first version are still checked.
+    assert!(kept.execute("UPDATE runs SET state = 'closed'", []).is_err());
+}
+
+#[test]
+fn a_new_journal_has_nothing_to_keep() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(Journal::open(dir.path()).unwrap());
+    assert!(names(dir.path()).iter().all(|name| name.starts_with("journal.sqlite")));
+}
+
+fn scanned(journal: &Journal, state: RunState, with_estimate: bool) -> RunId {
+    let run = journal.begin(&new_run()).wait().unwrap();
+    journal.reading(run, &reading(0)).wait().unwrap();
+    for step in [1, 3, 5] {
+        journal.scan(run, &[reading(step), reading(step)]).wait().unwrap();
+    }
+    if with_estimate {
+        journal.estimate(run, &estimate(0.1)).wait().unwrap();
+    }
+    journal.set_state(run, state).wait().unwrap();
+    run
+}
+
+#[test]
+fn only_samples_go_and_only_where_an_estimate_stands() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let old = scanned(&journal, RunState::Finished, true);
+    let kept = [
+        scanned(&journal, RunState::Finished, false),
+        scanned(&journal, RunState::Held, true),
+        scanned(&journal, RunState::Interrupted, false),
+        scanned(&journal, RunState::Closed, true),
+    ];
+    let audit = Audit {
+        who: "Ada".to_owned(),
+        what: "start of cycle 1".to_owned(),
+        why: String::new(),
+        machine: "mill".to_owned(),
+        run: old.0,
+        outcome: "accepted".to_owned(),
+    };
+    journal.audit(&audit).wait().unwrap();
+    let before: Vec<_> = kept.iter().map(|run| journal.load(*run).unwrap()).collect();
+    let was = journal.load(old).unwrap();
+    let now = Timestamp::now();
+    let earlier = now - std::time::Duration::from_secs(3600);
+    assert!(journal.outlived(earlier).unwrap().is_empty());
+    assert_eq!(journal.outlived(now).unwrap(), [old]);
+    assert_eq!(journal.forget_scans(old).unwrap(), 3);
+    assert_eq!(journal.forget_scans(old).unwrap(), 0);
+    let is = journal.load(old).unwrap();
+    assert_eq!(is.readings, [reading(0)]);
+    assert_eq!((&is.estimates, &is.plan, &is.config), (&was.estimates, &was.plan, &was.config));
+    let told: Vec<_> = is.events.into_iter().map(|(_, event)| event).collect();
+    assert_eq!(told, [Event::SamplesRemoved { scans: 3 }]);
+    let after: Vec<_> = kept.iter().map(|run| journal.load(*run).unwrap()).collect();
+    assert_eq!(before, after);
+    assert_eq!(journal.audits().unwrap().len(), 1);
+}

@@ -1,0 +1,134 @@
+//! SIGKILL at any moment of a cycle that the daemon measures. The simulated control lives in this process
+//! and sees every line: what is durable, and that nothing moves before a person has acknowledged.
+
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rand::RngExt;
+use rusqlite::Connection;
+use serde_json::json;
+use trued::base::random;
+use trued::record::reading::Reading;
+use trued::store::{Journal, RunId, RunState};
+
+use super::client::Heard;
+use super::shop::{Daemon, Shop, served};
+use super::witness::{Record, Witness};
+
+#[test]
+fn twenty_kills_lose_nothing_and_move_nothing() {
+    kills(20, 1);
+}
+
+#[test]
+#[ignore = "takes minutes: .ci/long"]
+fn two_hundred_kills_lose_nothing_and_move_nothing() {
+    kills(200, 2);
+}
+
+fn machine(witness: &Witness) -> String {
+    let wire = "kind = \"simulated\"";
+    let machine = served("");
+    assert!(machine.contains(wire) && machine.contains("\nwire = \"memory\""));
+    let tcp = format!("kind = \"grbl\"\ntcp = \"{}\"", witness.address());
+    machine.replacen(wire, &tcp, 1).replacen("\nwire = \"memory\"", "", 1)
+}
+
+/// All in one journal, so that each daemon finds what the dead have left.
+fn kills(count: usize, seed: u64) {
+    let shop = Shop::new("");
+    let (witness, daemon) = serve(&shop);
+    assert_eq!(daemon.client.start(1), 202);
+    daemon.client.until_state("waiting");
+    assert_eq!(daemon.terminate(), 0);
+    let whole = witness.end().bytes();
+    let (mut known, mut in_mid_run) = (1, 0);
+    let (mut witness, mut daemon) = serve(&shop);
+    for kill in 0..count {
+        let mut random = random::stream(seed, &[kill as u64]);
+        let bytes = random.random_range(0..=whole);
+        let pause = Duration::from_micros(random.random_range(0..5_000));
+        let (heard, record) = killed(witness, daemon, bytes, pause);
+        // It waits for a person where a run is unfinished.
+        (witness, daemon) = serve(&shop);
+        in_mid_run += usize::from(examine(&shop, &daemon, (heard, &record), &mut known));
+        let mut silent = false;
+        witness.wait_for(1, || {
+            silent = true;
+            true
+        });
+        assert!(silent, "the control was spoken to before anybody started a cycle");
+    }
+    assert_eq!(daemon.terminate(), 0);
+    assert_eq!(witness.end().bytes(), 0);
+    println!("{count} kills, {known} runs, {in_mid_run} of them dead between touches");
+    assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
+}
+
+fn serve(shop: &Shop) -> (Witness, Daemon) {
+    let witness = Witness::start();
+    shop.becomes(&machine(&witness));
+    let daemon = shop.serve("fast");
+    (witness, daemon)
+}
+
+/// One cycle, killed after `bytes` went over the wire and `pause`.
+fn killed(witness: Witness, mut daemon: Daemon, bytes: usize, pause: Duration) -> (Heard, Record) {
+    let listener = daemon.client.listens();
+    assert_eq!(daemon.client.start(1), 202);
+    // All of it may have gone over the wire: then the daemon dies while it computes, or waits again.
+    let (client, began) = (daemon.client, Instant::now());
+    witness.wait_for(bytes, || {
+        began.elapsed() > Duration::from_secs(1) && client.standing()["state"] == "waiting"
+    });
+    sleep(pause);
+    daemon.kill();
+    (listener.end(), witness.end())
+}
+
+/// What the dead has left, as the next daemon finds it; whether it died in mid-run.
+fn examine(
+    shop: &Shop,
+    daemon: &Daemon,
+    (heard, record): (Heard, &Record),
+    known: &mut usize,
+) -> bool {
+    let journal = Journal::open(&shop.state()).unwrap();
+    let database = Connection::open(shop.state().join("journal.sqlite")).unwrap();
+    let whole: String = database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    assert_eq!(whole, "ok");
+    let runs = journal.runs().unwrap();
+    let new = runs.len() - *known;
+    *known = runs.len();
+    assert!(new <= 1 && runs.iter().all(|run| run.state != RunState::Running), "{runs:?}");
+    let state = daemon.client.standing()["state"].clone();
+    let Some(run) = runs.last().filter(|_| new == 1) else {
+        assert_eq!((record.begun(), record.touches().len()), (0, 0), "moved without a run");
+        assert_eq!((heard.measured, &state), (0, &json!("waiting")));
+        return false;
+    };
+    assert_kept(run.id, &journal.load(run.id).unwrap().readings, heard, record);
+    if run.state == RunState::Finished {
+        assert_eq!(state, "waiting");
+        return false;
+    }
+    assert_eq!((run.state, &state), (RunState::Interrupted, &json!("held")));
+    assert_eq!(daemon.client.start(1), 409);
+    assert_eq!(daemon.client.post("acknowledge", &json!({"who": "Ada", "why": "looked"})), 202);
+    daemon.client.until_state("waiting");
+    !record.touches().is_empty()
+}
+
+/// Nothing lost: neither what the control was asked for after it, nor what was shown to somebody.
+fn assert_kept(run: RunId, readings: &[Reading], heard: Heard, record: &Record) {
+    let (count, touches) = (readings.len(), record.touches());
+    if i64::try_from(heard.run) == Ok(run.0) {
+        assert!(count as u64 >= heard.measured, "{count} kept, {heard:?} were shown");
+    }
+    assert!(count >= record.begun(), "{count} kept, but step {} was begun", record.begun());
+    assert!(count <= touches.len() && count + 1 >= touches.len(), "{count}, {}", touches.len());
+    for (reading, touch) in readings.iter().zip(touches) {
+        let at = reading.position.iter().map(|(axis, value)| axis.to_edge(value));
+        assert_eq!(at.take(touch.len()).collect::<Vec<_>>(), touch, "step {}", reading.step);
+    }
+}

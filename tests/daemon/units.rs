@@ -1,0 +1,110 @@
+//! `systemd/` as systemd itself reads it. Without `systemd-analyze` these are skipped; with
+//! `TRUED_REQUIRE_PEERS=1` they fail.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const UNITS: [&str; 3] = ["trued.service", "trued-cycle@.service", "trued-cycle@.timer"];
+/// That they refer to.
+const TARGETS: [&str; 7] =
+    ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
+/// Of 10; as `systemd-analyze security` adds it up.
+const EXPOSED: f64 = 2.0;
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd")
+}
+
+/// `None`: it is not installed, and need not be.
+fn analyze(arguments: &[&str]) -> Option<Output> {
+    let output = Command::new("systemd-analyze").args(arguments).output();
+    let required = std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1");
+    match output {
+        Ok(output) => Some(output),
+        Err(error) if required => panic!("systemd-analyze: {error}"),
+        Err(error) => {
+            println!("skipped, no systemd-analyze (Debian: systemd): {error}");
+            None
+        }
+    }
+}
+
+fn said(output: &Output) -> String {
+    [&output.stdout, &output.stderr].map(|said| String::from_utf8_lossy(said).into_owned()).concat()
+}
+
+/// A system that has the units, and the program where they look for it.
+fn system() -> tempfile::TempDir {
+    let root = tempfile::tempdir().unwrap();
+    let (units, programs) = ("etc/systemd/system", "usr/bin");
+    for made in [units, programs] {
+        std::fs::create_dir_all(root.path().join(made)).unwrap();
+    }
+    for unit in UNITS {
+        std::fs::copy(folder().join(unit), root.path().join(units).join(unit)).unwrap();
+    }
+    for target in TARGETS {
+        let file = root.path().join(units).join(format!("{target}.target"));
+        std::fs::write(file, "[Unit]\n").unwrap();
+    }
+    for program in ["trued", "curl"] {
+        std::fs::copy("/bin/sh", root.path().join(programs).join(program)).unwrap();
+    }
+    root
+}
+
+fn verified(root: &Path) -> Option<Output> {
+    let root = format!("--root={}", root.display());
+    analyze(&["verify", &root, "trued.service", "trued-cycle@1.service", "trued-cycle@1.timer"])
+}
+
+#[test]
+fn the_units_are_understood() {
+    let root = system();
+    let Some(output) = verified(root.path()) else { return };
+    assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
+    // A slip would have been seen.
+    let unit = root.path().join("etc/systemd/system/trued.service");
+    let text = std::fs::read_to_string(&unit).unwrap();
+    for (right, wrong) in [("WatchdogSec=30s", "WatchdogSec=often"), ("ExecStart=", "ExecStrat=")] {
+        assert!(text.contains(right), "{right}");
+        std::fs::write(&unit, text.replacen(right, wrong, 1)).unwrap();
+        let output = verified(root.path()).unwrap();
+        assert!(!said(&output).is_empty(), "{wrong} was not seen");
+    }
+}
+
+#[test]
+fn the_services_are_hardened() {
+    for unit in &UNITS[..2] {
+        let file = folder().join(unit).display().to_string();
+        let Some(output) = analyze(&["security", "--offline=true", &file]) else { return };
+        let said = said(&output);
+        let overall = said.lines().find(|line| line.contains("Overall exposure level"));
+        let level =
+            overall.and_then(|line| line.rsplit_once(": ")?.1.split(' ').next()?.parse().ok());
+        let level: f64 = level.unwrap_or_else(|| panic!("{said}"));
+        println!("{unit}: {level}");
+        assert!(level <= EXPOSED, "{unit}: {level}\n{said}");
+    }
+}
+
+/// What the unit says and what the program does.
+#[test]
+fn the_unit_calls_what_there_is() {
+    let unit = std::fs::read_to_string(folder().join("trued.service")).unwrap();
+    let calls: Vec<Vec<&str>> = unit
+        .lines()
+        .filter(|line| line.starts_with("Exec"))
+        .map(|line| line.split_once("=/usr/bin/trued ").unwrap().1.split(' ').collect())
+        .collect();
+    assert_eq!(calls.len(), 2);
+    for call in calls {
+        // Each word that is no value is told by the program's own help.
+        let help = Command::new(env!("CARGO_BIN_EXE_trued")).args([call[0], "--help"]).output();
+        let help = said(&help.unwrap());
+        let options: Vec<_> = call.iter().filter(|word| word.starts_with("--")).collect();
+        assert!(options.iter().all(|option| help.contains(**option)), "{call:?}: {help}");
+    }
+    assert!(unit.contains("Type=notify\n") && unit.contains("SuccessExitStatus=5\n"));
+}
