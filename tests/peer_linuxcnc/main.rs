@@ -94,6 +94,7 @@ fn main() {
         machine("linuxcnc_samba", samba::finds_the_true_axes),
         machine("linuxcnc_chase_the_ball", samba::chases_the_ball),
         machine("linuxcnc_continuous_scan", sweep::latency_follows_the_sensors_delay),
+        long("linuxcnc_continuous_scan_closely", sweep::latency_follows_closely),
         long("linuxcnc_sampler_wrong_pins", sweep::wrong_pins_are_refused),
         long("linuxcnc_laser", sweep::finds_the_true_axes),
         machine("linuxcnc_trigger", trigger::a_hal_bit_starts_a_cycle),

@@ -41,10 +41,22 @@ const TRUTH: [(&str, f64, f64); 9] = [
 /// From the middle to the end of a pass, mm, and feeds, mm/min.
 const REACH: f64 = 4.0;
 const FEEDS: [f64; 2] = [600.0, 1800.0];
-/// A delay for the laser, ms, and how near the latency must follow it.
+/// A delay for the laser, ms.
 const DELAY_MS: f64 = 6.0;
+/// A sample that comes so much late, ms, does not agree.
 const NEAR_MS: f64 = 0.5;
-const NEAR_MM: f64 = 0.001;
+
+/// How near the latency must follow the delay, ms, and the ball be found, mm.
+struct Near {
+    ms: f64,
+    mm: f64,
+}
+
+/// Whatever the computer does beside it: a delay that is not seen is 6 ms off, and samples that agree are
+/// 5 um off where they come late at the slow feed.
+const CERTAINLY: Near = Near { ms: 1.0, mm: 0.005 };
+/// On a computer that does nothing else.
+const CLOSELY: Near = Near { ms: 0.5, mm: 0.001 };
 
 /// Four passes over the ball along X and along Y at each feed, in one stage.
 struct Passes;
@@ -229,6 +241,15 @@ fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
 /// Two runs that differ by the laser's delay alone: the latency differs by it, and the ball stays where
 /// it is.
 pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
+    follows(&CERTAINLY)
+}
+
+/// Lines that come late one way more than the other move the ball: it is a matter of chance.
+pub fn latency_follows_closely() -> Result<(), Failed> {
+    follows(&CLOSELY)
+}
+
+fn follows(near: &Near) -> Result<(), Failed> {
     let rig = rig()?;
     put_laser(&rig, [0.0, 0.0])?;
     let mut streams = Streams::of(&rig)?;
@@ -248,14 +269,14 @@ pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
             latency_s * 1e3
         );
         // The rest came late; of those that agree none was chosen by being like the others alone.
-        if off_um.abs().max_element() > NEAR_MM * 1e3 || 4 * used < readings.len() {
+        if off_um.abs().max_element() > near.mm * 1e3 || 4 * used < readings.len() {
             return Err(format!("the ball is off by {off_um} um, {used} readings agree").into());
         }
         latencies_ms.push(found.latency_s * 1e3);
     }
     let follows = latencies_ms[1] - latencies_ms[0];
     eprintln!("latency {latencies_ms:.3?} ms: {follows:.3} ms for {DELAY_MS} ms");
-    if (follows - DELAY_MS).abs() > NEAR_MS {
+    if (follows - DELAY_MS).abs() > near.ms {
         return Err(format!("{DELAY_MS} ms make {follows} ms").into());
     }
     Ok(())

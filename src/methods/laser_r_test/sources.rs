@@ -9,12 +9,13 @@ use super::bench::Bench;
 use super::centres::{Centres, Row};
 use super::group::{Grouped, noise_mm};
 use super::latency::Latency;
-use super::model::placed;
+use super::model::{linear, placed};
 use super::observe::Observed;
 use crate::base::{Axis, Point};
 use crate::estimation::monte_carlo::Shape;
 use crate::estimation::smooth::smooth_function;
 use crate::kinematics::{ErrorParameter, Shape as Motion};
+use crate::record::plan::{Step, StepKind};
 
 /// What the independent draws move.
 #[derive(Debug, Clone)]
@@ -236,12 +237,13 @@ impl Seen<'_> {
         source("steps at interruptions", Acts::Joint(columns.collect()))
     }
 
-    /// So far may the sphere stand along an axis for a reading that is 1 mm off: across the beam only flanks
-    /// see it.
+    /// So far may the sphere stand along an axis for a reference that is 1 mm off; 1 where none sees it.
     fn least_seen(&self, k: usize) -> f64 {
-        let seen = self.normals.iter().zip(&self.along).map(|(n, along)| (n[k] / along).abs());
+        let steps = self.bench.plan.steps.iter();
+        let references = steps.filter(|step| step.kind == StepKind::Reference);
+        let seen = references.map(|step| seen_along(step, k, self.bench.radius()));
         let most = seen.fold(0.0, f64::max);
-        if most > 0.0 { 1.0 / most } else { 0.0 }
+        if most > 0.0 { 1.0 / most } else { 1.0 }
     }
 
     fn radius(&self) -> UncertaintySource {
@@ -272,4 +274,18 @@ impl Seen<'_> {
         let acts = Acts::Joint(clocks.iter().map(along).collect());
         UncertaintySource { shown: false, clocks, ..source("latency of the sensor", acts) }
     }
+}
+
+/// What a reference shows of a sphere that stands 1 mm further along an axis: across the beam its flanks
+/// alone see it.
+fn seen_along(step: &Step, k: usize, radius: f64) -> f64 {
+    let normal = DVec3::from_array(step.normal).normalize_or_zero();
+    let path: Vec<DVec3> = step.scan.iter().flat_map(|scan| &scan.path).map(linear).collect();
+    let middle = path.iter().sum::<DVec3>() / path.len().max(1) as f64;
+    let outward = path.iter().map(|at| {
+        let across = (*at - middle).reject_from(normal);
+        across + normal * (radius * radius - across.length_squared()).max(0.0).sqrt()
+    });
+    let lean = outward.map(|n| (n[k] / n.dot(normal)).abs());
+    lean.fold(normal[k].abs(), f64::max)
 }

@@ -94,8 +94,8 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
     for (k, way) in DVec3::AXES.into_iter().enumerate() {
         let let_pass = stopped.most_mm(way);
         println!("granted {:.3} um, let pass {:.3} um", granted[k] * 1e3, let_pass * 1e3);
-        // The outermost spots of other poses lie a little farther out than those of the reference.
-        assert!((granted[k] / let_pass - 1.0).abs() < 0.05, "{k}: {granted} {let_pass}");
+        // The scan's middle is the sphere's to a few µm.
+        assert!((granted[k] / let_pass - 1.0).abs() < 0.02, "{k}: {granted} {let_pass}");
     }
 }
 
