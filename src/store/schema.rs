@@ -175,6 +175,8 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
         return Err(Fault::NoLog { mode });
     }
     connection.pragma_update(None, "synchronous", "FULL")?;
+    // Half a megabyte: a journal grows for years, and what holds its pages should not.
+    connection.pragma_update(None, "cache_size", -512)?;
     // Off while tables are made anew: what refers to one stays as it is.
     connection.pragma_update(None, "foreign_keys", false)?;
     migrate(&mut connection, path)?;
