@@ -52,7 +52,6 @@ async fn listen(check: &Check<'_>, name: &str) -> Result<(Prepared, Vec<Sample>)
 fn mistake(Entry { sensor, rate_hz, .. }: &Entry, samples: &[Sample]) -> Option<Mistake> {
     let values = values(samples);
     lost(samples)
-        .or_else(|| beyond(sensor.range_mm, &values))
         .or_else(|| scatter(sensor.noise_um?, &values))
         .or_else(|| rate((*rate_hz)?, samples))
 }
@@ -80,19 +79,9 @@ fn lost(samples: &[Sample]) -> Option<Mistake> {
     (stale > 0).then_some((what, remedy))
 }
 
-fn beyond([least, greatest]: [f64; 2], values: &[f64]) -> Option<Mistake> {
-    let value = values.iter().find(|value| !(least..=greatest).contains(*value))?;
-    let what = format!(
-        "says {value:.3} mm, beyond its range of [{least}, {greatest}] mm, and does not call it so"
-    );
-    let remedy = "compare scale, offset, sign, byte or word order of its layout with its manual, and \
-                  range_mm";
-    Some((what, remedy))
-}
-
 fn scatter(noise_um: f64, values: &[f64]) -> Option<Mistake> {
     let (_, sd) = statistics(values)?;
-    if sd == 0.0 && noise_um > 0.0 {
+    if values.iter().all(|value| *value == values[0]) && noise_um > 0.0 {
         let what = "says the same to the last digit all the time".to_owned();
         return Some((what, "does it measure? See to its trigger, its hold input and its layout"));
     }
