@@ -152,6 +152,8 @@ mod tests {
         assert_eq!(told(&body(&above), "radius"), "10.00");
         assert_eq!(told(&body(&side), "width"), "20.00");
         let mark = side.get_attr("marks").unwrap().get_item_by_index(0).unwrap();
-        assert_eq!(told(&mark, "at"), "[\"15.00\", \"-12.00\"]");
+        let at = mark.get_attr("at").unwrap();
+        let at = [0, 1].map(|axis| at.get_item_by_index(axis).unwrap().to_string());
+        assert_eq!(at, ["15.00", "-12.00"]);
     }
 }
