@@ -71,7 +71,10 @@ fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
         output.status.code(),
         record.touches().len()
     );
-    assert_eq!(output.status.code(), Some(if moved { 5 } else { 1 }), "{fault}={at}: {told}");
+    let code = output.status.code();
+    // All was measured, and what came of it cannot be kept: nothing was stopped.
+    let unkept = record.touches().len() == whole.touches && code == Some(1);
+    assert!(unkept || code == Some(if moved { 5 } else { 1 }), "{fault}={at}: {code:?} {told}");
     assert!(output.stdout.is_empty(), "{fault}={at}: an estimate in spite of everything");
     assert!(words.iter().any(|word| told.contains(word)), "{fault}={at}: {told}");
     assert!(told.contains("\n  → "), "{fault}={at}: {told}");
