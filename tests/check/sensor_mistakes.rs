@@ -133,7 +133,7 @@ pub const MISTAKES: &[Mistake] = &[
             let cut = |number| String::from_utf8(line(number)).unwrap().replace("\r\n", "\r");
             on_a_line(LINE, move |number| cut(number).into_bytes())
         },
-        "0001\\rM0,",
+        "\\rM0,+01.",
     ),
     row(
         "serial: a counter that is none",
