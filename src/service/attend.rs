@@ -135,8 +135,14 @@ impl Attendant {
                     };
                     let span = info_span!("cycle", machine = self.name(), run = run.0);
                     let measured = self.measured_again(again, journal).instrument(span).await;
+                    let unopened = matches!(measured, Err(Failed::Setup(_)));
                     if let Some(ended) = self.after(measured) {
                         return ended;
+                    }
+                    if unopened {
+                        // The run waits for a person as before: here, or at the command.
+                        self.lock = None;
+                        self.desk.becomes(State::Held);
                     }
                 }
             }
