@@ -94,13 +94,17 @@ impl Daemon {
         format!("127.0.0.1:{}", self.port)
     }
 
-    /// Status and body.
+    /// Status and body; `what` of the machine's.
     pub fn ask(&self, method: &str, what: &str, body: &Value) -> (u16, Value) {
+        self.at(method, &format!("{PATH}{what}"), body)
+    }
+
+    fn at(&self, method: &str, path: &str, body: &Value) -> (u16, Value) {
         let mut stream = TcpStream::connect(self.address()).unwrap();
         stream.set_nodelay(true).unwrap();
         let body = body.to_string();
         let request = format!(
-            "{method} {PATH}{what} HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n\
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n\
              Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
             self.address(),
             body.len()
@@ -114,9 +118,20 @@ impl Daemon {
     }
 
     pub fn start(&self) {
-        let vouched = json!({"cycle": 1, "who": "a", "enable": true, "auto": true, "door": true});
-        let (status, told) = self.ask("POST", "/start", &vouched);
-        assert_eq!(status, 202, "{told}");
+        self.wants(
+            "/start",
+            &json!({"cycle": 1, "who": "a", "enable": true, "auto": true, "door": true}),
+        );
+    }
+
+    /// Who asks as often as this is told to wait.
+    pub fn wants(&self, what: &str, body: &Value) {
+        let mut answer = self.ask("POST", what, body);
+        while answer.0 == 429 {
+            sleep(Duration::from_millis(100));
+            answer = self.ask("POST", what, body);
+        }
+        assert_eq!(answer.0, 202, "{}", answer.1);
     }
 
     pub fn until(&self, right: impl Fn(&Value) -> bool) -> Value {
@@ -129,6 +144,15 @@ impl Daemon {
             assert!(begun.elapsed() < PATIENCE, "{now}");
             sleep(Duration::from_millis(50));
         }
+    }
+
+    /// The steps of the first run with which its stages begin.
+    pub fn begin_stages(&self) -> Vec<u32> {
+        let plan = self.at("GET", "/api/v1/runs/1/plan", &json!({})).1;
+        let steps = plan["steps"].as_array().expect("steps").iter();
+        let mut steps: Vec<_> = steps.map(|step| (&step["stage"], &step["id"])).collect();
+        steps.dedup_by_key(|(stage, _)| *stage);
+        steps.iter().filter_map(|(_, id)| Some(id.as_u64()? as u32)).collect()
     }
 
     /// The processor time that it has used, s.

@@ -27,6 +27,8 @@ const HOLD: Duration = Duration::from_millis(20);
 const TABLETS: usize = 50;
 /// From a touch's result to the next line, at the 99th percentile.
 const LINE: Duration = Duration::from_millis(5);
+/// Enough touches for a 99th percentile.
+const RUNS: usize = 4;
 /// A touch of a machine takes some seconds; here long enough that each has its events.
 const TOUCH: Duration = Duration::from_millis(150);
 
@@ -44,10 +46,12 @@ fn main() {
         late.extend(told(&name, &holds(&tape, tablets, memory), Some(HOLD)));
     }
     for tablets in [0, TABLETS] {
+        let [within, stage] = lines(&tape, tablets, memory);
         let name = format!("result to next line, {tablets} tablets");
-        late.extend(told(&name, &lines(&tape, tablets, memory), Some(LINE)));
+        late.extend(told(&name, &within, Some(LINE)));
+        late.extend(told("  where a stage is planned and proven", &stage, None));
     }
-    let with_disk = lines(&tape, TABLETS, disk);
+    let [with_disk, _] = lines(&tape, TABLETS, disk);
     late.extend(told("  the same, journal on the target's disk", &with_disk, None));
     assert!(late.is_empty(), "too late: {late:?}");
 }
@@ -80,24 +84,29 @@ fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
         let first = seen.holds.iter().find(|at| **at > asked).expect("a hold");
         times.push(*first - asked);
         drop(seen);
-        assert_eq!(daemon.ask("POST", "/acknowledge", &json!({"who": "a"})).0, 202);
+        daemon.wants("/acknowledge", &json!({"who": "a"}));
     }
     times
 }
 
-/// Of a whole run.
-fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
+/// Of whole runs: within a stage, and from one to the next.
+fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> [Vec<Duration>; 2] {
     let wire = Wire::new(tape.to_vec(), TOUCH);
     let daemon = Daemon::new(wire.port, folder);
     let _readers = Readers::new(&daemon.address(), tablets);
     let (begun, before) = (Instant::now(), daemon.processor_s());
-    daemon.start();
-    daemon.until(|now| now["state"] == "waiting" && now["run"] == 1);
+    for run in 1..=RUNS {
+        daemon.start();
+        daemon.until(|now| now["state"] == "waiting" && now["run"] == run);
+    }
     let used = (daemon.processor_s() - before) / begun.elapsed().as_secs_f64();
     println!("  ({tablets} tablets: {:.0} % of a core)", 100.0 * used);
+    let begins = daemon.begin_stages();
     let seen = wire.seen.lock().unwrap();
-    assert!(seen.between.len() > 50, "{} steps", seen.between.len());
-    seen.between.clone()
+    assert!(seen.between.len() > 50 * RUNS, "{} steps", seen.between.len());
+    let (stage, within) = seen.between.iter().partition(|(step, _)| begins.contains(step));
+    let times = |all: Vec<(u32, Duration)>| all.into_iter().map(|(_, time)| time).collect();
+    [times(within), times(stage)]
 }
 
 fn quantile(times: &[Duration], share: f64) -> Duration {

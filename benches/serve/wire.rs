@@ -13,8 +13,9 @@ use super::tape::Exchange;
 pub struct Seen {
     /// When a hold was there.
     pub holds: Vec<Instant>,
-    /// From the answer that ended a step to the first line of the next: reading, journal, next block.
-    pub between: Vec<Duration>,
+    /// From the answer that ended a step to the first line of the one with this number: reading, journal,
+    /// next block.
+    pub between: Vec<(u32, Duration)>,
 }
 
 pub struct Wire {
@@ -121,9 +122,9 @@ impl Control {
         if step.is_none() || step == talk.step {
             return exchange.replies.clone();
         }
-        if talk.step.is_some() {
+        if let (Some(_), Some(step)) = (talk.step, step) {
             // The last answer was to the look before the step, the one before ended the other.
-            self.seen.lock().unwrap().between.push(came - talk.answered[0]);
+            self.seen.lock().unwrap().between.push((step, came - talk.answered[0]));
         }
         (talk.step, talk.moving) = (step, Some((came + self.takes, exchange.replies.clone())));
         Vec::new()

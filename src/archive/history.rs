@@ -5,9 +5,9 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::decision::trend::{self, Kind, Point, Told, Trend};
-use crate::record::estimate::{Estimate, Unit};
+use crate::record::estimate::{Parameter, Unit};
 use crate::report::Individuals;
-use crate::store::{Journal, RunId, StoreError};
+use crate::store::{Journal, Measured, RunId, StoreError};
 
 /// What one finished run said of one value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -20,7 +20,7 @@ pub struct Value {
     pub expanded: f64,
 }
 
-/// One value of one method over all finished runs in which it was identified, oldest first.
+/// One value of one method over the finished runs looked at in which it was identified, oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Series {
     pub method: String,
@@ -30,42 +30,39 @@ pub struct Series {
     pub trend: Trend,
 }
 
-/// All series of `machine`, those of a method together, in the order in which they first came.
+/// Runs of each method that a history goes back: twice what changes are looked for in.
+const NEWEST: u32 = 200;
+
+/// All series of `machine` over the newest [`NEWEST`] finished runs of each method, those of a method
+/// together, in the order in which they first came.
 ///
 /// # Errors
 /// The journal cannot be read.
 pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreError> {
-    let mut all: Vec<(String, String, Unit, Vec<Value>)> = Vec::new();
-    for measured in journal.measured(machine)? {
-        let Estimate { parameters, .. } = measured.estimate;
-        for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
-            let value = Value {
-                run: measured.run,
-                started: measured.started,
-                value: parameter.value,
-                expanded: parameter.expanded,
-            };
-            let known = all.iter_mut().find(|(method, symbol, unit, _)| {
-                (method, symbol, *unit) == (&measured.method, &parameter.symbol, parameter.unit)
-            });
-            match known {
-                Some((.., values)) => values.push(value),
-                None => {
-                    all.push((
-                        measured.method.clone(),
-                        parameter.symbol,
-                        parameter.unit,
-                        vec![value],
-                    ));
-                }
-            }
-        }
-    }
+    let mut all: Vec<Known> = Vec::new();
+    journal.measured(machine, NEWEST, |measured| take(&mut all, measured))?;
     all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
     Ok(all.into_iter().map(series).collect())
 }
 
-fn series((method, symbol, unit, values): (String, String, Unit, Vec<Value>)) -> Series {
+/// A method's value so far.
+type Known = (String, String, Unit, Vec<Value>);
+
+fn take(all: &mut Vec<Known>, Measured { run, started, method, parameters }: Measured) {
+    for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
+        let Parameter { symbol, unit, value, expanded, .. } = parameter;
+        let value = Value { run, started, value, expanded };
+        let known = all.iter_mut().find(|(of, name, its, _)| {
+            (of.as_str(), name.as_str(), *its) == (&method, &symbol, unit)
+        });
+        match known {
+            Some((.., values)) => values.push(value),
+            None => all.push((method.clone(), symbol, unit, vec![value])),
+        }
+    }
+}
+
+fn series((method, symbol, unit, values): Known) -> Series {
     let point = |value: &Value| Point {
         t_s: value.started.as_duration().as_secs_f64(),
         value: value.value,

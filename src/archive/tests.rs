@@ -71,6 +71,11 @@ fn a_history_is_what_finished_runs_last_said() {
         .collect();
     let wanted = format!("samba EX0C {first}:2 {last}:6");
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
+    // Of each method so many of the newest.
+    let mut newest = Vec::new();
+    journal.measured("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
+    let laser = RunId(last.0 - 1);
+    assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }
 
 /// A name stands under one estimate, for good: identified again, the run shows as not signed.

@@ -110,6 +110,9 @@ impl Failure {
             CycleError::Identification { run, why } => {
                 let remedy = match why {
                     Unidentified::Refused(error) => Some(error.remedy()),
+                    Unidentified::Unkept(_) => {
+                        Some("make room on the journal's disk, or mend it".to_owned())
+                    }
                     Unidentified::NoAnswer | Unidentified::Stopped => None,
                 };
                 Self { what: why.to_string(), remedy, exit }.kept(*run, method)

@@ -39,6 +39,9 @@ pub enum Unidentified {
     NoAnswer,
     #[error("stopped during the identification")]
     Stopped,
+    /// It is found, and found again from the readings.
+    #[error("what was found could not be kept: {0}")]
+    Unkept(#[from] StoreError),
 }
 
 impl CycleError {
@@ -107,7 +110,8 @@ pub async fn conclude(
     let found = identify(method, plan, readings, priors, &devices.controller.halt()).await;
     let estimate = found.map_err(|why| CycleError::Identification { run: id, why })?;
     let estimate = judged(estimate, tolerance);
-    journal.estimate(id, &estimate).await?;
+    let unkept = |error: StoreError| CycleError::Identification { run: id, why: error.into() };
+    journal.estimate(id, &estimate).await.map_err(unkept)?;
     Ok(estimate)
 }
 

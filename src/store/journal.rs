@@ -156,9 +156,15 @@ impl Journal {
         self.look(|connection| read::runs(connection))
     }
 
-    /// The last estimate of each finished run of `machine`, oldest first.
-    pub fn measured(&self, machine: &str) -> Result<Vec<Measured>, StoreError> {
-        self.look(|connection| read::measured(connection, machine))
+    /// `tell` hears what the last estimates of the `newest` finished runs of each method on `machine`
+    /// say, oldest first.
+    pub fn measured(
+        &self,
+        machine: &str,
+        newest: u32,
+        tell: impl FnMut(Measured),
+    ) -> Result<(), StoreError> {
+        self.look(|connection| read::measured(connection, machine, newest, tell))
     }
 
     /// Everything of one run, as of one instant.

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::record::estimate::Estimate;
+use crate::record::estimate::{Estimate, Parameter};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
 use crate::record::reading::Reading;
@@ -142,13 +142,13 @@ pub struct StoredEstimate {
     pub program_version: String,
 }
 
-/// The last estimate of a finished run.
+/// What the last estimate of a finished run says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     pub run: RunId,
     pub started: Timestamp,
     pub method: String,
-    pub estimate: Estimate,
+    pub parameters: Vec<Parameter>,
 }
 
 /// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that

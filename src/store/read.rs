@@ -4,11 +4,13 @@ use std::str::FromStr;
 
 use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, Row, params};
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
 use super::{scan, signature};
 use crate::base::Axis;
+use crate::record::estimate::Parameter;
 use crate::record::event::Event;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
@@ -29,22 +31,38 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     Ok(rows)
 }
 
-/// The last estimate of each finished run of `machine`, oldest first.
-pub(super) fn measured(connection: &Connection, machine: &str) -> Result<Vec<Measured>, Fault> {
+/// What the last estimates of the `newest` finished runs of each method on `machine` say, oldest first.
+/// One is held at a time: there are years of them.
+pub(super) fn measured(
+    connection: &Connection,
+    machine: &str,
+    newest: u32,
+    mut tell: impl FnMut(Measured),
+) -> Result<(), Fault> {
+    /// Of the estimate's JSON; the rest is passed over.
+    #[derive(Deserialize)]
+    struct Values {
+        parameters: Vec<Parameter>,
+    }
     let mut statement = connection.prepare(
-        "SELECT runs.id, started, method, estimate FROM runs
-         JOIN estimates ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
-         WHERE machine = ?1 AND state = ?2 ORDER BY runs.id",
+        "SELECT id, started, method, estimate FROM
+             (SELECT runs.id, started, method, estimate,
+                     row_number() OVER (PARTITION BY method ORDER BY runs.id DESC) AS age
+              FROM runs JOIN estimates
+              ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
+              WHERE machine = ?1 AND state = ?2)
+         WHERE age <= ?3 ORDER BY id",
     )?;
-    let measured = statement.query_map(params![machine, RunState::Finished.as_str()], |row| {
-        Ok(Measured {
-            run: RunId(row.get(0)?),
-            started: parsed(row, 1)?,
-            method: row.get(2)?,
-            estimate: json(row, 3)?,
-        })
+    let finished = RunState::Finished.as_str();
+    let rows = statement.query_map(params![machine, finished, newest], |row| {
+        let Values { parameters } = json(row, 3)?;
+        let run = RunId(row.get(0)?);
+        Ok(Measured { run, started: parsed(row, 1)?, method: row.get(2)?, parameters })
     })?;
-    Ok(measured.collect::<Result<_, _>>()?)
+    for measured in rows {
+        tell(measured?);
+    }
+    Ok(())
 }
 
 /// All of one run, in one transaction: another process may be writing it.

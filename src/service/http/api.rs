@@ -72,7 +72,7 @@ async fn machine(
     Ok(Json(Standing::of(machine)))
 }
 
-/// Each value over all finished runs, its control limits, its steps and drifts.
+/// Each value over the newest 200 finished runs of its method, its control limits, its steps and drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn trends(
     State(web): State<Web>,

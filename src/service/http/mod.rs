@@ -17,6 +17,7 @@ mod schedule;
 mod standing;
 mod whereabouts;
 
+use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::sync::Arc;
 
@@ -51,6 +52,8 @@ struct Web {
     metrics: Metrics,
     access: Arc<Access>,
     readers: Arc<Semaphore>,
+    /// Of each machine.
+    live: Arc<BTreeMap<String, page::Shared>>,
 }
 
 impl Web {
@@ -81,8 +84,10 @@ pub fn start(
         log(&format!("commands will not find the page: {error}"));
     }
     let readers = Arc::new(Semaphore::new(READERS));
-    let router =
-        router(Web { machines: machines.into(), journal, metrics, access, readers }, names);
+    let live = machines.iter().map(|machine| (machine.name.clone(), page::Shared::default()));
+    let live = Arc::new(live.collect());
+    let web = Web { machines: machines.into(), journal, metrics, access, readers, live };
+    let router = router(web, names);
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 #[schema(value_type = Object)]
 pub struct Contract(());
 
-/// One value of one method over all finished runs.
+/// One value of one method over its newest 200 finished runs.
 #[derive(ToSchema)]
 #[schema(value_type = Object)]
 pub struct SeriesView(());

@@ -1,5 +1,6 @@
 //! The page of one machine: how it stands, what can be done, how its values went.
 
+use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::response::Html;
 use jiff::Timestamp;
@@ -48,11 +49,17 @@ pub async fn page(
 pub async fn live(
     State(web): State<Web>,
     Path(name): Path<String>,
-) -> Result<Html<String>, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let run = machine.desk.board().run;
-    let views = look(&web, move |journal| views::of_run(journal, RunId(run.into()))).await??;
-    render("live.html", context! { machine => standing(machine), views })
+) -> Result<Html<Bytes>, Problem> {
+    let (machine, shared) =
+        web.machine(&name).zip(web.live.get(&name)).ok_or_else(|| Problem::not_found(&name))?;
+    // Looked at first: what changes while it is made is made again.
+    let change = *machine.desk.changes().borrow();
+    let make = async {
+        let run = machine.desk.board().run;
+        let views = look(&web, move |journal| views::of_run(journal, RunId(run.into()))).await??;
+        render("live.html", context! { machine => standing(machine), views })
+    };
+    shared.at(change, make).await
 }
 
 /// The newest runs, and the last one if it waits for a person, with what is asked before it goes on.

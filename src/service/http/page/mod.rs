@@ -6,6 +6,7 @@ mod machine;
 mod refused;
 mod run;
 mod schedule;
+mod shared;
 mod trends;
 mod views;
 
@@ -22,6 +23,7 @@ use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 pub use self::refused::for_people;
+pub use self::shared::Shared;
 use super::Web;
 use super::api::look;
 use super::problem::Problem;
