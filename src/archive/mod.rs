@@ -8,3 +8,5 @@ pub mod story;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub use self::tests::plan as plan_for_tests;

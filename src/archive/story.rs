@@ -8,7 +8,7 @@ pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
     let told = |event: &Event| match event {
         Event::Held { reason } => Some(format!("held: {reason}")),
         Event::Faulted { what, .. } => Some(format!("fault: {what}")),
-        Event::Acknowledged { who, what } => Some(format!("acknowledged by {who}: {what}")),
+        Event::Acknowledged { who, what, .. } => Some(format!("acknowledged by {who}: {what}")),
         Event::Resumed { gap_s } => Some(format!("resumed after a gap at t = {gap_s:.1} s")),
         Event::SamplesRemoved { scans } => Some(format!(
             "the samples of {scans} scans were removed: their time to be kept was over"
@@ -62,6 +62,18 @@ pub fn position_lost(stored: &StoredRun) -> bool {
     let events = stored.events.iter().rev().map(|(_, event)| event);
     let mut since = events.take_while(|event| !matches!(event, Event::Resumed { .. }));
     since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
+}
+
+/// Whether a person has looked since it was stopped and left it as it is: then nobody is waited for. Who
+/// only wanted to let it go on has not.
+pub fn is_left(stored: &StoredRun) -> bool {
+    let last = stored.events.iter().rev().find_map(|(_, event)| match event {
+        Event::Acknowledged { leaves, .. } => Some(*leaves),
+        // Words, and what was done to it long after.
+        Event::Announced { .. } | Event::SamplesRemoved { .. } => None,
+        _ => Some(false),
+    });
+    last.unwrap_or(false)
 }
 
 /// Whether a stopped run goes on, in words. `can_resume`: its references were measured.

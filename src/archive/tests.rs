@@ -6,7 +6,7 @@ use crate::record::estimate::{Estimate, Parameter, Unit};
 use crate::record::plan::Plan;
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 
-fn plan(method: &str, machine: &str) -> Plan {
+pub fn plan(method: &str, machine: &str) -> Plan {
     serde_json::from_value(serde_json::json!({
         "trued_plan": 1, "method": method, "settings": {},
         "machine": {"name": machine, "topology": "w-C-B-X-F-Z-Y-S-t"},

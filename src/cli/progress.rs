@@ -40,7 +40,7 @@ impl Progress {
                     ));
                 }
             }
-            Event::Acknowledged { who, what } => {
+            Event::Acknowledged { who, what, .. } => {
                 self.say(&format!("acknowledged by {who}: {what}"))
             }
             Event::Resumed { .. } => self.say("the run goes on, references first"),

@@ -46,10 +46,13 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         position_lost: bool,
     },
-    /// A person has looked at the machine after a fault or a stop and lets it go on.
+    /// A person has looked at the machine after a fault or a stop.
     Acknowledged {
         who: String,
         what: String,
+        /// The run is left as it is, and new ones may begin; otherwise it is this one that goes on.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        leaves: bool,
     },
     /// The run goes on after an interruption; `gap_s` as in the plan.
     Resumed {

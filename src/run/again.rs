@@ -87,7 +87,8 @@ impl Again {
             (false, true) => Err(AgainError::NotHomed(question)),
             (false, false) => {
                 let Question { ended, ask, .. } = question;
-                Ok(Event::Acknowledged { who, what: format!("{ended}; asked: {ask}") })
+                let what = format!("{ended}; asked: {ask}");
+                Ok(Event::Acknowledged { who, what, leaves: false })
             }
         }
     }

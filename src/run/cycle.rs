@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::behind::{COMPUTING, behind};
 use super::{Run, RunError};
 use crate::controllers::Halt;
 use crate::decision;
@@ -126,7 +127,10 @@ async fn identify(
 ) -> Result<Estimate, Unidentified> {
     let method = method.clone();
     let (answer, mut result) = tokio::sync::oneshot::channel();
-    std::thread::spawn(move || drop(answer.send(method.identify(&plan, &readings, &priors))));
+    std::thread::spawn(move || {
+        behind(COMPUTING);
+        drop(answer.send(method.identify(&plan, &readings, &priors)));
+    });
     loop {
         // An answer not yet there leaves the receiver as it was.
         if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {

@@ -5,6 +5,7 @@
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
 mod again;
+mod behind;
 mod cycle;
 mod error;
 mod live_check;
@@ -16,6 +17,7 @@ mod sweep;
 mod timeline;
 
 pub use again::{Again, AgainError, Question, question};
+pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
 pub use resume::{Interrupted, can_resume};

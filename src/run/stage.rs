@@ -2,6 +2,7 @@
 
 use tokio::sync::oneshot;
 
+use super::behind::{COMPUTING, behind};
 use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
@@ -155,6 +156,7 @@ async fn prove(
     let (plan, dialect) = (plan.clone(), dialect.clone());
     let (stage, name) = (stage.clone(), stage.name.clone());
     std::thread::spawn(move || {
+        behind(COMPUTING);
         drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, &dialect)));
     });
     result.await.map_err(|_| RunError::ProofGone { stage: name })?

@@ -2,8 +2,9 @@
 
 use super::ServeError;
 use super::attend::{Attendant, Failed, Progress};
-use super::board::Refusal;
+use super::board::{Refusal, State};
 use super::captures::Begun;
+use super::desk::Word;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError};
@@ -21,15 +22,19 @@ enum NotAgain {
 
 impl Attendant {
     /// The run that a person has let go on: the machine is ours, the word is in the journal. `None` once it
-    /// is told why not.
+    /// is told why not, and the machine is left to whoever else may resume it.
     pub(super) async fn acknowledged_again(
         &mut self,
         run: RunId,
-        (who, homed): (&str, bool),
+        word: Word,
         journal: &Journal,
     ) -> Option<Again> {
-        match self.let_go_on(run, (who, homed), journal).await {
-            Ok(again) => Some(again),
+        let Word { who, homed, answer, .. } = word;
+        match self.let_go_on(run, (&who, homed), journal).await {
+            Ok(again) => {
+                let _ = answer.send(Ok(()));
+                Some(again)
+            }
             Err(error) => {
                 let why = match error {
                     NotAgain::Serve(ServeError::Lock(_)) => Refusal::Elsewhere,
@@ -37,6 +42,9 @@ impl Attendant {
                     _ => Refusal::NotReady,
                 };
                 self.desk.refuse(why, &format!("resume of run {run} by {who} ({error})"));
+                self.lock = None;
+                self.desk.becomes(State::Held);
+                let _ = answer.send(Err(why));
                 None
             }
         }

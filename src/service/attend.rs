@@ -9,10 +9,10 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, debug, info_span};
 
-use super::board::{Board, Refusal, State};
+use super::board::{Board, Failure, State};
 use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
-use super::desk::{Ask, Desk};
+use super::desk::{Ask, Desk, Word};
 use super::http::Shown;
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
@@ -48,11 +48,11 @@ pub(super) struct Progress {
 pub(super) struct Attendant {
     machine: MachineFile,
     config: Config,
-    folder: PathBuf,
+    pub(super) folder: PathBuf,
     pub(super) pace: Pace,
     pub(super) desk: Desk,
     asks: mpsc::Receiver<Ask>,
-    log: Log,
+    pub(super) log: Log,
     captures: Option<Captures>,
     /// While no person may resume it.
     pub(super) lock: Option<MachineLock>,
@@ -95,7 +95,7 @@ impl Attendant {
                 (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
-                self.desk.show(|board| board.run = run);
+                self.desk.show(|board| (board.run, board.failure) = (run, Some(before.why)));
                 self.desk.becomes(State::Held);
             }
             None => self.desk.becomes(State::Waiting),
@@ -112,42 +112,48 @@ impl Attendant {
                 Ok(Some(ask)) => ask,
                 Ok(None) => break,
                 // Nobody has asked.
-                Err(_) => continue,
+                Err(_) => {
+                    self.look_elsewhere(journal).await;
+                    continue;
+                }
             };
             self.desk.pulse().beat(self.config.patience);
             match ask {
                 _ if self.desk.is_ending() => break,
                 Ask::End => break,
-                Ask::Acknowledge => self.acknowledged(journal).await,
+                Ask::Acknowledge(word) => self.acknowledged(word, journal).await,
                 Ask::Start { cycle } => {
                     let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
-                    let measured = self.measured(cycle, journal).instrument(span).await;
-                    if let Some(ended) = self.after(measured) {
+                    if let Some(ended) = self.cycle(cycle, journal).instrument(span).await {
                         return ended;
                     }
                 }
-                Ask::Resume { run, who, homed } => {
-                    let Some(again) = self.acknowledged_again(run, (&who, homed), journal).await
-                    else {
-                        self.lock = None;
-                        self.desk.becomes(State::Held);
-                        continue;
-                    };
+                Ask::Resume { run, word } => {
                     let span = info_span!("cycle", machine = self.name(), run = run.0);
-                    let measured = self.measured_again(again, journal).instrument(span).await;
-                    let unopened = matches!(measured, Err(Failed::Setup(_)));
-                    if let Some(ended) = self.after(measured) {
+                    let again = self.cycle_again((run, word), journal).instrument(span);
+                    if let Some(ended) = again.await {
                         return ended;
-                    }
-                    if unopened {
-                        // The run waits for a person as before: here, or at the command.
-                        self.lock = None;
-                        self.desk.becomes(State::Held);
                     }
                 }
             }
         }
         Ended::Waiting
+    }
+
+    async fn cycle(&mut self, number: u16, journal: &Journal) -> Option<Ended> {
+        let measured = self.measured(number, journal).await;
+        self.after(measured, State::Failed)
+    }
+
+    async fn cycle_again(
+        &mut self,
+        (run, word): (RunId, Word),
+        journal: &Journal,
+    ) -> Option<Ended> {
+        let again = self.acknowledged_again(run, word, journal).await?;
+        let measured = self.measured_again(again, journal).await;
+        // Where nothing could be opened the run waits for a person as before.
+        self.after(measured, State::Held)
     }
 
     /// What any cycle would be refused for is told now, not when the operator presses the button.
@@ -185,62 +191,39 @@ impl Attendant {
         Ok(lock)
     }
 
-    /// A person at the machine has acknowledged. That lets a new cycle start; it does not resume.
-    async fn acknowledged(&mut self, journal: &Journal) {
-        match self.clear(journal).await {
-            Ok(None) => {
-                self.desk.becomes(State::Waiting);
-                (self.log)("acknowledged; ready");
-            }
-            Ok(Some(why)) => {
-                self.lock = None;
-                self.desk.refuse(why, "acknowledgement");
-            }
-            Err(error) => {
-                self.lock = None;
-                let why = match error {
-                    ServeError::Lock(_) => Refusal::Elsewhere,
-                    _ => Refusal::NotReady,
-                };
-                self.desk.refuse(why, &format!("acknowledgement ({error})"));
-            }
-        }
-    }
-
-    async fn clear(&mut self, journal: &Journal) -> Result<Option<Refusal>, ServeError> {
-        if self.lock.is_none() {
-            self.lock = Some(self.take(journal).await?);
-        }
-        let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
-        if before.position_lost {
-            return Ok(Some(Refusal::PositionLost));
-        }
-        let who = "somebody at the machine".to_owned();
-        let what = "by the acknowledgement at the trigger; new cycles may start".to_owned();
-        journal.event(before.run, &Event::Acknowledged { who, what }).await?;
-        Ok(None)
-    }
-
-    /// Show how a run has ended; the service ends with it if it must.
-    fn after(&mut self, measured: Result<(RunId, Estimate), Failed>) -> Option<Ended> {
-        let (state, told) = match &measured {
-            Ok((run, estimate)) => {
-                (State::Waiting, format!("run {run} is finished, verdict {:?}", estimate.verdict))
-            }
-            Err(Failed::Cycle(error)) if error.holds() => (State::Held, in_words(error)),
-            Err(Failed::Cycle(error)) => (State::Failed, in_words(error)),
+    /// Show how a run has ended; the service ends with it if it must. `unopened`: how the machine stands if
+    /// its devices could not be opened.
+    fn after(
+        &mut self,
+        measured: Result<(RunId, Estimate), Failed>,
+        unopened: State,
+    ) -> Option<Ended> {
+        let (state, why) = match &measured {
+            Ok(_) => (State::Waiting, None),
+            Err(Failed::Cycle(error)) if error.holds() => (State::Held, Some(of_cycle(error))),
+            Err(Failed::Cycle(error)) => (State::Failed, Some(of_cycle(error))),
             Err(Failed::Setup(error)) => {
-                let remedy = error.remedy().map(|remedy| format!("; {remedy}"));
-                (State::Failed, format!("{error}{}", remedy.unwrap_or_default()))
+                let (what, remedy) = (error.to_string(), error.remedy());
+                (unopened, Some(Failure { what, remedy }))
             }
         };
-        (self.log)(&told);
+        match (&measured, &why) {
+            (Ok((run, estimate)), _) => {
+                let told = format!("run {run} is finished, verdict {:?}", estimate.verdict);
+                (self.log)(&told);
+            }
+            (_, Some(Failure { what, remedy: Some(remedy) })) => {
+                (self.log)(&format!("{what}; {remedy}"));
+            }
+            (_, why) => (self.log)(why.as_ref().map_or("", |why| why.what.as_str())),
+        }
         self.count(&measured);
-        self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
+        self.desk.show(|board| board.failure = why);
         if state == State::Held {
-            // Now a person may resume it.
+            // Now a person may resume it, here or at the command.
             self.lock = None;
         }
+        self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
         (state != State::Waiting && self.desk.is_ending()).then_some(Ended::Held)
     }
 
@@ -332,12 +315,14 @@ impl Progress {
     }
 }
 
-fn in_words(error: &CycleError) -> String {
-    match error {
-        CycleError::Run { run, error, .. } => format!("run {run}: {error}; {}", error.remedy()),
-        CycleError::Identification { run, why } => {
-            format!("run {run} is measured and kept, but not identified: {why}")
-        }
-        CycleError::Store(error) => format!("{error}; {}", error.remedy()),
-    }
+fn of_cycle(error: &CycleError) -> Failure {
+    let (what, remedy) = match error {
+        CycleError::Run { run, error, .. } => (format!("run {run}: {error}"), error.remedy()),
+        CycleError::Identification { run, why } => (
+            format!("run {run} is measured and kept, but not identified: {why}"),
+            format!("`trued identify METHOD --run {run}` tries again"),
+        ),
+        CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
+    };
+    Failure { what, remedy: Some(remedy) }
 }

@@ -1,5 +1,8 @@
 //! How things stand, for whoever asks.
 
+use serde::Serialize;
+use utoipa::ToSchema;
+
 use super::config::Demand;
 use crate::record::estimate::{Parameter, Verdict};
 
@@ -138,6 +141,17 @@ pub struct Board {
     pub remaining_s: f64,
     /// Touches and scans that are in the journal.
     pub measured: u32,
+    /// While held: another program has the machine, and may move it.
+    pub elsewhere: bool,
+    /// Why the last cycle did not come to its end, and what to do; `None` once that is settled.
+    pub failure: Option<Failure>,
+}
+
+/// In words, for a person.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Failure {
+    pub what: String,
+    pub remedy: Option<String>,
 }
 
 impl Board {
@@ -146,6 +160,7 @@ impl Board {
         (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);
         self.deviations.clear();
+        (self.elsewhere, self.failure) = (false, None);
         (self.stage, self.step) = (String::new(), String::new());
         (self.remaining_s, self.measured) = (0.0, 0);
     }

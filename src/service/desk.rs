@@ -5,7 +5,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::Log;
 use super::board::{Board, Refusal, Said, State};
@@ -17,20 +17,45 @@ use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
 use crate::store::RunId;
 
-/// What the service must do.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What the service must do, one thing at a time: while one is asked for, no other is accepted.
+#[derive(Debug)]
 pub enum Ask {
-    Start {
-        cycle: u16,
-    },
-    Acknowledge,
-    /// This person has seen to what is asked before a run goes on.
-    Resume {
-        run: RunId,
-        who: String,
-        homed: bool,
-    },
+    Start { cycle: u16 },
+    Acknowledge(Word),
+    Resume { run: RunId, word: Word },
     End,
+}
+
+/// Somebody has looked at the machine.
+#[derive(Debug)]
+pub struct Word {
+    pub who: String,
+    pub why: String,
+    /// All axes, where the control may have lost its position.
+    pub homed: bool,
+    /// For whoever waits to hear what became of it.
+    pub answer: oneshot::Sender<Result<(), Refusal>>,
+}
+
+/// Who looked, why, and whether the axes are homed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Looked<'a> {
+    pub who: &'a str,
+    pub why: &'a str,
+    pub homed: bool,
+}
+
+/// What became of an accepted word.
+pub type Answer = oneshot::Receiver<Result<(), Refusal>>;
+
+/// What a hold has met.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    Run,
+    /// Nothing moves here.
+    Nothing,
+    /// Whatever moves is another program's: this one cannot hold it.
+    Elsewhere,
 }
 
 struct Inner {
@@ -38,6 +63,8 @@ struct Inner {
     /// Of the run that is on.
     halt: Option<Halt>,
     stop: bool,
+    /// Something is asked for that has not come to its end.
+    asked: bool,
     /// A cycle ended, or a start was refused as too soon.
     last_end: Option<Instant>,
 }
@@ -62,7 +89,7 @@ impl Desk {
     pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<Ask>) {
         let (asks, todo) = mpsc::channel(8);
         let board = Board::default();
-        let inner = Inner { board, halt: None, stop: false, last_end: None };
+        let inner = Inner { board, halt: None, stop: false, asked: false, last_end: None };
         let desk = Self {
             inner: Arc::new(Mutex::new(inner)),
             asks,
@@ -124,9 +151,7 @@ impl Desk {
     pub fn start(&self, cycle: u16, said: Said, by: &str) -> Result<(), Refusal> {
         let mut inner = self.inner();
         let judged = self.judge(&inner, cycle, said);
-        let sent = judged
-            .and_then(|()| self.asks.try_send(Ask::Start { cycle }).map_err(|_| Refusal::NotReady));
-        if let Err(why) = sent {
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, Ask::Start { cycle })) {
             drop(inner);
             self.refuse(why, &format!("start of cycle {cycle} by {by}"));
             return Err(why);
@@ -140,22 +165,23 @@ impl Desk {
         Ok(())
     }
 
-    /// A person lets the held run go on. From an accepted one on the service is running.
+    /// A person lets the held run go on. From an accepted one on the service is running. `said`: what the
+    /// machine says of itself, or a person.
     ///
     /// # Errors
     /// Nothing is held here, or the service is busy; it is on the board and in the log as well.
-    pub fn resume(&self, run: RunId, who: &str, homed: bool) -> Result<(), Refusal> {
+    pub fn resume(&self, run: RunId, looked: Looked<'_>, said: Said) -> Result<Answer, Refusal> {
         let mut inner = self.inner();
         let judged = match inner.board.state {
-            State::Held | State::Failed => Ok(()),
+            State::Held => said.lacks(&self.demand).map_or(Ok(()), Err),
             State::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let ask = Ask::Resume { run, who: who.to_owned(), homed };
-        let sent = judged.and_then(|()| self.asks.try_send(ask).map_err(|_| Refusal::NotReady));
-        if let Err(why) = sent {
+        let (word, answer) = word(looked);
+        let ask = Ask::Resume { run, word };
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, ask)) {
             drop(inner);
-            self.refuse(why, &format!("resume of run {run} by {who}"));
+            self.refuse(why, &format!("resume of run {run} by {}", looked.who));
             return Err(why);
         }
         inner.stop = false;
@@ -164,7 +190,17 @@ impl Desk {
         inner.board.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
-        (self.log)(&format!("run {run} is resumed by {who}"));
+        (self.log)(&format!("run {run} is resumed by {}", looked.who));
+        Ok(answer)
+    }
+
+    /// Nothing else is accepted until its end is on the board.
+    fn send(&self, inner: &mut Inner, ask: Ask) -> Result<(), Refusal> {
+        if inner.asked {
+            return Err(Refusal::NotReady);
+        }
+        self.asks.try_send(ask).map_err(|_| Refusal::NotReady)?;
+        inner.asked = true;
         Ok(())
     }
 
@@ -199,26 +235,30 @@ impl Desk {
         (self.log)(&format!("refused, {what}: {why}"));
     }
 
-    /// Somebody at the machine has looked at it.
+    /// Somebody at the machine has looked at it, and leaves what is held as it is.
     ///
     /// # Errors
     /// Nothing waits for it; it is on the board and in the log as well.
-    pub fn acknowledge(&self, by: &str) -> Result<(), Refusal> {
-        let state = self.inner().board.state;
-        let waits = matches!(state, State::Held | State::Failed);
-        if waits && self.asks.try_send(Ask::Acknowledge).is_ok() {
-            return Ok(());
+    pub fn acknowledge(&self, looked: Looked<'_>) -> Result<Answer, Refusal> {
+        let mut inner = self.inner();
+        let judged = match inner.board.state {
+            State::Held | State::Failed => Ok(()),
+            _ => Err(Refusal::NothingToAcknowledge),
+        };
+        let (word, answer) = word(looked);
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, Ask::Acknowledge(word))) {
+            drop(inner);
+            self.refuse(why, &format!("acknowledgement by {}", looked.who));
+            return Err(why);
         }
-        let why = Refusal::NothingToAcknowledge;
-        self.refuse(why, &format!("acknowledgement by {by}"));
-        Err(why)
+        Ok(answer)
     }
 
-    /// Hold the machine, if a run is on; at once, whatever it does.
-    pub fn stop(&self, by: &str) {
+    /// Hold the machine, if a run is on or about to begin; at once, whatever the board says.
+    pub fn stop(&self, by: &str) -> Stopped {
         let mut inner = self.inner();
-        if inner.board.state != State::Running {
-            return;
+        if inner.board.state != State::Running && inner.halt.is_none() {
+            return if inner.board.elsewhere { Stopped::Elsewhere } else { Stopped::Nothing };
         }
         inner.stop = true;
         let halt = inner.halt.clone();
@@ -227,6 +267,7 @@ impl Desk {
             halt.now();
         }
         (self.log)(&format!("stopped by {by}"));
+        Stopped::Run
     }
 
     /// The service ends: as [`Self::stop`], and nothing starts any more.
@@ -279,9 +320,10 @@ impl Desk {
         self.becomes(state);
     }
 
-    /// Unless it ends.
+    /// What was asked for has come to its end: this is how things stand now. Not once it ends.
     pub(super) fn becomes(&self, state: State) {
         let mut inner = self.inner();
+        inner.asked = false;
         if inner.board.state != State::Ending {
             inner.board.state = state;
         }
@@ -290,17 +332,17 @@ impl Desk {
     }
 }
 
+fn word(Looked { who, why, homed }: Looked<'_>) -> (Word, Answer) {
+    let (answer, told) = oneshot::channel();
+    (Word { who: who.to_owned(), why: why.to_owned(), homed, answer }, told)
+}
+
 #[cfg(test)]
 impl Desk {
-    /// Of a machine with one cycle.
-    pub fn for_tests() -> Self {
-        let config = "[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
-        let log: Log = Arc::new(|_: &str| {});
-        Self::new(
-            &toml::from_str(config).unwrap(),
-            log,
-            super::metrics::Metrics::default().of("mill"),
-        )
-        .0
+    /// Of a machine with one cycle; the other end as [`Self::new`].
+    pub fn for_tests() -> (Self, mpsc::Receiver<Ask>) {
+        let config = "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
+        let (log, metrics): (Log, _) = (Arc::new(|_: &str| {}), super::metrics::Metrics::default());
+        Self::new(&toml::from_str(config).unwrap(), log, metrics.of("mill"))
     }
 }

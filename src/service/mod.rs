@@ -12,8 +12,11 @@ mod captures;
 pub mod config;
 mod daemon_file;
 pub mod desk;
+#[cfg(test)]
+mod desk_tests;
 mod http;
 mod keep;
+mod leave;
 mod metrics;
 mod notify;
 mod past;

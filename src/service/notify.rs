@@ -96,7 +96,7 @@ impl Watch {
             if is_late && !*was_late {
                 let seconds = desk.pulse().age().as_secs();
                 log(&format!("{name}: no progress for {seconds} s: the watchdog is fed no more"));
-                desk.stop("the watchdog");
+                let _ = desk.stop("the watchdog");
             } else if *was_late && !is_late {
                 log(&format!("{name}: progress again"));
             }
@@ -119,7 +119,7 @@ mod tests {
     fn one_that_hangs_stops_the_feed_and_is_held() {
         let log: Log = Arc::new(|_: &str| {});
         let machines: Watched =
-            ["mill", "lathe"].map(|name| (name.to_owned(), Desk::for_tests())).into();
+            ["mill", "lathe"].map(|name| (name.to_owned(), Desk::for_tests().0)).into();
         let mut watch = Watch::new(machines.clone());
         let halt = Halt::new(|| {});
         let (_, mill) = &machines[0];
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_name_cannot_say_more_than_a_name() {
-        let machines = vec![("mill\nREADY=1".to_owned(), Desk::for_tests())];
+        let machines = vec![("mill\nREADY=1".to_owned(), Desk::for_tests().0)];
         assert_eq!(status(&machines), "mill READY=1: starting");
     }
 }

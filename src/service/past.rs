@@ -1,6 +1,7 @@
 //! What the journal says of the machine's last run: whether a person is waited for.
 
-use crate::record::event::Event;
+use super::board::Failure;
+use crate::archive::story::{how_it_ended, is_left, position_lost};
 use crate::store::{Journal, RunId, StoreError};
 
 /// A run that waits for a person.
@@ -8,20 +9,55 @@ pub struct Unfinished {
     pub run: RunId,
     /// The axes must be homed first: a button cannot say so.
     pub position_lost: bool,
+    pub why: Failure,
 }
 
-/// The last run of `machine`, if it is unfinished and nobody has acknowledged it since.
+/// The last run of `machine`, if it is unfinished and nobody has left it so.
 pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>, StoreError> {
-    let runs = journal.runs()?;
-    let last = runs.iter().rev().find(|run| run.machine == machine);
-    let Some(last) = last.filter(|run| run.state.is_resumable()) else { return Ok(None) };
-    let events = journal.load(last.id)?.events;
-    let mut back = events.iter().rev().map(|(_, event)| event);
-    if matches!(back.clone().next(), Some(Event::Acknowledged { .. })) {
+    let Some(last) = journal.last_of(machine)?.filter(|run| run.state.is_resumable()) else {
+        return Ok(None);
+    };
+    let stored = journal.load(last.id)?;
+    if is_left(&stored) {
         return Ok(None);
     }
-    let lost = |event: &Event| matches!(event, Event::Faulted { position_lost: true, .. });
-    let position_lost =
-        back.by_ref().take_while(|event| !matches!(event, Event::Resumed { .. })).any(lost);
-    Ok(Some(Unfinished { run: last.id, position_lost }))
+    let (position_lost, what) = (position_lost(&stored), how_it_ended(&stored));
+    let why = Failure { what, remedy: Some("look at the machine".to_owned()) };
+    Ok(Some(Unfinished { run: last.id, position_lost, why }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::event::Event;
+    use crate::store::{NewRun, RunState};
+
+    /// Who wanted to let it go on has not left it: a service that begins after a power cut waits for a person.
+    #[test]
+    fn a_run_is_left_by_who_says_so_and_until_it_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let journal = Journal::open(dir.path()).unwrap();
+        let new =
+            NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
+        let run = journal.begin(&new).wait().unwrap();
+        journal.set_state(run, RunState::Held).wait().unwrap();
+        let waits = |event: Event| {
+            journal.event(run, &event).wait().unwrap();
+            unfinished(&journal, "mill").unwrap().map(|before| before.position_lost)
+        };
+        let word =
+            |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
+        let said = || Event::Announced { text: "as ever".to_owned() };
+        assert_eq!(waits(Event::Held { reason: "a stop".to_owned() }), Some(false));
+        assert_eq!(waits(word(false)), Some(false));
+        assert_eq!(waits(said()), Some(false));
+        assert_eq!(waits(word(true)), None);
+        assert_eq!(waits(said()), None);
+        assert_eq!(waits(Event::SamplesRemoved { scans: 2 }), None);
+        assert_eq!(waits(word(false)), Some(false));
+        assert_eq!(waits(Event::Resumed { gap_s: 1.0 }), Some(false));
+        let (what, remedy) = ("reset".to_owned(), "home".to_owned());
+        assert_eq!(waits(Event::Faulted { what, remedy, position_lost: true }), Some(true));
+        assert_eq!(waits(word(false)), Some(true));
+    }
 }

@@ -143,11 +143,21 @@ impl Rota {
         self.inner().tellers.push(Box::new(teller));
     }
 
-    /// By all whose word is fresh; `None` without one.
+    /// By all who are there to tell; `None` without one, or while one of them is silent: where nobody stands at
+    /// the machine, the word of all counts.
     pub fn told(&self) -> Option<Told> {
-        let inner = self.inner();
-        let fresh = inner.tellers.iter().map(|teller| teller()).filter(|told| told.said.fresh);
-        fresh.reduce(Told::and)
+        let all = self.all();
+        all.iter().all(|told| told.said.fresh).then(|| all.into_iter().reduce(Told::and)).flatten()
+    }
+
+    /// By those whose word is fresh: a person can vouch for the others, but not against these.
+    pub fn heard(&self) -> Option<Said> {
+        let fresh = self.all().into_iter().filter(|told| told.said.fresh);
+        fresh.reduce(Told::and).map(|told| told.said)
+    }
+
+    fn all(&self) -> Vec<Told> {
+        self.inner().tellers.iter().map(|teller| teller()).collect()
     }
 
     pub fn planned(&self) -> Vec<Planned> {
@@ -199,15 +209,17 @@ mod tests {
     }
 
     #[test]
-    fn where_several_tell_all_must_say_so_and_who_is_silent_does_not_count() {
+    fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
         let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
         let all = Told { said, probe: true, artefact: true, temperature: true, idle: true };
         let rota = Rota::default();
-        assert_eq!(rota.told(), None);
-        rota.tells(Told::default);
-        assert_eq!(rota.told(), None, "nobody's word is fresh");
+        assert_eq!((rota.told(), rota.heard()), (None, None));
         rota.tells(move || all);
-        assert_eq!(rota.told(), Some(all));
+        assert_eq!((rota.told(), rota.heard()), (Some(all), Some(said)));
+        let silent = Rota::default();
+        silent.tells(Told::default);
+        silent.tells(move || all);
+        assert_eq!((silent.told(), silent.heard()), (None, Some(said)));
         let other = Told { said: Said { door: false, stop: true, ..said }, idle: false, ..all };
         rota.tells(move || other);
         assert_eq!(rota.told(), Some(other));

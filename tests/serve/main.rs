@@ -10,6 +10,7 @@ mod crowd;
 mod hostile;
 mod line;
 mod page;
+mod person;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
 mod several;
@@ -63,6 +64,9 @@ fn main() {
         alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
         alone("a_held_run_is_resumed_by_somebody_with_a_name", again::resumed),
         alone("a_result_is_signed_as_it_was_read", again::signed),
+        alone("no_person_vouches_against_the_machine", person::against_the_machine),
+        alone("a_lost_position_is_left_by_who_has_homed", person::leaves_a_lost_position),
+        alone("a_run_that_goes_on_elsewhere_is_seen", person::resumes_elsewhere),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
         alone("a_daemon_without_a_page_is_named", asks::no_page),

@@ -32,6 +32,7 @@ use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::metrics::Metrics;
 use super::{Log, ServeError};
+use crate::run::{ANSWERING, behind};
 use crate::store::Journal;
 
 /// A machine that is shown.
@@ -92,6 +93,8 @@ pub fn start(
     std::thread::Builder::new()
         .name("http".to_owned())
         .spawn(move || {
+            // So do the readers that it starts.
+            behind(ANSWERING);
             if let Err(error) = serve(listener, router) {
                 told(&format!("the page has ended: {error}"));
             }

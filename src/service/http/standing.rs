@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::Shown;
 use super::openapi::views::{ParameterView, VerdictView};
 use crate::record::estimate::{Parameter, Verdict};
-use crate::service::board::{Board, State};
+use crate::service::board::{Board, Failure, State};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Standing {
@@ -24,6 +24,10 @@ pub struct Standing {
     pub remaining_s: f64,
     pub measured: u32,
     pub refusal: Option<String>,
+    /// Why the last cycle did not come to its end.
+    pub failure: Option<Failure>,
+    /// While held: another program has the machine, and may move it.
+    pub elsewhere: bool,
     #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
     pub cycles: Vec<Startable>,
@@ -53,6 +57,8 @@ impl Standing {
             step,
             remaining_s,
             measured,
+            failure,
+            elsewhere,
             ..
         } = machine.desk.board();
         let cycles = machine.cycles.iter();
@@ -69,6 +75,8 @@ impl Standing {
             remaining_s,
             measured,
             refusal: refusal.map(|why| why.to_string()),
+            failure,
+            elsewhere,
             parameters: deviations,
             cycles: cycles.collect(),
         }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 
 use super::books::Books;
-use super::entry::{BY_CALL, Entry, Overlap};
+use super::entry::{BY_CALL, Entry, Need, Overlap};
 use super::judge::{Decision, Standing, Wanted, judge};
 use super::window::{Window, window};
 use crate::service::Log;
@@ -225,7 +225,11 @@ impl Keeper {
 
     fn answer(&mut self, cycle: u16, now: Timestamp) -> Result<(), String> {
         let name = format!("{BY_CALL} {cycle}");
-        let (demand, ready, idle) = (self.demand.as_slice(), [].as_slice(), Duration::ZERO);
+        // Whatever its schedules wait for.
+        let of_cycle = self.tracks.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
+        let ready: Vec<Need> = of_cycle.clone().flat_map(|entry| entry.ready.clone()).collect();
+        let idle = of_cycle.map(|entry| entry.idle).max().unwrap_or_default();
+        let (demand, ready) = (self.demand.as_slice(), ready.as_slice());
         let wanted = Wanted { demand, ready, idle, overlap: Overlap::Skip, latest: now };
         let decision = self.judged(cycle, &wanted, now).map_err(|error| error.to_string())?;
         let began = |slot: &&Slot| {

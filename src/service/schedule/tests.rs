@@ -33,8 +33,8 @@ fn at(text: &str) -> Timestamp {
 }
 
 fn entries() -> Vec<Entry> {
-    let text =
-        "name = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\nidle_min = 2";
+    let text = "name = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\nidle_min = 2\n\
+         ready = [\"probe\"]";
     vec![toml::from_str(text).unwrap()]
 }
 
@@ -48,7 +48,7 @@ fn config() -> Config {
 
 fn ready() -> Told {
     let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
-    Told { said, idle: true, ..Told::default() }
+    Told { said, idle: true, probe: true, ..Told::default() }
 }
 
 /// A new service on the journal in `folder`; since when its schedule is known.
@@ -202,7 +202,7 @@ fn a_machine_that_worked_just_now_is_waited_for() {
     let mut silent = self::bench();
     silent.told.lock().unwrap().said.fresh = false;
     silent.looks("2026-11-23T04:20:00Z", 100);
-    silent.one("23T04:30", Outcome::Skipped, "nobody tells enable, auto, door, idle");
+    silent.one("23T04:30", Outcome::Skipped, "nobody tells enable, auto, door, probe, idle");
 }
 
 #[test]
@@ -270,7 +270,7 @@ fn what_a_power_cut_took_is_missed_and_does_not_run() {
 fn a_call_is_judged_alike_and_counts_once() {
     let mut bench = bench();
     let call = |bench: &mut Bench, now: &str| {
-        bench.now_s += 1.0;
+        bench.now_s += 70.0;
         bench.keeper.look(at(now), bench.now_s);
         let (answer, mut told) = oneshot::channel();
         bench.keeper.called(Call { cycle: 1, who: "timer".to_owned(), answer }, at(now));
@@ -280,6 +280,14 @@ fn a_call_is_judged_alike_and_counts_once() {
     let refused = call(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();
     assert!(refused.contains("automatic mode"), "{refused}");
     bench.told.lock().unwrap().said.auto = true;
+    // What its schedules wait for counts for a call as well.
+    bench.told.lock().unwrap().probe = false;
+    let refused = call(&mut bench, "2026-11-23T04:00:10Z").unwrap_err();
+    assert!(refused.contains("probe"), "{refused}");
+    bench.told.lock().unwrap().probe = true;
+    bench.now_s -= 60.0;
+    let refused = call(&mut bench, "2026-11-23T04:00:20Z").unwrap_err();
+    assert!(refused.contains("idle for 1 of 2"), "{refused}");
     assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
     assert_eq!(bench.starts(), 1);
     bench.desk.ended(State::Waiting, None);
@@ -290,7 +298,7 @@ fn a_call_is_judged_alike_and_counts_once() {
         assert!(refused.contains("started already"), "{refused}");
     }
     let told: Vec<_> = bench.slots().into_iter().map(|(_, outcome, _)| outcome).collect();
-    assert_eq!(told.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 4);
+    assert_eq!(told.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 6);
     bench.arm("2026-11-22T12:00:00Z");
     assert_eq!(call(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
 }

@@ -11,7 +11,7 @@ use tokio::time::{Instant, sleep};
 use crate::link::{self, Link, LinkError, Named, Received};
 use crate::service::Log;
 use crate::service::board::{Refusal, Said, State};
-use crate::service::desk::Desk;
+use crate::service::desk::{Desk, Looked};
 use crate::service::rota::Told;
 
 /// How long a port that has gone is left alone.
@@ -29,8 +29,6 @@ type Last = Arc<Mutex<Option<(Instant, Told)>>>;
 pub async fn attend(named: Named, desk: Desk, log: Log) {
     let mut last = String::new();
     let told = Last::default();
-    let heard = Arc::clone(&told);
-    desk.rota().tells(move || fresh(&heard));
     loop {
         if let Err(error) = listen(&named, &desk, &told).await {
             // Once, not every two seconds.
@@ -88,18 +86,23 @@ fn answer(
         },
         ["TELL", words @ ..] => match tells(words) {
             Some(now) => {
-                *told.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), now));
+                let mut last = told.lock().unwrap_or_else(PoisonError::into_inner);
+                // A line of buttons alone tells nothing; one that has told is waited for.
+                if last.replace((Instant::now(), now)).is_none() {
+                    let told = Arc::clone(told);
+                    desk.rota().tells(move || fresh(&told));
+                }
                 "OK".to_owned()
             }
             None => unreadable(desk),
         },
         ["STOP"] => {
-            desk.stop(BY);
+            let _ = desk.stop(BY);
             "OK".to_owned()
         }
         ["ACK"] => {
             // Why not stands on the board.
-            let _ = desk.acknowledge(BY);
+            let _ = desk.acknowledge(Looked { who: BY, ..Looked::default() });
             "OK".to_owned()
         }
         ["STATE"] => {

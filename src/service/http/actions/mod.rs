@@ -26,10 +26,13 @@ use super::standing::Standing;
 use super::{Shown, Web};
 use crate::service::board::{Refusal, Said};
 use crate::service::config::Demand;
+use crate::service::desk::{Answer, Looked, Stopped};
 use crate::store::Audit;
 
 /// For the words of a hold, which come after it.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// An acknowledgement is in the journal, or refused.
+const SETTLES: Duration = Duration::from_secs(5);
 
 pub fn routes() -> OpenApiRouter<Web> {
     OpenApiRouter::new()
@@ -64,6 +67,18 @@ struct Asked {
     why: String,
 }
 
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct Seen {
+    #[serde(default)]
+    who: String,
+    #[serde(default)]
+    why: String,
+    /// All axes, where the control may have lost its position.
+    #[serde(default)]
+    homed: bool,
+}
+
 /// Start a cycle. Its caller vouches for what `[serve]` demands.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = Standing)))]
 async fn start(
@@ -76,11 +91,15 @@ async fn start(
     let (asked, to_page) = words.split();
     let who = caller.signs(&asked.who)?;
     vouched(machine, &asked)?;
-    // A person at the page has vouched for the rest.
-    let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
-    let accepted = machine.desk.start(asked.cycle, said, &who);
+    let accepted = machine.desk.start(asked.cycle, said(machine), &who);
     let what = format!("start of cycle {}", asked.cycle);
     answer(&web, machine, (who, what, String::new()), accepted, to_page).await
+}
+
+/// A person has vouched; what the machine says against it counts all the same.
+fn said(machine: &Shown) -> Said {
+    let vouched = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+    machine.desk.rota().heard().unwrap_or(vouched)
 }
 
 fn vouched(machine: &Shown, asked: &Start) -> Result<(), Problem> {
@@ -108,27 +127,54 @@ async fn hold(
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     // Before anything is read: whatever else is wrong with the request, the machine holds.
-    machine.desk.stop(&caller.is_called(""));
+    let stopped = machine.desk.stop(&caller.is_called(""));
     let words = tokio::time::timeout(PATIENCE, Words::<Asked>::from_request(request, &()));
     let words = words.await.ok().and_then(Result::ok).unwrap_or(Words::Json(Asked::default()));
     let (Asked { who, why }, to_page) = words.split();
     let who = caller.is_called(&who);
-    answer(&web, machine, (who, "hold".to_owned(), why), Ok(()), to_page).await
+    let held = match stopped {
+        // It is not for this service to hold what another one moves.
+        Stopped::Elsewhere => Err(Refusal::Elsewhere),
+        Stopped::Run | Stopped::Nothing => Ok(()),
+    };
+    answer(&web, machine, (who, "hold".to_owned(), why), held, to_page).await
 }
 
 /// A person has looked at the machine: new cycles may start.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = Standing)))]
+#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Seen, responses((status = ACCEPTED, body = Standing)))]
 async fn acknowledge(
     State(web): State<Web>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: Words<Asked>,
+    words: Words<Seen>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (Asked { who, why }, to_page) = words.split();
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+    let (Seen { who, why, homed }, to_page) = words.split();
     let who = caller.signs(&who)?;
-    let accepted = machine.desk.acknowledge(&who);
-    answer(&web, machine, (who, "acknowledgement".to_owned(), why), accepted, to_page).await
+    let accepted = machine.desk.acknowledge(Looked { who: &who, why: &why, homed });
+    let said = (who, "acknowledgement".to_owned(), why);
+    settled(web, machine, said, accepted, to_page).await
+}
+
+/// What became of it stands in the audit log, even if nobody waits for the answer.
+async fn settled(
+    web: Web,
+    machine: Shown,
+    said: (String, String, String),
+    accepted: Result<Answer, Refusal>,
+    to_page: bool,
+) -> Result<Response, Problem> {
+    let all = tokio::spawn(async move {
+        let became = match accepted {
+            // One that is still at it says so on the board.
+            Ok(told) => tokio::time::timeout(SETTLES, told)
+                .await
+                .map_or(Ok(()), |told| told.unwrap_or(Ok(()))),
+            Err(why) => Err(why),
+        };
+        answer(&web, &machine, said, became, to_page).await
+    });
+    all.await.map_err(|_| Problem::from(Refusal::NotReady))?
 }
 
 /// Once it stands in the audit log.

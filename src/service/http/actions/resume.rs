@@ -7,9 +7,10 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::words::Words;
-use super::{answer, not_vouched};
+use super::{not_vouched, said, settled};
 use crate::archive::story::goes_on;
 use crate::run::{Again, AgainError, Question, can_resume};
+use crate::service::desk::Looked;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
 use crate::service::http::api::look;
@@ -40,7 +41,7 @@ pub async fn resume(
     Extension(caller): Extension<Caller>,
     words: Words<GoOn>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let (GoOn { run, who, free, whole, homed }, to_page) = words.split();
     let who = caller.signs(&who)?;
     let run = RunId(run);
@@ -62,9 +63,9 @@ pub async fn resume(
             "acknowledge it, then start a new run",
         ));
     }
-    let accepted = machine.desk.resume(run, &who, homed);
+    let accepted = machine.desk.resume(run, Looked { who: &who, why: "", homed }, said(&machine));
     let what = format!("resume of run {run}");
-    answer(&web, machine, (who, what, String::new()), accepted, to_page).await
+    settled(web, machine, (who, what, String::new()), accepted, to_page).await
 }
 
 impl From<AgainError> for Problem {

@@ -10,6 +10,7 @@ use super::{address, moment, render, row, schedule, trends, views};
 use crate::archive::history::history;
 use crate::record::estimate::Verdict;
 use crate::run::{can_resume, question};
+use crate::service::board::Failure;
 use crate::service::config::Demand;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
@@ -103,6 +104,7 @@ pub fn standing(machine: &Shown) -> Value {
         progress_percent => standing.progress_percent,
         measured => standing.measured,
         refusal => standing.refusal.as_deref(),
+        failure => standing.failure.as_ref().map(|Failure { what, remedy }| context! { what, remedy }),
         cycles => cycles.collect::<Vec<_>>(),
         class,
         glance,
@@ -116,6 +118,7 @@ pub fn standing(machine: &Shown) -> Value {
 /// Class and words of what must be seen from afar.
 fn glance(standing: &Standing) -> (&'static str, &'static str) {
     match (standing.state, standing.verdict) {
+        ("held", _) if standing.elsewhere => ("held", "held: another program has the machine"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: look at the machine"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),

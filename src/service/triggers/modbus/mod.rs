@@ -22,7 +22,7 @@ use self::inputs::{Inputs, Wish};
 use self::map::{COILS, HOLDINGS, INPUTS};
 use crate::service::board::Refusal;
 use crate::service::config::Modbus;
-use crate::service::desk::Desk;
+use crate::service::desk::{Desk, Looked};
 use crate::service::{Log, ServeError};
 
 /// The heartbeat counts these.
@@ -138,9 +138,11 @@ impl Shared {
                 // Refused: the board says why.
                 Wish::Start(cycle) => drop(self.desk.start(cycle, said, by)),
                 Wish::Several => self.desk.refuse(Refusal::Several, by),
-                Wish::Stop => self.desk.stop(by),
+                Wish::Stop => drop(self.desk.stop(by)),
                 // Why not stands on the board.
-                Wish::Acknowledge => drop(self.desk.acknowledge(by)),
+                Wish::Acknowledge => {
+                    drop(self.desk.acknowledge(Looked { who: by, ..Looked::default() }));
+                }
             }
         }
         Ok(())
