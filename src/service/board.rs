@@ -2,6 +2,7 @@
 
 use super::config::Demand;
 use crate::record::estimate::{Parameter, Verdict};
+use crate::run::Asked;
 
 /// What the service does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -68,11 +69,15 @@ pub enum Refusal {
     NothingToAcknowledge = 15,
     #[error("no such word")]
     Unreadable = 16,
+    #[error("its plan asks a person: somebody must be there who starts and answers it")]
+    AsksPerson = 17,
+    #[error("that is not asked, or not any more")]
+    NotAsked = 18,
 }
 
 /// All of them.
 #[cfg(test)]
-pub const REFUSALS: [Refusal; 16] = [
+pub const REFUSALS: [Refusal; 18] = [
     Refusal::Busy,
     Refusal::Held,
     Refusal::Failed,
@@ -89,6 +94,8 @@ pub const REFUSALS: [Refusal; 16] = [
     Refusal::Elsewhere,
     Refusal::NothingToAcknowledge,
     Refusal::Unreadable,
+    Refusal::AsksPerson,
+    Refusal::NotAsked,
 ];
 
 /// What the machine says of itself, as far as it is fresh.
@@ -99,6 +106,8 @@ pub struct Said {
     pub auto: bool,
     pub door: bool,
     pub stop: bool,
+    /// Somebody has started it who answers what it asks; no machine says so.
+    pub person: bool,
 }
 
 impl Said {
@@ -138,6 +147,8 @@ pub struct Board {
     pub remaining_s: f64,
     /// Touches and scans that are in the journal.
     pub measured: u32,
+    /// What a person is asked to do; nothing moves before it is answered.
+    pub asked: Option<Asked>,
 }
 
 impl Board {
@@ -147,6 +158,6 @@ impl Board {
         (self.progress_percent, self.verdict) = (0, None);
         self.deviations.clear();
         (self.stage, self.step) = (String::new(), String::new());
-        (self.remaining_s, self.measured) = (0.0, 0);
+        (self.remaining_s, self.measured, self.asked) = (0.0, 0, None);
     }
 }

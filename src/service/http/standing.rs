@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::Shown;
 use super::openapi::views::{ParameterView, VerdictView};
 use crate::record::estimate::{Parameter, Verdict};
+use crate::run::Asked;
 use crate::service::board::{Board, State};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -24,6 +25,8 @@ pub struct Standing {
     pub remaining_s: f64,
     pub measured: u32,
     pub refusal: Option<String>,
+    /// The run waits until a person has done this.
+    pub asked: Option<Question>,
     #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
     pub cycles: Vec<Startable>,
@@ -33,6 +36,19 @@ pub struct Standing {
 pub struct Startable {
     pub number: u16,
     pub method: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Question {
+    pub step: u32,
+    pub repeat: u32,
+    pub text: String,
+}
+
+impl From<Asked> for Question {
+    fn from(Asked { step, repeat, text }: Asked) -> Self {
+        Self { step, repeat, text }
+    }
 }
 
 pub fn state(state: State) -> &'static str {
@@ -53,6 +69,7 @@ impl Standing {
             step,
             remaining_s,
             measured,
+            asked,
             ..
         } = machine.desk.board();
         let cycles = machine.cycles.iter();
@@ -69,6 +86,7 @@ impl Standing {
             remaining_s,
             measured,
             refusal: refusal.map(|why| why.to_string()),
+            asked: asked.map(Question::from),
             parameters: deviations,
             cycles: cycles.collect(),
         }

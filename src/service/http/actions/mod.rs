@@ -1,7 +1,8 @@
-//! What can be done: start a cycle, hold the machine, acknowledge, resume, sign. Each says who asks, and each
+//! What can be done: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each says who asks, and each
 //! stands in the audit log before it is answered. The same words come as JSON from a program and as a form from the
 //! page, which is sent back to the machine's page.
 
+mod answer;
 mod resume;
 mod sign;
 mod words;
@@ -37,6 +38,7 @@ pub fn routes() -> OpenApiRouter<Web> {
         .routes(routes!(hold))
         .routes(routes!(acknowledge))
         .routes(routes!(resume::resume))
+        .routes(routes!(answer::done))
         .routes(routes!(sign::sign))
         .layer(from_fn(for_people))
 }
@@ -77,7 +79,8 @@ async fn start(
     let who = caller.signs(&asked.who)?;
     vouched(machine, &asked)?;
     // A person at the page has vouched for the rest.
-    let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+    let said =
+        Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
     let accepted = machine.desk.start(asked.cycle, said, &who);
     let what = format!("start of cycle {}", asked.cycle);
     answer(&web, machine, (who, what, String::new()), accepted, to_page).await

@@ -96,6 +96,11 @@ pub fn standing(machine: &Shown) -> Value {
         progress_percent => standing.progress_percent,
         measured => standing.measured,
         refusal => standing.refusal.as_deref(),
+        asked => standing.asked.as_ref().map(|asked| context! {
+            step => asked.step,
+            repeat => asked.repeat,
+            text => asked.text.as_str(),
+        }),
         cycles => cycles.collect::<Vec<_>>(),
         class,
         glance,
@@ -109,6 +114,7 @@ pub fn standing(machine: &Shown) -> Value {
 /// Class and words of what must be seen from afar.
 fn glance(standing: &Standing) -> (&'static str, &'static str) {
     match (standing.state, standing.verdict) {
+        ("running", _) if standing.asked.is_some() => ("held", "waits: a person is asked"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: look at the machine"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
