@@ -60,7 +60,10 @@ fn contact(plan: &Value, step: &Value) -> [f64; 3] {
 fn readings(plan: &Value) -> String {
     let mut csv = "# trued-readings 1\n# played by another program\n".to_owned();
     csv.push_str("t_s,c_deg,step,repeat,y_mm,x_mm,z_mm,b_deg,temp_room_c\n");
-    for (i, step) in plan["steps"].as_array().unwrap().iter().enumerate() {
+    let steps = plan["steps"].as_array().unwrap().iter();
+    // What asks a person moves nothing.
+    let moves = steps.filter(|step| step["kind"] != "prompt");
+    for (i, step) in moves.enumerate() {
         let [x, y, z] = contact(plan, step);
         let (b, c) = (number(step, &["from", "B"]), number(step, &["from", "C"]));
         let id = step["id"].as_u64().unwrap();
@@ -197,5 +200,66 @@ fn regress_bad_readings_are_refused_by_name() {
         let said = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(1), "{what}: {said}");
         assert!(said.contains(named), "{what}: {said}");
+    }
+}
+
+/// With prompts the plan is the same, numbered on from them; so is what is identified, to the last digit.
+#[test]
+fn regress_what_asks_a_person_is_played_and_identified_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let prompts = "\n[[prompt]]\ntext = \"part and stylus are clean (100 %)\"\n\
+                   [[prompt]]\ntext = \"its cap is off\"\nmethods = [\"laser-r-test\", \"self-calibration\"]\n";
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    for (config, method, count) in [
+        ("simulated", "self-calibration", 2),
+        ("simulated", "latch-delay", 1),
+        ("samba", "samba", 1),
+        ("laser", "laser-r-test", 2),
+    ] {
+        let plain = configs.join(format!("{config}.toml"));
+        let text = std::fs::read_to_string(&plain).unwrap() + prompts;
+        for beside in std::fs::read_dir(&configs).unwrap().map(|file| file.unwrap().path()) {
+            std::fs::copy(&beside, folder.path().join(beside.file_name().unwrap())).unwrap();
+        }
+        let asking = written(folder.path(), &format!("{config}.toml"), &text);
+        let plan = |machine: &str| {
+            let printed = trued(&["plan", method, "--machine", machine, "--json"]);
+            assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
+            serde_json::from_slice::<Value>(&printed.stdout).unwrap()
+        };
+        let (mut without, with) = (plan(&plain.display().to_string()), plan(&asking));
+        let steps = with["steps"].as_array().unwrap();
+        for (id, prompt) in steps[..count].iter().enumerate() {
+            assert_eq!((&prompt["id"], &prompt["kind"]), (&id.into(), &"prompt".into()));
+            assert_eq!((&prompt["from"], &prompt["stage"]), (&prompt["to"], &0.into()));
+            assert!(prompt["text"].is_string());
+        }
+        for step in without["steps"].as_array_mut().unwrap() {
+            step["id"] = (step["id"].as_u64().unwrap() + count as u64).into();
+        }
+        assert!(without["steps"].as_array().unwrap()[..] == steps[count..], "{method}");
+
+        let program = trued(&["plan", method, "--machine", &asking, "--gcode", "linuxcnc"]);
+        let told = String::from_utf8_lossy(&program.stderr);
+        assert!(program.status.success() && told.contains("proven:"), "{told}");
+        let program = String::from_utf8(program.stdout).unwrap();
+        assert!(program.contains("(MSG,part and stylus are clean  100   )\nN0 M0\n"), "{program}");
+        assert_eq!(program.matches(" M0\n").count(), count);
+        if method != "self-calibration" {
+            continue;
+        }
+        let identified = |machine: &str, plan: &Value, more: &[&str]| {
+            let csv = written(folder.path(), "readings.csv", &readings(plan));
+            let file = written(folder.path(), "plan.json", &plan.to_string());
+            let files = ["--plan", &file, "--readings", &csv, "--json", "--machine", machine];
+            let files = if more.is_empty() { &files[..] } else { &files[2..] };
+            let found = trued(&[&["identify", method], files].concat());
+            assert!(found.status.success(), "{}", String::from_utf8_lossy(&found.stderr));
+            serde_json::from_slice::<Value>(&found.stdout).unwrap()
+        };
+        let plain = plain.display().to_string();
+        let original = identified(&plain, &plan(&plain), &[]);
+        assert_eq!(original, identified(&plain, &with, &[]), "by the plan alone");
+        assert_eq!(original, identified(&asking, &with, &["its machine file"]));
     }
 }

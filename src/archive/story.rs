@@ -9,6 +9,8 @@ pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
         Event::Held { reason } => Some(format!("held: {reason}")),
         Event::Faulted { what, .. } => Some(format!("fault: {what}")),
         Event::Acknowledged { who, what, .. } => Some(format!("acknowledged by {who}: {what}")),
+        Event::Asked { text, .. } => Some(format!("a person was asked: {text}")),
+        Event::Answered { who, .. } => Some(format!("done, said {who}")),
         Event::Resumed { gap_s } => Some(format!("resumed after a gap at t = {gap_s:.1} s")),
         Event::SamplesRemoved { scans } => Some(format!(
             "the samples of {scans} scans were removed: their time to be kept was over"

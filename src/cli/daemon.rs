@@ -10,9 +10,10 @@ use super::Exit;
 use super::args::RunArgs;
 use super::failure::Failure;
 use super::signals::stop_on_signals;
-use super::terminal::typed;
+use super::terminal::{by_enter, typed};
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
+use crate::run::{Answers, Asked};
 use crate::service::{Whereabouts, address};
 use crate::store::{Holder, Journal, LockError, RunId};
 
@@ -62,7 +63,8 @@ impl Daemon {
             "cycle": cycle["number"], "who": who, "enable": true, "auto": true, "door": true,
         });
         self.post("start", &vouched)?;
-        let ended = self.watched()?;
+        let answers = by_enter(who.clone(), |words| tell!("{words}"));
+        let ended = self.watched(&who, &answers)?;
         let run = RunId(ended["run"].as_i64().unwrap_or(0));
         match ended["state"].as_str() {
             Some("waiting") => {}
@@ -80,14 +82,27 @@ impl Daemon {
         Ok((run, last.estimate))
     }
 
-    /// Until no run is on. Each stage is told.
-    fn watched(&self) -> Result<Value, Failure> {
-        let mut stage = Value::Null;
+    /// Until no run is on. Each stage is told, and what `who` is asked.
+    fn watched(&self, who: &str, answers: &Answers) -> Result<Value, Failure> {
+        let (mut stage, mut open) = (Value::Null, None);
         loop {
             let standing = self.standing()?;
             if standing["state"] != "running" {
                 return Ok(standing);
             }
+            let asked = question(&standing["asked"]);
+            if asked.is_some() && asked != open {
+                tell!("a person is asked, here at a terminal or at the page:");
+            }
+            if let Some(Asked { step, repeat, .. }) =
+                asked.as_ref().filter(|asked| answers.look(asked).is_some())
+                && let Err(refused) =
+                    self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
+            {
+                // Somebody at the page was faster.
+                tell!("{}", refused.what);
+            }
+            open = asked;
             if standing["stage"] != stage && standing["stage"] != "" {
                 stage = standing["stage"].clone();
                 let left = standing["remaining_s"].as_f64().unwrap_or(0.0) / 60.0;
@@ -112,6 +127,13 @@ impl Daemon {
             None => request,
         }
     }
+}
+
+/// What the run asks just now.
+fn question(asked: &Value) -> Option<Asked> {
+    let number = |key: &str| u32::try_from(asked[key].as_u64()?).ok();
+    let (step, repeat) = (number("step")?, number("repeat")?);
+    Some(Asked { step, repeat, text: asked["text"].as_str()?.to_owned() })
 }
 
 fn answer(

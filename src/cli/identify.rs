@@ -8,7 +8,7 @@ use super::files::{read_estimate, state_folder};
 use super::{Exit, show};
 use crate::methods;
 use crate::record::estimate::Estimate;
-use crate::record::plan::{PLAN_VERSION, Plan};
+use crate::record::plan::{PLAN_VERSION, Plan, StepKind};
 use crate::record::reading::Reading;
 use crate::report::readings_csv;
 use crate::run::judged;
@@ -86,7 +86,10 @@ fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Opt
         return (plan, None);
     }
     let planned = plan.steps.len();
-    plan.steps.retain(|step| readings.iter().any(|reading| reading.step == step.id));
+    // A prompt has no reading, ever.
+    plan.steps.retain(|step| {
+        step.kind == StepKind::Prompt || readings.iter().any(|reading| reading.step == step.id)
+    });
     let missing = planned - plan.steps.len();
     let told = format!(
         "the run is {}: {missing} of {planned} steps were never measured and are left out",

@@ -9,6 +9,7 @@ use crate::gcode::{Dialect, Program};
 use crate::methods;
 use crate::planning;
 use crate::proof::{Request, Staged, prove};
+use crate::record::motion::Block;
 use crate::record::plan::{Plan, Sampling, Stage};
 use crate::record::proof::Proof;
 use crate::setup;
@@ -55,7 +56,7 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
         None => plan.method.clone(),
     };
     let program = Program { title: &title, axes: &axes, log: None };
-    let text = dialect.program(&program, &blocks)?;
+    let text = written(&dialect, &program, plan, stages, &blocks)?;
     let staged: Vec<Staged> = stages
         .iter()
         .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
@@ -65,6 +66,29 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
     let proof = prove(&request)
         .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
     Ok((text, proof))
+}
+
+/// Stage by stage; before each what a person is asked, and the stop to do it.
+fn written(
+    dialect: &Dialect,
+    program: &Program<'_>,
+    plan: &Plan,
+    stages: &[Stage],
+    blocks: &[Block],
+) -> Result<String, Failure> {
+    let mut lines = dialect.head(program)?;
+    let mut blocks = blocks.iter().peekable();
+    for stage in stages {
+        let (asked, moves) = planning::asked_first(plan, &stage.steps)?;
+        for (step, text) in asked {
+            lines.extend(dialect.ask(step.id, text)?);
+        }
+        while let Some(block) = blocks.next_if(|block| moves.contains(&block.step)) {
+            lines.extend(dialect.block(block)?);
+        }
+    }
+    lines.extend(dialect.foot(program)?);
+    Ok(lines.into_iter().map(|line| line + "\n").collect())
 }
 
 /// What happens where the machine rests before a sensor, if a step does so.
@@ -106,7 +130,8 @@ fn describe(plan: &Plan, stages: &[Stage]) -> Result<(), Failure> {
             .filter(|(axis, _)| !axis.is_linear())
             .map(|(axis, value)| format!("{axis}{}", axis.to_edge(value)))
             .collect();
-        say!("  {:>4}  {:<14} {}", step.id, step.label, turned.join(" "));
+        let what = step.text.clone().unwrap_or_else(|| turned.join(" "));
+        say!("  {:>4}  {:<14} {what}", step.id, step.label);
     }
     say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     Ok(())

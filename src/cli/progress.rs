@@ -63,6 +63,12 @@ impl Progress {
                 self.last = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
+            // Whoever waits for the answer shows the question.
+            Event::Asked { .. } => self.bar.set_message("a person is asked"),
+            Event::Answered { who, .. } => {
+                self.say(&format!("done, says {who}"));
+                self.bar.inc(1);
+            }
             // Why, and what to do, is the last word of the command.
             Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.end(),
             // Long after its run.
@@ -70,12 +76,17 @@ impl Progress {
         }
     }
 
-    fn say(&self, text: &str) {
-        if self.bar.is_hidden() {
-            tell!("{}", text);
-        } else {
-            self.bar.println(text);
+    /// Lines above the bar, from wherever.
+    pub fn printer(&self) -> impl Fn(&str) + Send + Sync + use<> {
+        let bar = self.bar.clone();
+        move |text| match bar.is_hidden() {
+            true => tell!("{}", text),
+            false => bar.println(text),
         }
+    }
+
+    fn say(&self, text: &str) {
+        self.printer()(text);
     }
 
     fn end(&self) {

@@ -9,7 +9,7 @@ use super::files::state_folder;
 use super::progress::Progress;
 use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
-use super::terminal::typed;
+use super::terminal::{by_enter, typed};
 use super::wires::Wires;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError, Question};
@@ -23,19 +23,20 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     journal.mark_interrupted(&lock).wait()?;
     let again = Again::of(journal.load(id)?)?;
     check_machine_file(args, again.stored())?;
-    let acknowledged = acknowledge(args, &again)?;
+    let (who, acknowledged) = acknowledge(args, &again)?;
     let wires = Wires::of(args.output.capture.as_deref(), None)?;
     journal.event(id, &acknowledged).wait()?;
 
     let name = again.stored().plan.method.clone();
     let mut progress = Progress::start(args.output.json);
+    let answers = by_enter(who, progress.printer());
     let mut tell = |event: &Event| progress.tell(event);
     tell(&acknowledged);
     let found = runtime()?.block_on(async {
         let opening = connect(&again.machine, args.output.speed, again.past());
         let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
-        let found = again.run(&devices, &journal, &mut tell).await;
+        let found = again.run(&devices, &journal, answers, &mut tell).await;
         found.map_err(|error| Failure::of_cycle(&error, &name))
     });
     tell_result(&journal, wires.finish(found)?, &args.output, wires.keeps())
@@ -86,14 +87,15 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
 }
 
 /// A person's word that the machine may move.
-fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<Event, Failure> {
+fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<(String, Event), Failure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
         None => asked(&again.question())?,
     };
     // Whoever was asked on the terminal was asked for it.
     let homed = args.homed || args.acknowledge.is_none();
-    Ok(again.acknowledged(&who, homed)?)
+    let acknowledged = again.acknowledged(&who, homed)?;
+    Ok((who.trim().to_owned(), acknowledged))
 }
 
 /// On a terminal.

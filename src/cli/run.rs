@@ -9,12 +9,13 @@ use super::failure::Failure;
 use super::files::read_estimate;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
+use super::terminal::{by_enter, login};
 use super::wires::Wires;
 use super::{Exit, show};
 use crate::methods::Method;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
-use crate::run::Cycle;
+use crate::run::{Answers, Cycle};
 use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, RunId};
 
@@ -39,18 +40,28 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     journal.mark_interrupted(&lock).wait()?;
 
     let mut progress = Progress::start(args.output.json);
+    let answers = answers(args, &progress);
     let mut tell = |event: &Event| progress.tell(event);
     let found = runtime()?.block_on(async {
         // A run begins when its machine is there.
         let opening = connect(&machine, args.output.speed, Past::default());
         let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
-        let cycle = Cycle { machine: &machine, method, plan, priors };
+        let cycle = Cycle { machine: &machine, method, plan, priors, answers };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
         ended.map_err(|error| Failure::of_cycle(&error, &args.method))
     });
     let found = wires.finish(found)?;
     tell_result(&journal, found, &args.output, wires.keeps())
+}
+
+/// Whoever sits at the terminal; a replay goes on as it went on then.
+fn answers(args: &RunArgs, progress: &Progress) -> Answers {
+    let who = args.acknowledge.clone().unwrap_or_else(login);
+    match args.replay {
+        Some(_) => Answers::new(|_| Some("the replay".to_owned())),
+        None => by_enter(who, progress.printer()),
+    }
 }
 
 /// One thread for everything that waits.

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead as _, IsTerminal as _};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::time::sleep;
@@ -9,6 +10,7 @@ use tokio::time::sleep;
 use crate::base::Axis;
 use crate::commissioning::{Answering, Person, Stop, words_of};
 use crate::record::question::{Answer, Question, Seen};
+use crate::run::{Answers, Asked};
 
 /// How often a stop is looked for while an answer is waited for.
 const STOP_POLL: Duration = Duration::from_millis(50);
@@ -23,6 +25,60 @@ pub fn typed(words: &str) -> std::io::Result<String> {
     Ok(line.trim().to_owned())
 }
 
+/// What is typed, line by line.
+fn lines() -> Receiver<String> {
+    let (line, typed) = channel();
+    // On a thread of its own, left behind at the end: the links live on meanwhile.
+    std::thread::spawn(move || {
+        let mut lines = std::io::stdin().lines().map_while(Result::ok);
+        lines.all(|typed| line.send(typed).is_ok())
+    });
+    typed
+}
+
+/// `who`, who sits at the terminal, answers a run by Enter; nobody does where there is no terminal.
+/// `show` hears what is asked.
+pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> Answers {
+    match std::io::stdin().is_terminal() {
+        true => entered(who, show, lines),
+        false => Answers::nobody(),
+    }
+}
+
+/// Whoever uses this computer, by the name that it knows.
+pub fn login() -> String {
+    let known = ["USER", "LOGNAME"].iter().filter_map(|name| std::env::var(name).ok());
+    let mut known = known.filter(|name| !name.trim().is_empty());
+    known.next().unwrap_or_else(|| "somebody at the terminal".to_owned())
+}
+
+fn entered(
+    who: String,
+    show: impl Fn(&str) + Send + Sync + 'static,
+    listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
+) -> Answers {
+    let state: Mutex<(Option<Receiver<String>>, Option<Asked>)> = Mutex::default();
+    Answers::new(move |asked| {
+        let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (typed, shown) = &mut *state;
+        let Some(typed) = typed else {
+            // Only now: a run that asks nothing may go on in the background. What was typed before the
+            // question comes until the next look.
+            *typed = Some(listen());
+            return None;
+        };
+        if shown.as_ref() != Some(asked) {
+            while typed.try_recv().is_ok() {}
+            show(&format!(
+                "{}\npress Enter once that is done; Ctrl-C holds the machine",
+                asked.text
+            ));
+            *shown = Some(asked.clone());
+        }
+        typed.try_recv().is_ok().then(|| who.clone())
+    })
+}
+
 pub struct Terminal {
     stop: Stop,
     typed: Receiver<String>,
@@ -30,13 +86,7 @@ pub struct Terminal {
 
 impl Terminal {
     pub fn new(stop: Stop) -> Self {
-        let (line, typed) = channel();
-        // On a thread of its own, left behind at the end: the links live on meanwhile.
-        std::thread::spawn(move || {
-            let mut lines = std::io::stdin().lines().map_while(Result::ok);
-            lines.all(|typed| line.send(typed).is_ok())
-        });
-        Self { stop, typed }
+        Self { stop, typed: lines() }
     }
 
     async fn answer(&self, question: &Question) -> Answer {
@@ -116,6 +166,32 @@ mod tests {
         assert_eq!(runtime.block_on(person.answer(&may)), Answer::No);
         later.join().unwrap();
         assert_eq!(runtime.block_on(person.answer(&may)), Answer::Nobody, "the terminal is gone");
+    }
+
+    #[test]
+    fn enter_answers_the_question_that_is_shown_and_no_later_one() {
+        let (line, typed) = channel();
+        let (typed, shown) = (Mutex::new(Some(typed)), std::sync::Arc::new(Mutex::new(Vec::new())));
+        let show = {
+            let shown = shown.clone();
+            move |words: &str| shown.lock().unwrap().push(words.to_owned())
+        };
+        let answers =
+            entered("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
+        let asked = |step| Asked { step, repeat: 0, text: format!("do {step}") };
+        let enter = || line.send(String::new()).unwrap();
+        enter();
+        assert_eq!([answers.look(&asked(1)), answers.look(&asked(1))], [None, None]);
+        enter();
+        enter();
+        assert_eq!(answers.look(&asked(1)).as_deref(), Some("Ada"));
+        assert_eq!([answers.look(&asked(2)), answers.look(&asked(2))], [None, None]);
+        enter();
+        assert_eq!(answers.look(&asked(2)).as_deref(), Some("Ada"));
+        let shown = shown.lock().unwrap();
+        assert!(
+            shown.len() == 2 && shown[0].starts_with("do 1\n") && shown[1].starts_with("do 2\n")
+        );
     }
 
     #[test]

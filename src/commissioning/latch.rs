@@ -31,7 +31,9 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Ok(());
     }
     let since = Instant::now();
-    let (method, plan) = match setup::header(check.file, latch_delay::NAME, None) {
+    // Who checks the machine is asked by the check.
+    let file = check.file.without_prompts();
+    let (method, plan) = match setup::header(&file, latch_delay::NAME, None) {
         Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
         Err(error) => {
             check.failed(Part::Latch, since, error.to_string(), error.remedy().unwrap_or_default());

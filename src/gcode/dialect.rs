@@ -128,6 +128,14 @@ impl Dialect {
         render::block(self, block)
     }
 
+    /// The lines that show `text` to a person and wait until somebody starts the program again.
+    ///
+    /// # Errors
+    /// A control that cannot wait so.
+    pub fn ask(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
+        render::ask(self, step, text)
+    }
+
     /// A whole program: head, blocks, foot; each line ends with a newline.
     pub fn program(&self, program: &Program, blocks: &[Block]) -> Result<String, RenderError> {
         let mut lines = self.head(program)?;

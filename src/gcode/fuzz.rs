@@ -54,7 +54,9 @@ fn is_finite(motion: &ReadMotion) -> bool {
     let of_kind = match motion.kind {
         rs274::Kind::Dwell { seconds } => seconds,
         rs274::Kind::Orient { s } => s,
-        rs274::Kind::Rapid | rs274::Kind::Feed | rs274::Kind::Probe { .. } => 0.0,
+        rs274::Kind::Rapid | rs274::Kind::Feed | rs274::Kind::Probe { .. } | rs274::Kind::Stop => {
+            0.0
+        }
     };
     let target = motion.target.iter().map(|(_, value)| value);
     target.chain(motion.feed_mm_min).chain([of_kind]).all(f64::is_finite)

@@ -48,15 +48,26 @@ pub(super) fn frame(
     template: &'static str,
     program: &Program,
 ) -> Result<Vec<String>, RenderError> {
-    // A bracket or a percent sign would end the comment or the program.
-    let harmless = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
-    let title: String = program.title.chars().map(|c| if harmless(c) { c } else { ' ' }).collect();
+    let title = harmless(program.title);
     let axes = program.axes.iter().filter(|axis| dialect.spec.axes.contains(axis));
     let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
     let mut names = vec![("title", Value::from(title)), ("axes", letters)];
     names.extend(program.log.map(|log| ("log", Value::from(log))));
     names.extend(dialect.options.names(None));
     lines(dialect, template, names)
+}
+
+/// A bracket or a percent sign would end the comment or the program.
+fn harmless(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
+    text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
+}
+
+pub(super) fn ask(dialect: &Dialect, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
+    if step > MAX_N {
+        return Err(RenderError::StepTooLarge(step));
+    }
+    lines(dialect, "ask", vec![("n", step.into()), ("text", harmless(text).into())])
 }
 
 pub(super) fn block(dialect: &Dialect, block: &Block) -> Result<Vec<String>, RenderError> {

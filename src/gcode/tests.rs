@@ -210,3 +210,15 @@ fn after_a_probe_move_an_incremental_move_starts_nobody_knows_where() {
     let error = read(&format!("{SET}G0 X0\nG38.3 X9 F1\nG91 G0 X1"), None).unwrap_err();
     assert!(error.why.contains("nobody knows"), "{error}");
 }
+
+#[test]
+fn a_person_is_asked_by_a_message_and_a_stop() {
+    for name in NAMES {
+        let dialect = Dialect::named(name).unwrap();
+        let asked = dialect.ask(7, "turn it by 45° (clamp it) %").unwrap();
+        assert_eq!(asked, ["(MSG,turn it by 45   clamp it   )", "N7 M0"], "{name}");
+        let read = dialect.read_back(&asked.join("\n")).unwrap();
+        let read: Vec<_> = read.iter().map(|read| (read.n, read.kind)).collect();
+        assert_eq!(read, [(Some(7), super::rs274::Kind::Stop)], "{name}");
+    }
+}

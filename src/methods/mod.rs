@@ -4,11 +4,15 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
+mod asking;
 pub mod laser_r_test;
 pub mod latch_delay;
 pub mod samba;
 pub mod self_calibration;
 
+pub use asking::asking;
+
+use self::asking::Asking;
 use crate::record::estimate::Estimate;
 use crate::record::plan::{Plan, Stage, Step};
 use crate::record::reading::Reading;
@@ -152,12 +156,20 @@ pub fn built_in(name: &str) -> BuiltIn {
     }
 }
 
-/// The method `name` with its settings, from the machine file or from a plan. The list: a new
-/// method is one line here.
+/// The method `name` with its settings, from the machine file or from a plan. It knows what a plan
+/// asks a person.
 ///
 /// # Errors
 /// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
 pub fn configure<'de, D: Deserializer<'de>>(
+    name: &str,
+    settings: D,
+) -> Result<Box<dyn Method>, D::Error> {
+    Ok(Box::new(Asking::silent(by_name(name, settings)?)))
+}
+
+/// The list: a new method is one line here.
+fn by_name<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {

@@ -107,6 +107,7 @@ impl Access {
                     sensor: "probe".to_owned(),
                     normal: contact.normal.to_array(),
                     scan: None,
+                    text: None,
                 })
             })
             .collect()

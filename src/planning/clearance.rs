@@ -6,7 +6,7 @@ use crate::base::{Axis, Position};
 use crate::kinematics::KinematicsError;
 use crate::record::artefact::Artefact;
 use crate::record::machine::Machine;
-use crate::record::plan::Plan;
+use crate::record::plan::{Plan, StepKind};
 
 /// Free distance between the tool and what it passes over unguarded, mm.
 pub(super) const MARGIN: f64 = 10.0;
@@ -89,12 +89,12 @@ fn rotary(position: &Position) -> Position {
 
 /// Rotary positions of the steps and, between them, on the straight way from one to the next.
 fn rotary_poses(plan: &Plan) -> Vec<Position> {
+    // A prompt stands nowhere.
+    let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();
     let mut poses: Vec<Position> =
-        plan.steps.first().map_or_else(Vec::new, |step| vec![rotary(&step.from)]);
-    for pair in plan.steps.windows(2) {
-        if let [one, next] = pair {
-            poses.extend(between(&rotary(&one.from), &rotary(&next.from)));
-        }
+        moving.peek().map(|step| rotary(&step.from)).into_iter().collect();
+    while let (Some(one), Some(next)) = (moving.next(), moving.peek()) {
+        poses.extend(between(&rotary(&one.from), &rotary(&next.from)));
     }
     if poses.is_empty() { vec![Position::new()] } else { poses }
 }

@@ -22,6 +22,10 @@ pub enum PlanningError {
     NotATouch { step: u32 },
     #[error("step {step} is no scan that can be run: {why}")]
     NotAScan { step: u32, why: &'static str },
+    #[error("step {step} asks a person when its stage has moved already")]
+    LatePrompt { step: u32 },
+    #[error("step {step} is no prompt that can be asked: {why}")]
+    NotAPrompt { step: u32, why: &'static str },
     #[error("step {step} does not say where {axis} stands")]
     Incomplete { step: u32, axis: Axis },
     #[error("step {step} turns {axis} during the touch")]
@@ -55,6 +59,10 @@ impl PlanningError {
                 "measure with the axis of the head where the spindle stands along Z"
             }
             Self::NotATouch { .. } => "this version plans touches and scans only",
+            Self::LatePrompt { .. } => "put the prompts of a stage before whatever moves in it",
+            Self::NotAPrompt { .. } => {
+                "correct the step in the plan: a `text`, and the same in `from` and `to`"
+            }
             Self::NotAScan { .. } => {
                 "correct the step in the plan: a `path` from `from` to `to`, `dwell_s` and `samples` at \
                  each of its points, and the name of a [[sensor]]"

@@ -3,6 +3,7 @@
 //! the rendered text, by `proof`.
 
 mod access;
+mod asked;
 mod ball;
 mod clearance;
 mod error;
@@ -18,6 +19,7 @@ mod time;
 mod touch;
 
 pub use access::{Access, Contact, Unreachable};
+pub use asked::asked_first;
 pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
 pub use error::PlanningError;
@@ -42,13 +44,18 @@ pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), P
 }
 
 /// As [`blocks`], stage by stage as a run plans them: each with the artefact where it was found by
-/// then.
+/// then. What asks a person has no block.
 pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
     let (mut program, mut found) = (Blocks::default(), None);
     for stage in stages {
         found = stage.found.as_ref().or(found);
         let clearance = Clearance::known(plan, found)?;
-        for id in &stage.steps {
+        let (asked, moves) = asked_first(plan, &stage.steps)?;
+        if !asked.is_empty() {
+            // Whoever was at the machine may have moved it.
+            program.stands = None;
+        }
+        for id in moves {
             let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
             program.push(plan, step, stage.repeat, &clearance)?;
         }

@@ -50,6 +50,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
         sensor: "probe".into(),
         normal: [phi.cos(), phi.sin(), 0.0],
         scan: None,
+        text: None,
     }
 }
 
@@ -383,4 +384,36 @@ fn a_continuous_scan_is_one_block_without_a_rest() {
     assert!(why(&[1.0], 1000.0).contains("it has no way"), "{}", why(&[1.0], 1000.0));
     assert!(why(&[1.0, 2.0], 0.0).contains("takes no sample"), "{}", why(&[1.0, 2.0], 0.0));
     assert!(why(&[1.0, 2.0], f64::NAN).contains("takes no sample"));
+}
+
+#[test]
+fn what_asks_a_person_stands_first_and_says_something() {
+    let prompt = |id: u32, text: Option<&str>| Step {
+        kind: StepKind::Prompt,
+        from: Position::new(),
+        to: Position::new(),
+        text: text.map(str::to_owned),
+        ..touch(id, 0.0, 0.0, 0.0, 0.0)
+    };
+    let moving = Step { from: at(&[(Axis::X, 1.0)]), ..prompt(4, Some("go")) };
+    let plan = plan(vec![
+        prompt(0, Some("clean it")),
+        touch(1, 0.0, 0.0, 0.0, 0.0),
+        prompt(2, Some(" ")),
+        prompt(3, None),
+        moving,
+    ]);
+    let (asked, moves) = asked_first(&plan, &[0, 1]).unwrap();
+    assert_eq!((asked[0].0.id, asked[0].1, moves), (0, "clean it", &[1][..]));
+    let refused = |steps: &[u32]| asked_first(&plan, steps).unwrap_err();
+    assert_eq!(refused(&[1, 0]), PlanningError::LatePrompt { step: 0 });
+    for step in 2..5 {
+        assert!(
+            matches!(refused(&[step]), PlanningError::NotAPrompt { step: bad, .. } if bad == step)
+        );
+    }
+    // Its text names no axis: the way to the first touch begins nobody knows where.
+    let stage = Stage { id: 0, name: String::new(), repeat: 0, steps: vec![0, 1], found: None };
+    let (blocks, _) = staged_blocks(&plan, &[stage]).unwrap();
+    assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [1]);
 }

@@ -12,6 +12,7 @@
 //!   other balls and stems are strangers, whom the full length of the touch passes;
 //! - each scan goes through its points one after the other, at its feed, and rests at each where it
 //!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does;
+//! - a prompt is one stop (M0) and nothing else; from there on it is not known where the machine stands;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
 //!   everything and stop within the overtravel if they should meet something all the same; the first
 //!   approach since the machine was prepared is as slow as a search;

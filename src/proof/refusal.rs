@@ -93,6 +93,10 @@ pub enum Reason {
     OffPath,
     #[error("the scan goes to {0}")]
     NotAtPoint(Place),
+    #[error("a stop (M0) where no person is asked")]
+    StopsElsewhere,
+    #[error("something else than a stop (M0) where a person is asked")]
+    MovesInPrompt,
     #[error("{0} motions where one jog is meant")]
     NotOneMove(usize),
     #[error("it moves {0}, which is not the axis that is jogged")]

@@ -38,6 +38,7 @@ impl Walk<'_> {
                     Some(_) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
                 }
             }
+            (Kind::Stop, _) => Err(Reason::StopsElsewhere),
             (_, Phase::Scanning { .. }) => Err(Reason::OffPath),
             (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             (Kind::Orient { s }, _) => self.orient(s),

@@ -321,3 +321,32 @@ fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
     assert_eq!(refusal.line, 6, "{refusal}");
     assert!(refusal.to_string().contains("would not feel it, so 0.50 mm are kept"), "{refusal}");
 }
+
+/// Step 1 asks a person; the touch comes after it.
+#[test]
+fn a_person_is_asked_by_one_stop_and_nothing_else() {
+    let plan = plan(|plan| {
+        let prompt = json!({"id": 1, "stage": 0, "kind": "prompt", "label": "ask/1", "from": {}, "to": {},
+            "feed_mm_min": 0.0, "sensor": "", "normal": [0.0, 0.0, 0.0], "text": "clean it"});
+        plan["steps"].as_array_mut().unwrap().push(prompt);
+    });
+    let dialect = Dialect::named("grbl").unwrap();
+    let proven = |lines: &str| {
+        let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
+        let (stages, stands) = ([Staged { steps: &[1, 0], found: None }], beside());
+        let (stages, stands) = (stages.as_slice(), Some(&stands));
+        let (dialect, text) = (&dialect, text.as_str());
+        prove(&Request { plan: &plan, stages, stands, first: false, dialect, text })
+    };
+    let slow = WHOLE.replace("F1500", "F300");
+    // Where it stands after the stop nobody knows: all axes have to be told.
+    let up = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X100 Y0\n";
+    let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
+    assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
+    let reason = |lines: &str| proven(lines).unwrap_err().reason;
+    assert!(matches!(reason(&format!("{up}{slow}")), Reason::OutOfTurn { expected: Some(1), .. }));
+    assert!(matches!(reason(&format!("N1 M0\n{up}{WHOLE}")), Reason::Feed { .. }), "too fast");
+    assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), Reason::StopsElsewhere);
+    assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), Reason::StopsElsewhere);
+    assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), Reason::MovesInPrompt);
+}

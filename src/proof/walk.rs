@@ -9,7 +9,7 @@ use super::{MARGIN_MM, Request, rules, touch};
 use crate::base::{Axis, Position};
 use crate::gcode::rs274::{Frame, Kind, ReadMotion};
 use crate::kinematics::Commands;
-use crate::record::plan::Step;
+use crate::record::plan::{Step, StepKind};
 use crate::record::proof::{Clearance, Proof};
 
 /// How far a step has come.
@@ -25,6 +25,12 @@ pub(super) enum Phase {
     Touched,
     /// Back at `from`.
     Back,
+    /// A person was asked.
+    Asked,
+}
+
+fn asks(step: &Step) -> bool {
+    step.kind == StepKind::Prompt
 }
 
 pub struct Walk<'a> {
@@ -86,7 +92,7 @@ impl<'a> Walk<'a> {
         for motion in std::mem::take(&mut self.motions) {
             self.line = motion.line;
             self.motion(&motion).map_err(|reason| self.refusal(reason))?;
-            self.proof.motions += 1;
+            self.proof.motions += usize::from(motion.kind != Kind::Stop);
         }
         self.end().map_err(|reason| self.refusal(reason))?;
         Ok(self.found())
@@ -105,9 +111,13 @@ impl<'a> Walk<'a> {
         self.request
     }
 
-    /// The first step since the machine was prepared.
+    /// The first step since the machine was prepared, or since a person was asked to it.
     pub(super) fn is_first(&self) -> bool {
-        self.request.first && self.turn == Some(0)
+        match self.turn.map(|turn| turn.checked_sub(1)) {
+            Some(None) => self.request.first,
+            Some(Some(before)) => self.turns.get(before).is_some_and(|(step, _)| asks(step)),
+            None => false,
+        }
     }
 
     pub(super) fn stands(&self) -> &Position {
@@ -127,6 +137,9 @@ impl<'a> Walk<'a> {
         }
         let machine = &self.request.plan.machine;
         rules::limits(motion, machine, self.request.dialect)?;
+        if self.step().is_some_and(asks) {
+            return self.ask(motion.kind);
+        }
         if let Some((step, scan)) = self.step().and_then(|step| Some((step, step.scan.as_ref()?))) {
             return self.scan(motion, step, scan);
         }
@@ -137,6 +150,19 @@ impl<'a> Walk<'a> {
             Kind::Orient { s } => self.orient(s),
             Kind::Rapid => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             Kind::Probe { must_touch } => self.probe(motion, must_touch),
+            Kind::Stop => Err(Reason::StopsElsewhere),
+        }
+    }
+
+    /// A prompt is one stop; where the machine stands after it nobody knows.
+    fn ask(&mut self, kind: Kind) -> Checked {
+        match (kind, self.phase) {
+            (Kind::Stop, Phase::Approach) => {
+                (self.stands, self.phase) = (Position::new(), Phase::Asked);
+                Ok(())
+            }
+            (Kind::Stop, _) => Err(Reason::StopsElsewhere),
+            _ => Err(Reason::MovesInPrompt),
         }
     }
 
@@ -156,6 +182,7 @@ impl<'a> Walk<'a> {
 
     fn complete(&mut self) -> Checked {
         match (self.step().and_then(|step| step.scan.as_ref()), self.phase) {
+            (_, Phase::Asked) => return Ok(()),
             (Some(scan), _) => self.scanned(scan)?,
             (None, Phase::Touched) => return Err(Reason::Unfinished("its way back from contact")),
             (None, Phase::Back) => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,

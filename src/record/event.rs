@@ -30,6 +30,18 @@ pub enum Event {
     ReadingStored {
         reading: Reading,
     },
+    /// A person is asked to do this; nothing moves until somebody has said that it is done.
+    Asked {
+        step: u32,
+        repeat: u32,
+        text: String,
+    },
+    /// Somebody has done it.
+    Answered {
+        step: u32,
+        repeat: u32,
+        who: String,
+    },
     /// All samples of a scan.
     ScanStored {
         step: u32,

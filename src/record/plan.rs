@@ -47,6 +47,8 @@ pub enum StepKind {
     Scan,
     /// A touch whose only purpose is to see drift.
     Reference,
+    /// A person does what its `text` says. Nothing moves: `from` is `to`. It stands at the head of its
+    /// stage.
     Prompt,
 }
 
@@ -67,6 +69,9 @@ pub struct Step {
     pub normal: [f64; 3],
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub scan: Option<Scan>,
+    /// What a prompt asks a person to do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub text: Option<String>,
 }
 
 /// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of

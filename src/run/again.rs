@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::{CycleError, Interrupted, Run, can_resume, conclude};
+use super::asking::answered;
+use super::{Answers, CycleError, Interrupted, Run, can_resume, conclude};
 use crate::archive::story;
 use crate::methods::{self, Method};
 use crate::record::estimate::Estimate;
@@ -101,12 +102,15 @@ impl Again {
         self,
         devices: &Devices,
         journal: &Journal,
+        answers: Answers,
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine, method, stored, elapsed_s } = self;
-        let StoredRun { summary, plan, stages, readings, .. } = stored;
-        let mut run = Run::new(summary.id, method.as_ref(), devices, journal, plan, tell);
-        let ended = run.resume(Interrupted { stages, readings, elapsed_s }).await;
+        let StoredRun { summary, plan, stages, readings, events, .. } = stored;
+        let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, tell);
+        let mut run = run.asking(answers);
+        let answered = answered(&events);
+        let ended = run.resume(Interrupted { stages, readings, answered, elapsed_s }).await;
         let estimate = conclude(run, ended, &method, Vec::new(), &machine.tolerance).await?;
         Ok((summary.id, estimate))
     }

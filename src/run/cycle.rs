@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::behind::{COMPUTING, behind};
-use super::{Run, RunError};
+use super::{Answers, Run, RunError};
 use crate::controllers::Halt;
 use crate::decision;
 use crate::methods::{IdentifyError, Method};
@@ -65,6 +65,8 @@ pub struct Cycle<'a> {
     /// Without steps.
     pub plan: Plan,
     pub priors: Vec<Estimate>,
+    /// Whoever is there to be asked.
+    pub answers: Answers,
 }
 
 impl Cycle<'_> {
@@ -79,11 +81,12 @@ impl Cycle<'_> {
         begun: impl FnOnce(RunId),
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self { machine, method, plan, priors } = self;
+        let Self { machine, method, plan, priors, answers } = self;
         let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
         let id = journal.begin(&new).await?;
         begun(id);
-        let mut run = Run::new(id, method.as_ref(), devices, journal, plan, tell);
+        let run = Run::new(id, method.as_ref(), devices, journal, plan, tell);
+        let mut run = run.asking(answers);
         let ended = run.execute().await;
         let estimate = conclude(run, ended, &method, priors, &machine.tolerance).await?;
         Ok((id, estimate))

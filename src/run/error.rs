@@ -31,6 +31,8 @@ pub enum RunError {
     /// What the probe's input says while a sensor sits in the probe's place.
     #[error("{source}; yet `{sensor}` sits in the probe's place")]
     ProbeInput { sensor: String, source: Box<RunError> },
+    #[error("a person is asked on the way (`{text}`), and nobody is there to answer")]
+    NobodyThere { text: String },
     #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
     DeadProbe { closed: bool, seconds: u64 },
     #[error("step {step}: the first touch met nothing up to its end")]
@@ -79,6 +81,10 @@ impl RunError {
                  taken out, pressed where it lies, or its receiver in error because it sees none? An input \
                  that is open only while a probe closes the circuit needs a plug that does so. If the \
                  machine was under way, look first whether the sensor has met something"
+                    .to_owned()
+            }
+            Self::NobodyThere { .. } => {
+                "start or resume it from the page of `trued serve`, or from a terminal where somebody sits"
                     .to_owned()
             }
             Self::DeadProbe { .. } => {

@@ -5,6 +5,9 @@
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
 mod again;
+mod asking;
+#[cfg(test)]
+mod asking_tests;
 mod behind;
 mod cycle;
 mod error;
@@ -17,12 +20,14 @@ mod sweep;
 mod timeline;
 
 pub use again::{Again, AgainError, Question, question};
+pub use asking::{Answers, Asked};
 pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
 pub use error::RunError;
 pub use resume::{Interrupted, can_resume};
-pub use stage::rehearse;
+pub use stage::{Rehearsed, rehearse};
 
+use self::asking::first_question;
 use self::timeline::Timeline;
 use crate::base::Position;
 use crate::methods::{Method, Next, Source};
@@ -50,6 +55,9 @@ pub struct Run<'a> {
     timeline: Timeline,
     /// What the plan looks with, once it is open.
     looking: Vec<Mounted>,
+    /// Whoever is asked, and what was answered: steps, each in its pass.
+    answers: Answers,
+    answered: Vec<(u32, u32)>,
     /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.
@@ -78,9 +86,16 @@ impl<'a> Run<'a> {
             approached: false,
             timeline: Timeline::new(),
             looking: Vec::new(),
+            answers: Answers::nobody(),
+            answered: Vec::new(),
             probe_lives: false,
             tell,
         }
+    }
+
+    /// A run that has somebody to ask.
+    pub fn asking(self, answers: Answers) -> Self {
+        Self { answers, ..self }
     }
 
     /// Measure to the end. The plan and the readings stay in `self`, whatever happens.
@@ -116,6 +131,7 @@ impl<'a> Run<'a> {
         let (stage_s, steps) =
             stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
         self.can_sweep(&steps)?;
+        self.can_ask(first_question(&steps))?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
         let stands = self.prepare().await?;

@@ -17,6 +17,8 @@ pub struct Interrupted {
     /// In the order in which they were started.
     pub stages: Vec<Stage>,
     pub readings: Vec<Reading>,
+    /// Steps that somebody has answered, each in its pass.
+    pub answered: Vec<(u32, u32)>,
     /// Wall time since the last reading, s.
     pub elapsed_s: f64,
 }
@@ -44,13 +46,16 @@ impl Run<'_> {
     }
 
     async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
-        let Interrupted { stages, readings, elapsed_s } = before;
-        self.readings = readings;
+        let Interrupted { stages, readings, answered, elapsed_s } = before;
+        (self.readings, self.answered) = (readings, answered);
         let last_s = self.readings.last().map(|reading| reading.t_s);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
         self.can_sweep(&self.plan.steps)?;
+        for stage in &stages {
+            self.can_ask(self.open_questions(stage)?.first().map(|asked| asked.text.as_str()))?;
+        }
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Known before the first touch: whatever is read from here on was read after the gap.
@@ -106,7 +111,8 @@ impl Run<'_> {
         let repeat = rest.repeat;
         let is_read =
             |step: &u32| self.readings.iter().any(|r| (r.step, r.repeat) == (*step, repeat));
-        rest.steps.retain(|step| !is_read(step));
+        let is_answered = |step: &u32| self.answered.contains(&(*step, repeat));
+        rest.steps.retain(|step| !is_read(step) && !is_answered(step));
         if rest.steps.is_empty() {
             return Ok((stages, stands));
         }

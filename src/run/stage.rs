@@ -2,12 +2,13 @@
 
 use tokio::sync::oneshot;
 
+use super::asking::first_question;
 use super::behind::{COMPUTING, behind};
 use super::{Run, RunError};
 use crate::base::{Axis, Position};
 use crate::gcode::{Dialect, Program};
 use crate::methods::{Method, Next, Source};
-use crate::planning::{Clearance, Start, end_of, machine_time_s, step_blocks};
+use crate::planning::{Clearance, Start, asked_first, end_of, machine_time_s, step_blocks};
 use crate::proof::{self, Request, Staged};
 use crate::record::artefact::Artefact;
 use crate::record::event::Event;
@@ -44,6 +45,7 @@ impl Run<'_> {
         stands: Option<Position>,
         later_s: f64,
     ) -> Result<Option<Position>, RunError> {
+        let stands = self.ask_first(stage, stands).await?;
         let begin = Begin { stands: stands.clone(), first: !self.approached };
         let (tasks, proof) = prove(&self.plan, &self.devices.dialect, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
@@ -112,7 +114,7 @@ impl Run<'_> {
 }
 
 /// Go through a whole run from nominal positions: what any stage would be refused for is known
-/// before the first move. Returns the machine time of each stage, s.
+/// before the first move.
 ///
 /// # Errors
 /// What the first stage that cannot be measured is refused for.
@@ -120,11 +122,21 @@ pub async fn rehearse(
     method: &dyn Method,
     plan: &Plan,
     dialect: &Dialect,
-) -> Result<Vec<f64>, RunError> {
-    rehearsed(method, plan, dialect).await.map(|(stage_s, _)| stage_s)
+) -> Result<Rehearsed, RunError> {
+    let (stage_s, steps) = rehearsed(method, plan, dialect).await?;
+    Ok(Rehearsed { machine_s: stage_s.iter().sum(), asks: first_question(&steps).is_some() })
 }
 
-/// As [`rehearse`], with the steps that it went through.
+/// What is known of a run before it begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rehearsed {
+    /// Machine time of all stages, s.
+    pub machine_s: f64,
+    /// A person is asked on the way.
+    pub asks: bool,
+}
+
+/// As [`rehearse`]: machine time of each stage, s, and the steps that it went through.
 pub(super) async fn rehearsed(
     method: &dyn Method,
     plan: &Plan,
@@ -134,7 +146,8 @@ pub(super) async fn rehearsed(
     let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
         plan.steps.extend(new_steps);
-        let begin = Begin { stands: stands.clone(), first: done.is_empty() };
+        let asks = !asked_first(&plan, &stage.steps)?.0.is_empty();
+        let begin = Begin { stands: stands.clone(), first: done.is_empty() || asks };
         let (tasks, _) = prove(&plan, dialect, &done, &stage, begin).await?;
         stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
         stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
@@ -177,7 +190,8 @@ fn proven(
     let text = dialect
         .program(&program, &blocks)
         .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
-    let stages = [Staged { steps: &stage.steps, found }];
+    let (_, moves) = asked_first(plan, &stage.steps)?;
+    let stages = [Staged { steps: moves, found }];
     let (stages, stands, first) = (&stages, begin.stands.as_ref(), begin.first);
     let request = Request { plan, stages, stands, first, dialect, text: &text };
     let unproven = |refusal| {
@@ -199,7 +213,8 @@ fn tasks(
     let mut stands = begin.stands.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
-    for step in stage.steps.iter().filter_map(step_of) {
+    let (_, moves) = asked_first(plan, &stage.steps)?;
+    for step in moves.iter().filter_map(step_of) {
         let first = begin.first && tasks.is_empty();
         let start = Start { stands: stands.as_ref(), first };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;

@@ -76,7 +76,8 @@ impl Attendant {
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         capture.iter().for_each(|capture| capture.is_of(again.stored().summary.id));
-        let ended = again.run(&devices, journal, &mut tell).await;
+        let answers = self.desk.answers(self.patience());
+        let ended = again.run(&devices, journal, answers, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);
         Ok(ended?)
     }

@@ -20,7 +20,7 @@ use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
-use crate::run::{self, CycleError};
+use crate::run::{self, Asked, CycleError, Rehearsed};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
 
@@ -159,16 +159,20 @@ impl Attendant {
     /// What any cycle would be refused for is told now, not when the operator presses the button.
     pub async fn rehearse(&self) -> Result<(), ServeError> {
         let dialect = setup::dialect(&self.machine)?;
+        let mut asking = Vec::new();
         for Cycle { number, method, repeat } in &self.config.cycle {
             let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-            let stage_s = run::rehearse(method.as_ref(), &plan, &dialect).await;
-            let stage_s = stage_s.map_err(|error| {
+            let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
+            let Rehearsed { machine_s, asks } = rehearsed.map_err(|error| {
                 let (number, error) = (*number, Box::new(error));
                 ServeError::Cycle { number, error }
             })?;
-            let minutes = stage_s.iter().sum::<f64>() / 60.0;
-            (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min"));
+            let minutes = machine_s / 60.0;
+            let person = if asks { "; it asks a person" } else { "" };
+            (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
+            asking.extend(asks.then_some(*number));
         }
+        self.desk.asking(asking);
         Ok(())
     }
 
@@ -183,6 +187,11 @@ impl Attendant {
 
     pub fn desk(&self) -> &Desk {
         &self.desk
+    }
+
+    /// A run that tells nothing for longer is taken for one that hangs.
+    pub(super) fn patience(&self) -> Duration {
+        self.config.patience
     }
 
     pub(super) async fn take(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
@@ -258,7 +267,8 @@ impl Attendant {
             self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
         let (machine, priors) = (&self.machine, Vec::new());
-        let cycle = run::Cycle { machine, method: method.into(), plan, priors };
+        let (method, answers) = (method.into(), self.desk.answers(self.config.patience));
+        let cycle = run::Cycle { machine, method, plan, priors, answers };
         let ended = cycle.run(&devices, journal, begun, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);
         Ok(ended?)
@@ -293,6 +303,12 @@ impl Attendant {
                     board.step.clone_from(label);
                 });
             }
+            Event::Asked { step, repeat, text } => {
+                (self.log)(&format!("a person is asked: {text}"));
+                let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
+                self.desk.show(|board| board.asked = Some(asked));
+            }
+            Event::Answered { who, .. } => (self.log)(&format!("done, says {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
                 self.desk.tally().read();
                 self.desk.show(|board| board.measured += 1);

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::config::Demand;
 use crate::record::estimate::{Parameter, Verdict};
+use crate::run::Asked;
 
 /// What the service does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -71,11 +72,15 @@ pub enum Refusal {
     NothingToAcknowledge = 15,
     #[error("no such word")]
     Unreadable = 16,
+    #[error("its plan asks a person: somebody must be there who starts and answers it")]
+    AsksPerson = 17,
+    #[error("that is not asked, or not any more")]
+    NotAsked = 18,
 }
 
 /// All of them.
 #[cfg(test)]
-pub const REFUSALS: [Refusal; 16] = [
+pub const REFUSALS: [Refusal; 18] = [
     Refusal::Busy,
     Refusal::Held,
     Refusal::Failed,
@@ -92,6 +97,8 @@ pub const REFUSALS: [Refusal; 16] = [
     Refusal::Elsewhere,
     Refusal::NothingToAcknowledge,
     Refusal::Unreadable,
+    Refusal::AsksPerson,
+    Refusal::NotAsked,
 ];
 
 /// What the machine says of itself, as far as it is fresh.
@@ -102,6 +109,8 @@ pub struct Said {
     pub auto: bool,
     pub door: bool,
     pub stop: bool,
+    /// Somebody has started it who answers what it asks; no machine says so.
+    pub person: bool,
 }
 
 impl Said {
@@ -145,6 +154,8 @@ pub struct Board {
     pub elsewhere: bool,
     /// Why the last cycle did not come to its end, and what to do; `None` once that is settled.
     pub failure: Option<Failure>,
+    /// What a person is asked to do; nothing moves before it is answered.
+    pub asked: Option<Asked>,
 }
 
 /// In words, for a person.
@@ -162,6 +173,6 @@ impl Board {
         self.deviations.clear();
         (self.elsewhere, self.failure) = (false, None);
         (self.stage, self.step) = (String::new(), String::new());
-        (self.remaining_s, self.measured) = (0.0, 0);
+        (self.remaining_s, self.measured, self.asked) = (0.0, 0, None);
     }
 }

@@ -15,6 +15,7 @@ use super::pulse::Pulse;
 use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
+use crate::run::{Answers, Asked};
 use crate::store::RunId;
 
 /// What the service must do, one thing at a time: while one is asked for, no other is accepted.
@@ -64,7 +65,11 @@ struct Inner {
     halt: Option<Halt>,
     stop: bool,
     /// Something is asked for that has not come to its end.
-    asked: bool,
+    acting: bool,
+    /// Who has done what was asked, until the run takes it.
+    answer: Option<(Asked, String)>,
+    /// Cycles that ask a person.
+    asking: Vec<u16>,
     /// A cycle ended, or a start was refused as too soon.
     last_end: Option<Instant>,
 }
@@ -89,7 +94,9 @@ impl Desk {
     pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<Ask>) {
         let (asks, todo) = mpsc::channel(8);
         let board = Board::default();
-        let inner = Inner { board, halt: None, stop: false, asked: false, last_end: None };
+        let (answer, asking, acting) = (None, Vec::new(), false);
+        let inner =
+            Inner { board, halt: None, stop: false, acting, answer, asking, last_end: None };
         let desk = Self {
             inner: Arc::new(Mutex::new(inner)),
             asks,
@@ -196,11 +203,11 @@ impl Desk {
 
     /// Nothing else is accepted until its end is on the board.
     fn send(&self, inner: &mut Inner, ask: Ask) -> Result<(), Refusal> {
-        if inner.asked {
+        if inner.acting {
             return Err(Refusal::NotReady);
         }
         self.asks.try_send(ask).map_err(|_| Refusal::NotReady)?;
-        inner.asked = true;
+        inner.acting = true;
         Ok(())
     }
 
@@ -214,6 +221,9 @@ impl Desk {
         }
         if !self.cycles.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
+        }
+        if inner.asking.contains(&cycle) && !said.person {
+            return Err(Refusal::AsksPerson);
         }
         if let Some(why) = said.lacks(&self.demand) {
             return Err(why);
@@ -252,6 +262,40 @@ impl Desk {
             return Err(why);
         }
         Ok(answer)
+    }
+
+    /// These cycles ask a person: nothing starts them where nobody is.
+    pub(super) fn asking(&self, cycles: Vec<u16>) {
+        self.inner().asking = cycles;
+    }
+
+    /// Somebody has done what the run has asked for at this step, in this pass.
+    ///
+    /// # Errors
+    /// Nothing, or something else, is asked; it is on the board and in the log as well.
+    pub fn answer(&self, (step, repeat): (u32, u32), who: &str) -> Result<(), Refusal> {
+        let mut inner = self.inner();
+        let meant = |asked: &mut Asked| (asked.step, asked.repeat) == (step, repeat);
+        let Some(asked) = inner.board.asked.take_if(meant) else {
+            drop(inner);
+            let why = Refusal::NotAsked;
+            self.refuse(why, &format!("answer to step {step} by {who}"));
+            return Err(why);
+        };
+        inner.answer = Some((asked, who.to_owned()));
+        drop(inner);
+        self.changed();
+        Ok(())
+    }
+
+    /// Where the run asks. Who waits for a person lives, each look within `patience`.
+    pub(super) fn answers(&self, patience: Duration) -> Answers {
+        let desk = self.clone();
+        Answers::new(move |asked| {
+            desk.pulse.beat(patience);
+            let given = desk.inner().answer.take_if(|(to, _)| to == asked);
+            given.map(|(_, who)| who)
+        })
     }
 
     /// Hold the machine, if a run is on or about to begin; at once, whatever the board says.
@@ -308,7 +352,7 @@ impl Desk {
     /// The cycle has ended, with an estimate or without.
     pub(super) fn ended(&self, state: State, estimate: Option<&Estimate>) {
         let mut inner = self.inner();
-        inner.halt = None;
+        (inner.halt, inner.answer, inner.board.asked) = (None, None, None);
         inner.last_end = Some(Instant::now());
         if let Some(estimate) = estimate {
             inner.board.progress_percent = 100;
@@ -323,7 +367,7 @@ impl Desk {
     /// What was asked for has come to its end: this is how things stand now. Not once it ends.
     pub(super) fn becomes(&self, state: State) {
         let mut inner = self.inner();
-        inner.asked = false;
+        inner.acting = false;
         if inner.board.state != State::Ending {
             inner.board.state = state;
         }

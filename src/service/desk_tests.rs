@@ -7,7 +7,8 @@ use super::desk::{Ask, Desk, Looked, Stopped};
 use crate::controllers::Halt;
 use crate::store::RunId;
 
-const SAID: Said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+const SAID: Said =
+    Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
 
 fn held() -> (Desk, Receiver<Ask>) {
     let (desk, asks) = Desk::for_tests();

@@ -35,6 +35,7 @@ impl Told {
                 auto: one.auto && two.auto,
                 door: one.door && two.door,
                 stop: one.stop || two.stop,
+                person: false,
             },
             probe: self.probe && other.probe,
             artefact: self.artefact && other.artefact,
@@ -210,7 +211,8 @@ mod tests {
 
     #[test]
     fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
-        let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+        let said =
+            Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         let all = Told { said, probe: true, artefact: true, temperature: true, idle: true };
         let rota = Rota::default();
         assert_eq!((rota.told(), rota.heard()), (None, None));

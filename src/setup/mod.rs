@@ -33,8 +33,8 @@ pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError
     Ok(file)
 }
 
-/// The method with its settings, and the plan without steps. `repeat` overrides the number of
-/// passes.
+/// The method with its settings and what a person is asked before it, and the plan without steps.
+/// `repeat` overrides the number of passes.
 pub fn header(
     file: &MachineFile,
     name: &str,
@@ -55,7 +55,7 @@ pub fn header(
         sensors: looks_with.cloned().into_iter().collect(),
         ..without_steps(file, name, method.settings())
     };
-    Ok((method, plan))
+    Ok((methods::asking(method, file.asks_before(name)), plan))
 }
 
 /// The machine and what stands in it, for `what` is to be done there.

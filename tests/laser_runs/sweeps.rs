@@ -58,6 +58,7 @@ fn step(id: u32) -> Step {
         sensor: "laser".to_owned(),
         normal: [0.0, 0.0, 1.0],
         scan: Some(Scan { path, sampling }),
+        text: None,
     }
 }
 
@@ -133,7 +134,8 @@ impl Shop {
         let mut tell = |_: &Told| {};
         let mut run = Run::new(id, &Passes, &devices, &journal, stored.plan, &mut tell);
         let (stages, readings) = (stored.stages, stored.readings);
-        run.resume(Interrupted { stages, readings, elapsed_s: 60.0 }).await.unwrap();
+        let answered = Vec::new();
+        run.resume(Interrupted { stages, readings, answered, elapsed_s: 60.0 }).await.unwrap();
         journal.load(id).unwrap()
     }
 

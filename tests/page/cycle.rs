@@ -45,6 +45,7 @@ async fn glance(browser: &Browser, words: &str) {
 
 pub async fn held_and_signed(browser: Browser) {
     let shop = shop();
+    shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
     let daemon = shop.serve("real");
     let (client, at) = (&browser.client, address(&daemon));
     client.goto(&at).await.unwrap();
@@ -52,7 +53,12 @@ pub async fn held_and_signed(browser: Browser) {
     look::at(&browser, "unknown").await;
 
     browser.send("/start", &[("who", "Ada")]).await;
+    glance(&browser, "waits: a person is asked").await;
+    browser.until("#asked .question", |text| text == "part and stylus are clean").await;
+    look::at(&browser, "asked").await;
+    browser.send("/answer", &[("who", "Ada")]).await;
     glance(&browser, "measuring").await;
+    assert_eq!(browser.text("#asked").await, "");
     // The part is located by five touches; four references follow.
     measured(&browser, 12).await;
     browser.find("#live svg .mark.now").await;
@@ -92,7 +98,15 @@ pub async fn held_and_signed(browser: Browser) {
 
     assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    for words in ["held: ", "acknowledged by Grace", "resumed after a gap", "signed by Lise"] {
+    let asked = "a person was asked: part and stylus are clean";
+    for words in [
+        asked,
+        "done, said Ada",
+        "held: ",
+        "acknowledged by Grace",
+        "resumed after a gap",
+        "signed by Lise",
+    ] {
         assert!(told.contains(words), "{words} in {told}");
     }
 }

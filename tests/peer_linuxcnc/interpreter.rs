@@ -105,6 +105,7 @@ fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
             Kind::Probe { .. } => "STRAIGHT_PROBE",
             Kind::Dwell { .. } => "DWELL",
             Kind::Orient { .. } => "ORIENT_SPINDLE",
+            Kind::Stop => "PROGRAM_STOP",
         };
         if name != expected {
             return Err(differ(format!("{expected} was expected")));

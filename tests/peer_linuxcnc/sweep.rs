@@ -84,6 +84,7 @@ impl Passes {
                     sensor: "laser".to_owned(),
                     normal: [0.0, 0.0, 1.0],
                     scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0 } }),
+                    text: None,
                 });
             }
         }

@@ -30,13 +30,19 @@ fn token(shop: &Shop, name: &str, role: &str) -> String {
     String::from_utf8(made.stdout).unwrap().trim().to_owned()
 }
 
-fn bearer(token: &str) -> String {
+pub fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
 impl Guarded {
     pub fn new(speed: &str) -> Self {
+        Self::with(speed, |_| {})
+    }
+
+    /// With another machine file.
+    pub fn with(speed: &str, change: impl FnOnce(&Shop)) -> Self {
         let shop = Shop::new(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
+        change(&shop);
         let [viewer, operator, metrologist] = ["viewer", "operator", "metrologist"]
             .map(|role| token(&shop, &format!("a-{role}"), role));
         let daemon = shop.serve(speed);

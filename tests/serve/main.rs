@@ -11,6 +11,7 @@ mod hostile;
 mod line;
 mod page;
 mod person;
+mod prompts;
 #[path = "../support/pymodbus.rs"]
 mod pymodbus;
 mod several;
@@ -70,6 +71,9 @@ fn main() {
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
         alone("a_daemon_without_a_page_is_named", asks::no_page),
+        alone("what_is_asked_is_answered_once_by_whoever_may", prompts::answered),
+        alone("a_run_that_waits_for_a_person_is_held_and_killed", prompts::stopped),
+        alone("enter_at_a_terminal_answers_a_run", prompts::at_a_terminal),
         alone("two_machines_of_one_daemon_measure_at_once", several::machines),
         alone("a_daemon_file_that_means_nothing_is_refused", several::bad_files),
         alone("each_role_may_what_it_may_and_no_more", hostile::roles),

@@ -1,6 +1,6 @@
 //! Reads RS274/NGC text (Kramer, Proctor, Messina: NISTIR 6556, section 3, as spoken by LinuxCNC
 //! and Grbl) back into motions. It knows what a measuring program may say: straight moves, probe
-//! moves, dwells, spindle orientation, conditions that do nothing but stop. Whatever else stands
+//! moves, dwells, spindle orientation, a stop for a person, conditions that do nothing but stop. Whatever else stands
 //! in a program is refused with its line: a word that is not understood is not skipped.
 
 mod declared;
@@ -20,10 +20,10 @@ pub struct ReadMotion {
     /// The N word.
     pub n: Option<u32>,
     pub kind: Kind,
-    /// Where the named axes end, mm and rad; empty for dwell and orientation.
+    /// Where the named axes end, mm and rad; empty for dwell, orientation and stop.
     pub target: Position,
     pub frame: Frame,
-    /// mm/min; `None` for a rapid, dwell and orientation.
+    /// mm/min; `None` for a rapid and for whatever does not move.
     pub feed_mm_min: Option<f64>,
 }
 
@@ -44,6 +44,8 @@ pub enum Kind {
     Orient {
         s: f64,
     },
+    /// M0: it waits for a person.
+    Stop,
 }
 
 /// What the target refers to.

@@ -186,7 +186,7 @@ impl State {
     /// What the line does, at most one thing.
     fn action(&mut self, words: &mut Words) -> Result<Option<ReadMotion>, String> {
         let (dwell, offset, machine) = (words.take_g(40), words.take_g(100), words.take_g(530));
-        let orient = words.take_m(19);
+        let (orient, stop) = (words.take_m(19), words.take_m(0));
         if let Some(code) = words.left_over_code() {
             return Err(format!("{code} is not understood"));
         }
@@ -198,6 +198,11 @@ impl State {
             let s = Axis::S.from_edge(words.take('R').ok_or("M19 without R")?);
             words.take('Q');
             return Ok(Some(standing(Kind::Orient { s })));
+        }
+        if stop {
+            // Whoever starts it again may have moved the machine.
+            self.position = Position::new();
+            return Ok(Some(standing(Kind::Stop)));
         }
         if offset {
             return self.zero_slot(words).map(|()| None);

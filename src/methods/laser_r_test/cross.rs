@@ -67,6 +67,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
         sensor: bench.sensor.name.clone(),
         normal: (-beam).to_array(),
         scan: Some(Scan { path, sampling }),
+        text: None,
     })
 }
 

@@ -62,6 +62,7 @@ impl Place {
             sensor: "probe".to_owned(),
             normal: self.normal,
             scan: None,
+            text: None,
         }
     }
 

@@ -243,6 +243,7 @@ impl<'a> Planner<'a> {
             sensor: "probe".to_owned(),
             normal: normal.to_array(),
             scan: None,
+            text: None,
         })
     }
 

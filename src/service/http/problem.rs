@@ -85,6 +85,8 @@ impl From<Refusal> for Problem {
             Refusal::TooSoon => "wait for min_interval_s of [serve]",
             Refusal::Elsewhere => "end the other program that has the machine",
             Refusal::NothingToAcknowledge => "nothing waits for it",
+            Refusal::AsksPerson => "start it at the page or at a terminal, and answer there",
+            Refusal::NotAsked => "look at the page: it shows what is asked now, if anything is",
             Refusal::NotReady => "wait until the service is ready",
             _ => "see to it at the machine, then ask again",
         };

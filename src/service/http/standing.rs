@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::Shown;
 use super::openapi::views::{ParameterView, VerdictView};
 use crate::record::estimate::{Parameter, Verdict};
+use crate::run::Asked;
 use crate::service::board::{Board, Failure, State};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -28,6 +29,8 @@ pub struct Standing {
     pub failure: Option<Failure>,
     /// While held: another program has the machine, and may move it.
     pub elsewhere: bool,
+    /// The run waits until a person has done this.
+    pub asked: Option<Question>,
     #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
     pub cycles: Vec<Startable>,
@@ -37,6 +40,19 @@ pub struct Standing {
 pub struct Startable {
     pub number: u16,
     pub method: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Question {
+    pub step: u32,
+    pub repeat: u32,
+    pub text: String,
+}
+
+impl From<Asked> for Question {
+    fn from(Asked { step, repeat, text }: Asked) -> Self {
+        Self { step, repeat, text }
+    }
 }
 
 pub fn state(state: State) -> &'static str {
@@ -59,6 +75,7 @@ impl Standing {
             measured,
             failure,
             elsewhere,
+            asked,
             ..
         } = machine.desk.board();
         let cycles = machine.cycles.iter();
@@ -77,6 +94,7 @@ impl Standing {
             refusal: refusal.map(|why| why.to_string()),
             failure,
             elsewhere,
+            asked: asked.map(Question::from),
             parameters: deviations,
             cycles: cycles.collect(),
         }

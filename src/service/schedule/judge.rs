@@ -53,6 +53,8 @@ pub fn judge(wanted: &Wanted<'_>, standing: &Standing<'_>) -> Decision {
         return Decision::Skip(format!("its latest start is over: {why}"));
     }
     match standing.refused {
+        // Nobody will be there later either.
+        Some(Refusal::AsksPerson) => Decision::Skip(why),
         Some(Refusal::Busy) if wanted.overlap == Overlap::Skip => Decision::Skip(why),
         _ => Decision::Wait(why),
     }
@@ -159,7 +161,8 @@ mod tests {
     }
 
     fn told() -> Told {
-        let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+        let said =
+            Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         Told { said, probe: true, artefact: true, temperature: true, idle: true }
     }
 
@@ -268,6 +271,13 @@ mod tests {
             (wanted.overlap, standing.refused) = (Overlap::Skip, Some(Refusal::TooSoon));
         });
         assert_eq!(words(soon).0, 'w');
+    }
+
+    #[test]
+    fn a_cycle_that_asks_a_person_is_not_waited_for() {
+        let (kind, why) =
+            words(decided(|_, standing, _| standing.refused = Some(Refusal::AsksPerson)));
+        assert!(kind == 's' && why.contains("asks a person"), "{kind} {why}");
     }
 
     #[test]

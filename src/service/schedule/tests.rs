@@ -8,7 +8,7 @@ use tokio::sync::oneshot;
 
 use super::keeper::Keeper;
 use super::*;
-use crate::service::board::{Said, State};
+use crate::service::board::{Refusal, Said, State};
 use crate::service::config::Config;
 use crate::service::desk::Ask;
 use crate::service::metrics::Metrics;
@@ -47,7 +47,8 @@ fn config() -> Config {
 }
 
 fn ready() -> Told {
-    let said = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+    let said =
+        Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
     Told { said, idle: true, probe: true, ..Told::default() }
 }
 
@@ -301,4 +302,18 @@ fn a_call_is_judged_alike_and_counts_once() {
     assert_eq!(told.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 6);
     bench.arm("2026-11-22T12:00:00Z");
     assert_eq!(call(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
+}
+
+/// A cycle that asks a person: at its time and by a trigger nothing starts; somebody at the page may.
+#[test]
+fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
+    let mut bench = bench();
+    bench.desk.asking(vec![1]);
+    bench.looks("2026-11-23T04:20:00Z", 30);
+    assert_eq!(bench.starts(), 0);
+    let last = bench.journal.slots(MACHINE, 1).unwrap().remove(0);
+    assert!(last.outcome == Outcome::Skipped && last.why.contains("asks a person"), "{last:?}");
+    assert_eq!(bench.desk.start(1, ready().said, "a button"), Err(Refusal::AsksPerson));
+    bench.desk.start(1, Said { person: true, ..ready().said }, "Ada").unwrap();
+    assert_eq!(bench.starts(), 1);
 }

@@ -29,6 +29,7 @@ mod error;
 #[cfg(test)]
 mod fuzz;
 mod hint;
+mod prompt;
 #[cfg(test)]
 mod tests;
 mod tolerance;
@@ -38,9 +39,10 @@ use artefact::Beside;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
 pub use error::{MachineFileError, Problem};
+use prompt::Prompt;
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 12] = [
+const SECTIONS: [&str; 13] = [
     "machine",
     "axes",
     "controller",
@@ -49,6 +51,7 @@ const SECTIONS: [&str; 12] = [
     "keepout",
     "solid",
     "artefact",
+    "prompt",
     "method",
     "tolerance",
     "simulated",
@@ -66,6 +69,7 @@ pub struct MachineFile {
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
+    prompts: Vec<Prompt>,
     /// Empty: no verdict.
     pub tolerance: Vec<Limit>,
     document: Document,
@@ -109,6 +113,7 @@ impl MachineFile {
         check::solids(&document, &solids, &machine)?;
         let artefact = artefact::read(&document, beside)?;
         check::artefact(&document, &artefact)?;
+        let prompts = prompt::read(&document)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;
         Ok(Self {
@@ -119,6 +124,7 @@ impl MachineFile {
             keepout,
             solids,
             artefact,
+            prompts,
             tolerance,
             document,
         })
@@ -166,9 +172,21 @@ impl MachineFile {
         }
     }
 
-    /// Refuse a `[method.NAME]` for a method that is not in the list.
+    /// What a person is asked before `method` measures.
+    pub fn asks_before(&self, method: &str) -> Vec<String> {
+        let asked = self.prompts.iter().filter(|prompt| prompt.is_for(method));
+        asked.map(|prompt| prompt.text.clone()).collect()
+    }
+
+    /// The same machine, where nobody is asked anything.
+    pub fn without_prompts(&self) -> Self {
+        Self { prompts: Vec::new(), ..self.clone() }
+    }
+
+    /// Refuse a `[method.NAME]`, or a prompt, for a method that is not in the list.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
-        self.document.only(&["method"], known)
+        self.document.only(&["method"], known)?;
+        prompt::check_methods(&self.document, &self.prompts, known)
     }
 }
 

@@ -366,3 +366,24 @@ fn solids_and_the_stylus_must_be_possible() {
         ),
     );
 }
+
+#[test]
+fn who_is_asked_what_before_which_method() {
+    let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
+    let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
+    let file = with(two).unwrap();
+    assert_eq!(file.asks_before("samba"), ["clean"]);
+    assert_eq!(file.asks_before("laser-r-test"), ["clean", "cap off"]);
+    assert!(file.without_prompts().asks_before("laser-r-test").is_empty());
+    let refused = file.check_method_names(&["samba"]).unwrap_err().to_string();
+    assert!(refused.contains("`methods` in [prompt] names `laser-r-test`"), "{refused}");
+    let long = "x".repeat(201);
+    for (text, words) in
+        [(" ", "must say"), ("a\\tb", "one line"), (long.as_str(), "201 characters")]
+    {
+        let refused = with(&format!("[[prompt]]\ntext = \"{text}\"\n")).unwrap_err().to_string();
+        assert!(refused.contains("`text` in [prompt]") && refused.contains(words), "{refused}");
+    }
+    let refused = with("[[prompt]]\ntext = \"a\"\nmethod = []\n").unwrap_err().to_string();
+    assert!(refused.contains("did you mean `methods`?"), "{refused}");
+}

@@ -41,6 +41,7 @@ fn step(id: u32) -> Step {
         sensor: "probe".to_owned(),
         normal: [angle.cos(), angle.sin(), 0.0],
         scan: None,
+        text: None,
     }
 }
 

@@ -53,6 +53,7 @@ fn row(motion: &Motion, read: ReadMotion) -> Result<Row, String> {
         Kind::Probe { .. } => (Does::Guarded, feed),
         Kind::Dwell { seconds } => (Does::Dwell, Some(seconds)),
         Kind::Orient { s } => (Does::Orient, Some(Axis::S.to_edge(s))),
+        Kind::Stop => return Err(format!("line {} waits for a person", read.line)),
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
     Ok(Row { does, target: read.target, value })

@@ -83,6 +83,7 @@ impl World {
                     sensor: "probe".into(),
                     normal: n.to_array(),
                     scan: None,
+                    text: None,
                 });
                 readings.push(Reading {
                     step: id,

@@ -50,12 +50,13 @@ pub const HOLD: &str = "/api/v1/machines/{name}/hold";
 pub const DOOR: &str = "/login";
 
 /// What a changing route asks for at least. One that does not stand here asks for the most.
-const CHANGES: [(&str, Role); 7] = [
+const CHANGES: [(&str, Role); 8] = [
     (HOLD, Role::Viewer),
     ("/logout", Role::Viewer),
     ("/api/v1/machines/{name}/start", Role::Operator),
     ("/api/v1/machines/{name}/acknowledge", Role::Operator),
     ("/api/v1/machines/{name}/resume", Role::Operator),
+    ("/api/v1/machines/{name}/answer", Role::Operator),
     // Nothing moves that a metrologist has not armed.
     ("/api/v1/machines/{name}/due", Role::Operator),
     ("/api/v1/machines/{name}/disarm", Role::Operator),

@@ -1,7 +1,8 @@
-//! What can be done: start a cycle, hold the machine, acknowledge, resume, sign. Each says who asks, and each
+//! What can be done: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each says who asks, and each
 //! stands in the audit log before it is answered. The same words come as JSON from a program and as a form from the
 //! page, which is sent back to the machine's page.
 
+mod answer;
 mod resume;
 mod sign;
 mod words;
@@ -40,6 +41,7 @@ pub fn routes() -> OpenApiRouter<Web> {
         .routes(routes!(hold))
         .routes(routes!(acknowledge))
         .routes(routes!(resume::resume))
+        .routes(routes!(answer::done))
         .routes(routes!(sign::sign))
         .layer(from_fn(for_people))
 }
@@ -98,8 +100,9 @@ async fn start(
 
 /// A person has vouched; what the machine says against it counts all the same.
 fn said(machine: &Shown) -> Said {
-    let vouched = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
-    machine.desk.rota().heard().unwrap_or(vouched)
+    let vouched =
+        Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
+    machine.desk.rota().heard().map_or(vouched, |said| Said { person: true, ..said })
 }
 
 fn vouched(machine: &Shown, asked: &Start) -> Result<(), Problem> {

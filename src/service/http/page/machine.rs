@@ -105,6 +105,11 @@ pub fn standing(machine: &Shown) -> Value {
         measured => standing.measured,
         refusal => standing.refusal.as_deref(),
         failure => standing.failure.as_ref().map(|Failure { what, remedy }| context! { what, remedy }),
+        asked => standing.asked.as_ref().map(|asked| context! {
+            step => asked.step,
+            repeat => asked.repeat,
+            text => asked.text.as_str(),
+        }),
         cycles => cycles.collect::<Vec<_>>(),
         class,
         glance,
@@ -119,6 +124,7 @@ pub fn standing(machine: &Shown) -> Value {
 fn glance(standing: &Standing) -> (&'static str, &'static str) {
     match (standing.state, standing.verdict) {
         ("held", _) if standing.elsewhere => ("held", "held: another program has the machine"),
+        ("running", _) if standing.asked.is_some() => ("held", "waits: a person is asked"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: look at the machine"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),

@@ -7,7 +7,7 @@ use minijinja::{Value, context};
 use crate::artefact::{Shape, parts};
 use crate::base::{Point, Position};
 use crate::kinematics::Chain;
-use crate::record::plan::{Plan, Step};
+use crate::record::plan::{Plan, Step, StepKind};
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, Progress, RunId};
 
@@ -49,11 +49,15 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     let Progress { plan, stages, done } = progress;
     let chain = Chain::new(&plan.machine).ok()?;
     let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
+    let moves = || plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
+    let is_open = |step: u32, repeat: u32| {
+        !done.contains(&(step, repeat)) && moves().any(|known| known.id == step)
+    };
     // After a stop the references come last, and the stage before them goes on.
     let now = stages
         .iter()
         .rev()
-        .find_map(|stage| stage.steps.iter().find(|step| !done.contains(&(**step, stage.repeat))));
+        .find_map(|stage| stage.steps.iter().find(|step| is_open(**step, stage.repeat)));
     let class = |step: &Step| match (now == Some(&step.id), is_done(step.id)) {
         (true, _) => "now",
         (false, true) => "done",
@@ -61,7 +65,7 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     };
     let mark = |step: &Step| Mark { class: class(step), way: way(plan, &chain, step) };
     // Whatever is to be seen best is drawn last.
-    let mut marks: Vec<Mark> = plan.steps.iter().map(mark).collect();
+    let mut marks: Vec<Mark> = moves().map(mark).collect();
     marks.sort_by_key(|mark| mark.class == "now");
     Some(marks)
 }

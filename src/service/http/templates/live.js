@@ -1,7 +1,7 @@
 // Brings the live part up to date. What its source does not tell is taken away, never left to stand.
 (() => {
   const live = document.getElementById("live");
-  const { from, events, state } = live.dataset;
+  const { from, events, state, asked: shown } = live.dataset;
   const title = document.title;
   const away = (is) => {
     document.body.classList.toggle("away", is);
@@ -31,8 +31,10 @@
   }
   const told = new EventSource(events);
   told.addEventListener("standing", (event) => {
-    // Other things can be done now: the page is made anew.
-    if (JSON.parse(event.data).state !== state) { location.reload(); return; }
+    const now = JSON.parse(event.data);
+    const open = now.asked ? `${now.asked.step}/${now.asked.repeat}` : "";
+    // Other things can be done now, or are asked: the page is made anew.
+    if (now.state !== state || open !== shown) { location.reload(); return; }
     refresh();
   });
   told.onerror = () => away(true);

@@ -85,6 +85,7 @@ impl Inputs {
             auto: self.coil(AUTO),
             door: self.coil(DOOR),
             stop: self.coil(STOP),
+            person: false,
         }
     }
 
@@ -171,7 +172,8 @@ mod tests {
         inputs.write_alive(1, ms(t, 500));
         assert!(!inputs.said(ms(t, 501)).enable, "the same again is no change");
         inputs.write_alive(2, ms(t, 900));
-        let all = Said { fresh: true, enable: true, auto: true, door: true, stop: false };
+        let all =
+            Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         assert_eq!(inputs.said(ms(t, 1900)), all);
         assert_eq!(inputs.said(ms(t, 1901)), Said::default());
         inputs.write_alive(3, ms(t, 60_000));

@@ -1,0 +1,227 @@
+//! What a person is asked before the first stage, whatever the method: steps of their own at the head of
+//! the plan. The method within sees neither them nor that its own steps are numbered on from them.
+
+use super::{IdentifyError, Method, Next, Refused, Source};
+use crate::base::Position;
+use crate::record::estimate::Estimate;
+use crate::record::plan::{Plan, Stage, Step, StepKind};
+use crate::record::reading::Reading;
+use crate::record::sensor::Sensor;
+
+/// What the label of such a step begins with; a method's own prompts are called otherwise.
+const LABEL: &str = "ask/";
+
+/// `method`, and before it a person is asked each of `texts`.
+pub fn asking(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
+    Box::new(Asking { method, texts })
+}
+
+pub(super) struct Asking {
+    method: Box<dyn Method>,
+    texts: Vec<String>,
+}
+
+impl Asking {
+    /// It asks nothing new; what a plan asks already it knows.
+    pub(super) fn silent(method: Box<dyn Method>) -> Self {
+        Self { method, texts: Vec::new() }
+    }
+
+    fn prompts(&self, stage: u32) -> impl Iterator<Item = Step> {
+        (0..).zip(&self.texts).map(move |(id, text)| Step {
+            id,
+            stage,
+            kind: StepKind::Prompt,
+            label: format!("{LABEL}{}", id + 1),
+            from: Position::new(),
+            to: Position::new(),
+            feed_mm_min: 0.0,
+            sensor: String::new(),
+            normal: [0.0; 3],
+            scan: None,
+            text: Some(text.clone()),
+        })
+    }
+
+    /// The first stage with what is asked before it.
+    fn with_prompts(&self, next: Next) -> Next {
+        let Next::Stage { mut stage, new_steps } = next else { return next };
+        let mut steps: Vec<Step> = self.prompts(stage.id).collect();
+        let count = steps.len() as u32;
+        steps.extend(new_steps.into_iter().map(|step| Step { id: step.id + count, ..step }));
+        let moves = stage.steps.iter().map(|id| id + count);
+        stage.steps = (0..count).chain(moves).collect();
+        Next::Stage { stage, new_steps: steps }
+    }
+}
+
+/// How many steps at the head of `plan` are ours.
+fn ours(plan: &Plan) -> usize {
+    let is_ours = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL);
+    plan.steps.iter().take_while(is_ours).count()
+}
+
+/// Without the first `count` steps, the others numbered from 0.
+fn without(plan: &Plan, count: u32) -> Plan {
+    let mut plan = plan.clone();
+    plan.steps.drain(..count as usize);
+    plan.steps.iter_mut().for_each(|step| step.id -= count);
+    plan
+}
+
+fn stage_without(stage: &Stage, count: u32) -> Stage {
+    let steps = stage.steps.iter().filter_map(|id| id.checked_sub(count));
+    Stage { steps: steps.collect(), ..stage.clone() }
+}
+
+fn reading_without(reading: &Reading, count: u32) -> Reading {
+    Reading { step: reading.step.saturating_sub(count), ..reading.clone() }
+}
+
+impl Method for Asking {
+    fn settings(&self) -> serde_json::Value {
+        self.method.settings()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
+        let count = match (ours(plan) as u32, done) {
+            (_, []) => return Ok(self.with_prompts(self.method.next(plan, done, readings)?)),
+            (0, _) => return self.method.next(plan, done, readings),
+            (count, _) => count,
+        };
+        let stages: Vec<Stage> = done.iter().map(|stage| stage_without(stage, count)).collect();
+        let measured: Vec<Reading>;
+        let readings = match readings {
+            Source::Nominal => Source::Nominal,
+            Source::Measured(all) => {
+                measured = all.iter().map(|reading| reading_without(reading, count)).collect();
+                Source::Measured(&measured)
+            }
+        };
+        let next = self.method.next(&without(plan, count), &stages, readings)?;
+        let Next::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
+        new_steps.iter_mut().for_each(|step| step.id += count);
+        stage.steps.iter_mut().for_each(|id| *id += count);
+        Ok(Next::Stage { stage, new_steps })
+    }
+
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        self.method.looks_with(sensors)
+    }
+
+    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
+        self.method.check_priors(priors)
+    }
+
+    /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        let count = ours(plan);
+        if count == 0 {
+            return self.method.identify(plan, readings, priors);
+        }
+        let mut moves = plan.clone();
+        moves.steps.drain(..count);
+        self.method.identify(&moves, readings, priors)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// Two stages of one step each; the second repeats the first as well. It numbers on from what it sees.
+    struct Toy;
+
+    impl Method for Toy {
+        fn settings(&self) -> serde_json::Value {
+            json!({})
+        }
+
+        fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
+            let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
+            assert_eq!(ids, (0..done.len() as u32).collect::<Vec<_>>());
+            assert!(plan.steps.iter().all(|step| step.kind == StepKind::Touch));
+            if let Source::Measured(readings) = readings {
+                assert_eq!(readings.iter().map(|reading| reading.step).collect::<Vec<_>>(), ids);
+            }
+            let id = plan.steps.len() as u32;
+            if id == 2 {
+                return Ok(Next::Done);
+            }
+            let name = id.to_string();
+            let stage = Stage { id, name, repeat: 0, steps: (0..=id).collect(), found: None };
+            Ok(Next::Stage { stage, new_steps: vec![touch(id)] })
+        }
+
+        fn identify(
+            &self,
+            plan: &Plan,
+            readings: &[Reading],
+            _: &[Estimate],
+        ) -> Result<Estimate, IdentifyError> {
+            assert!(plan.steps.iter().all(|step| step.kind == StepKind::Touch));
+            assert!(plan.steps.iter().zip(readings).all(|(step, reading)| step.id == reading.step));
+            Err(IdentifyError::UnknownStep { step: plan.steps[0].id })
+        }
+    }
+
+    fn touch(id: u32) -> Step {
+        let step = json!({"id": id, "stage": id, "kind": "touch", "label": "t", "from": {}, "to": {},
+            "feed_mm_min": 1.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]});
+        serde_json::from_value(step).unwrap()
+    }
+
+    fn reading(step: u32) -> Reading {
+        serde_json::from_value(json!({"step": step, "repeat": 0, "position": {}, "sensor": "probe",
+            "t_s": 0.0, "flag": "", "value_mm": null, "temperatures_c": {}}))
+        .unwrap()
+    }
+
+    fn header() -> Plan {
+        serde_json::from_value(json!({"trued_plan": 1, "method": "toy", "settings": {},
+            "machine": {"name": "test", "topology": "w-C-b-Z-t", "tool_mm": [0.0, 0.0, 0.0], "axes": {}},
+            "probe": {"ball_radius_mm": 3.0},
+            "artefact": {"kind": "cylinder", "centre_mm": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0],
+                "radius_mm": 1.0}}))
+        .unwrap()
+    }
+
+    #[test]
+    fn the_method_sees_nothing_of_what_is_asked() {
+        let method = asking(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
+        // Whoever goes on later knows the prompts from the plan alone.
+        let later = Asking::silent(Box::new(Toy));
+        let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());
+        let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
+        for method in method {
+            let source = Source::Measured(&readings);
+            let Next::Stage { stage, new_steps } = method.next(&plan, &done, source).unwrap()
+            else {
+                break;
+            };
+            let touches = new_steps.iter().filter(|step| step.kind == StepKind::Touch);
+            readings.extend(touches.map(|step| reading(step.id)));
+            plan.steps.extend(new_steps);
+            done.push(stage);
+        }
+        let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
+        assert_eq!(ids, [0, 1, 2, 3]);
+        assert_eq!((&done[0].steps[..], &done[1].steps[..]), (&[0, 1, 2][..], &[2, 3][..]));
+        let texts: Vec<_> = plan.steps.iter().map(|step| step.text.as_deref()).collect();
+        assert_eq!(texts, [Some("clean it"), Some("cap off"), None, None]);
+        let moves = |step: &Step| step.from != step.to || step.stage != 0;
+        assert!(!plan.steps[..2].iter().any(moves));
+        // What is said of a step names the one in the plan.
+        let told = later.identify(&plan, &readings, &[]).unwrap_err();
+        assert_eq!(told, IdentifyError::UnknownStep { step: 2 });
+        let (nominal, stages) = super::super::nominal(method[0], header()).unwrap();
+        assert_eq!((nominal.steps, stages), (plan.steps, done));
+    }
+}

@@ -1,0 +1,127 @@
+//! Before a stage is proven a person may be asked to do something at the machine. Nothing is sent to the
+//! control until somebody has said that it is done, however long that takes; a halt ends the wait.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::time::sleep;
+
+use super::{Run, RunError};
+use crate::base::Position;
+use crate::controllers::ControllerError;
+use crate::planning::asked_first;
+use crate::record::event::Event;
+use crate::record::plan::{Stage, Step, StepKind};
+
+/// How often an answer, or a stop, is looked for.
+const POLL: Duration = Duration::from_millis(50);
+
+/// What a person is asked to do, and where in the plan.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Asked {
+    pub step: u32,
+    pub repeat: u32,
+    pub text: String,
+}
+
+type Look = dyn Fn(&Asked) -> Option<String> + Send + Sync;
+
+/// Whoever answers what a run asks. Cloneable.
+#[derive(Clone)]
+pub struct Answers(Option<Arc<Look>>);
+
+impl Answers {
+    /// `look` is called again and again while the run waits, and must not block: the name of whoever has
+    /// done it, once somebody has.
+    pub fn new(look: impl Fn(&Asked) -> Option<String> + Send + Sync + 'static) -> Self {
+        Self(Some(Arc::new(look)))
+    }
+
+    /// A run that asks is refused.
+    pub fn nobody() -> Self {
+        Self(None)
+    }
+
+    /// The answer, if it is there by now.
+    pub fn look(&self, asked: &Asked) -> Option<String> {
+        self.0.as_ref().and_then(|look| look(asked))
+    }
+}
+
+/// Steps that somebody has answered, each in its pass.
+pub(super) fn answered(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
+    let answer = |(_, event): &(_, Event)| match event {
+        Event::Answered { step, repeat, .. } => Some((*step, *repeat)),
+        _ => None,
+    };
+    events.iter().filter_map(answer).collect()
+}
+
+/// The first of these steps that asks a person, by what it asks.
+pub(super) fn first_question(steps: &[Step]) -> Option<&str> {
+    let prompt = steps.iter().find(|step| step.kind == StepKind::Prompt)?;
+    Some(prompt.text.as_deref().unwrap_or_default())
+}
+
+impl Run<'_> {
+    /// What `stage` asks and nobody has answered yet.
+    pub(super) fn open_questions(&self, stage: &Stage) -> Result<Vec<Asked>, RunError> {
+        let (asked, _) = asked_first(&self.plan, &stage.steps)?;
+        let repeat = stage.repeat;
+        let open =
+            asked.into_iter().filter(|(step, _)| !self.answered.contains(&(step.id, repeat)));
+        let asked = |(step, text): (&Step, &str)| {
+            let (step, text) = (step.id, text.to_owned());
+            Asked { step, repeat, text }
+        };
+        Ok(open.map(asked).collect())
+    }
+
+    /// Known before anything moves: whoever is asked must be there.
+    pub(super) fn can_ask(&self, text: Option<&str>) -> Result<(), RunError> {
+        match (text, &self.answers.0) {
+            (Some(text), None) => Err(RunError::NobodyThere { text: text.to_owned() }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Ask what stands at the head of `stage`; where the machine then stands.
+    ///
+    /// # Errors
+    /// Nobody is there who could answer; a halt; what the control says after the answer.
+    pub(super) async fn ask_first(
+        &mut self,
+        stage: &Stage,
+        stands: Option<Position>,
+    ) -> Result<Option<Position>, RunError> {
+        let open = self.open_questions(stage)?;
+        if open.is_empty() {
+            return Ok(stands);
+        }
+        for asked in open {
+            self.ask(asked).await?;
+        }
+        // Whoever was at the machine may have moved it.
+        self.approached = false;
+        Ok(Some(self.devices.controller.look().await?.stands))
+    }
+
+    async fn ask(&mut self, asked: Asked) -> Result<(), RunError> {
+        self.can_ask(Some(&asked.text))?;
+        let Asked { step, repeat, text } = asked.clone();
+        self.note(Event::Asked { step, repeat, text }).await?;
+        let halt = self.devices.controller.halt();
+        let who = loop {
+            if halt.is_halted() {
+                return Err(ControllerError::Halted.into());
+            }
+            if let Some(who) = self.answers.look(&asked) {
+                break who;
+            }
+            sleep(POLL).await;
+        };
+        self.answered.push((step, repeat));
+        self.note(Event::Answered { step, repeat, who }).await
+    }
+}

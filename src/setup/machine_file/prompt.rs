@@ -1,0 +1,62 @@
+//! `[[prompt]]`: what a person is asked before a method measures.
+
+use serde::Deserialize;
+
+use super::document::Document;
+use super::error::{MachineFileError, Problem};
+
+/// Longer words nobody reads at a machine; characters.
+const LONGEST: usize = 200;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prompt {
+    pub text: String,
+    /// Names of methods; all of them where the file is silent.
+    #[serde(default)]
+    pub methods: Option<Vec<String>>,
+}
+
+impl Prompt {
+    pub fn is_for(&self, method: &str) -> bool {
+        self.methods.as_ref().is_none_or(|methods| methods.iter().any(|name| name == method))
+    }
+}
+
+pub fn read(document: &Document) -> Result<Vec<Prompt>, MachineFileError> {
+    let prompts: Vec<Prompt> =
+        document.section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
+    for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
+        let why = match text.chars().count() {
+            _ if text.trim().is_empty() => "must say what is to be done".to_owned(),
+            _ if text.chars().any(char::is_control) => "must stand in one line".to_owned(),
+            long if long > LONGEST => {
+                format!("has {long} characters; at most {LONGEST} are read at a machine")
+            }
+            _ => continue,
+        };
+        return Err(wrong(document, index, "text", why));
+    }
+    Ok(prompts)
+}
+
+/// Each names methods that there are.
+pub fn check_methods(
+    document: &Document,
+    prompts: &[Prompt],
+    known: &[&str],
+) -> Result<(), MachineFileError> {
+    for (index, prompt) in prompts.iter().enumerate() {
+        let names = prompt.methods.iter().flatten();
+        if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {
+            let why = format!("names `{name}`; there are {}", known.join(", "));
+            return Err(wrong(document, index, "methods", why));
+        }
+    }
+    Ok(())
+}
+
+fn wrong(document: &Document, index: usize, key: &str, why: String) -> MachineFileError {
+    let problem = Problem::Value { section: "prompt".to_owned(), key: key.to_owned(), why };
+    document.error_at_entry(&["prompt"], index, key, problem)
+}
