@@ -14,6 +14,7 @@ mod stage;
 mod stands;
 mod sweep;
 mod timeline;
+mod warmth;
 
 pub use again::{Again, AgainError, Question, question};
 pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
@@ -22,6 +23,7 @@ pub use resume::{Interrupted, can_resume};
 pub use stage::rehearse;
 
 use self::timeline::Timeline;
+use self::warmth::Warmth;
 use crate::base::Position;
 use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
@@ -48,6 +50,7 @@ pub struct Run<'a> {
     timeline: Timeline,
     /// What the plan looks with, once it is open.
     looking: Vec<Mounted>,
+    warmth: Warmth,
     /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.
@@ -76,6 +79,7 @@ impl<'a> Run<'a> {
             approached: false,
             timeline: Timeline::new(),
             looking: Vec::new(),
+            warmth: Warmth::default(),
             probe_lives: false,
             tell,
         }
@@ -125,6 +129,7 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
+        self.warmth.begin(&self.devices.thermometers).await;
         self.approached = false;
         if !self.plan.sensors.is_empty() {
             self.sensors_live().await?;
@@ -153,6 +158,7 @@ impl<'a> Run<'a> {
             next = self.next(&done)?;
         }
         self.tell_of_samples().await?;
+        self.tell_of_thermometers().await?;
         Ok(self.devices.controller.finish().await?)
     }
 

@@ -32,7 +32,7 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
 /// The last estimate of each finished run of `machine`, oldest first.
 pub(super) fn measured(connection: &Connection, machine: &str) -> Result<Vec<Measured>, Fault> {
     let mut statement = connection.prepare(
-        "SELECT runs.id, started, method, estimate FROM runs
+        "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}') FROM runs
          JOIN estimates ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
          WHERE machine = ?1 AND state = ?2 ORDER BY runs.id",
     )?;
@@ -42,6 +42,7 @@ pub(super) fn measured(connection: &Connection, machine: &str) -> Result<Vec<Mea
             started: parsed(row, 1)?,
             method: row.get(2)?,
             estimate: json(row, 3)?,
+            temperatures_c: json(row, 4)?,
         })
     })?;
     Ok(measured.collect::<Result<_, _>>()?)
