@@ -1,16 +1,19 @@
 //! A machine's values over its runs.
 
+use std::collections::BTreeSet;
+
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::decision::trend::{self, Kind, Point, Told, Trend};
-use crate::record::estimate::{Estimate, Unit};
-use crate::report::Individuals;
+use crate::record::estimate::{Estimate, Limit, Unit};
+use crate::record::reading::Temperatures;
+use crate::report::{self, Individuals};
 use crate::store::{Journal, RunId, StoreError};
 
 /// What one finished run said of one value.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Value {
     pub run: RunId,
     pub started: Timestamp,
@@ -18,6 +21,8 @@ pub struct Value {
     /// Expanded uncertainty.
     #[serde(rename = "U")]
     pub expanded: f64,
+    /// Of each thermometer the mean over the run; without those that nobody knows.
+    pub temperatures_c: Temperatures,
 }
 
 /// One value of one method over all finished runs in which it was identified, oldest first.
@@ -26,16 +31,25 @@ pub struct Series {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
+    /// The value's magnitude may be this at most, as the machine file has it now.
+    pub tolerance: Option<f64>,
     pub values: Vec<Value>,
     pub trend: Trend,
 }
+
+/// Of one value, by method, symbol and unit.
+type Known = (String, String, Unit, Vec<Value>);
 
 /// All series of `machine`, those of a method together, in the order in which they first came.
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreError> {
-    let mut all: Vec<(String, String, Unit, Vec<Value>)> = Vec::new();
+pub fn history(
+    journal: &Journal,
+    machine: &str,
+    tolerance: &[Limit],
+) -> Result<Vec<Series>, StoreError> {
+    let mut all: Vec<Known> = Vec::new();
     for measured in journal.measured(machine)? {
         let Estimate { parameters, .. } = measured.estimate;
         for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
@@ -44,6 +58,7 @@ pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreErr
                 started: measured.started,
                 value: parameter.value,
                 expanded: parameter.expanded,
+                temperatures_c: measured.temperatures_c.clone(),
             };
             let known = all.iter_mut().find(|(method, symbol, unit, _)| {
                 (method, symbol, *unit) == (&measured.method, &parameter.symbol, parameter.unit)
@@ -62,16 +77,18 @@ pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreErr
         }
     }
     all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
-    Ok(all.into_iter().map(series).collect())
+    Ok(all.into_iter().map(|known| series(known, tolerance)).collect())
 }
 
-fn series((method, symbol, unit, values): (String, String, Unit, Vec<Value>)) -> Series {
+fn series((method, symbol, unit, values): Known, tolerance: &[Limit]) -> Series {
     let point = |value: &Value| Point {
         t_s: value.started.as_duration().as_secs_f64(),
         value: value.value,
     };
     let trend = Trend::of(values.iter().map(point).collect());
-    Series { method, symbol, unit, values, trend }
+    let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
+    let tolerance = limit.map(|limit| limit.limit);
+    Series { method, symbol, unit, tolerance, values, trend }
 }
 
 /// What changed within the last `days`, in one sentence; days are those of this computer's time zone.
@@ -107,6 +124,19 @@ pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
             ([lower, chart.centre, upper], from)
         }),
         steps: steps.filter_map(|step| between(step.first)).collect(),
+        tolerance: series.tolerance,
+        temperatures: temperatures(values, before_s),
     };
     figure.draw(series.unit)
+}
+
+/// Of each thermometer that any of `values` knows.
+fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
+    let named = values.iter().flat_map(|value| value.temperatures_c.iter());
+    let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
+    let of = |name: &str| {
+        let at = |value: &Value| (before_s(value.started), value.temperatures_c.get(name));
+        (name.to_owned(), values.iter().map(at).collect())
+    };
+    names.into_iter().map(of).collect()
 }
