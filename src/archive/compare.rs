@@ -1,5 +1,7 @@
 //! Two stored runs beside each other.
 
+use serde::Serialize;
+
 use crate::decision::difference::{Difference, differences};
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
 
@@ -24,7 +26,7 @@ impl CompareError {
     }
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     pub runs: [RunSummary; 2],
     pub differences: Vec<Difference>,

@@ -1,16 +1,19 @@
 //! A machine's values over its runs.
 
+use std::collections::BTreeSet;
+
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use crate::decision::trend::{self, Kind, Point, Told, Trend};
-use crate::record::estimate::{Parameter, Unit};
-use crate::report::Individuals;
+use crate::record::estimate::{Limit, Parameter, Unit};
+use crate::record::reading::Temperatures;
+use crate::report::{self, Individuals};
 use crate::store::{Journal, Measured, RunId, StoreError};
 
 /// What one finished run said of one value.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Value {
     pub run: RunId,
     pub started: Timestamp,
@@ -18,6 +21,8 @@ pub struct Value {
     /// Expanded uncertainty.
     #[serde(rename = "U")]
     pub expanded: f64,
+    /// Of each thermometer the mean over the run; without those that nobody knows.
+    pub temperatures_c: Temperatures,
 }
 
 /// One value of one method over the finished runs looked at in which it was identified, oldest first.
@@ -26,6 +31,8 @@ pub struct Series {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
+    /// The value's magnitude may be this at most, as the machine file has it now.
+    pub tolerance: Option<f64>,
     pub values: Vec<Value>,
     pub trend: Trend,
 }
@@ -38,20 +45,26 @@ const NEWEST: u32 = 200;
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreError> {
+pub fn history(
+    journal: &Journal,
+    machine: &str,
+    tolerance: &[Limit],
+) -> Result<Vec<Series>, StoreError> {
     let mut all: Vec<Known> = Vec::new();
     journal.measured(machine, NEWEST, |measured| take(&mut all, measured))?;
     all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
-    Ok(all.into_iter().map(series).collect())
+    Ok(all.into_iter().map(|known| series(known, tolerance)).collect())
 }
 
-/// A method's value so far.
+/// Of one value so far, by method, symbol and unit.
 type Known = (String, String, Unit, Vec<Value>);
 
-fn take(all: &mut Vec<Known>, Measured { run, started, method, parameters }: Measured) {
+fn take(all: &mut Vec<Known>, measured: Measured) {
+    let Measured { run, started, method, parameters, temperatures_c } = measured;
     for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
-        let value = Value { run, started, value, expanded };
+        let temperatures_c = temperatures_c.clone();
+        let value = Value { run, started, value, expanded, temperatures_c };
         let known = all.iter_mut().find(|(of, name, its, _)| {
             (of.as_str(), name.as_str(), *its) == (&method, &symbol, unit)
         });
@@ -62,13 +75,15 @@ fn take(all: &mut Vec<Known>, Measured { run, started, method, parameters }: Mea
     }
 }
 
-fn series((method, symbol, unit, values): Known) -> Series {
+fn series((method, symbol, unit, values): Known, tolerance: &[Limit]) -> Series {
     let point = |value: &Value| Point {
         t_s: value.started.as_duration().as_secs_f64(),
         value: value.value,
     };
     let trend = Trend::of(values.iter().map(point).collect());
-    Series { method, symbol, unit, values, trend }
+    let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
+    let tolerance = limit.map(|limit| limit.limit);
+    Series { method, symbol, unit, tolerance, values, trend }
 }
 
 /// What changed within the last `days`, in one sentence; days are those of this computer's time zone.
@@ -104,6 +119,19 @@ pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
             ([lower, chart.centre, upper], from)
         }),
         steps: steps.filter_map(|step| between(step.first)).collect(),
+        tolerance: series.tolerance,
+        temperatures: temperatures(values, before_s),
     };
     figure.draw(series.unit)
+}
+
+/// Of each thermometer that any of `values` knows.
+fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
+    let named = values.iter().flat_map(|value| value.temperatures_c.iter());
+    let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
+    let of = |name: &str| {
+        let at = |value: &Value| (before_s(value.started), value.temperatures_c.get(name));
+        (name.to_owned(), values.iter().map(at).collect())
+    };
+    names.into_iter().map(of).collect()
 }

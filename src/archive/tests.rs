@@ -2,7 +2,7 @@ use super::compare::{CompareError, compare};
 use super::history::history;
 use super::report::report;
 use super::story::{signed, story};
-use crate::record::estimate::{Estimate, Parameter, Unit};
+use crate::record::estimate::{Estimate, Limit, Parameter, Unit};
 use crate::record::plan::Plan;
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 
@@ -60,7 +60,12 @@ fn a_history_is_what_finished_runs_last_said() {
     run("samba", "mill", finished, &[]);
     run("laser-r-test", "mill", finished, &[one(5.0)]);
     let last = run("samba", "mill", finished, &[one(6.0)]);
-    let all = history(&journal, "mill").unwrap();
+    let limit = |unit| Limit { symbol: "EX0C".to_owned(), unit, limit: 7.5 };
+    let tolerance = [limit(Unit::Mm), limit(Unit::Um)];
+    let all = history(&journal, "mill", &tolerance).unwrap();
+    assert!(all.iter().all(|series| series.tolerance == Some(7.5)));
+    let other = Limit { symbol: "EY0C".to_owned(), ..limit(Unit::Um) };
+    assert!(history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
     let told: Vec<String> = all
         .iter()
         .map(|series| {

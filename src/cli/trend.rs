@@ -7,6 +7,8 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
 use crate::archive::history::{Series, history, what_changed};
+use crate::record::estimate::Limit;
+use crate::setup::MachineFile;
 use crate::store::Journal;
 
 pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -16,7 +18,7 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         say!("no runs yet: `trued run self-calibration` makes one");
         return Ok(Exit::Pass);
     };
-    let all = history(&journal, &machine)?;
+    let all = history(&journal, &machine, &tolerance(&journal, &machine)?)?;
     if args.json {
         show::print_json(&all)?;
         return Ok(Exit::Pass);
@@ -31,15 +33,28 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
+/// As the machine file of its newest run has it; none where this version does not read it any more.
+fn tolerance(journal: &Journal, machine: &str) -> Result<Vec<Limit>, Failure> {
+    let runs = journal.runs()?;
+    let Some(newest) = runs.iter().rev().find(|run| run.machine == machine) else {
+        return Ok(Vec::new());
+    };
+    let stored = journal.load(newest.id)?;
+    let file = MachineFile::stored("machine file", stored.config, &stored.plan.artefact);
+    Ok(file.map(|file| file.tolerance).unwrap_or_default())
+}
+
 fn print(machine: &str, all: &[Series], days: u32) {
     say!("{} on {machine}", all.first().map_or("", |series| series.method.as_str()));
     say!(
-        "{:<12} {:>5} {:>12} {:>9}  {:<5} control limits",
+        "{:<12} {:>5} {:>12} {:>9}  {:<5} {:>9}  {:<22} °C",
         "parameter",
         "runs",
         "newest",
         "U",
-        "unit"
+        "unit",
+        "tolerance",
+        "control limits"
     );
     for series in all {
         let Some(newest) = series.values.last() else { continue };
@@ -47,8 +62,11 @@ fn print(machine: &str, all: &[Series], days: u32) {
         let limits = limits.map_or("too few runs".to_owned(), |[lower, upper]| {
             format!("{lower:.3} to {upper:.3}")
         });
+        let tolerance = series.tolerance.map_or("none".to_owned(), |limit| format!("±{limit}"));
+        let warmth = newest.temperatures_c.iter().map(|(name, mean)| format!("{name} {mean:.1}"));
+        let warmth = warmth.collect::<Vec<_>>().join(", ");
         say!(
-            "{:<12} {:>5} {:>12.3} {:>9.3}  {:<5} {limits}",
+            "{:<12} {:>5} {:>12.3} {:>9.3}  {:<5} {tolerance:>9}  {limits:<22} {warmth}",
             series.symbol,
             series.values.len(),
             newest.value,

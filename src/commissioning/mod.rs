@@ -17,6 +17,7 @@ mod person;
 mod probe;
 mod sensors;
 mod stop;
+mod thermometers;
 mod words;
 
 use std::pin::Pin;

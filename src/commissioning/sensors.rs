@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, Ended, Part};
+use super::{Check, Ended, Part, thermometers};
 use crate::record::reading::Flag;
 use crate::sensors::{Entry, Prepared, Sample, SensorError};
 
@@ -37,7 +37,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
             }
         }
     }
-    Ok(())
+    thermometers::look(check).await
 }
 
 async fn listen(check: &Check<'_>, name: &str) -> Result<(Prepared, Vec<Sample>), SensorError> {

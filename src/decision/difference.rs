@@ -1,10 +1,12 @@
 //! Two results beside each other: what differs by more than both can be in doubt.
 
+use serde::Serialize;
+
 use crate::estimation::coverage::{coverage_factor, effective_dof};
 use crate::record::estimate::{Estimate, Parameter, Unit};
 
 /// Of one value, the second result less the first.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     pub symbol: String,
     pub unit: Unit,
@@ -13,6 +15,7 @@ pub struct Difference {
     pub by: f64,
     /// Expanded uncertainty of `by`. Both results count as independent: what they share (one artefact, one
     /// probe) is counted twice, so that a difference is rather missed than made up.
+    #[serde(rename = "U")]
     pub expanded: f64,
     /// Whether `by` is beyond its uncertainty.
     pub significant: bool,

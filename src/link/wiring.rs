@@ -38,7 +38,7 @@ impl Wiring {
         WIRING.try_with(Self::clone).unwrap_or_default()
     }
 
-    pub(super) fn is_replayed(&self) -> bool {
+    pub fn is_replayed(&self) -> bool {
         matches!(self, Self::Replayed(_))
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -64,7 +65,35 @@ pub struct Reading {
     pub t_s: f64,
     #[serde(default)]
     pub flag: Flag,
-    /// Temperatures by sensor name, °C.
     #[serde(default)]
-    pub temperatures_c: BTreeMap<String, f64>,
+    pub temperatures_c: Temperatures,
+}
+
+/// °C by the name of the thermometer; one that said nothing is not in it. All samples of a scan share one,
+/// as there may be a million of them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "BTreeMap<String, f64>", into = "BTreeMap<String, f64>")]
+pub struct Temperatures(Option<Arc<BTreeMap<String, f64>>>);
+
+impl Temperatures {
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.as_ref()?.get(name).copied()
+    }
+
+    /// In the order of their names.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.0.iter().flat_map(|all| all.iter()).map(|(name, celsius)| (name.as_str(), *celsius))
+    }
+}
+
+impl From<BTreeMap<String, f64>> for Temperatures {
+    fn from(all: BTreeMap<String, f64>) -> Self {
+        Self((!all.is_empty()).then(|| Arc::new(all)))
+    }
+}
+
+impl From<Temperatures> for BTreeMap<String, f64> {
+    fn from(Temperatures(all): Temperatures) -> Self {
+        all.map(Arc::unwrap_or_clone).unwrap_or_default()
+    }
 }

@@ -11,4 +11,4 @@ mod related;
 mod tests;
 mod vectors;
 
-pub use figure::Individuals;
+pub use figure::{Individuals, Temperatures};

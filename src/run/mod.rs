@@ -18,6 +18,7 @@ mod stage;
 mod stands;
 mod sweep;
 mod timeline;
+mod warmth;
 
 pub use again::{Again, AgainError, Question, question};
 pub use asking::{Answers, Asked};
@@ -29,6 +30,7 @@ pub use stage::{Rehearsed, rehearse};
 
 use self::asking::first_question;
 use self::timeline::Timeline;
+use self::warmth::Warmth;
 use crate::base::Position;
 use crate::methods::{Method, Next, Source};
 use crate::record::event::Event;
@@ -58,6 +60,7 @@ pub struct Run<'a> {
     /// Whoever is asked, and what was answered: steps, each in its pass.
     answers: Answers,
     answered: Vec<(u32, u32)>,
+    warmth: Warmth,
     /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.
@@ -88,6 +91,7 @@ impl<'a> Run<'a> {
             looking: Vec::new(),
             answers: Answers::nobody(),
             answered: Vec::new(),
+            warmth: Warmth::default(),
             probe_lives: false,
             tell,
         }
@@ -143,6 +147,7 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
+        self.warmth.begin(&self.devices.thermometers).await;
         self.approached = false;
         if !self.plan.sensors.is_empty() {
             self.sensors_live().await?;
@@ -171,6 +176,7 @@ impl<'a> Run<'a> {
             next = self.next(&done)?;
         }
         self.tell_of_samples().await?;
+        self.tell_of_thermometers().await?;
         Ok(self.devices.controller.finish().await?)
     }
 

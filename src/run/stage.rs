@@ -72,7 +72,13 @@ impl Run<'_> {
     }
 
     /// On disk, before anybody hears of it.
-    async fn keep_readings(&mut self, step: &Step, readings: Vec<Reading>) -> Result<(), RunError> {
+    async fn keep_readings(
+        &mut self,
+        step: &Step,
+        mut readings: Vec<Reading>,
+    ) -> Result<(), RunError> {
+        let felt = self.temperatures_c().await?;
+        readings.iter_mut().for_each(|reading| reading.temperatures_c = felt.clone());
         match (readings.as_slice(), &step.scan) {
             ([touch], None) => {
                 self.journal.reading(self.id, touch).await?;

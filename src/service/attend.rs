@@ -178,7 +178,8 @@ impl Attendant {
 
     pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
-        Shown { name: self.name().to_owned(), desk: self.desk.clone(), cycles, demand }
+        let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
+        Shown { name, desk: self.desk.clone(), cycles, demand, tolerance }
     }
 
     pub fn name(&self) -> &str {

@@ -1,10 +1,10 @@
 //! Opens what the machine file names and puts it together. One simulated world is shared by
 //! everything that is simulated.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use super::machine_file::MachineFile;
-use super::{Pace, Sensors, SetupError, Site};
+use super::{Pace, Sensors, SetupError, Site, Thermometers};
 use crate::base::Clock;
 use crate::base::clock::HostClock;
 use crate::controllers::{Controller, Served};
@@ -17,6 +17,8 @@ pub struct Devices {
     pub controller: Controller,
     /// What the machine can look with.
     pub sensors: Sensors,
+    /// What each reading carries beside.
+    pub thermometers: Thermometers,
     /// The language the control is spoken to; every stage is rendered and read back before it moves.
     pub dialect: Dialect,
     /// Used where the control does not stamp its readings.
@@ -34,11 +36,19 @@ impl Devices {
     /// With the clock that the control was opened with.
     pub(super) fn timed(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::none(clock.clone());
-        Self { controller, sensors, dialect, clock, _served: None }
+        let thermometers = Thermometers::of(&[], None);
+        Self { controller, sensors, thermometers, dialect, clock, _served: None }
     }
 
-    pub(super) fn with(self, add: impl FnOnce(Sensors) -> Sensors) -> Self {
-        Self { sensors: add(self.sensors), ..self }
+    /// With what the machine file names; simulated ones see and feel `world`.
+    pub(super) fn of(self, file: &MachineFile, world: Option<Arc<Mutex<World>>>) -> Self {
+        let thermometers = Thermometers::of(&file.thermometers, world.clone());
+        let sensors = self.sensors.of(&file.sensors);
+        let sensors = match world {
+            Some(world) => sensors.looking_at(world),
+            None => sensors,
+        };
+        Self { sensors, thermometers, ..self }
     }
 
     /// With the other end of its wire.
@@ -74,6 +84,7 @@ pub async fn devices(
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let thermometers: Vec<_> = file.thermometers.iter().map(|entry| entry.name.as_str()).collect();
     let world = World::new(&file.machine, &file.probe, &file.artefact, &truth)?;
-    Ok(world.with_sensors(&sensors)?)
+    Ok(world.with_sensors(&sensors)?.with_thermometers(&thermometers)?)
 }

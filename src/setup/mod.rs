@@ -7,6 +7,7 @@ pub mod machine_file;
 mod rehearsal;
 mod sensors;
 mod site;
+mod thermometers;
 
 use std::path::Path;
 
@@ -17,6 +18,7 @@ pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
 pub use sensors::{Mounted, Sensors, sensor};
 pub use site::Site;
+pub use thermometers::Thermometers;
 
 use crate::methods::{self, Method};
 use crate::record::plan::{PLAN_VERSION, Plan};

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, Pace, Past, Sensors, SetupError, world};
+use super::{Devices, Pace, Past, SetupError, world};
 use crate::controllers::{Bench, Served, Simulated};
 use crate::gcode::Dialect;
 use crate::link::faults::{BadWire, Planned};
@@ -40,9 +40,8 @@ impl<'a> Rehearsal<'a> {
 
     pub(super) async fn open(&self, dialect: Dialect, pace: Pace) -> Result<Devices, SetupError> {
         let (controller, served) = self.control.open(self.bench(pace)?, dialect.clone()).await?;
-        let world = self.world.clone();
-        let see = |none: Sensors| none.of(&self.file.sensors).looking_at(world);
-        Ok(Devices::new(controller, dialect).with(see).behind(served))
+        let world = Some(self.world.clone());
+        Ok(Devices::new(controller, dialect).of(self.file, world).behind(served))
     }
 
     /// Serve it to whoever opens its wire, until dropped. Call inside a tokio runtime.

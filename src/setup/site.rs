@@ -54,7 +54,7 @@ impl<'a> Site<'a> {
                 let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
                 let opening = control.open(&self.file.machine, dialect.clone(), clock.clone());
                 let devices = Devices::timed(opening.await?, dialect, clock);
-                Ok(devices.with(|none| none.of(&self.file.sensors)))
+                Ok(devices.of(self.file, None))
             }
         }
     }

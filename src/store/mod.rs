@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::record::estimate::{Estimate, Parameter};
 use crate::record::event::Event;
 use crate::record::plan::{Plan, Stage};
-use crate::record::reading::Reading;
+use crate::record::reading::{Reading, Temperatures};
 
 mod audit;
 mod backup;
@@ -149,6 +149,8 @@ pub struct Measured {
     pub started: Timestamp,
     pub method: String,
     pub parameters: Vec<Parameter>,
+    /// Means over its readings; without what nobody has said.
+    pub temperatures_c: Temperatures,
 }
 
 /// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that

@@ -50,8 +50,8 @@ pub(super) fn measured(
         parameters: Vec<Parameter>,
     }
     let mut statement = connection.prepare(
-        "SELECT id, started, method, estimate FROM
-             (SELECT runs.id, started, method, estimate,
+        "SELECT id, started, method, estimate, coalesce(temperatures_c, '{}') FROM
+             (SELECT runs.id, started, method, estimate, runs.temperatures_c,
                      row_number() OVER (PARTITION BY method ORDER BY runs.id DESC) AS age
               FROM runs JOIN estimates
               ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
@@ -61,8 +61,13 @@ pub(super) fn measured(
     let finished = RunState::Finished.as_str();
     let rows = statement.query_map(params![machine, finished, newest], |row| {
         let Values { parameters } = json(row, 3)?;
-        let run = RunId(row.get(0)?);
-        Ok(Measured { run, started: parsed(row, 1)?, method: row.get(2)?, parameters })
+        Ok(Measured {
+            run: RunId(row.get(0)?),
+            started: parsed(row, 1)?,
+            method: row.get(2)?,
+            parameters,
+            temperatures_c: json(row, 4)?,
+        })
     })?;
     for measured in rows {
         tell(measured?);

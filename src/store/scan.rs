@@ -1,4 +1,4 @@
-//! All samples of one scan as one row: nobody finds half of them.
+//! All samples of one scan as one row: nobody finds half of them. Temperatures are those of the row.
 
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
@@ -38,13 +38,14 @@ pub(super) fn keep(
     connection
         .execute(
             "INSERT INTO readings (run, step, repeat, sensor, t_s, flag, temperatures_c, kept, samples)
-             VALUES (?1, ?2, ?3, ?4, ?5, '', '{}', ?6, ?7)",
+             VALUES (?1, ?2, ?3, ?4, ?5, '', ?6, ?7, ?8)",
             params![
                 run.0,
                 first.step,
                 first.repeat,
                 first.sensor,
                 first.t_s,
+                write::json(&what(), &first.temperatures_c)?,
                 write::now(),
                 text
             ],

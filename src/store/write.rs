@@ -156,11 +156,33 @@ pub(super) fn set_state(
     state: RunState,
 ) -> Result<(), Fault> {
     let ended = (state != RunState::Running).then(now);
-    let changed = connection.execute(
+    let transaction = begin_writing(connection)?;
+    let changed = transaction.execute(
         "UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1",
         params![run.0, state.as_str(), ended],
     )?;
-    if changed == 1 { Ok(()) } else { Err(Fault::NoRun(run)) }
+    if changed != 1 {
+        return Err(Fault::NoRun(run));
+    }
+    if state == RunState::Finished {
+        mean_temperatures(&transaction, run)?;
+    }
+    Ok(transaction.commit()?)
+}
+
+/// Of each thermometer over the readings that it spoke at, a scan being one of them; those from before an
+/// interruption count as well.
+fn mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
+    transaction.execute(
+        "UPDATE runs SET temperatures_c =
+             (SELECT json_group_object(name, mean) FROM
+                 (SELECT said.key AS name, avg(said.value) AS mean
+                  FROM readings, json_each(readings.temperatures_c) AS said
+                  WHERE readings.run = ?1 GROUP BY said.key))
+         WHERE id = ?1",
+        [run.0],
+    )?;
+    Ok(())
 }
 
 pub(super) fn mark_interrupted(

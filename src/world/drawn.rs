@@ -29,6 +29,7 @@ enum Source {
     Tick,
     Squareness,
     Incidence,
+    Thermometer,
 }
 
 /// Standard normal numbers of one source.
@@ -54,6 +55,11 @@ pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
 /// Deviation of one sample of a displacement sensor, in standard deviations.
 pub(super) fn sample_deviate(seed: u64, sensor: usize, sample: u64) -> f64 {
     first_normal(seed, Source::Sample, &[sensor as u64, sample])
+}
+
+/// What a thermometer says beyond how warm it is, in standard deviations.
+pub(super) fn thermometer_deviate(seed: u64, thermometer: usize, second: u64) -> f64 {
+    first_normal(seed, Source::Thermometer, &[thermometer as u64, second])
 }
 
 /// How late it comes, in standard deviations.
@@ -331,9 +337,15 @@ pub(super) struct Drift {
     radius_mm_per_s: f64,
 }
 
-impl Drift {
-    const TIME_CONSTANT_S: f64 = 7200.0;
+/// A machine that warms up needs so long, s.
+const TIME_CONSTANT_S: f64 = 7200.0;
 
+/// The share of the way to its new balance that it has come by `t_s`.
+pub(super) fn settled(t_s: f64) -> f64 {
+    1.0 - (-t_s / TIME_CONSTANT_S).exp()
+}
+
+impl Drift {
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * first_normal(seed, Source::Drift, &[part]);
@@ -353,6 +365,6 @@ impl Drift {
 
     /// The first rate holds at the start, then the machine comes to a new balance.
     fn effective_s(t_s: f64) -> f64 {
-        Self::TIME_CONSTANT_S * (1.0 - (-t_s / Self::TIME_CONSTANT_S).exp())
+        TIME_CONSTANT_S * settled(t_s)
     }
 }

@@ -38,6 +38,14 @@ pub enum WorldError {
         "[[sensor]] and [[simulated.sensor]] `{name}`: no sensor has such a {key}; check its numbers"
     )]
     Sensor { name: String, key: &'static str },
+    #[error(
+        "[[simulated.thermometer]] `{name}` needs one [[thermometer]] of that name, and stands there once: give it one, or take it out"
+    )]
+    NoThermometer { name: String },
+    #[error(
+        "[[simulated.thermometer]] `{name}`: begins_c, warms_k and noise_k must be finite, noise_k not negative"
+    )]
+    Thermometer { name: String },
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     Dynamics { axis: Axis },
     #[error(

@@ -23,6 +23,7 @@ mod stand;
 mod surface;
 mod trail;
 mod truth;
+mod warmth;
 mod wiring;
 
 use std::collections::BTreeMap;
@@ -43,6 +44,7 @@ use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
 use sensing::Eye;
 use trail::Trail;
+use warmth::Warmth;
 use wiring::Wired;
 
 /// What became of an unguarded move.
@@ -98,6 +100,7 @@ pub struct World {
     eyes: Vec<Eye>,
     /// Kept where there is somebody to look.
     trail: Trail,
+    warmths: Vec<Warmth>,
 }
 
 impl World {
@@ -134,6 +137,7 @@ impl World {
             sensor_truths: truth.sensor.clone(),
             eyes: Vec::new(),
             trail: Trail::default(),
+            warmths: truth.thermometer.clone(),
         })
     }
 

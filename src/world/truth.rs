@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::WorldError;
 use super::sensor_truth::SensorTruth;
+use super::warmth::Warmth;
 use super::wiring::Wiring;
 use crate::base::Axis;
 use crate::kinematics::{ErrorParameter, ErrorTerm, Shape};
@@ -57,6 +58,9 @@ pub struct Truth {
     /// The displacement sensors in the spindle.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensor: Vec<SensorTruth>,
+    /// How warm it is where the thermometers sit.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub thermometer: Vec<Warmth>,
     /// What the control does wrong: the simulated control reads it, the world does not.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,

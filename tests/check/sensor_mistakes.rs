@@ -8,9 +8,9 @@ use trued::link::can::{CanError, Frame, Heard, Id};
 use super::bench::runtime;
 use super::mistakes::Mistake;
 use super::sensors::{
-    BYTES, LINE, MAP, RATE_HZ, bytes, counts, file, frame, frames, hearing, line, looked_at,
-    near_frame, on_a_line, on_can, on_modbus, sound, sound_frame, too_fast, with_a_deaf_port,
-    without_sampler,
+    BYTES, LINE, MAP, RATE_HZ, at_a_thermometer, bytes, counts, file, frame, frames, hearing, line,
+    looked_at, near_frame, on_a_line, on_can, on_modbus, sound, sound_frame, too_fast,
+    with_a_deaf_port, with_thermometer, without_sampler,
 };
 
 const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
@@ -172,5 +172,15 @@ pub const MISTAKES: &[Mistake] = &[
         "exception 1 (illegal function)",
     ),
     row("Modbus: what does not measure", || on_modbus(&[], 0.1), "its registers stand"),
+    row(
+        "thermometer: another scale",
+        || at_a_thermometer("1e-3"),
+        "it says 2150.0 °C, which no place of a machine has",
+    ),
+    row(
+        "thermometer: nobody answers",
+        || with_a_deaf_port(|address| with_thermometer(address, "0.1")),
+        "of the thermometer it stands in [thermometer.modbus]",
+    ),
     row("LinuxCNC: no sampler", without_sampler, "the sampler at 127.0.0.1:1 is not there"),
 ];

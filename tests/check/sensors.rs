@@ -199,6 +199,23 @@ pub fn on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
     runtime().block_on(looked_at(&file(&format!("[sensor.modbus]\ntcp = \"{at}\"\n{map}"))))
 }
 
+/// The built-in machine with one thermometer more, at `at`.
+pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
+    let text = format!(
+        "{}\n[[thermometer]]\nname = \"bed\"\n[thermometer.modbus]\ntcp = \"{at}\"\n\
+         value = {{ register = 2, type = \"i32\", order = \"cdab\", scale_c = {scale_c} }}\n",
+        machine(&[])
+    );
+    MachineFile::parse("machine.toml", text).unwrap()
+}
+
+/// Something that says 21.5 in hundred thousandths.
+pub fn at_a_thermometer(scale_c: &str) -> Summary {
+    let sense = Box::new(|| Sensed::Distance(21.5));
+    let (at, _) = serve_on_tcp(Measures::AtItsRate, sense, 10.0).unwrap();
+    runtime().block_on(looked_at(&with_thermometer(&at.to_string(), scale_c)))
+}
+
 /// A port where somebody takes connections and says nothing.
 pub fn with_a_deaf_port(check: impl Fn(&str) -> MachineFile) -> Summary {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -243,4 +260,14 @@ fn sound_sensors_are_called_sound() {
         let told = summary.to_string();
         assert!(told.contains("sensors ok             laser ("), "{name}: {told}");
     }
+}
+
+#[test]
+fn a_thermometer_that_answers_passes() {
+    let summary = at_a_thermometer("1e-5");
+    assert!(super::bench::failures(&summary).is_empty(), "{summary}");
+    let told = summary.to_string();
+    assert!(told.contains("thermometer bed (127.0.0.1:") && told.contains("): 21.50 °C"), "{told}");
+    // The built-in one, which feels the simulated machine.
+    assert!(told.contains("thermometer spindle (simulated): "), "{told}");
 }

@@ -9,6 +9,7 @@ mod pymodbus;
 mod schedules;
 mod sensor;
 mod server;
+mod thermometer;
 mod window;
 mod words;
 
@@ -45,6 +46,11 @@ fn main() {
         trial("pymodbus_is_a_sensor_tcp", sensor::tcp),
         trial("pymodbus_is_a_sensor_rtu", sensor::rtu),
         trial("pymodbus_sensor_whose_replies_are_spoilt", sensor::spoilt),
+        trial("pymodbus_is_a_thermometer_tcp", thermometer::tcp),
+        trial("pymodbus_is_a_thermometer_rtu", thermometer::rtu),
+        trial("pymodbus_thermometer_that_goes_away", thermometer::away),
+        trial("pymodbus_thermometer_that_never_answers", thermometer::none),
+        trial("pymodbus_thermometer_as_check_finds_it", thermometer::checked),
         trial("pymodbus_fault_schedules_rtu", schedules::rtu),
         trial("pymodbus_fault_schedules_tcp", schedules::tcp),
     ];

@@ -25,13 +25,18 @@ status = [{ register = 100, bit = 1, means = "no-echo" }]
 /// More than it measures before it stands.
 const RANGE_MM: [f64; 2] = [-100.0, 100.0];
 
-async fn driver(server: &Server) -> Registers {
-    let at = match server.at() {
+/// Where a machine file finds it.
+pub fn keys(server: &Server) -> String {
+    match server.at() {
         Named::Serial { path, baud } => {
             format!("serial = \"{}\"\nbaud = {baud}\nparity = \"none\"", path.display())
         }
         other => format!("tcp = \"{other}\""),
-    };
+    }
+}
+
+async fn driver(server: &Server) -> Registers {
+    let at = keys(server);
     let config: Config = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
     let sensor = serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM

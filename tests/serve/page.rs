@@ -104,6 +104,17 @@ pub fn a_cycle() {
     assert_eq!(readings["all"], ended["measured"]);
     let trends = get(port, &format!("{MACHINE}/trends"));
     assert_eq!(trends[0]["values"][0]["value"], told["parameters"][0]["value"]);
+    let all = get(port, "/api/v1/runs/1/readings");
+    let felt = all["readings"].as_array().unwrap().iter();
+    let felt: Vec<f64> =
+        felt.map(|reading| reading["temperatures_c"]["spindle"].as_f64().unwrap()).collect();
+    assert_eq!(all["all"], felt.len());
+    let mean = trends[0]["values"][0]["temperatures_c"]["spindle"].as_f64().unwrap();
+    assert!((mean - felt.iter().sum::<f64>() / felt.len() as f64).abs() < 1e-9, "{mean} {felt:?}");
+    assert_eq!(trends[0]["tolerance"], 500.0);
+    let one = get(port, "/api/v1/compare?a=1&b=1");
+    assert_eq!((&one["runs"][1]["id"], &one["differences"][0]["by"]), (&json!(1), &json!(0.0)));
+    assert_eq!(ask(port, "GET", "/api/v1/compare?a=1&b=9", "", "").0, 404);
     for page in ["/runs", "/runs/1", "/machines/simulated%20five-axis%20machine"] {
         let (status, text) = ask(port, "GET", page, "", "");
         assert!(status == 200 && text.contains("</html>"), "{page}: {text}");

@@ -1,13 +1,20 @@
-//! Single values over time with their uncertainties: control limits from the values before, steps marked.
+//! Single values over time with their uncertainties: control limits from the values before, steps marked,
+//! the tolerance, and below them how warm it was.
 
 use plotters::prelude::*;
 
+use super::legend::{self, DASH, Piece};
 use super::scale::{Ticked, bounds, widened};
-use super::{FIT, GRID, INK, LINE, Sample, picture};
+use super::strip::{self, Temperatures};
+use super::{Area, Drawn, FIT, GRID, INK, LINE, Sample, Y_LABELS, picture};
 use crate::record::estimate::Unit;
 use crate::report::number;
 
 const SIZE: (u32, u32) = (1400, 560);
+
+/// Lines of the tolerance that would make the picture so many times as high are left to the legend: there
+/// would be nothing to see of the values.
+const MOST_HIGH: f64 = 4.0;
 
 /// A chart of one value; times in seconds before now, negative.
 #[derive(Debug, Clone, Default)]
@@ -17,54 +24,123 @@ pub struct Individuals {
     pub values: Vec<[f64; 3]>,
     /// Lower limit, centre, upper limit; they hold from the value of this index on.
     pub limits: Option<([f64; 3], usize)>,
+    /// The value's magnitude may be this at most.
+    pub tolerance: Option<f64>,
     /// Times at which it stepped.
     pub steps: Vec<f64>,
+    pub temperatures: Temperatures,
 }
 
 /// So many seconds are one of it.
 const SPANS: [(f64, &str); 4] =
     [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
 
+/// What is drawn, and on which scales.
+struct Scaled {
+    samples: Vec<Sample>,
+    /// First and last time, in units of `scale` seconds.
+    time: (f64, f64),
+    scale: f64,
+    value: (f64, f64),
+    /// Those lines of the tolerance that are in the picture.
+    tolerance: Vec<f64>,
+}
+
 impl Individuals {
     /// `None` without a finite value.
     pub fn draw(&self, unit: Unit) -> Option<String> {
         let (scale, word) = self.span();
+        let scaled = self.scaled(scale)?;
+        let told = self.told(unit, &scaled.tolerance);
+        let warmth = strip::range(&self.temperatures);
+        let rows = if told.is_empty() { 0 } else { legend::ROW };
+        let below = if warmth.is_some() { legend::ROW + strip::HEIGHT } else { 0 };
+        let x_name = format!("{word} before now");
+        let y_name = format!("{} / {}", number::plain_symbol(&self.symbol), number::unit(unit));
+        let time = Ticked::round(scaled.time.0..scaled.time.1);
+        picture((SIZE.0, SIZE.1 + rows + below), |area| {
+            let (above, rest) = area.split_vertically(rows as i32);
+            legend::row(&above, Y_LABELS, &told)?;
+            let (upper, lower) = rest.split_vertically(SIZE.1 as i32);
+            self.chart(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
+            let Some(range) = warmth else { return Ok(()) };
+            let (names, lower) = lower.split_vertically(legend::ROW as i32);
+            legend::row(&names, Y_LABELS, &strip::names(&self.temperatures))?;
+            strip::draw(&lower, &self.temperatures, (time, &x_name, scale), range)
+        })
+    }
+
+    fn scaled(&self, scale: f64) -> Option<Scaled> {
         let finite = self.values.iter().filter(|value| value.iter().all(|part| part.is_finite()));
         let samples: Vec<Sample> =
             finite.map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half: *half }).collect();
         let limits = self.limits.map(|(limits, _)| limits).into_iter().flatten();
         let ends =
             samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]);
-        let (low, high) = widened(bounds(ends.chain(limits))?);
-        let (first, last) = widened(bounds(samples.iter().map(|sample| sample.x))?);
-        let y_name = format!("{} / {}", number::plain_symbol(&self.symbol), number::unit(unit));
-        let axes = (Ticked::round(first..last), Ticked::round(low..high));
-        picture(SIZE, |area| {
-            let x_name = format!("{word} before now");
-            let mut chart = super::chart(area, (axes.0, &x_name), (axes.1, &y_name))?;
-            if let Some(([lower, centre, upper], from)) = self.limits {
-                let begin = self.values.get(from).map_or(first, |[t_s, ..]| t_s / scale);
-                let band = [(begin, lower), (last, upper)];
-                chart.draw_series([Rectangle::new(band, GRID.mix(0.4).filled())])?;
-                for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
-                    let line = vec![(begin, y), (last, y)];
-                    chart.draw_series([PathElement::new(line, FIT.stroke_width(width))])?;
-                }
+        let (mut low, mut high) = bounds(ends.chain(limits))?;
+        let most = MOST_HIGH * (high - low).max(f64::MIN_POSITIVE);
+        let mut tolerance: Vec<f64> =
+            self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
+        // The nearer one first: it may be the only one that there is room for.
+        let middle = (low + high) / 2.0;
+        tolerance.sort_by(|one, other| (one - middle).abs().total_cmp(&(other - middle).abs()));
+        tolerance.retain(|line| {
+            let (with_low, with_high) = (low.min(*line), high.max(*line));
+            let fits = with_high - with_low <= most || low == high;
+            if fits {
+                (low, high) = (with_low, with_high);
             }
-            for t_s in &self.steps {
-                let line = vec![(t_s / scale, low), (t_s / scale, high)];
-                chart.draw_series([PathElement::new(line, INK.stroke_width(3))])?;
+            fits
+        });
+        let time = widened(bounds(samples.iter().map(|sample| sample.x))?);
+        Some(Scaled { samples, time, scale, value: widened((low, high)), tolerance })
+    }
+
+    /// The legend.
+    fn told(&self, unit: Unit, drawn: &[f64]) -> Vec<(Piece, String)> {
+        let mut told = Vec::new();
+        told.extend(self.limits.map(|_| (Piece::Band, "control limits".to_owned())));
+        told.extend(self.tolerance.map(|limit| {
+            let beyond = match drawn.len() {
+                2 => "",
+                1 => ", one line beyond the picture",
+                _ => ", beyond the picture",
+            };
+            (Piece::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit(unit)))
+        }));
+        told.extend((!self.steps.is_empty()).then(|| (Piece::Upright, "step".to_owned())));
+        told
+    }
+
+    fn chart(&self, area: &Area<'_>, scaled: &Scaled, x: (Ticked, &str), y_name: &str) -> Drawn {
+        let Scaled { samples, time: (first, last), scale, value: (low, high), tolerance } = scaled;
+        let mut chart = super::chart(area, x, (Ticked::round(*low..*high), y_name))?;
+        if let Some(([lower, centre, upper], from)) = self.limits {
+            let begin = self.values.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
+            let band = [(begin, lower), (*last, upper)];
+            chart.draw_series([Rectangle::new(band, GRID.mix(0.4).filled())])?;
+            for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
+                let line = vec![(begin, y), (*last, y)];
+                chart.draw_series([PathElement::new(line, FIT.stroke_width(width))])?;
             }
-            let bars = samples.iter().map(|Sample { x, y, half }| {
-                let ends = vec![(*x, y - half), (*x, y + half)];
-                PathElement::new(ends, LINE.mix(0.5).stroke_width(4))
-            });
-            chart.draw_series(bars)?;
-            let joined: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
-            chart.draw_series([PathElement::new(joined.clone(), LINE.stroke_width(2))])?;
-            chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE.filled())))?;
-            Ok(())
-        })
+        }
+        for y in tolerance {
+            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH);
+            chart.draw_series(DashedLineSeries::new(line, dash, gap, INK.stroke_width(4)))?;
+        }
+        for t_s in &self.steps {
+            let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
+            chart.draw_series([PathElement::new(line, INK.stroke_width(3))])?;
+        }
+        let bars = samples.iter().map(|Sample { x, y, half }| {
+            let ends = vec![(*x, y - half), (*x, y + half)];
+            PathElement::new(ends, LINE.mix(0.5).stroke_width(4))
+        });
+        chart.draw_series(bars)?;
+        let joined: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
+        chart.draw_series([PathElement::new(joined.clone(), LINE.stroke_width(2))])?;
+        chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE.filled())))?;
+        Ok(())
     }
 
     /// The greatest of which there are at least two.
@@ -89,6 +165,7 @@ mod tests {
             values: (0..10).map(value).collect(),
             limits: Some(([-1.0, 0.5, 2.0], 4)),
             steps: vec![-86_400.0 * 6.5],
+            ..Individuals::default()
         };
         let svg = chart.draw(Unit::Um).unwrap();
         assert!(inside(&svg) && svg.contains("days before now"), "{svg}");
@@ -99,7 +176,8 @@ mod tests {
             .collect();
         assert_eq!(dots.len(), 10);
         assert!(dots.windows(2).all(|pair| pair[1] > pair[0]));
-        let band = svg.lines().find(|line| line.contains("<rect") && line.contains("0.4")).unwrap();
+        let is_band = |line: &&str| line.contains("<rect") && line.contains("0.4");
+        let band = svg.lines().rev().find(is_band).unwrap();
         // The limits begin at the fifth value.
         let begins: f64 = attributes(band, "x")[0].parse().unwrap();
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
@@ -108,5 +186,128 @@ mod tests {
         let soon =
             Individuals { values: vec![[-30.0, 1.0, 1.0]], limits: None, steps: vec![], ..chart };
         assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
+    }
+
+    fn points(line: &str) -> Vec<[f64; 2]> {
+        let pair = |pair: &str| -> Option<[f64; 2]> {
+            let (x, y) = pair.split_once(',')?;
+            Some([x.parse().ok()?, y.parse().ok()?])
+        };
+        attributes(line, "points")[0].split_whitespace().filter_map(pair).collect()
+    }
+
+    /// Lines of this colour and width that go across below the legend, each with its height in the picture.
+    fn across(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
+        let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
+        let lines = svg.lines().filter(|line| line.contains("<polyline"));
+        let lines =
+            lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(points);
+        let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
+        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW));
+        lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
+    }
+
+    fn days(tolerance: Option<f64>) -> Individuals {
+        let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
+        Individuals {
+            symbol: "EX0C".to_owned(),
+            values: (0..10).map(value).collect(),
+            limits: Some(([-1.0, 0.5, 2.0], 0)),
+            tolerance,
+            ..Individuals::default()
+        }
+    }
+
+    /// The control limits, known to lie at -1, 0.5 and 2, are the ruler for the tolerance.
+    #[test]
+    fn the_tolerance_is_dashed_and_lies_where_it_is_stated() {
+        let svg = days(Some(3.25)).draw(Unit::Um).unwrap();
+        assert!(
+            inside(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits")
+        );
+        let limits: Vec<f64> = across(&svg, "#C2571A", 3).iter().map(|line| line[2]).collect();
+        let [lower, upper] = limits[..] else { panic!("{limits:?}") };
+        let per_um = (lower - upper) / 3.0;
+        let dashes = across(&svg, "#22262B", 4);
+        for limit in [-3.25, 3.25] {
+            let y = lower - (limit + 1.0) * per_um;
+            let of_line: Vec<_> = dashes.iter().filter(|dash| (dash[2] - y).abs() <= 2.0).collect();
+            assert!(of_line.len() > 10, "{limit}: {y} {dashes:?}");
+            // Pieces with gaps between them, not one line.
+            assert!(of_line.windows(2).all(|pair| pair[1][0] - pair[0][1] > 10.0), "{of_line:?}");
+        }
+        assert!(dashes.iter().all(|dash| dash[1] - dash[0] <= 41.0), "{dashes:?}");
+        let without = days(None).draw(Unit::Um).unwrap();
+        assert!(across(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
+    }
+
+    /// Values of one or two µm: a tolerance of a millimetre is told, and the values are still to be seen.
+    #[test]
+    fn a_tolerance_far_away_is_told_in_words() {
+        let svg = days(Some(1000.0)).draw(Unit::Um).unwrap();
+        assert!(svg.contains("tolerance ±1000 µm, beyond the picture"));
+        assert!(across(&svg, "#22262B", 4).is_empty());
+        let far = days(Some(50.0));
+        let near_one = Individuals {
+            values: far.values.iter().map(|[t, y, half]| [*t, y + 48.0, *half]).collect(),
+            limits: None,
+            ..far
+        };
+        let svg = near_one.draw(Unit::Um).unwrap();
+        assert!(svg.contains("tolerance ±50 µm, one line beyond the picture"), "{svg}");
+        assert!(!across(&svg, "#22262B", 4).is_empty());
+    }
+
+    /// The fourth and fifth run know nothing of the spindle: its curve is two pieces, with no mark between.
+    #[test]
+    fn temperatures_lie_below_over_the_same_time_and_with_gaps() {
+        let chart = days(None);
+        let spindle = |(day, value): (usize, &[f64; 3])| {
+            (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64))
+        };
+        let bed = |value: &[f64; 3]| (value[0], Some(20.0));
+        let temperatures = vec![
+            ("spindle".to_owned(), chart.values.iter().enumerate().map(spindle).collect()),
+            ("bed".to_owned(), chart.values.iter().map(bed).collect()),
+            ("nobody".to_owned(), chart.values.iter().map(|value| (value[0], None)).collect()),
+        ];
+        let plain = chart.draw(Unit::Um).unwrap();
+        let svg = Individuals { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
+        assert!(inside(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
+        assert!(!plain.contains("temperature"));
+        let circles =
+            svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
+        let dots: Vec<f64> =
+            circles.map(|line| attributes(line, "cx")[0].parse().unwrap()).collect();
+        let lines = svg.lines().filter(|line| line.contains("<polyline")).map(points);
+        let below = 616.0;
+        let curves: Vec<_> =
+            lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
+        let lengths: Vec<_> = curves.iter().map(Vec::len).collect();
+        assert_eq!(lengths, [3, 5, 10]);
+        // Below the values of the same runs, one kelvin as high as the next.
+        for (curve, first) in curves.iter().zip([0, 5, 0]) {
+            for ([x, _], dot) in curve.iter().zip(&dots[first..]) {
+                assert!((x - dot).abs() <= 1.0, "{curve:?} {dots:?}");
+            }
+        }
+        let kelvin = (curves[0][0][1] - curves[0][2][1]) / 2.0;
+        assert!(kelvin > 10.0, "{curves:?}");
+        let fifth = curves[0][0][1] - 5.0 * kelvin;
+        assert!((curves[1][0][1] - fifth).abs() <= 3.0, "{curves:?}");
+        assert!((curves[2][0][1] - curves[0][0][1]).abs() <= 1.0, "{curves:?}");
+        let marks = svg.matches("<polygon").count();
+        assert_eq!(marks, 8 + 1, "a triangle each, and one in the legend");
+    }
+
+    #[test]
+    fn where_no_run_knows_a_temperature_there_is_no_strip() {
+        let chart = days(None);
+        let none = vec![("bed".to_owned(), chart.values.iter().map(|v| (v[0], None)).collect())];
+        let nan = vec![("bed".to_owned(), vec![(-1.0, Some(f64::NAN))])];
+        let plain = chart.draw(Unit::Um);
+        for temperatures in [none, nan] {
+            assert_eq!(Individuals { temperatures, ..chart.clone() }.draw(Unit::Um), plain);
+        }
     }
 }

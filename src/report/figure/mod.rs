@@ -11,11 +11,13 @@ mod circle;
 mod curve;
 mod histogram;
 mod individuals;
+mod legend;
 mod matrix;
 mod paths;
 mod points;
 mod polar;
 mod scale;
+mod strip;
 #[cfg(test)]
 mod tests;
 
@@ -23,6 +25,7 @@ pub(super) use arrows::Common;
 pub(super) use circle::circle;
 pub use individuals::Individuals;
 pub(super) use matrix::{correlation, matrix};
+pub use strip::Temperatures;
 
 /// Colours by their role; the page's style sheet replaces them by these very values in the dark.
 const INK: RGBColor = RGBColor(0x22, 0x26, 0x2B);

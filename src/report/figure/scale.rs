@@ -27,6 +27,11 @@ impl Ticked {
         Self::every(round_step((range.end - range.start) / STEPS), range)
     }
 
+    /// For an axis that is a third as long.
+    pub(super) fn coarse(range: Range<f64>) -> Self {
+        Self::every(round_step((range.end - range.start) / (STEPS / 2.0)), range)
+    }
+
     pub(super) fn label(&self, value: f64) -> String {
         label(value, self.step)
     }

@@ -69,8 +69,9 @@ pub fn write(readings: &[Reading], comments: &[String], mut out: impl Write) -> 
     for line in comments.iter().flat_map(|comment| comment.lines()) {
         writeln!(out, "# {line}")?;
     }
-    let sensors: BTreeSet<_> = readings.iter().flat_map(|row| row.temperatures_c.keys()).collect();
-    let temperatures = sensors.into_iter().cloned().map(Column::Temperature);
+    let named = readings.iter().flat_map(|row| row.temperatures_c.iter());
+    let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
+    let temperatures = names.into_iter().map(|name| Column::Temperature(name.to_owned()));
     let columns: Vec<Column> = Column::standard().chain(temperatures).collect();
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record(columns.iter().map(Column::name))?;
@@ -102,6 +103,6 @@ fn field(reading: &Reading, column: &Column) -> io::Result<String> {
         Column::Sensor => Ok(reading.sensor.clone()),
         Column::Time => number(Some(reading.t_s)),
         Column::Flag => Ok(reading.flag.as_str().to_owned()),
-        Column::Temperature(sensor) => number(reading.temperatures_c.get(sensor).copied()),
+        Column::Temperature(sensor) => number(reading.temperatures_c.get(sensor)),
     }
 }

@@ -6,7 +6,7 @@ use csv::StringRecord;
 
 use super::{Column, FIRST_LINE, Problem, ReadingsError};
 use crate::base::{Axis, Position};
-use crate::record::reading::{Flag, Reading};
+use crate::record::reading::{Flag, Reading, Temperatures};
 
 /// Read a whole file. Missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
 /// `value_mm` none (a touch), other axes not named.
@@ -128,12 +128,19 @@ fn row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
         sensor: String::new(),
         t_s: 0.0,
         flag: Flag::None,
-        temperatures_c: BTreeMap::new(),
+        temperatures_c: Temperatures::default(),
     };
+    let mut temperatures_c = BTreeMap::new();
     for (column, text) in columns.iter().zip(record) {
-        set(&mut reading, column, text)?;
+        match column {
+            Column::Temperature(_) if text.trim().is_empty() => {}
+            Column::Temperature(name) => {
+                temperatures_c.insert(name.clone(), number(column, text)?);
+            }
+            _ => set(&mut reading, column, text)?,
+        }
     }
-    Ok(reading)
+    Ok(Reading { temperatures_c: temperatures_c.into(), ..reading })
 }
 
 fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem> {
@@ -154,9 +161,8 @@ fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem
         }
         Column::Value => reading.value_mm = Some(number(column, text)?),
         Column::Time => reading.t_s = number(column, text)?,
-        Column::Temperature(sensor) => {
-            reading.temperatures_c.insert(sensor.clone(), number(column, text)?);
-        }
+        // They are gathered by the row.
+        Column::Temperature(_) => {}
     }
     Ok(())
 }

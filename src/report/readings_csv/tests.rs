@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use rand::RngExt;
 
 use super::*;
@@ -26,7 +28,7 @@ fn any(step: u32, random: &mut impl RngExt) -> Reading {
         position.set(axis, number(6));
     }
     let (c, value, t_s, table) = (number(1), number(3), number(5), number(2));
-    let mut temperatures_c = std::collections::BTreeMap::new();
+    let mut temperatures_c = BTreeMap::new();
     if random.random_bool(0.5) {
         position.set(Axis::C, Axis::C.from_edge(Axis::C.to_edge(c)));
         temperatures_c.insert("table left".to_owned(), table);
@@ -39,7 +41,7 @@ fn any(step: u32, random: &mut impl RngExt) -> Reading {
         sensor: ["probe", "", "laser, \"red\"", " # 2"][random.random_range(0..4)].to_owned(),
         t_s,
         flag: Flag::ALL[random.random_range(0..Flag::ALL.len())],
-        temperatures_c,
+        temperatures_c: temperatures_c.into(),
     }
 }
 
@@ -67,7 +69,7 @@ fn angles_stand_in_degrees() {
         sensor: "probe".to_owned(),
         t_s: 0.1 + 0.2,
         flag: Flag::Excluded,
-        temperatures_c: [("table".to_owned(), 20.5)].into(),
+        temperatures_c: BTreeMap::from([("table".to_owned(), 20.5)]).into(),
     };
     let mut bytes = Vec::new();
     write(&[reading], &["run 3\nof the mill".to_owned()], &mut bytes).unwrap();

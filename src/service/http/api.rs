@@ -11,9 +11,10 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Web;
-use super::openapi::views::{AuditView, Contract, RunView, SeriesView};
+use super::openapi::views::{AuditView, ComparisonView, Contract, RunView, SeriesView};
 use super::problem::Problem;
 use super::standing::Standing;
+use crate::archive::compare::{Comparison, compare};
 use crate::archive::history::{Series, history};
 use crate::archive::story::story;
 use crate::record::estimate::Estimate;
@@ -35,6 +36,7 @@ pub fn routes() -> OpenApiRouter<Web> {
         .routes(routes!(plan))
         .routes(routes!(readings))
         .routes(routes!(estimate))
+        .routes(routes!(compared))
 }
 
 /// Beside the thread that answers: the disk may be slow.
@@ -72,13 +74,15 @@ async fn machine(
     Ok(Json(Standing::of(machine)))
 }
 
-/// Each value over the newest 200 finished runs of its method, its control limits, its steps and drifts.
+/// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
+/// each run; its control limits, its steps and drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn trends(
     State(web): State<Web>,
     Path(name): Path<String>,
 ) -> Result<Json<Vec<Series>>, Problem> {
-    Ok(Json(look(&web, move |journal| history(journal, &name)).await??))
+    let limits = web.tolerance(&name);
+    Ok(Json(look(&web, move |journal| history(journal, &name, &limits)).await??))
 }
 
 /// Of a list: at most so many, after or before what.
@@ -190,4 +194,26 @@ async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<E
     };
     let found = look(&web, read).await??;
     found.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
+}
+
+/// The runs that are compared.
+#[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pair {
+    a: i64,
+    b: i64,
+}
+
+/// Run `b` against run `a`, of one method: each value's difference with its expanded uncertainty.
+#[utoipa::path(get, path = "/api/v1/compare", params(Pair), responses((status = OK, body = ComparisonView)))]
+async fn compared(
+    State(web): State<Web>,
+    Query(pair): Query<Pair>,
+) -> Result<Json<Comparison>, Problem> {
+    Ok(Json(of_two(&web, pair).await?))
+}
+
+/// For the page as well.
+pub(super) async fn of_two(web: &Web, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
+    Ok(look(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
 }

@@ -32,6 +32,7 @@ use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::metrics::Metrics;
 use super::{Log, ServeError};
+use crate::record::estimate::Limit;
 use crate::run::{ANSWERING, behind};
 use crate::store::Journal;
 
@@ -43,6 +44,7 @@ pub struct Shown {
     pub cycles: Vec<Cycle>,
     /// What a person must vouch for to start one of them.
     pub demand: Vec<Demand>,
+    pub tolerance: Vec<Limit>,
 }
 
 /// What all answers are made from.
@@ -60,6 +62,11 @@ struct Web {
 impl Web {
     fn machine(&self, name: &str) -> Option<&Shown> {
         self.machines.iter().find(|machine| machine.name == name)
+    }
+
+    /// As its file has it; of a machine that is not served here nothing is known.
+    fn tolerance(&self, name: &str) -> Vec<Limit> {
+        self.machine(name).map(|machine| machine.tolerance.clone()).unwrap_or_default()
     }
 }
 

@@ -6,7 +6,6 @@ use super::error::{MachineFileError, Problem};
 use crate::base::Axis;
 use crate::record::artefact::{Artefact, Cylinder};
 use crate::record::machine::{AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
-use crate::sensors::Entry;
 
 type Checked = Result<(), MachineFileError>;
 
@@ -72,14 +71,18 @@ pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {
     Ok(())
 }
 
-/// Each has a name of its own.
-pub fn sensors(document: &Document, sensors: &[Entry]) -> Checked {
-    for (index, Entry { sensor, .. }) in sensors.iter().enumerate() {
-        if sensors.iter().take(index).any(|earlier| earlier.sensor.name == sensor.name) {
-            let why = format!("`{}` stands twice: give each a name of its own", sensor.name);
-            let (section, key) = ("sensor".to_owned(), "name".to_owned());
-            let problem = Problem::Value { section, key, why };
-            return Err(document.error_at_entry(&["sensor"], index, "name", problem));
+/// Each `[[section]]` has a name of its own.
+pub fn alone<'n>(
+    document: &Document,
+    section: &str,
+    names: impl Iterator<Item = &'n String> + Clone,
+) -> Checked {
+    for (index, name) in names.clone().enumerate() {
+        if names.clone().take(index).any(|earlier| earlier == name) {
+            let why = format!("`{name}` stands twice: give each a name of its own");
+            let (of, key) = (section.to_owned(), "name".to_owned());
+            let problem = Problem::Value { section: of, key, why };
+            return Err(document.error_at_entry(&[section], index, "name", problem));
         }
     }
     Ok(())

@@ -16,7 +16,7 @@ use crate::methods::{self, BuiltIn};
 use crate::record::artefact::Artefact;
 use crate::record::estimate::Limit;
 use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
-use crate::sensors::Entry;
+use crate::sensors::{Entry, thermometer};
 
 mod artefact;
 mod balls_csv;
@@ -42,12 +42,13 @@ pub use error::{MachineFileError, Problem};
 use prompt::Prompt;
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 13] = [
+const SECTIONS: [&str; 14] = [
     "machine",
     "axes",
     "controller",
     "probe",
     "sensor",
+    "thermometer",
     "keepout",
     "solid",
     "artefact",
@@ -66,6 +67,7 @@ pub struct MachineFile {
     pub controller: ControllerConfig,
     pub probe: Probe,
     pub sensors: Vec<Entry>,
+    pub thermometers: Vec<thermometer::Entry>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
@@ -104,7 +106,10 @@ impl MachineFile {
         check::probe(&document, &probe)?;
         let sensors: Vec<Entry> =
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
-        check::sensors(&document, &sensors)?;
+        check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
+        let thermometers: Vec<thermometer::Entry> =
+            document.section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
+        check::alone(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
         let keepout: Vec<Keepout> =
             document.section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
         check::keepouts(&document, &keepout)?;
@@ -121,6 +126,7 @@ impl MachineFile {
             controller,
             probe,
             sensors,
+            thermometers,
             keepout,
             solids,
             artefact,

@@ -1,11 +1,56 @@
 //! The files in a state directory: journals of other versions, locks, strange files.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use rusqlite::Connection;
 
-use super::{new_run, reading};
+use super::{estimate, new_run, reading};
+use crate::record::reading::Reading;
 use crate::store::*;
+
+/// The run of the first version, and one with thermometers: means over readings and scans, of each over
+/// those at which it spoke.
+#[test]
+fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    drop(old);
+    let journal = Journal::open(dir.path()).unwrap();
+    let before = journal.runs().unwrap()[0].clone();
+    let new = NewRun { plan: journal.load(before.id).unwrap().plan, ..new_run() };
+    let run = journal.begin(&new).wait().unwrap();
+    let felt = |step: u32, felt: &[(&str, f64)]| {
+        let all: BTreeMap<_, _> = felt.iter().map(|(n, c)| ((*n).to_owned(), *c)).collect();
+        Reading { temperatures_c: all.into(), ..reading(step) }
+    };
+    journal.reading(run, &felt(0, &[("bed", 20.0), ("spindle", 30.0)])).wait().unwrap();
+    journal.reading(run, &felt(2, &[("bed", 20.5)])).wait().unwrap();
+    journal.scan(run, &vec![felt(4, &[("bed", 21.75), ("spindle", 31.0)]); 9]).wait().unwrap();
+    journal.reading(run, &felt(6, &[])).wait().unwrap();
+    for id in [before.id, run] {
+        journal.estimate(id, &estimate(0.1)).wait().unwrap();
+        journal.set_state(id, RunState::Held).wait().unwrap();
+    }
+    let measured = || {
+        let mut all = Vec::new();
+        journal.measured(&before.machine, 100, |it| all.push(it)).unwrap();
+        all
+    };
+    assert_eq!(measured(), []);
+    // As an older version ended it, and as this one does.
+    let raw = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    raw.execute("UPDATE runs SET state = 'finished' WHERE id = ?1", [before.id.0]).unwrap();
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+    let known = measured();
+    let means = known.iter().map(|it| it.temperatures_c.iter().collect::<Vec<_>>());
+    let expected = [vec![], vec![("bed", 20.75), ("spindle", 30.5)]];
+    assert_eq!(means.collect::<Vec<_>>(), expected);
+    // Samples that went after their time leave the means as they were.
+    journal.forget_scans(run).unwrap();
+    assert_eq!(measured(), known);
+}
 
 /// A journal as the first version wrote it.
 #[test]

@@ -59,7 +59,7 @@ fn reading(step: u32) -> Reading {
         sensor: "probe".to_owned(),
         t_s: angle.exp(),
         flag: Flag::ALL[step as usize % Flag::ALL.len()],
-        temperatures_c: BTreeMap::from([("table".to_owned(), 20.0 + angle / 3.0)]),
+        temperatures_c: BTreeMap::from([("table".to_owned(), 20.0 + angle / 3.0)]).into(),
     }
 }
 
@@ -226,7 +226,7 @@ fn what_cannot_be_kept_is_refused() {
     let run = journal.begin(&new_run()).wait().unwrap();
     let nan = Reading { value_mm: Some(f64::NAN), ..reading(0) };
     let hot = Reading {
-        temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]),
+        temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(),
         ..reading(0)
     };
     for bad in [nan, hot] {
@@ -281,7 +281,8 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
         step: 4,
         repeat: 1,
         sensor: "laser".to_owned(),
-        temperatures_c: BTreeMap::new(),
+        // Of the block: the same for all of its samples.
+        temperatures_c: BTreeMap::from([("table".to_owned(), 61.0 / 3.0)]).into(),
         ..reading(number)
     };
     // Every flag, with and without a value.

@@ -190,3 +190,38 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
     let error = World::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
     assert_eq!(error.unwrap_err(), WorldError::Artefact);
 }
+
+/// T = begins + warms·(1 − e^(−t/2 h)), in hundredths, scattered by what is declared; the same again.
+#[test]
+fn a_thermometer_follows_how_warm_it_is_and_comes_back() {
+    let mut bench = Bench::ideal();
+    let truth = "name = 'bed'\nbegins_c = 18.0\nwarms_k = 3.0\nnoise_k = 0.05";
+    bench.truth.thermometer = vec![toml::from_str(truth).unwrap()];
+    let mut world = bench.world().with_thermometers(&["bed", "spindle"]).unwrap();
+    assert_eq!(world.temperature_c("nobody"), None);
+    let said: Vec<f64> = (0..4000)
+        .map(|_| {
+            world.dwell(3.0);
+            world.temperature_c("bed").unwrap()
+        })
+        .collect();
+    let off = |(number, said): (usize, &f64)| {
+        let t_s = 3.0 * (number + 1) as f64;
+        said - (18.0 + 3.0 * (1.0 - (-t_s / 7200.0).exp()))
+    };
+    let off: Vec<f64> = said.iter().enumerate().map(off).collect();
+    let moment = |power| off.iter().map(|off| off.powi(power)).sum::<f64>() / 4000.0;
+    assert!(moment(1).abs() < 0.004, "{}", moment(1));
+    assert_moment(moment(2), 0.05 * 0.05, 0.05 * 0.05);
+    assert!(said.iter().all(|celsius| (celsius * 100.0 - (celsius * 100.0).round()).abs() < 1e-6));
+    // As often as it is asked, and in the same world made anew.
+    assert_eq!(world.temperature_c("bed"), world.temperature_c("bed"));
+    let mut again = bench.world().with_thermometers(&["bed", "spindle"]).unwrap();
+    again.dwell(3.0);
+    assert_eq!(again.temperature_c("bed"), Some(said[0]));
+    let stray = bench.world().with_thermometers(&["spindle"]).unwrap_err();
+    assert!(matches!(stray, WorldError::NoThermometer { .. }), "{stray}");
+    bench.truth.thermometer[0].noise_k = -1.0;
+    let bad = bench.world().with_thermometers(&["bed"]).unwrap_err();
+    assert!(matches!(bad, WorldError::Thermometer { .. }), "{bad}");
+}

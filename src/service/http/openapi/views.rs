@@ -100,12 +100,42 @@ pub struct AuditView {
     outcome: String,
 }
 
+/// Of one value, the second run less the first.
+#[derive(ToSchema)]
+#[schema(as = Difference)]
+pub struct DifferenceView {
+    symbol: String,
+    /// um, urad, um/m, mm or ms.
+    unit: String,
+    first: f64,
+    second: f64,
+    by: f64,
+    /// Expanded uncertainty of `by`.
+    #[schema(rename = "U")]
+    expanded: f64,
+    /// `by` is beyond it.
+    significant: bool,
+}
+
+#[derive(ToSchema)]
+#[schema(as = Comparison)]
+pub struct ComparisonView {
+    /// Both, in the order in which they were asked for.
+    runs: Vec<RunView>,
+    /// Of all values that both have identified.
+    differences: Vec<DifferenceView>,
+    /// What else lies between them, in words.
+    besides: Vec<String>,
+}
+
 #[cfg(test)]
 mod tests {
     use serde::Serialize;
     use utoipa::PartialSchema;
 
     use super::*;
+    use crate::archive::compare::Comparison;
+    use crate::decision::difference::Difference;
     use crate::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
     use crate::store::{Audit, RunId, RunState, RunSummary};
 
@@ -147,7 +177,7 @@ mod tests {
         same::<BudgetView>(&parameter.budget[0]);
         same::<ParameterView>(parameter);
         let text = String::new;
-        same::<RunView>(RunSummary {
+        let summary = RunSummary {
             id: RunId(1),
             started: jiff::Timestamp::UNIX_EPOCH,
             ended: Some(jiff::Timestamp::UNIX_EPOCH),
@@ -158,7 +188,20 @@ mod tests {
             config_sha256: text(),
             plan_sha256: text(),
             signed: Some(text()),
-        });
+        };
+        same::<RunView>(summary.clone());
+        let by = Difference {
+            symbol: text(),
+            unit: Unit::Um,
+            first: 1.5,
+            second: 2.0,
+            by: 0.5,
+            expanded: 0.25,
+            significant: true,
+        };
+        same::<DifferenceView>(by.clone());
+        let (runs, differences, besides) = ([summary.clone(), summary], vec![by], vec![text()]);
+        same::<ComparisonView>(Comparison { runs, differences, besides });
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         same::<AuditView>(Audit { who, what, why, machine, run: 1, outcome });
         let schema = serde_json::to_value(VerdictView::schema()).unwrap();

@@ -4,29 +4,19 @@ use axum::extract::{Query, State};
 use axum::http::StatusCode;
 use axum::response::Html;
 use minijinja::{Value, context};
-use serde::Deserialize;
 
 use super::{render, row};
-use crate::archive::compare::{CompareError, Comparison, compare};
+use crate::archive::compare::{CompareError, Comparison};
 use crate::decision::difference::Difference;
 use crate::service::http::Web;
-use crate::service::http::api::look;
+use crate::service::http::api::{Pair, of_two};
 use crate::service::http::problem::Problem;
-use crate::store::RunId;
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Pair {
-    a: i64,
-    b: i64,
-}
 
 pub async fn page(
     State(web): State<Web>,
-    Query(Pair { a, b }): Query<Pair>,
+    Query(pair): Query<Pair>,
 ) -> Result<Html<String>, Problem> {
-    let found = look(&web, move |journal| compare(journal, RunId(a), RunId(b))).await??;
-    let Comparison { runs, differences, besides } = found;
+    let Comparison { runs, differences, besides } = of_two(&web, pair).await?;
     render(
         "compare.html",
         context! {

@@ -28,10 +28,12 @@ pub async fn page(
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (run, desk) = (machine.desk.board().run, machine.desk.clone());
+    let limits = machine.tolerance.clone();
     let (all, (runs, waits), drawn, agenda) = look(&web, move |journal| {
         let drawn = views::of_run(journal, RunId(run.into()))?;
         let agenda = agenda(journal, &desk, &name)?;
-        Ok::<_, Problem>((history(journal, &name)?, newest(journal, &name)?, drawn, agenda))
+        let all = history(journal, &name, &limits)?;
+        Ok::<_, Problem>((all, newest(journal, &name)?, drawn, agenda))
     })
     .await??;
     let values = context! {

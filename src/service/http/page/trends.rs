@@ -3,7 +3,8 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use crate::archive::history::{Series, chart, what_changed};
+use crate::archive::history::{self, Series, chart, what_changed};
+use crate::record::reading::Temperatures;
 
 /// What changed is asked for so long.
 const DAYS: u32 = 7;
@@ -21,12 +22,25 @@ pub fn of_method(series: &[Series]) -> Value {
             unit => series.unit.symbol(),
             limits => limits.map(|[lower, upper]| format!("{lower:.1} to {upper:.1}")),
             out => series.trend.is_out() == Some(true),
+            tolerance => series.tolerance.map(|limit| format!("±{limit}")),
+            warmth => warmth(&newest.temperatures_c),
             chart => chart(series, now).map(Value::from_safe_string),
         })
     });
     context! {
+        thermometers => series.iter().flat_map(|series| &series.values).any(has_warmth),
         method => series.first().map(|series| series.method.as_str()),
         sentence => what_changed(series, DAYS),
         rows => rows.collect::<Vec<_>>(),
     }
+}
+
+fn has_warmth(value: &history::Value) -> bool {
+    value.temperatures_c.iter().next().is_some()
+}
+
+/// Empty where no thermometer has said anything.
+fn warmth(all: &Temperatures) -> String {
+    let each = all.iter().map(|(name, celsius)| format!("{name} {celsius:.1}"));
+    each.collect::<Vec<_>>().join(", ")
 }

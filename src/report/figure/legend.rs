@@ -1,0 +1,78 @@
+//! What the lines of a figure are, in words beside a piece of each.
+
+use plotters::prelude::*;
+
+use super::{Area, Drawn, FIT, GRID, INK, LINE, text_style};
+
+/// Height of the row.
+pub(super) const ROW: u32 = 56;
+const FONT: f64 = 30.0;
+/// A piece is so long, and so far from its words; behind them comes the next.
+const PIECE: i32 = 70;
+const GAP: i32 = 14;
+/// A letter is about so wide, as a share of the font's size.
+const LETTER: f64 = 0.54;
+const MARKER: i32 = 9;
+/// Of a dashed line.
+pub(super) const DASH: (i32, i32) = (40, 24);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Piece {
+    /// Between two lines.
+    Band,
+    Dashed,
+    Upright,
+    /// Of the thermometer of this number.
+    Marker(usize),
+}
+
+/// One row, from `left` on.
+pub(super) fn row(area: &Area<'_>, left: u32, told: &[(Piece, String)]) -> Drawn {
+    let (mut x, middle) = (left as i32, ROW as i32 / 2);
+    for (piece, words) in told {
+        draw(area, *piece, (x, middle))?;
+        x += PIECE + GAP;
+        let top = middle - (0.6 * FONT) as i32;
+        area.draw_text(words, &text_style(FONT), (x, top))?;
+        x += (LETTER * FONT * words.chars().count() as f64) as i32 + 3 * GAP;
+    }
+    Ok(())
+}
+
+fn draw(area: &Area<'_>, piece: Piece, (x, y): (i32, i32)) -> Drawn {
+    let across = |x: i32, length: i32, y: i32| vec![(x, y), (x + length, y)];
+    match piece {
+        Piece::Band => {
+            area.draw(&Rectangle::new([(x, y - 14), (x + PIECE, y + 14)], GRID.mix(0.4).filled()))?;
+            for edge in [y - 14, y + 14] {
+                area.draw(&PathElement::new(across(x, PIECE, edge), FIT.stroke_width(3)))?;
+            }
+        }
+        Piece::Dashed => {
+            let dash = PIECE * 2 / 5;
+            for begin in [x, x + PIECE - dash] {
+                area.draw(&PathElement::new(across(begin, dash, y), INK.stroke_width(4)))?;
+            }
+        }
+        Piece::Upright => {
+            let line = vec![(x + PIECE / 2, y - 18), (x + PIECE / 2, y + 18)];
+            area.draw(&PathElement::new(line, INK.stroke_width(3)))?;
+        }
+        Piece::Marker(number) => {
+            area.draw(&PathElement::new(across(x, PIECE, y), LINE.stroke_width(2)))?;
+            marker(area, number, (x + PIECE / 2, y))?;
+        }
+    }
+    Ok(())
+}
+
+/// Of the thermometer of this number, at a place of `area`: told apart by their shapes.
+pub(super) fn marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> Drawn {
+    match number % 4 {
+        0 => area.draw(&TriangleMarker::new(at, MARKER + 3, LINE.filled()))?,
+        1 => area.draw(&Cross::new(at, MARKER, LINE.stroke_width(3)))?,
+        2 => area.draw(&Circle::new(at, MARKER, LINE.stroke_width(3)))?,
+        _ => area.draw(&Circle::new(at, MARKER - 4, LINE.filled()))?,
+    }
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! What thermometers say when a reading comes. They are read beside the run; it waits for none, and goes on
+//! without those that are away.
+
+use std::collections::BTreeMap;
+
+use super::{Run, RunError};
+use crate::record::event::Event;
+use crate::record::reading::Temperatures;
+use crate::sensors::thermometer::Watch;
+use crate::setup::Thermometers;
+
+#[derive(Default)]
+pub(super) struct Warmth {
+    watch: Option<Watch>,
+    readings: u32,
+    /// Without the temperature of this one.
+    missed: BTreeMap<String, u32>,
+}
+
+impl Warmth {
+    /// Read them from now on, each once before anything moves if it answers at all.
+    pub async fn begin(&mut self, thermometers: &Thermometers) {
+        let watch = thermometers.watch();
+        watch.begun().await;
+        self.watch = Some(watch);
+    }
+
+    /// What they say at a reading; and, of each that says nothing for the first time, why.
+    fn at_a_reading(&mut self) -> (Temperatures, Vec<(String, String)>) {
+        let Self { watch, readings, missed } = self;
+        *readings += 1;
+        let (mut felt, mut away) = (BTreeMap::new(), Vec::new());
+        for (name, said) in watch.iter().flat_map(Watch::now) {
+            match said {
+                Ok(celsius) => drop(felt.insert(name.to_owned(), celsius)),
+                Err(why) => {
+                    let count = missed.entry(name.to_owned()).or_default();
+                    *count += 1;
+                    away.extend((*count == 1).then(|| (name.to_owned(), why)));
+                }
+            }
+        }
+        (felt.into(), away)
+    }
+}
+
+impl Run<'_> {
+    /// For the reading that has just come: a touch, or all samples of a scan.
+    pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
+        let (felt, away) = self.warmth.at_a_reading();
+        for (name, why) in away {
+            let text = format!(
+                "thermometer {name} says nothing: {why}; readings have no temperature of it until it is back"
+            );
+            self.note(Event::Announced { text }).await?;
+        }
+        Ok(felt)
+    }
+
+    /// How many readings one has missed, if any: it may have come back.
+    pub(super) async fn tell_of_thermometers(&mut self) -> Result<(), RunError> {
+        let Warmth { readings, missed, .. } = &self.warmth;
+        let told = missed.iter().map(|(name, count)| {
+            format!("thermometer {name}: {count} of {readings} readings are without it")
+        });
+        for text in told.collect::<Vec<_>>() {
+            self.note(Event::Announced { text }).await?;
+        }
+        Ok(())
+    }
+}

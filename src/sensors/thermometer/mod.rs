@@ -1,0 +1,150 @@
+//! Thermometers beside a run: each reading carries what they say. They are read beside it and nobody waits
+//! for one; one that is away or says nonsense gives no value, and never its last.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+mod error;
+mod modbus;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+pub use error::ThermometerError;
+pub use watch::Watch;
+
+use modbus::Bus;
+
+/// A thermometer as `[[thermometer]]` states it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Entry {
+    pub name: String,
+    /// So long what it said last is still true.
+    stale: Duration,
+    reached: Reached,
+}
+
+#[derive(Debug, Clone)]
+enum Reached {
+    /// It feels the simulated machine, which `[simulated]` describes.
+    Simulated,
+    Modbus(modbus::Config),
+}
+
+/// Gives what a simulated thermometer says now, °C.
+pub type Feel = Box<dyn Fn() -> Option<f64> + Send + Sync>;
+
+/// The list: a new way to reach one is a table here and a line in [`Keys::reached`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    name: String,
+    #[serde(default = "usual_stale_s")]
+    stale_s: f64,
+    modbus: Option<modbus::Config>,
+    simulated: Option<Simulated>,
+}
+
+/// `[thermometer.simulated]`: what it feels stands in `[[simulated.thermometer]]`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Simulated {}
+
+fn usual_stale_s() -> f64 {
+    30.0
+}
+
+/// Places in a machine shop, °C. Broken sensors show the ends of their range: -200, 850, 3276.7.
+const SENSIBLE_C: std::ops::RangeInclusive<f64> = -40.0..=80.0;
+/// It stands in the heads of tables and beside curves.
+const LONGEST_NAME: usize = 24;
+
+impl Keys {
+    /// # Errors
+    /// None of the tables, or several.
+    fn reached(&mut self) -> Result<Reached, String> {
+        let modbus = self.modbus.take().map(Reached::Modbus);
+        let simulated = self.simulated.take().map(|_| Reached::Simulated);
+        match (modbus, simulated) {
+            (Some(one), None) | (None, Some(one)) => Ok(one),
+            _ => Err(format!(
+                "`{}` needs exactly one of [thermometer.modbus] and [thermometer.simulated]: how it is \
+                 reached",
+                self.name
+            )),
+        }
+    }
+}
+
+impl TryFrom<Keys> for Entry {
+    type Error = String;
+
+    fn try_from(mut keys: Keys) -> Result<Self, String> {
+        let fits = |letter: char| letter.is_ascii_alphanumeric() || letter == '-';
+        let short = (1..=LONGEST_NAME).contains(&keys.name.len());
+        if !short || !keys.name.chars().all(fits) {
+            return Err(format!(
+                "`name` is `{}`; it has 1 to {LONGEST_NAME} letters, digits and hyphens, e.g. \"spindle\"",
+                keys.name
+            ));
+        }
+        if !(0.5..=3600.0).contains(&keys.stale_s) {
+            return Err(format!("`stale_s` is {}; it lies between 0.5 and 3600", keys.stale_s));
+        }
+        let reached = keys.reached()?;
+        Ok(Self { name: keys.name, stale: Duration::from_secs_f64(keys.stale_s), reached })
+    }
+}
+
+impl Entry {
+    /// Where it is reached, in words.
+    pub fn at(&self) -> String {
+        match &self.reached {
+            Reached::Simulated => "simulated".to_owned(),
+            Reached::Modbus(config) => config.at(),
+        }
+    }
+}
+
+/// Ask each of `entries` once, °C; `feel` is what a simulated one of a name feels by. Call inside a tokio
+/// runtime.
+pub async fn once(
+    entries: &[Entry],
+    feel: impl Fn(&str) -> Option<Feel>,
+) -> Vec<(&Entry, Result<f64, ThermometerError>)> {
+    let simulated = entries.iter().filter(|entry| matches!(entry.reached, Reached::Simulated));
+    let mut said: Vec<_> =
+        simulated.map(|entry| (entry, felt(feel(&entry.name).as_ref()))).collect();
+    for of_device in by_device(entries).into_values() {
+        let mut bus = Bus::of(of_device.iter().map(|(_, config)| *config));
+        for (entry, config) in of_device {
+            said.push((entry, bus.read(config).await));
+        }
+    }
+    said
+}
+
+/// Those behind one device share its link: a serial port is opened once.
+fn by_device(entries: &[Entry]) -> BTreeMap<String, Vec<(&Entry, &modbus::Config)>> {
+    let mut devices: BTreeMap<String, Vec<_>> = BTreeMap::new();
+    for entry in entries {
+        if let Reached::Modbus(config) = &entry.reached {
+            devices.entry(config.at()).or_default().push((entry, config));
+        }
+    }
+    devices
+}
+
+fn felt(feel: Option<&Feel>) -> Result<f64, ThermometerError> {
+    sensible(feel.and_then(|feel| feel()).ok_or(ThermometerError::NothingToFeel)?)
+}
+
+fn sensible(celsius: f64) -> Result<f64, ThermometerError> {
+    match SENSIBLE_C.contains(&celsius) {
+        true => Ok(celsius),
+        false => Err(ThermometerError::Nonsense { celsius }),
+    }
+}

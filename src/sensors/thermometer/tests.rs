@@ -1,0 +1,85 @@
+//! What a machine file may say of thermometers, and what of their answers counts.
+
+use std::time::Duration;
+
+use super::{Entry, Feel, ThermometerError, Watch, by_device, once};
+
+const MODBUS: &str = r#"
+name = "spindle"
+stale_s = 10
+[modbus]
+tcp = "127.0.0.1:9"
+value = { register = 4, type = "i16", scale_c = 0.1, offset_c = -10 }
+"#;
+
+fn entry(text: &str) -> Result<Entry, String> {
+    toml::from_str(text).map_err(|error: toml::de::Error| error.to_string())
+}
+
+fn simulated(name: &str) -> Entry {
+    entry(&format!("name = \"{name}\"\n[simulated]")).unwrap()
+}
+
+#[test]
+fn what_cannot_be_is_refused_in_words() {
+    let made = entry(MODBUS).unwrap();
+    assert_eq!(
+        (made.stale, made.at()),
+        (Duration::from_secs(10), "127.0.0.1:9, unit 255".to_owned())
+    );
+    let cases = [
+        ("name = \"spindle\"", "name = \"spindle nose\"", "letters, digits and hyphens"),
+        ("name = \"spindle\"", "name = \"\"", "letters, digits and hyphens"),
+        ("stale_s = 10", "stale_s = 0", "`stale_s` is 0"),
+        ("stale_s = 10", "stales = 10", "unknown field `stales`"),
+        ("scale_c = 0.1", "scale_c = 0", "`value.scale_c` is 0"),
+        ("scale_c = 0.1", "scale_mm = 0.1", "unknown field `scale_mm`"),
+        (
+            "register = 4, type = \"i16\"",
+            "register = 65535, type = \"f32\"",
+            "beyond register 65535",
+        ),
+        ("[modbus]", "[simulated]\n[modbus]", "exactly one of"),
+        ("[modbus]\n", "[modbus]\nspace = \"coil\"\n", "a bit holds no temperature"),
+        ("[modbus]\n", "[modbus]\nbaud = 9600\n", "baud"),
+    ];
+    for (from, to, words) in cases {
+        assert!(MODBUS.contains(from), "{from}");
+        let refused = entry(&MODBUS.replacen(from, to, 1)).unwrap_err();
+        assert!(refused.contains(words), "{to}: {refused}");
+    }
+    assert!(entry("name = \"spindle\"").unwrap_err().contains("exactly one of"));
+}
+
+#[test]
+fn those_behind_one_device_share_its_link() {
+    let of = |from: &str, to: &str| entry(&MODBUS.replacen(from, to, 1)).unwrap();
+    let entries = [
+        of("", ""),
+        of("register = 4", "register = 5"),
+        of("[modbus]\n", "[modbus]\nunit = 3\n"),
+        simulated("bed"),
+    ];
+    let counts: Vec<_> = by_device(&entries).values().map(Vec::len).collect();
+    assert_eq!(counts, [2, 1]);
+}
+
+fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<Feel> {
+    move |_| Some(Box::new(move || celsius))
+}
+
+/// -40 to 80 °C is what a place of a machine has: what is beyond it is no value, and says so.
+#[tokio::test]
+async fn nonsense_is_no_temperature() {
+    let entries = [simulated("bed")];
+    for (celsius, good) in [(-40.0, true), (80.0, true), (80.1, false), (-200.0, false)] {
+        let said = once(&entries, says(Some(celsius))).await;
+        assert_eq!(said[0].1.is_ok(), good, "{celsius}");
+        let now = Watch::of(&entries, says(Some(celsius)));
+        assert_eq!(now.now()[0].1.is_ok(), good, "{celsius}");
+    }
+    let said = once(&entries, says(Some(850.0))).await.remove(0).1.unwrap_err();
+    assert!(said.to_string().contains("850.0 °C") && said.remedy().contains("broken wire"));
+    let nothing = once(&entries, |_| None).await.remove(0).1;
+    assert!(matches!(nothing, Err(ThermometerError::NothingToFeel)));
+}
