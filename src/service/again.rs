@@ -1,10 +1,10 @@
 //! A person at the page lets a run go on.
 
 use super::ServeError;
+use super::ask::Word;
 use super::attend::{Attendant, Failed, Progress};
 use super::board::{Refusal, State};
 use super::captures::Begun;
-use super::desk::Word;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{Again, AgainError};

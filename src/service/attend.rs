@@ -9,10 +9,11 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, debug, info_span};
 
+use super::ask::{Ask, Word};
 use super::board::{Board, Failure, State};
 use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
-use super::desk::{Ask, Desk, Word};
+use super::desk::Desk;
 use super::http::Shown;
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;

@@ -5,9 +5,10 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::Log;
+use super::ask::{Answer, Ask, Looked, Stopped};
 use super::board::{Board, Refusal, Said, State};
 use super::config::{Config, Demand};
 use super::metrics::Tally;
@@ -17,47 +18,6 @@ use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
 use crate::run::{Answers, Asked};
 use crate::store::RunId;
-
-/// What the service must do, one thing at a time: while one is asked for, no other is accepted.
-#[derive(Debug)]
-pub enum Ask {
-    Start { cycle: u16 },
-    Acknowledge(Word),
-    Resume { run: RunId, word: Word },
-    End,
-}
-
-/// Somebody has looked at the machine.
-#[derive(Debug)]
-pub struct Word {
-    pub who: String,
-    pub why: String,
-    /// All axes, where the control may have lost its position.
-    pub homed: bool,
-    /// For whoever waits to hear what became of it.
-    pub answer: oneshot::Sender<Result<(), Refusal>>,
-}
-
-/// Who looked, why, and whether the axes are homed.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Looked<'a> {
-    pub who: &'a str,
-    pub why: &'a str,
-    pub homed: bool,
-}
-
-/// What became of an accepted word.
-pub type Answer = oneshot::Receiver<Result<(), Refusal>>;
-
-/// What a hold has met.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
-    Run,
-    /// Nothing moves here.
-    Nothing,
-    /// Whatever moves is another program's: this one cannot hold it.
-    Elsewhere,
-}
 
 struct Inner {
     board: Board,
@@ -184,7 +144,7 @@ impl Desk {
             State::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (word, answer) = word(looked);
+        let (word, answer) = looked.word();
         let ask = Ask::Resume { run, word };
         if let Err(why) = judged.and_then(|()| self.send(&mut inner, ask)) {
             drop(inner);
@@ -255,7 +215,7 @@ impl Desk {
             State::Held | State::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (word, answer) = word(looked);
+        let (word, answer) = looked.word();
         if let Err(why) = judged.and_then(|()| self.send(&mut inner, Ask::Acknowledge(word))) {
             drop(inner);
             self.refuse(why, &format!("acknowledgement by {}", looked.who));
@@ -374,11 +334,6 @@ impl Desk {
         drop(inner);
         self.changed();
     }
-}
-
-fn word(Looked { who, why, homed }: Looked<'_>) -> (Word, Answer) {
-    let (answer, told) = oneshot::channel();
-    (Word { who: who.to_owned(), why: why.to_owned(), homed, answer }, told)
 }
 
 #[cfg(test)]

@@ -2,8 +2,9 @@
 
 use tokio::sync::mpsc::Receiver;
 
+use super::ask::{Ask, Looked, Stopped};
 use super::board::{Refusal, Said, State};
-use super::desk::{Ask, Desk, Looked, Stopped};
+use super::desk::Desk;
 use crate::controllers::Halt;
 use crate::store::RunId;
 

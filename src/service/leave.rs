@@ -1,9 +1,9 @@
 //! A held machine: a person leaves the run as it is, or another program goes on with it.
 
 use super::ServeError;
+use super::ask::Word;
 use super::attend::Attendant;
 use super::board::{Refusal, State};
-use super::desk::Word;
 use super::past::unfinished;
 use crate::record::event::Event;
 use crate::store::{Journal, MachineLock};

@@ -6,6 +6,7 @@
 //! somebody has acknowledged.
 
 mod again;
+mod ask;
 mod attend;
 pub mod board;
 mod captures;

@@ -8,9 +8,9 @@ use tokio::sync::oneshot;
 
 use super::keeper::Keeper;
 use super::*;
+use crate::service::ask::Ask;
 use crate::service::board::{Refusal, Said, State};
 use crate::service::config::Config;
-use crate::service::desk::Ask;
 use crate::service::metrics::Metrics;
 use crate::service::rota::{Planned, Told};
 use crate::store::{Arming, Outcome};

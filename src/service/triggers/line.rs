@@ -10,8 +10,9 @@ use tokio::time::{Instant, sleep};
 
 use crate::link::{self, Link, LinkError, Named, Received};
 use crate::service::Log;
+use crate::service::ask::Looked;
 use crate::service::board::{Refusal, Said, State};
-use crate::service::desk::{Desk, Looked};
+use crate::service::desk::Desk;
 use crate::service::rota::Told;
 
 /// How long a port that has gone is left alone.

@@ -25,9 +25,9 @@ use super::page::for_people;
 use super::problem::Problem;
 use super::standing::Standing;
 use super::{Shown, Web};
+use crate::service::ask::{Answer, Looked, Stopped};
 use crate::service::board::{Refusal, Said};
 use crate::service::config::Demand;
-use crate::service::desk::{Answer, Looked, Stopped};
 use crate::store::Audit;
 
 /// For the words of a hold, which come after it.

@@ -10,7 +10,7 @@ use super::words::Words;
 use super::{not_vouched, said, settled};
 use crate::archive::story::goes_on;
 use crate::run::{Again, AgainError, Question, can_resume};
-use crate::service::desk::Looked;
+use crate::service::ask::Looked;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
 use crate::service::http::api::look;

@@ -20,9 +20,10 @@ use tokio_modbus::server::tcp::Server;
 use self::guard::{Guarded, Places};
 use self::inputs::{Inputs, Wish};
 use self::map::{COILS, HOLDINGS, INPUTS};
+use crate::service::ask::Looked;
 use crate::service::board::Refusal;
 use crate::service::config::Modbus;
-use crate::service::desk::{Desk, Looked};
+use crate::service::desk::Desk;
 use crate::service::{Log, ServeError};
 
 /// The heartbeat counts these.
