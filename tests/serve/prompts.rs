@@ -75,7 +75,7 @@ pub fn stopped() {
     let at = port(&daemon);
     let standing = get(at, MACHINE);
     assert_eq!((&standing["state"], &standing["asked"]), (&json!("held"), &Value::Null));
-    assert_eq!(shop.states(), ["interrupted", "held"]);
+    assert_eq!(shop.states(), ["held", "interrupted"]);
     assert_eq!(code(&post(at, "answer", &done(0))), (409, "refused"));
     assert_eq!(get(at, "/api/v1/runs/2")["readings"], 0);
 }
@@ -92,10 +92,10 @@ pub fn at_a_terminal() {
     assert_eq!(shop.states(), ["failed"]);
     let run = ["run", "self-calibration", "--machine", &machine, "--acknowledge", "Ada"];
     entered(&shop, &run);
-    assert_eq!(shop.states(), ["finished", "failed"]);
+    assert_eq!(shop.states(), ["failed", "finished"]);
     let daemon = shop.serve("fast");
     entered(&shop, &run);
-    assert_eq!(shop.states(), ["finished", "finished", "failed"]);
+    assert_eq!(shop.states(), ["failed", "finished", "finished"]);
     assert!(daemon.log.lock().unwrap().contains("done, says Ada"));
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
     assert!(told.contains("done, said Ada"), "{told}");

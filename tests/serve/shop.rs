@@ -79,7 +79,7 @@ impl Shop {
         serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{told}"))
     }
 
-    /// Of each run, newest first.
+    /// Of each run, oldest first.
     pub fn states(&self) -> Vec<String> {
         let runs = self.json(&["runs", "--json"]);
         let state = |run: &Value| run["state"].as_str().unwrap().to_owned();
