@@ -24,13 +24,13 @@ pub struct Guarded {
     pub metrologist: String,
 }
 
-fn token(shop: &Shop, name: &str, role: &str) -> String {
+pub fn token(shop: &Shop, name: &str, role: &str) -> String {
     let made = shop.trued(&["token", "add", name, "--role", role]);
     assert!(made.status.success(), "{made:?}");
     String::from_utf8(made.stdout).unwrap().trim().to_owned()
 }
 
-fn bearer(token: &str) -> String {
+pub fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
@@ -44,7 +44,7 @@ impl Guarded {
         Self { shop, daemon, port, viewer, operator, metrologist }
     }
 
-    fn get(&self, path: &str, headers: &str) -> u16 {
+    pub fn get(&self, path: &str, headers: &str) -> u16 {
         ask(self.port, "GET", path, headers, "").0
     }
 
