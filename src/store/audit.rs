@@ -18,6 +18,15 @@ pub struct Audit {
     pub outcome: String,
 }
 
+/// One that stands in the journal; `seq` counts up.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Audited {
+    pub seq: i64,
+    pub at: Timestamp,
+    #[serde(flatten)]
+    pub audit: Audit,
+}
+
 impl Journal {
     /// Add it for good.
     pub fn audit(&self, audit: &Audit) -> Pending<()> {
@@ -25,12 +34,13 @@ impl Journal {
         self.submit(move |connection| add(connection, &audit))
     }
 
-    /// All of them, oldest first.
+    /// Newest first, `most` of them, of those before `before` if there is one. What is not asked
+    /// for is not read: there are years of them.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn audits(&self) -> Result<Vec<(Timestamp, Audit)>, StoreError> {
-        self.look(|connection| all(connection))
+    pub fn audits(&self, before: Option<i64>, most: usize) -> Result<Vec<Audited>, StoreError> {
+        self.look(|connection| newest(connection, before, most))
     }
 }
 
@@ -44,10 +54,17 @@ pub(super) fn add(connection: &Connection, audit: &Audit) -> Result<(), Fault> {
     Ok(())
 }
 
-fn all(connection: &Connection) -> Result<Vec<(Timestamp, Audit)>, Fault> {
-    let mut statement = connection
-        .prepare("SELECT at, who, what, why, machine, run, outcome FROM audit ORDER BY seq")?;
-    let rows = statement.query_map([], |row| {
+fn newest(
+    connection: &Connection,
+    before: Option<i64>,
+    most: usize,
+) -> Result<Vec<Audited>, Fault> {
+    let mut statement = connection.prepare(
+        "SELECT at, who, what, why, machine, run, outcome, seq FROM audit
+         WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2",
+    )?;
+    let most = i64::try_from(most).unwrap_or(i64::MAX);
+    let rows = statement.query_map(params![before.unwrap_or(i64::MAX), most], |row| {
         let audit = Audit {
             who: row.get(1)?,
             what: row.get(2)?,
@@ -56,7 +73,7 @@ fn all(connection: &Connection) -> Result<Vec<(Timestamp, Audit)>, Fault> {
             run: row.get(5)?,
             outcome: row.get(6)?,
         };
-        Ok((read::parsed(row, 0)?, audit))
+        Ok(Audited { seq: row.get(7)?, at: read::parsed(row, 0)?, audit })
     })?;
     Ok(rows.collect::<Result<_, _>>()?)
 }

@@ -27,7 +27,7 @@ mod state_dir;
 mod tests;
 mod write;
 
-pub use audit::Audit;
+pub use audit::{Audit, Audited};
 pub use backup::backup;
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, NewRun, Pending};

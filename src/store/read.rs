@@ -44,35 +44,40 @@ pub(super) fn measured(
     newest: u32,
     mut tell: impl FnMut(Measured),
 ) -> Result<(), Fault> {
+    let finished = RunState::Finished.as_str();
+    let mut newest_first = connection.prepare(
+        "SELECT id FROM (SELECT id, row_number() OVER (PARTITION BY method ORDER BY id DESC) AS age
+                         FROM runs WHERE machine = ?1 AND state = ?2
+                         AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id))
+         WHERE age <= ?3 ORDER BY id",
+    )?;
+    let ids = newest_first.query_map(params![machine, finished, newest], |row| row.get(0))?;
+    // One by one: a query that sorted them would hold all of their estimates.
+    let mut one = connection.prepare(
+        "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}')
+         FROM runs JOIN estimates ON run = runs.id
+         WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1",
+    )?;
+    for id in ids.collect::<Result<Vec<i64>, _>>()? {
+        tell(one.query_row([id], values)?);
+    }
+    Ok(())
+}
+
+fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
     /// Of the estimate's JSON; the rest is passed over.
     #[derive(Deserialize)]
     struct Values {
         parameters: Vec<Parameter>,
     }
-    let mut statement = connection.prepare(
-        "SELECT id, started, method, estimate, coalesce(temperatures_c, '{}') FROM
-             (SELECT runs.id, started, method, estimate, runs.temperatures_c,
-                     row_number() OVER (PARTITION BY method ORDER BY runs.id DESC) AS age
-              FROM runs JOIN estimates
-              ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
-              WHERE machine = ?1 AND state = ?2)
-         WHERE age <= ?3 ORDER BY id",
-    )?;
-    let finished = RunState::Finished.as_str();
-    let rows = statement.query_map(params![machine, finished, newest], |row| {
-        let Values { parameters } = json(row, 3)?;
-        Ok(Measured {
-            run: RunId(row.get(0)?),
-            started: parsed(row, 1)?,
-            method: row.get(2)?,
-            parameters,
-            temperatures_c: json(row, 4)?,
-        })
-    })?;
-    for measured in rows {
-        tell(measured?);
-    }
-    Ok(())
+    let Values { parameters } = json(row, 3)?;
+    Ok(Measured {
+        run: RunId(row.get(0)?),
+        started: parsed(row, 1)?,
+        method: row.get(2)?,
+        parameters,
+        temperatures_c: json(row, 4)?,
+    })
 }
 
 /// All of one run, in one transaction: another process may be writing it.

@@ -51,18 +51,25 @@ fn kills(count: usize, seed: u64) {
         let (heard, record) = killed(witness, daemon, bytes, pause);
         // It waits for a person where a run is unfinished.
         (witness, daemon) = serve(&shop);
+        stays_silent(&witness);
         in_mid_run += usize::from(examine(&shop, &daemon, (heard, &record), &mut known));
-        let mut silent = false;
-        witness.wait_for(1, || {
-            silent = true;
-            true
-        });
-        assert!(silent, "the control was spoken to before anybody started a cycle");
+        stays_silent(&witness);
     }
     assert_eq!(daemon.terminate(), 0);
     assert_eq!(witness.end().bytes(), 0);
     println!("{count} kills, {known} runs, {in_mid_run} of them dead between touches");
     assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
+}
+
+/// Neither by itself nor by an acknowledgement.
+fn stays_silent(witness: &Witness) {
+    const LONG: Duration = Duration::from_secs(1);
+    let (began, mut silent) = (Instant::now(), false);
+    witness.wait_for(1, || {
+        silent = began.elapsed() >= LONG;
+        silent
+    });
+    assert!(silent, "the control was spoken to before anybody started a cycle");
 }
 
 fn serve(shop: &Shop) -> (Witness, Daemon) {

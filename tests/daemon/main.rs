@@ -4,6 +4,7 @@
 mod client;
 mod keeping;
 mod kills;
+mod logged;
 mod shop;
 mod soak;
 mod supervised;

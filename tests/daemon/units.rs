@@ -43,6 +43,9 @@ fn system() -> tempfile::TempDir {
     for unit in UNITS {
         std::fs::copy(folder().join(unit), root.path().join(units).join(unit)).unwrap();
     }
+    // It comes with systemd.
+    let module = "[Service]\nType=oneshot\nExecStart=-/usr/bin/trued %i\n";
+    std::fs::write(root.path().join(units).join("modprobe@.service"), module).unwrap();
     for target in TARGETS {
         let file = root.path().join(units).join(format!("{target}.target"));
         std::fs::write(file, "[Unit]\n").unwrap();
@@ -107,4 +110,29 @@ fn the_unit_calls_what_there_is() {
         assert!(options.iter().all(|option| help.contains(**option)), "{call:?}: {help}");
     }
     assert!(unit.contains("Type=notify\n") && unit.contains("SuccessExitStatus=5\n"));
+}
+
+/// A timer starts no daemon that somebody has stopped; and what an adapter needs that is plugged in later is there
+/// before the daemon.
+#[test]
+fn the_units_need_what_they_need_and_start_nothing_else() {
+    let of = |unit: &str, keys: &[&str]| -> Vec<String> {
+        let text = std::fs::read_to_string(folder().join(unit)).unwrap();
+        let lines = text.lines().filter_map(|line| line.split_once('='));
+        let lines = lines.filter(|(key, _)| keys.contains(key));
+        lines.flat_map(|(_, units)| units.split(' ').map(str::to_owned)).collect()
+    };
+    let starts = ["Requires", "Wants", "BindsTo", "Upholds", "PropagatesReloadTo"];
+    assert!(of("trued-cycle@.service", &starts).is_empty());
+    assert_eq!(of("trued-cycle@.service", &["Requisite"]), ["trued.service"]);
+    assert_eq!(of("trued-cycle@.service", &["After"]), ["trued.service"]);
+    let allowed = of("trued.service", &["DeviceAllow"]);
+    let modules = [("char-ttyUSB", "usbserial"), ("char-ttyACM", "cdc_acm")];
+    for (group, module) in modules {
+        assert!(allowed.iter().any(|word| word == group), "{group}");
+        for key in ["Wants", "After"] {
+            let units = of("trued.service", &[key]);
+            assert!(units.contains(&format!("modprobe@{module}.service")), "{key}: {units:?}");
+        }
+    }
 }

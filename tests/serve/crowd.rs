@@ -1,20 +1,23 @@
 //! A thousand connections at once: silent ones, slow heads, slow bodies, readers who take nothing, listeners.
 //! They are other processes: this one may have too few files, and is not to be measured with them.
 
-use std::io::{BufRead, BufReader};
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::sleep;
 
-use super::hostile::Guarded;
+use super::hostile::{Guarded, bearer};
 use super::page::{MACHINE, vouched};
 use super::shop::Daemon;
 
 const ASKED: &str = "TRUED_TEST_CROWD";
+const CONNECTS: &str = "TRUED_TEST_CONNECTS";
 const CROWDS: usize = 2;
 const EACH: usize = 500;
 /// A crowd may cost the daemon so much memory, KiB: the bounds of docs/page.md, and room.
@@ -40,6 +43,36 @@ pub fn be(port: u16, token: &str) {
         }
         println!("crowded");
         sleep(Duration::from_secs(3600)).await;
+    });
+}
+
+/// The port that this process is to connect to and nothing else, and from which address.
+pub fn asked_to_connect() -> Option<(u16, Ipv4Addr)> {
+    let asked = std::env::var(CONNECTS).ok()?;
+    let (port, from) = asked.split_once(' ')?;
+    Some((port.parse().ok()?, from.parse().ok()?))
+}
+
+/// As fast as it goes, until it is killed; says nothing there.
+pub fn only_connect(port: u16, from: Ipv4Addr) {
+    const KEPT: usize = 200;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut kept = VecDeque::new();
+        println!("crowded");
+        loop {
+            let socket = TcpSocket::new_v4().unwrap();
+            socket.set_zero_linger().unwrap();
+            let connected = match socket.bind(SocketAddr::from((from, 0))) {
+                Ok(()) => socket.connect(SocketAddr::from(([127, 0, 0, 1], port))).await,
+                Err(error) => Err(error),
+            };
+            match connected {
+                Ok(stream) => kept.push_back(stream),
+                Err(_) => sleep(Duration::from_millis(1)).await,
+            }
+            kept.drain(..kept.len().saturating_sub(KEPT));
+        }
     });
 }
 
@@ -113,11 +146,13 @@ impl Drop for Crowd {
 
 impl Crowd {
     fn at(guarded: &Guarded) -> Self {
+        Self::asked(ASKED, &format!("{} {}", guarded.port, guarded.metrologist))
+    }
+
+    fn asked(what: &str, words: &str) -> Self {
         let mut command = Command::new("sh");
         command.args(["-c", "ulimit -n 4096 2>/dev/null; exec \"$0\""]);
-        command
-            .arg(std::env::current_exe().unwrap())
-            .env(ASKED, format!("{} {}", guarded.port, guarded.metrologist));
+        command.arg(std::env::current_exe().unwrap()).env(what, words);
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut told = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
@@ -165,4 +200,47 @@ pub fn and_a_hold() {
     assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
     guarded.until(|now| now["state"] == "held");
     assert_eq!(guarded.shop.states(), ["held"]);
+}
+
+/// Three processes that do nothing but connect, again and again, from other addresses: no hold is lost.
+pub fn who_only_connect() {
+    let guarded = Guarded::new("fast");
+    let crowds = [2, 3, 4].map(|last| {
+        Crowd::asked(CONNECTS, &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last)))
+    });
+    std::thread::sleep(Duration::from_secs(1));
+    for _ in 0..300 {
+        assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
+    }
+    drop(crowds);
+}
+
+/// The 65th listener of one caller takes the place of his own oldest.
+pub fn listeners() {
+    let guarded = Guarded::new("fast");
+    let listen = |token: &str| {
+        let mut stream = std::net::TcpStream::connect(("127.0.0.1", guarded.port)).unwrap();
+        let host = format!("Host: localhost:{}\r\n", guarded.port);
+        let request = format!("GET {MACHINE}/events HTTP/1.1\r\n{host}{}\r\n", bearer(token));
+        stream.write_all(request.as_bytes()).unwrap();
+        // The head, and with it the first event.
+        assert!(stream.read(&mut [0; 4096]).unwrap() > 0);
+        stream
+    };
+    let mut tablet = listen(&guarded.viewer);
+    let mut crowd: Vec<_> = (0..70).map(|_| listen(&guarded.operator)).collect();
+    // Whoever was shown out was so when the next one came.
+    let is_closed = |stream: &mut std::net::TcpStream| {
+        stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+        loop {
+            match stream.read(&mut [0; 4096]) {
+                Ok(0) => return true,
+                Ok(_) => {}
+                Err(error) => return error.kind() != ErrorKind::WouldBlock,
+            }
+        }
+    };
+    assert!(!is_closed(&mut tablet), "the tablet");
+    let closed = crowd.iter_mut().filter(|stream| is_closed(stream)).count();
+    assert_eq!(closed, 7);
 }

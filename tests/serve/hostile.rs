@@ -24,7 +24,7 @@ pub struct Guarded {
     pub metrologist: String,
 }
 
-fn token(shop: &Shop, name: &str, role: &str) -> String {
+pub fn token(shop: &Shop, name: &str, role: &str) -> String {
     let made = shop.trued(&["token", "add", name, "--role", role]);
     assert!(made.status.success(), "{made:?}");
     String::from_utf8(made.stdout).unwrap().trim().to_owned()
@@ -50,7 +50,7 @@ impl Guarded {
         Self { shop, daemon, port, viewer, operator, metrologist }
     }
 
-    fn get(&self, path: &str, headers: &str) -> u16 {
+    pub fn get(&self, path: &str, headers: &str) -> u16 {
         ask(self.port, "GET", path, headers, "").0
     }
 

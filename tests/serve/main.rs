@@ -5,6 +5,7 @@
 mod abuse;
 mod again;
 mod asks;
+mod audited;
 mod client;
 mod crowd;
 mod hostile;
@@ -18,6 +19,7 @@ mod several;
 mod shop;
 mod starts;
 mod stops;
+mod tokens;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 use pymodbus::{MISSING, python};
@@ -45,6 +47,9 @@ fn alone(name: &str, run: fn()) -> Trial {
 fn main() {
     if let Some((port, token)) = crowd::asked_for() {
         return crowd::be(port, &token);
+    }
+    if let Some((port, from)) = crowd::asked_to_connect() {
+        return crowd::only_connect(port, from);
     }
     let trials = vec![
         with_pymodbus("a_coil_starts_a_cycle_and_registers_tell", starts::a_cycle),
@@ -82,6 +87,14 @@ fn main() {
         alone("no_path_leads_round_the_door", hostile::paths),
         alone("a_thousand_connections_disturb_no_run", crowd::beside_a_run),
         alone("a_hold_comes_through_a_thousand_connections", crowd::and_a_hold),
+        alone("a_hold_comes_through_those_who_only_connect", crowd::who_only_connect),
+        alone("many_listeners_of_one_caller_leave_the_tablet_alone", crowd::listeners),
+        alone("what_root_revokes_is_revoked", tokens::by_root),
+        alone("without_a_list_of_tokens_nobody_is_let_in", tokens::unreadable),
+        alone("holds_are_all_done_and_counted", audited::holds),
+        alone("the_audit_log_is_read_by_pages", audited::pages),
+        alone("each_call_may_say_why", audited::reasons),
+        alone("who_has_gone_stands_in_the_audit_log", audited::gone),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

@@ -104,6 +104,11 @@ impl Shop {
     pub fn serve_as(&self, arguments: &[&str]) -> Daemon {
         let mut command = self.command(&["serve"]);
         command.args(arguments);
+        self.serve_by(command)
+    }
+
+    /// Whoever calls it, and however.
+    pub fn serve_by(&self, mut command: Command) -> Daemon {
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, Query, State};
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
@@ -20,7 +19,7 @@ use crate::archive::story::story;
 use crate::record::estimate::Estimate;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
-use crate::store::{Audit, Journal, RunId, RunSummary, StoreError};
+use crate::store::{Audited, Journal, RunId, RunSummary, StoreError};
 
 /// Of a list, unless asked for less.
 const PAGE: usize = 200;
@@ -85,52 +84,57 @@ async fn trends(
     Ok(Json(look(&web, move |journal| history(journal, &name, &limits)).await??))
 }
 
-/// Of a list: at most so many, after or before what.
+/// Of runs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct Slice {
-    /// Runs: older than this one.
+struct Older {
+    /// Older than this one.
     before: Option<i64>,
-    /// Readings: without the first so many.
+    limit: Option<usize>,
+}
+
+/// Of the audit log.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+struct Earlier {
+    /// Those before the one with this `seq`.
+    before: Option<i64>,
+    limit: Option<usize>,
+}
+
+/// Of readings.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+struct Further {
+    /// Without the first so many.
     after: Option<usize>,
     limit: Option<usize>,
 }
 
-impl Slice {
-    fn limit(&self) -> usize {
-        self.limit.unwrap_or(PAGE).min(PAGE)
-    }
+/// Of a list at most so many.
+fn most(limit: Option<usize>) -> usize {
+    limit.unwrap_or(PAGE).min(PAGE)
 }
 
 /// Runs, newest first.
-#[utoipa::path(get, path = "/api/v1/runs", params(Slice), responses((status = OK, body = Vec<RunView>)))]
+#[utoipa::path(get, path = "/api/v1/runs", params(Older), responses((status = OK, body = Vec<RunView>)))]
 async fn runs(
     State(web): State<Web>,
-    Query(slice): Query<Slice>,
+    Query(slice): Query<Older>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
     let mut all = look(&web, Journal::runs).await??;
     all.reverse();
     let older = all.into_iter().filter(|run| slice.before.is_none_or(|before| run.id.0 < before));
-    Ok(Json(older.take(slice.limit()).collect()))
-}
-
-#[derive(Debug, Serialize, ToSchema)]
-struct Audited {
-    #[schema(value_type = String, format = DateTime)]
-    at: Timestamp,
-    #[serde(flatten)]
-    #[schema(value_type = AuditView)]
-    audit: Audit,
+    Ok(Json(older.take(most(slice.limit)).collect()))
 }
 
 /// Who asked for what, and what came of it, newest first.
-#[utoipa::path(get, path = "/api/v1/audit", params(Slice), responses((status = OK, body = Vec<Audited>)))]
+#[utoipa::path(get, path = "/api/v1/audit", params(Earlier), responses((status = OK, body = Vec<AuditView>)))]
 async fn audit(
     State(web): State<Web>,
-    Query(slice): Query<Slice>,
+    Query(Earlier { before, limit }): Query<Earlier>,
 ) -> Result<Json<Vec<Audited>>, Problem> {
-    let all = look(&web, Journal::audits).await??.into_iter().rev();
-    Ok(Json(all.map(|(at, audit)| Audited { at, audit }).take(slice.limit()).collect()))
+    Ok(Json(look(&web, move |journal| journal.audits(before, most(limit))).await??))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -174,15 +178,15 @@ struct Readings {
 }
 
 /// Its readings, without the first `after`.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Slice), responses((status = OK, body = Readings)))]
+#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Further), responses((status = OK, body = Readings)))]
 async fn readings(
     State(web): State<Web>,
     Path(run): Path<i64>,
-    Query(slice): Query<Slice>,
+    Query(slice): Query<Further>,
 ) -> Result<Json<Readings>, Problem> {
     let all = look(&web, move |journal| journal.load(RunId(run))).await??.readings;
     let after = slice.after.unwrap_or(0);
-    let (count, some) = (all.len(), all.into_iter().skip(after).take(slice.limit()));
+    let (count, some) = (all.len(), all.into_iter().skip(after).take(most(slice.limit)));
     Ok(Json(Readings { all: count, after, readings: some.collect() }))
 }
 

@@ -1,10 +1,12 @@
 //! Who is connected: so many at a time, and each must say what it wants. When all places are taken a new
-//! connection gets the place of the one that has been silent longest, so that a hold finds one whatever
-//! else is connected; no request and no answer is waited for without end.
+//! connection gets the place of the one that has been silent longest, of whoever has the most of them. A new
+//! one has a second before it may have to make room, so that a hold comes through whatever else is
+//! connected; nobody is refused, for it might be the hold. No request and no answer is waited for without end.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
@@ -26,10 +28,14 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::AbortHandle;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
+use super::access::Asker;
 use super::problem::Problem;
 
 /// Connections at a time.
 const PLACES: usize = 256;
+/// Beside them, those that have come within this time and have not asked yet. They cost next to nothing.
+const FRESH: Duration = Duration::from_secs(1);
+const MOST_FRESH: usize = 512;
 /// Of them listeners to events.
 const LISTENERS: usize = 64;
 /// The head of a request is complete within this time, counted from the end of the one before.
@@ -46,6 +52,8 @@ const LARGE_ANSWERS: usize = 16;
 /// What a connection does, since when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Does {
+    /// Has not asked yet.
+    Comes,
     Waits,
     Answers,
     Tells,
@@ -54,7 +62,15 @@ enum Does {
 struct Place {
     does: Does,
     since: Instant,
+    /// Address, or who asks, once that is known.
+    whose: String,
     task: Option<AbortHandle>,
+}
+
+impl Place {
+    fn is_fresh(&self, now: Instant) -> bool {
+        self.does == Does::Comes && now.saturating_duration_since(self.since) < FRESH
+    }
 }
 
 #[derive(Clone)]
@@ -84,15 +100,19 @@ impl Places {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn take(&self, number: u64) -> Taken {
+    fn take(&self, number: u64, from: IpAddr, now: Instant) -> Taken {
         let mut all = self.all();
-        if all.len() >= PLACES {
-            // Who waits before who is answered, and who listens last; of them the oldest.
-            let first = all.iter().min_by_key(|(_, place)| (place.does, place.since));
-            let first = first.map(|(number, _)| *number);
-            close(&mut all, first);
+        let is_fresh = |place: &Place| place.is_fresh(now);
+        let fresh = all.values().filter(|place| is_fresh(place)).count();
+        let settled = all.len() - fresh;
+        if fresh >= MOST_FRESH {
+            close(&mut all, is_fresh);
         }
-        all.insert(number, Place { does: Does::Waits, since: Instant::now(), task: None });
+        for _ in PLACES..=settled {
+            close(&mut all, |place| !is_fresh(place));
+        }
+        let (does, whose) = (Does::Comes, from.to_string());
+        all.insert(number, Place { does, since: now, whose, task: None });
         drop(all);
         Taken { places: self.clone(), number }
     }
@@ -108,11 +128,15 @@ impl Places {
         if let Some(place) = all.get_mut(&number) {
             (place.does, place.since) = (does, Instant::now());
         }
-        let listeners = || all.iter().filter(|(_, place)| place.does == Does::Tells);
-        if does == Does::Tells && listeners().count() > LISTENERS {
-            let oldest =
-                listeners().min_by_key(|(_, place)| place.since).map(|(number, _)| *number);
-            close(&mut all, oldest);
+        let tells = |place: &Place| place.does == Does::Tells;
+        if does == Does::Tells && all.values().filter(|place| tells(place)).count() > LISTENERS {
+            close(&mut all, tells);
+        }
+    }
+
+    fn is_of(&self, number: u64, whose: &str) {
+        if let Some(place) = self.all().get_mut(&number) {
+            whose.clone_into(&mut place.whose);
         }
     }
 
@@ -120,16 +144,26 @@ impl Places {
     fn close_stuck(&self) {
         let mut all = self.all();
         let stuck = |place: &Place| place.does == Does::Answers && place.since.elapsed() > TAKEN;
-        let stuck: Vec<u64> =
-            all.iter().filter(|(_, p)| stuck(p)).map(|(number, _)| *number).collect();
-        stuck.into_iter().for_each(|number| close(&mut all, Some(number)));
+        while close(&mut all, stuck) {}
     }
 }
 
-fn close(all: &mut BTreeMap<u64, Place>, number: Option<u64>) {
-    if let Some(task) = number.and_then(|number| all.remove(&number)).and_then(|place| place.task) {
+/// One of those who `may` go: of those that do least, of whoever has the most of them, the oldest. Whether
+/// there is one.
+fn close(all: &mut BTreeMap<u64, Place>, may: impl Fn(&Place) -> bool) -> bool {
+    let least = all.values().filter(|place| may(place)).map(|place| place.does).min();
+    let mut shares = BTreeMap::new();
+    for (number, place) in all.iter().filter(|(_, p)| Some(p.does) == least && may(p)) {
+        let (count, oldest) = shares.entry(&place.whose).or_insert((0, (place.since, *number)));
+        (*count, *oldest) = (*count + 1, (*oldest).min((place.since, *number)));
+    }
+    let largest = shares.into_values().max_by_key(|(count, oldest)| (*count, Reverse(*oldest)));
+    let gone = largest.and_then(|(_, (_, number))| all.remove(&number));
+    let found = gone.is_some();
+    if let Some(task) = gone.and_then(|place| place.task) {
         task.abort();
     }
+    found
 }
 
 /// For as long as the process lives.
@@ -148,7 +182,7 @@ pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()>
                 _ = second.tick() => places.close_stuck(),
             }
         };
-        let taken = places.take(number);
+        let taken = places.take(number, from.ip(), Instant::now());
         let task = tokio::spawn(connection(stream, from, router.clone(), taken));
         places.runs(number, task.abort_handle());
     }
@@ -177,6 +211,9 @@ impl Places {
     fn answers(&self, number: u64, response: Response) -> Response {
         let kind = response.headers().get(CONTENT_TYPE);
         let permit = if kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream")) {
+            if let Some(Asker(whose)) = response.extensions().get() {
+                self.is_of(number, whose);
+            }
             self.becomes(number, Does::Tells);
             None
         } else if http_body::Body::size_hint(response.body()).lower() > LARGE {
@@ -233,5 +270,58 @@ impl http_body::Body for Followed {
 
     fn size_hint(&self) -> SizeHint {
         self.body.size_hint()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of each address how many are connected, and of them how many tell.
+    fn of(places: &Places, whose: &str) -> (usize, usize) {
+        let all = places.all();
+        let own = all.values().filter(|place| place.whose == whose);
+        (own.clone().count(), own.filter(|place| place.does == Does::Tells).count())
+    }
+
+    #[test]
+    fn whoever_has_the_most_makes_room_and_nobody_else() {
+        let (places, begun) = (Places::new(), Instant::now());
+        let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
+        let taken: Vec<Taken> = (0..3).map(|number| places.take(number, few, begun)).collect();
+        let now = begun + 2 * FRESH;
+        let crowd: Vec<Taken> = (10..4000).map(|number| places.take(number, many, now)).collect();
+        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (3, MOST_FRESH));
+        let newest = places.take(4000, few, now);
+        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (4, MOST_FRESH - 1));
+        // They had their time.
+        let next = places.take(4001, few, now + 2 * FRESH);
+        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (5, PLACES - 5));
+        drop((taken, crowd, newest, next));
+        assert!(places.all().is_empty());
+    }
+
+    #[test]
+    fn a_request_under_way_makes_room_last_and_a_listener_for_his_own() {
+        let (places, mut now) = (Places::new(), Instant::now());
+        let from = IpAddr::from([127, 0, 0, 1]);
+        let _taken: Vec<Taken> = (0..300).map(|number| places.take(number, from, now)).collect();
+        let listens = |number: u64, whose: &str| {
+            places.is_of(number, whose);
+            places.becomes(number, Does::Tells);
+        };
+        listens(0, "tablet");
+        (1..=LISTENERS as u64 + 2).for_each(|number| listens(number, "crowd"));
+        assert_eq!((of(&places, "tablet").1, of(&places, "crowd").1), (1, LISTENERS - 1));
+        places.becomes(100, Does::Answers);
+        let _more: Vec<Taken> = (1000..1600)
+            .map(|number| {
+                now += 2 * FRESH;
+                places.take(number, from, now)
+            })
+            .collect();
+        assert_eq!(places.all().len(), PLACES);
+        assert_eq!(places.all()[&100].does, Does::Answers);
+        assert_eq!((of(&places, "tablet").1, of(&places, "crowd").1), (1, LISTENERS - 1));
     }
 }

@@ -57,6 +57,7 @@ struct Web {
     readers: Arc<Semaphore>,
     /// Of each machine.
     live: Arc<BTreeMap<String, page::Shared>>,
+    holds: actions::Holds,
 }
 
 impl Web {
@@ -94,7 +95,8 @@ pub fn start(
     let readers = Arc::new(Semaphore::new(READERS));
     let live = machines.iter().map(|machine| (machine.name.clone(), page::Shared::default()));
     let live = Arc::new(live.collect());
-    let web = Web { machines: machines.into(), journal, metrics, access, readers, live };
+    let (machines, holds) = (machines.into(), actions::Holds::default());
+    let web = Web { machines, journal, metrics, access, readers, live, holds };
     let router = router(web, names);
     let told = log.clone();
     std::thread::Builder::new()

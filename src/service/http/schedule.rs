@@ -11,7 +11,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::actions::Words;
+use super::actions::{Words, kept, to_the_end};
 use super::api::look;
 use super::openapi::views::AgendaView;
 use super::problem::Problem;
@@ -69,7 +69,7 @@ async fn arm(
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();
-    let arming = arming((&name, cycle), (&who, &why), &until, now).map_err(|why| {
+    let arming = arming((&name, cycle), (&who, &kept(&why)), &until, now).map_err(|why| {
         let remedy = "say until when, such as 14d or 2027-01-31T18:00:00+01:00";
         Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
     })?;
@@ -97,7 +97,7 @@ async fn disarm(
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Disarm { cycle, who, why }, to_page) = words.split();
-    web.journal.disarm(&name, cycle, &caller.signs(&who)?, &why).await?;
+    web.journal.disarm(&name, cycle, &caller.signs(&who)?, &kept(&why)).await?;
     answer(&web, machine, to_page).await
 }
 
@@ -106,6 +106,8 @@ async fn disarm(
 struct Due {
     cycle: u16,
     who: String,
+    #[serde(default)]
+    why: String,
 }
 
 /// As if its time had come by the schedule: armed, ready, and once.
@@ -117,8 +119,14 @@ async fn due(
     words: Words<Due>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (Due { cycle, who }, to_page) = words.split();
-    let who = caller.signs(&who)?;
+    let (due, to_page) = words.split();
+    let due = Due { who: caller.signs(&due.who)?, ..due };
+    to_the_end(called(web.clone(), machine.clone(), due)).await?;
+    answer(&web, machine, to_page).await
+}
+
+async fn called(web: Web, machine: Shown, due: Due) -> Result<(), Problem> {
+    let Due { cycle, who, why } = due;
     let answered = match machine.desk.rota().due(cycle, who.clone()) {
         Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
         None => Err(Refusal::NotReady.to_string()),
@@ -128,13 +136,12 @@ async fn due(
         Err(why) => format!("refused: {why}"),
     };
     let (what, run) = (format!("cycle {cycle} is due"), machine.desk.board().run.into());
-    let audit = Audit { who, what, why: String::new(), machine: name, run, outcome };
+    let audit = Audit { who, what, why: kept(&why), machine: machine.name, run, outcome };
     web.journal.audit(&audit).await?;
     answered.map_err(|why| {
         let remedy = "it stands in the schedule as skipped; see to it, then ask again";
         Problem::new(StatusCode::CONFLICT, "not-started", why, remedy)
-    })?;
-    answer(&web, machine, to_page).await
+    })
 }
 
 async fn answer(web: &Web, machine: &Shown, to_page: bool) -> Result<Response, Problem> {

@@ -149,5 +149,27 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
     assert_eq!(told, [Event::SamplesRemoved { scans: 3 }]);
     let after: Vec<_> = kept.iter().map(|run| journal.load(*run).unwrap()).collect();
     assert_eq!(before, after);
-    assert_eq!(journal.audits().unwrap().len(), 1);
+    assert_eq!(journal.audits(None, 9).unwrap().len(), 1);
+}
+
+/// By pages, newest first, none twice and none left out.
+#[test]
+fn the_audit_log_is_read_by_pages() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let text = String::new;
+    let (who, why, machine, outcome) = (text(), text(), text(), text());
+    let mut audit = Audit { who, what: text(), why, machine, run: 0, outcome };
+    for number in 0..7 {
+        audit.what = number.to_string();
+        journal.audit(&audit).wait().unwrap();
+    }
+    let (mut pages, mut before) = (Vec::new(), None);
+    loop {
+        let page = journal.audits(before, 3).unwrap();
+        let Some(last) = page.last() else { break };
+        before = Some(last.seq);
+        pages.push(page.iter().map(|one| one.audit.what.clone()).collect::<Vec<_>>().concat());
+    }
+    assert_eq!(pages, ["654", "321", "0"]);
 }

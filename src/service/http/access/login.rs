@@ -11,7 +11,8 @@ use minijinja::context;
 use serde::Deserialize;
 
 use super::session::LASTS;
-use super::{Access, DOOR, Refused, SESSION, session};
+use super::tokens::whose;
+use super::{Access, DOOR, Refused, SESSION, closed, session};
 use crate::service::http::Web;
 use crate::service::http::page::render;
 use crate::service::http::problem::Problem;
@@ -40,7 +41,8 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
     let address = access.address(&request);
     let form = Form::from_request(request, &web).await;
     let Form(Shown { token }) = form.map_err(|_| unreadable())?;
-    let Some(token) = access.tokens.find(token.trim()) else {
+    let known = access.known().map_err(|_| closed())?;
+    let Some(token) = whose(&known, token.trim()) else {
         if let Err(too_often) = access.rates.failure(&address) {
             return Ok(Refused::from(too_often).into_response());
         }

@@ -10,7 +10,7 @@ mod tokens;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, MatchedPath, Request, State};
@@ -27,6 +27,7 @@ use self::rate::{Rates, TooOften};
 pub use self::roles::Role;
 use self::roles::{DOOR, HOLD, needed};
 use self::session::Sessions;
+use self::tokens::whose;
 pub use self::tokens::{Token, TokenError, Tokens};
 use super::problem::Problem;
 use crate::service::Log;
@@ -43,6 +44,8 @@ pub struct Access {
     tokens: Tokens,
     sessions: Sessions,
     rates: Rates,
+    /// Why the tokens cannot be read, once it is said.
+    trouble: Mutex<Option<String>>,
     log: Log,
 }
 
@@ -50,8 +53,14 @@ pub struct Access {
 #[derive(Clone)]
 pub struct Caller {
     token: Option<Token>,
+    /// As whom he is counted: the token's name, or the address.
+    counts: String,
     access: Arc<Access>,
 }
+
+/// Who has asked, as an answer's extension: token and address, so that tablets with one token are told apart.
+#[derive(Clone)]
+pub struct Asker(pub String);
 
 impl Caller {
     /// As it stands in the audit log: the token's name and what the person typed; one of them at least.
@@ -84,7 +93,18 @@ impl Caller {
 
     /// Whether its token has not been revoked meanwhile.
     pub fn stands(&self) -> bool {
-        self.token.as_ref().is_none_or(|token| self.access.tokens.stands(token))
+        let known = || self.access.known().unwrap_or_default();
+        self.token.as_ref().is_none_or(|token| known().contains(token))
+    }
+
+    /// As whom he is counted.
+    pub fn counts_as(&self) -> &str {
+        &self.counts
+    }
+
+    /// Whether a line for each of his holds is too many by now.
+    pub fn holds_often(&self) -> bool {
+        self.access.rates.hold(&self.counts).is_err()
     }
 }
 
@@ -93,6 +113,8 @@ enum Refused {
     Unknown,
     Lesser(Role),
     TooOften(TooOften),
+    /// Nobody is known.
+    Closed,
 }
 
 impl From<TooOften> for Refused {
@@ -115,35 +137,58 @@ impl Access {
         }
         let (demanded, names) = (config.tokens, config.names.clone());
         let (sessions, rates, log) = (Sessions::default(), Rates::default(), log.clone());
-        Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, log }))
+        let trouble = Mutex::default();
+        Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, trouble, log }))
+    }
+
+    /// The tokens that count. Where they cannot be read nobody is known, and the log says so once.
+    fn known(&self) -> Result<Vec<Token>, TokenError> {
+        let known = self.tokens.all();
+        let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
+        let mut told = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        if *told != trouble {
+            match &trouble {
+                Some(why) => {
+                    (self.log)(&format!("the tokens cannot be read, nobody gets in: {why}"))
+                }
+                None => (self.log)("the tokens can be read again"),
+            }
+            *told = trouble;
+        }
+        known
     }
 
     fn judge(self: &Arc<Self>, request: &Request) -> Result<Caller, Refused> {
         let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
         let (reads, address) = (request.method().is_safe(), self.address(request));
         let token = match self.demanded && route != DOOR {
-            true => Some(self.token(request.headers(), &address)?),
+            true => Some(self.token(request.headers(), &address, route)?),
             false => None,
         };
         let least = needed(route, reads);
         if token.as_ref().is_some_and(|token| token.role < least) {
             return Err(Refused::Lesser(least));
         }
+        let counts = token.as_ref().map_or(address, |token| token.name.clone());
         if !reads && route != HOLD {
-            self.rates.change(token.as_ref().map_or(&address, |token| &token.name))?;
+            self.rates.change(&counts)?;
         }
-        Ok(Caller { token, access: Arc::clone(self) })
+        Ok(Caller { token, counts, access: Arc::clone(self) })
     }
 
-    fn token(&self, headers: &HeaderMap, address: &str) -> Result<Token, Refused> {
+    fn token(&self, headers: &HeaderMap, address: &str, route: &str) -> Result<Token, Refused> {
         let shown = text(headers, AUTHORIZATION).map(bearer);
+        let known = match self.known() {
+            Ok(known) => known,
+            // Whoever was known last may hold: that moves nothing.
+            Err(_) if route == HOLD => self.tokens.last(),
+            Err(_) => return Err(Refused::Closed),
+        };
         let token = match shown {
-            Some(shown) => shown.and_then(|shown| self.tokens.find(shown)),
+            Some(shown) => shown.and_then(|shown| whose(&known, shown)),
             None => match session(headers) {
                 None => return Err(Refused::Unknown),
-                Some(number) => {
-                    self.sessions.find(&number).filter(|token| self.tokens.stands(token))
-                }
+                Some(number) => self.sessions.find(&number).filter(|token| known.contains(token)),
             },
         };
         match token {
@@ -196,8 +241,11 @@ pub async fn admit(
 ) -> Response {
     match access.judge(&request) {
         Ok(caller) => {
+            let asker = Asker(format!("{} {}", caller.counts, access.address(&request)));
             request.extensions_mut().insert(caller);
-            next.run(request).await
+            let mut response = next.run(request).await;
+            response.extensions_mut().insert(asker);
+            response
         }
         Err(Refused::Unknown) if is_for_a_person(&request) => Redirect::to(DOOR).into_response(),
         Err(refused) => refused.into_response(),
@@ -232,8 +280,18 @@ impl IntoResponse for Refused {
             )
             .into_response(),
             Self::TooOften(TooOften(wait)) => too_often(wait).into_response(),
+            Self::Closed => closed().into_response(),
         }
     }
+}
+
+fn closed() -> Problem {
+    Problem::new(
+        StatusCode::SERVICE_UNAVAILABLE,
+        "tokens-unreadable",
+        "the list of tokens cannot be read, so that nobody is let in",
+        "whoever looks after this computer finds why in the log; a hold still goes",
+    )
 }
 
 fn too_often(wait: Duration) -> impl IntoResponse {

@@ -1,5 +1,5 @@
-//! How often is too often: of each caller that changes something, and of each address that shows a token
-//! which is none.
+//! How often is too often: of each caller that changes something, of the lines about one who holds, and of
+//! each address that shows a token which is none.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -11,6 +11,8 @@ use governor::{Quota, RateLimiter};
 /// At once, and so many a minute.
 const CHANGES: NonZeroU32 = NonZeroU32::MIN.saturating_add(59);
 const FAILURES: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
+/// Lines about holds.
+const HOLDS: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 /// Callers that are told apart; more count as one.
 const MOST: usize = 1000;
 
@@ -19,6 +21,7 @@ type Limiter = RateLimiter<String, HashMapStateStore<String>, DefaultClock>;
 pub struct Rates {
     changes: Limiter,
     failures: Limiter,
+    holds: Limiter,
 }
 
 /// Too often; how long to wait.
@@ -28,7 +31,8 @@ pub struct TooOften(pub Duration);
 impl Default for Rates {
     fn default() -> Self {
         let limiter = |most| Limiter::hashmap(Quota::per_minute(most));
-        Self { changes: limiter(CHANGES), failures: limiter(FAILURES) }
+        let [changes, failures, holds] = [CHANGES, FAILURES, HOLDS].map(limiter);
+        Self { changes, failures, holds }
     }
 }
 
@@ -36,6 +40,11 @@ impl Rates {
     /// `caller` changes something.
     pub fn change(&self, caller: &str) -> Result<(), TooOften> {
         count(&self.changes, caller)
+    }
+
+    /// `caller` holds: that is done, and may be too often to be written down each time.
+    pub fn hold(&self, caller: &str) -> Result<(), TooOften> {
+        count(&self.holds, caller)
     }
 
     /// Somebody at `address` has shown what is no token.

@@ -6,7 +6,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, fchown};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -42,6 +42,8 @@ pub enum TokenError {
     File { path: PathBuf, source: io::Error },
     #[error("{path}: {source}", path = path.display())]
     Unreadable { path: PathBuf, source: serde_json::Error },
+    #[error("{path} is for user {user} alone, and cannot be given to that user", path = path.display())]
+    Owner { path: PathBuf, user: u32 },
     #[error("`{0}` is no name of a token: letters, digits and . _ - only, 40 at most")]
     Name(String),
     #[error("there is a token `{0}` already")]
@@ -58,6 +60,13 @@ impl TokenError {
     /// What to do next.
     pub fn remedy(&self) -> &'static str {
         match self {
+            Self::File { source, .. } if source.kind() == ErrorKind::PermissionDenied => {
+                "do it as the daemon's user (`sudo -u trued trued token ...`), and give that user what is not \
+                 its own there (`chown trued`)"
+            }
+            Self::Owner { .. } => {
+                "do it as the daemon's user: `sudo -u trued trued token ... --state /var/lib/trued`"
+            }
             Self::File { .. } => {
                 "check that disk and whose folder that is, or give another with --state"
             }
@@ -89,7 +98,7 @@ impl Tokens {
     /// As they are now.
     ///
     /// # Errors
-    /// The file cannot be read; the last that could be read still counts in [`Self::find`].
+    /// The file is there and cannot be read: whom it names now nobody knows.
     pub fn all(&self) -> Result<Vec<Token>, TokenError> {
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         let look = match fs::metadata(&self.path) {
@@ -114,26 +123,9 @@ impl Tokens {
         Ok(serde_json::from_slice::<Kept>(bytes).map_err(unreadable)?.tokens)
     }
 
-    /// Whose `shown` is. Every token is looked at, each to its end.
-    pub fn find(&self, shown: &str) -> Option<Token> {
-        let sha256 = secret::sha256(shown);
-        let mut found = None;
-        for token in self.known() {
-            if bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes())) {
-                found = Some(token);
-            }
-        }
-        found
-    }
-
-    /// Whether `token` has not been revoked.
-    pub fn stands(&self, token: &Token) -> bool {
-        self.known().contains(token)
-    }
-
-    fn known(&self) -> Vec<Token> {
-        self.all()
-            .unwrap_or_else(|_| self.read.lock().unwrap_or_else(PoisonError::into_inner).1.clone())
+    /// Those that could be read last.
+    pub fn last(&self) -> Vec<Token> {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
     }
 
     /// A new one; what is returned is kept nowhere.
@@ -180,24 +172,55 @@ impl Tokens {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         let failed = |error| self.failed(error);
         fs::create_dir_all(folder).map_err(failed)?;
-        let lock = private(&self.path.with_extension("lock")).map_err(failed)?;
+        let lock = self.lock(folder)?;
         lock.lock().map_err(failed)?;
         let mut tokens = self.all()?;
         change(&mut tokens)?;
         let kept = Kept { trued_tokens: 1, tokens };
         let unreadable = |source| TokenError::Unreadable { path: self.path.clone(), source };
         let text = serde_json::to_string_pretty(&kept).map_err(unreadable)?;
-        self.replace(folder, &text).map_err(failed)
+        self.replace(folder, &text)
     }
 
-    fn replace(&self, folder: &Path, text: &str) -> io::Result<()> {
-        let beside = self.path.with_extension("new");
-        let mut file = private(&beside)?;
-        file.set_len(0)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        fs::rename(&beside, &self.path)?;
-        File::open(folder)?.sync_all()
+    fn lock(&self, folder: &Path) -> Result<File, TokenError> {
+        let path = self.path.with_extension("lock");
+        match private(&path) {
+            Ok(made) => self.given(made, &path, folder),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                File::options().write(true).open(&path).map_err(|error| self.failed(error))
+            }
+            Err(error) => Err(self.failed(error)),
+        }
+    }
+
+    fn replace(&self, folder: &Path, text: &str) -> Result<(), TokenError> {
+        let (beside, failed) = (self.path.with_extension("new"), |error| self.failed(error));
+        match fs::remove_file(&beside) {
+            // Somebody has died over it.
+            Ok(()) => {}
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(failed(error)),
+        }
+        let mut file = self.given(private(&beside).map_err(failed)?, &beside, folder)?;
+        file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
+        fs::rename(&beside, &self.path).map_err(failed)?;
+        File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+    }
+
+    /// `file`, just made at `path`, to the daemon's user, whoever makes it: another's it could not read. That is
+    /// whose the tokens are, or the folder, in which the daemon writes.
+    fn given(&self, file: File, path: &Path, folder: &Path) -> Result<File, TokenError> {
+        let failed = |error| self.failed(error);
+        let own = file.metadata().map_err(failed)?.uid();
+        // What root left there alone says nothing of the daemon.
+        let tokens = fs::metadata(&self.path).ok().filter(|tokens| tokens.uid() != 0);
+        let owner = tokens.map_or_else(|| fs::metadata(folder), Ok).map_err(failed)?;
+        let user = owner.uid();
+        if own != user && fchown(&file, Some(user), Some(owner.gid())).is_err() {
+            let _ = fs::remove_file(path);
+            return Err(TokenError::Owner { path: path.to_owned(), user });
+        }
+        Ok(file)
     }
 
     fn failed(&self, source: io::Error) -> TokenError {
@@ -205,9 +228,21 @@ impl Tokens {
     }
 }
 
-/// For this user alone.
+/// Whose of `tokens` `shown` is. Every token is looked at, each to its end.
+pub fn whose(tokens: &[Token], shown: &str) -> Option<Token> {
+    let sha256 = secret::sha256(shown);
+    let mut found = None;
+    for token in tokens {
+        if bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes())) {
+            found = Some(token.clone());
+        }
+    }
+    found
+}
+
+/// A new one, for this user alone; where a link leads it is not made.
 fn private(path: &Path) -> io::Result<File> {
-    File::options().write(true).create(true).truncate(false).mode(0o600).open(path)
+    File::options().write(true).create_new(true).mode(0o600).open(path)
 }
 
 #[cfg(test)]
@@ -224,17 +259,17 @@ mod tests {
         let shown = cli.add("tablet", Role::Operator).unwrap();
         assert_eq!(shown.len(), "trued_".len() + 64);
         assert_ne!(shown, cli.add("other", Role::Viewer).unwrap());
-        let found = daemon.find(&shown).unwrap();
+        let find = |shown: &str| whose(&daemon.all().unwrap(), shown);
+        let found = find(&shown).unwrap();
         assert_eq!((found.name.as_str(), found.role), ("tablet", Role::Operator));
         let file = folder.path().join("tokens.json");
         assert!(!fs::read_to_string(&file).unwrap().contains(&shown[6..]));
         assert_eq!(fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
         for wrong in ["", "trued_", &shown[..shown.len() - 1], &found.sha256] {
-            assert_eq!(daemon.find(wrong), None, "{wrong}");
+            assert_eq!(find(wrong), None, "{wrong}");
         }
         cli.revoke("tablet").unwrap();
-        assert_eq!(daemon.find(&shown), None);
-        assert!(!daemon.stands(&found));
+        assert_eq!(find(&shown), None);
         assert_eq!(daemon.all().unwrap().len(), 1);
     }
 
@@ -248,11 +283,34 @@ mod tests {
         assert!(matches!(tokens.revoke("nobody"), Err(TokenError::Unknown(_))));
         let shown = tokens.add("one", Role::Viewer).unwrap();
         assert!(matches!(tokens.add("one", Role::Viewer), Err(TokenError::Exists(_))));
-        // What cannot be read any more leaves those that are known.
-        assert!(tokens.find(&shown).is_some());
+        // Where it cannot be read nobody is known, and who was is remembered.
+        assert!(whose(&tokens.all().unwrap(), &shown).is_some());
         fs::write(folder.path().join("made/tokens.json"), "{").unwrap();
         assert!(matches!(tokens.all(), Err(TokenError::Unreadable { .. })));
-        assert!(tokens.find(&shown).is_some());
+        assert!(whose(&tokens.last(), &shown).is_some());
         assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::Unreadable { .. })));
+    }
+
+    /// Root may make one in the daemon's folder: the daemon reads it. Others cannot give anything away.
+    #[test]
+    fn the_file_belongs_to_whom_the_folder_belongs() {
+        const DAEMON: u32 = 65_534;
+        let folder = tempfile::tempdir().unwrap();
+        let made = |name: &str| fs::metadata(folder.path().join(name)).unwrap();
+        if std::os::unix::fs::chown(folder.path(), Some(DAEMON), Some(DAEMON)).is_err() {
+            println!("skipped, for this is not root");
+            return;
+        }
+        let tokens = Tokens::beside(folder.path());
+        // What an earlier version's root has left.
+        for left in ["tokens.new", "tokens.json"] {
+            fs::write(folder.path().join(left), r#"{"trued_tokens": 1, "tokens": []}"#).unwrap();
+        }
+        tokens.add("tablet", Role::Viewer).unwrap();
+        for name in ["tokens.json", "tokens.lock"] {
+            assert_eq!((made(name).uid(), made(name).mode() & 0o777), (DAEMON, 0o600), "{name}");
+        }
+        tokens.revoke("tablet").unwrap();
+        assert_eq!(made("tokens.json").uid(), DAEMON);
     }
 }

@@ -1,12 +1,14 @@
-//! What can be done: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each says who asks, and each
-//! stands in the audit log before it is answered. The same words come as JSON from a program and as a form from the
-//! page, which is sent back to the machine's page.
+//! What can be done: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each says who asks and may
+//! say why, and each stands in the audit log before it is answered, also if whoever asked has gone by then. The same
+//! words come as JSON from a program and as a form from the page, which is sent back to the machine's page.
 
 mod answer;
+mod holds;
 mod resume;
 mod sign;
 mod words;
 
+use std::future::Future;
 use std::time::Duration;
 
 use axum::Json;
@@ -19,7 +21,8 @@ use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-pub(super) use self::words::Words;
+pub(super) use self::holds::Holds;
+pub(super) use self::words::{Words, kept};
 use super::access::Caller;
 use super::page::for_people;
 use super::problem::Problem;
@@ -51,6 +54,8 @@ pub fn routes() -> OpenApiRouter<Web> {
 struct Start {
     cycle: u16,
     who: String,
+    #[serde(default)]
+    why: String,
     /// What this person has seen to at the machine.
     #[serde(default)]
     enable: bool,
@@ -95,7 +100,7 @@ async fn start(
     vouched(machine, &asked)?;
     let accepted = machine.desk.start(asked.cycle, said(machine), &who);
     let what = format!("start of cycle {}", asked.cycle);
-    answer(&web, machine, (who, what, String::new()), accepted, to_page).await
+    answer(&web, machine, (who, what, asked.why), accepted, to_page).await
 }
 
 /// A person has vouched; what the machine says against it counts all the same.
@@ -131,16 +136,37 @@ async fn hold(
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     // Before anything is read: whatever else is wrong with the request, the machine holds.
     let stopped = machine.desk.stop(&caller.is_called(""));
+    to_the_end(held(web.clone(), machine.clone(), caller, stopped, request)).await
+}
+
+async fn held(
+    web: Web,
+    machine: Shown,
+    caller: Caller,
+    stopped: Stopped,
+    request: Request,
+) -> Result<Response, Problem> {
     let words = tokio::time::timeout(PATIENCE, Words::<Asked>::from_request(request, &()));
     let words = words.await.ok().and_then(Result::ok).unwrap_or(Words::Json(Asked::default()));
     let (Asked { who, why }, to_page) = words.split();
-    let who = caller.is_called(&who);
     let held = match stopped {
         // It is not for this service to hold what another one moves.
         Stopped::Elsewhere => Err(Refusal::Elsewhere),
         Stopped::Run | Stopped::Nothing => Ok(()),
     };
-    answer(&web, machine, (who, "hold".to_owned(), why), held, to_page).await
+    let audit = audit(&machine, (caller.is_called(&who), "hold".to_owned(), why), &held);
+    if holds::has_a_line(&web, &caller, &audit, stopped) {
+        web.journal.audit(&audit).await?;
+    }
+    held?;
+    Ok(answered(&machine, to_page))
+}
+
+/// Also if whoever asked has gone meanwhile: what is done is written down.
+pub(super) async fn to_the_end<T: Send + 'static>(
+    work: impl Future<Output = Result<T, Problem>> + Send + 'static,
+) -> Result<T, Problem> {
+    tokio::spawn(work).await.unwrap_or_else(|_| Err(Refusal::NotReady.into()))
 }
 
 /// A person has looked at the machine: new cycles may start.
@@ -153,7 +179,7 @@ async fn acknowledge(
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let (Seen { who, why, homed }, to_page) = words.split();
-    let who = caller.signs(&who)?;
+    let (who, why) = (caller.signs(&who)?, kept(&why));
     let accepted = machine.desk.acknowledge(Looked { who: &who, why: &why, homed });
     let said = (who, "acknowledgement".to_owned(), why);
     settled(web, machine, said, accepted, to_page).await
@@ -167,7 +193,7 @@ async fn settled(
     accepted: Result<Answer, Refusal>,
     to_page: bool,
 ) -> Result<Response, Problem> {
-    let all = tokio::spawn(async move {
+    to_the_end(async move {
         let became = match accepted {
             // One that is still at it says so on the board.
             Ok(told) => tokio::time::timeout(SETTLES, told)
@@ -176,8 +202,8 @@ async fn settled(
             Err(why) => Err(why),
         };
         answer(&web, &machine, said, became, to_page).await
-    });
-    all.await.map_err(|_| Problem::from(Refusal::NotReady))?
+    })
+    .await
 }
 
 /// Once it stands in the audit log.
@@ -188,16 +214,27 @@ async fn answer(
     accepted: Result<(), Refusal>,
     to_page: bool,
 ) -> Result<Response, Problem> {
+    web.journal.audit(&audit(machine, (who, what, why), &accepted)).await?;
+    accepted?;
+    Ok(answered(machine, to_page))
+}
+
+fn audit(
+    machine: &Shown,
+    (who, what, why): (String, String, String),
+    accepted: &Result<(), Refusal>,
+) -> Audit {
     let outcome = match accepted {
         Ok(()) => "accepted".to_owned(),
         Err(refusal) => format!("refused: {refusal}"),
     };
-    let (machine_name, run) = (machine.name.clone(), machine.desk.board().run);
-    let audit = Audit { who, what, why, machine: machine_name, run: run.into(), outcome };
-    web.journal.audit(&audit).await?;
-    accepted?;
-    Ok(match to_page {
+    let (name, run) = (machine.name.clone(), machine.desk.board().run);
+    Audit { who, what, why: kept(&why), machine: name, run: run.into(), outcome }
+}
+
+fn answered(machine: &Shown, to_page: bool) -> Response {
+    match to_page {
         true => Redirect::to(&super::page::address(&machine.name)).into_response(),
         false => (StatusCode::ACCEPTED, Json(Standing::of(machine))).into_response(),
-    })
+    }
 }

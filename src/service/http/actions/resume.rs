@@ -6,7 +6,7 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::words::Words;
+use super::words::{Words, kept};
 use super::{not_vouched, said, settled};
 use crate::archive::story::goes_on;
 use crate::run::{Again, AgainError, Question, can_resume};
@@ -23,6 +23,8 @@ use crate::store::RunId;
 pub struct GoOn {
     run: i64,
     who: String,
+    #[serde(default)]
+    why: String,
     /// What this person has seen to at the machine: its way, what sits in the spindle.
     #[serde(default)]
     free: bool,
@@ -42,8 +44,8 @@ pub async fn resume(
     words: Words<GoOn>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let (GoOn { run, who, free, whole, homed }, to_page) = words.split();
-    let who = caller.signs(&who)?;
+    let (GoOn { run, who, why, free, whole, homed }, to_page) = words.split();
+    let (who, why) = (caller.signs(&who)?, kept(&why));
     let run = RunId(run);
     let stored = look(&web, move |journal| journal.load(run)).await??;
     if stored.summary.machine != name {
@@ -63,9 +65,9 @@ pub async fn resume(
             "acknowledge it, then start a new run",
         ));
     }
-    let accepted = machine.desk.resume(run, Looked { who: &who, why: "", homed }, said(&machine));
+    let accepted = machine.desk.resume(run, Looked { who: &who, why: &why, homed }, said(&machine));
     let what = format!("resume of run {run}");
-    settled(web, machine, (who, what, String::new()), accepted, to_page).await
+    settled(web, machine, (who, what, why), accepted, to_page).await
 }
 
 impl From<AgainError> for Problem {

@@ -7,7 +7,8 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::words::Words;
+use super::to_the_end;
+use super::words::{Words, kept};
 use crate::archive::report::ReportError;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
@@ -47,14 +48,24 @@ pub async fn sign(
             "read it, then sign that one",
         ));
     }
-    let remark = why.trim().to_owned();
-    let signature = Signature { who: who.clone(), remark, estimate_sha256: estimate };
-    web.journal.sign(run, &signature).await?;
-    let (what, machine, outcome) =
-        (format!("signature under run {run}"), stored.summary.machine, "accepted".to_owned());
-    web.journal.audit(&Audit { who, what, why, machine, run: run.0, outcome }).await?;
+    let remark = kept(&why);
+    let signature = Signature { who, remark, estimate_sha256: estimate };
+    let signature = to_the_end(signed(web, run, stored.summary.machine, signature)).await?;
     Ok(match to_page {
         true => Redirect::to(&format!("/runs/{run}")).into_response(),
         false => (StatusCode::CREATED, Json(signature)).into_response(),
     })
+}
+
+async fn signed(
+    web: Web,
+    run: RunId,
+    machine: String,
+    signature: Signature,
+) -> Result<Signature, Problem> {
+    web.journal.sign(run, &signature).await?;
+    let (who, why) = (signature.who.clone(), signature.remark.clone());
+    let (what, outcome) = (format!("signature under run {run}"), "accepted".to_owned());
+    web.journal.audit(&Audit { who, what, why, machine, run: run.0, outcome }).await?;
+    Ok(signature)
 }

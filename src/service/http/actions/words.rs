@@ -8,6 +8,14 @@ use serde::de::DeserializeOwned;
 
 use crate::service::http::problem::Problem;
 
+/// Of what a person says why, characters.
+const MOST: usize = 500;
+
+/// As much of it as is kept: the audit log is there for good, and nobody writes letters into it.
+pub fn kept(why: &str) -> String {
+    why.trim().chars().take(MOST).collect()
+}
+
 /// JSON or a form, by what the request says it is.
 pub enum Words<T> {
     Json(T),

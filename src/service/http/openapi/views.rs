@@ -91,6 +91,10 @@ pub struct RunView {
 #[derive(ToSchema)]
 #[schema(as = Audit)]
 pub struct AuditView {
+    /// Its number in the log.
+    seq: i64,
+    #[schema(format = DateTime)]
+    at: String,
     who: String,
     what: String,
     why: String,
@@ -137,7 +141,7 @@ mod tests {
     use crate::archive::compare::Comparison;
     use crate::decision::difference::Difference;
     use crate::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
-    use crate::store::{Audit, RunId, RunState, RunSummary};
+    use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
 
     fn names(of: &serde_json::Value) -> Vec<String> {
         let mut names: Vec<String> = of.as_object().unwrap().keys().cloned().collect();
@@ -203,7 +207,8 @@ mod tests {
         let (runs, differences, besides) = ([summary.clone(), summary], vec![by], vec![text()]);
         same::<ComparisonView>(Comparison { runs, differences, besides });
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
-        same::<AuditView>(Audit { who, what, why, machine, run: 1, outcome });
+        let audit = Audit { who, what, why, machine, run: 1, outcome };
+        same::<AuditView>(Audited { seq: 1, at: jiff::Timestamp::UNIX_EPOCH, audit });
         let schema = serde_json::to_value(VerdictView::schema()).unwrap();
         let all = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::None];
         assert_eq!(schema["enum"], serde_json::to_value(all).unwrap());

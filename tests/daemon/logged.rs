@@ -1,0 +1,124 @@
+//! What journald would hear: a socket in its place, in a mount namespace of the daemon's own, read by the words of
+//! systemd's "Native Journal Protocol". Without the right to mount (root) this is skipped; with
+//! `TRUED_REQUIRE_PEERS=1` it fails.
+
+use std::collections::BTreeSet;
+use std::os::unix::net::UnixDatagram;
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use trued::store::{Journal, RunId};
+
+use super::client::Client;
+use super::shop::{Daemon, Shop, served};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+/// As systemd does it: standard error is the journal's, and the program is told which file that is.
+const SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
+                      mount --bind \"$0\" /run/systemd/journal && \
+                      export JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) && exec \"$@\"";
+
+/// Name and value of each field.
+type Entry = Vec<(String, String)>;
+
+/// `NAME=value`, or the name, the value's length in eight bytes, and the value; a line each.
+fn entry(mut bytes: &[u8]) -> Entry {
+    let mut fields = Vec::new();
+    while let Some(end) = bytes.iter().position(|byte| *byte == b'\n') {
+        let (line, rest) = (String::from_utf8(bytes[..end].to_vec()).unwrap(), &bytes[end + 1..]);
+        if let Some((name, value)) = line.split_once('=') {
+            fields.push((name.to_owned(), value.to_owned()));
+            bytes = rest;
+            continue;
+        }
+        let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;
+        fields.push((line, String::from_utf8(rest[8..8 + length].to_vec()).unwrap()));
+        bytes = &rest[8 + length + 1..];
+    }
+    fields
+}
+
+fn field<'a>(entry: &'a Entry, name: &str) -> Option<&'a str> {
+    entry.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
+}
+
+#[derive(Clone)]
+struct Journald(Arc<Mutex<Vec<Entry>>>);
+
+impl Journald {
+    fn at(socket: UnixDatagram) -> Self {
+        let heard = Self(Arc::default());
+        let keeps = heard.clone();
+        std::thread::spawn(move || {
+            let mut buffer = vec![0; 1 << 16];
+            while let Ok(count) = socket.recv(&mut buffer) {
+                keeps.0.lock().unwrap().push(entry(&buffer[..count]));
+            }
+        });
+        heard
+    }
+
+    /// The message that begins so, once it has come.
+    fn until(&self, words: &str) -> String {
+        let began = Instant::now();
+        loop {
+            let all = self.0.lock().unwrap().clone();
+            let mut messages = all.iter().filter_map(|entry| field(entry, "MESSAGE"));
+            if let Some(message) = messages.find(|message| message.starts_with(words)) {
+                return message.to_owned();
+            }
+            assert!(began.elapsed() < PATIENCE, "no {words} in {all:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+fn may_mount() -> bool {
+    let mounts = Command::new("unshare")
+        .args(["--mount", "sh", "-c", "mount -t tmpfs none /run"])
+        .stderr(Stdio::null())
+        .status();
+    let may = mounts.is_ok_and(|status| status.success());
+    let required = std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1");
+    assert!(may || !required, "no mount namespace: run this as root");
+    may
+}
+
+/// Each step that the journal knows stands there with its run's number, and as what it is.
+#[test]
+fn each_step_is_found_by_its_run() {
+    if !may_mount() {
+        println!("skipped, for this is not root");
+        return;
+    }
+    let shop = Shop::new(&served(""));
+    let folder = shop.path("journald");
+    std::fs::create_dir(&folder).unwrap();
+    let journald = Journald::at(UnixDatagram::bind(folder.join("socket")).unwrap());
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
+    command.args(["serve", "--speed", "fast", "--machine"]).arg(shop.path("machine.toml"));
+    let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut daemon = Daemon { child, log: Arc::default(), client: Client { port: 0 } };
+    let page = journald.until("the page is at http://127.0.0.1:");
+    daemon.client.port = page.rsplit(':').next().unwrap().trim_end_matches('/').parse().unwrap();
+    journald.until("ready");
+    assert_eq!(daemon.client.start(1), 202);
+    daemon.client.until_state("waiting");
+    assert_eq!(daemon.terminate(), 0);
+    let readings = Journal::open(&shop.state()).unwrap().load(RunId(1)).unwrap().readings;
+    let measured: BTreeSet<String> = readings.iter().map(|one| one.step.to_string()).collect();
+    assert!(measured.len() > 10);
+    let all = journald.0.lock().unwrap().clone();
+    let steps = all.iter().filter(|entry| field(entry, "TRUED_RUN") == Some("1"));
+    let steps = steps.filter_map(|entry| Some((field(entry, "TRUED_STEP")?, entry)));
+    let mut told = BTreeSet::new();
+    for (step, entry) in steps {
+        assert_eq!(field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
+        // Debug, for whoever asks.
+        assert_eq!(field(entry, "PRIORITY"), Some("7"), "{entry:?}");
+        told.insert(step.to_owned());
+    }
+    assert!(told.is_superset(&measured), "{told:?} {measured:?}");
+}
