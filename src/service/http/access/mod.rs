@@ -148,7 +148,9 @@ impl Access {
         let mut told = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
         if *told != trouble {
             match &trouble {
-                Some(why) => (self.log)(&format!("the tokens cannot be read, nobody gets in: {why}")),
+                Some(why) => {
+                    (self.log)(&format!("the tokens cannot be read, nobody gets in: {why}"))
+                }
                 None => (self.log)("the tokens can be read again"),
             }
             *told = trouble;
@@ -186,9 +188,7 @@ impl Access {
             Some(shown) => shown.and_then(|shown| whose(&known, shown)),
             None => match session(headers) {
                 None => return Err(Refused::Unknown),
-                Some(number) => {
-                    self.sessions.find(&number).filter(|token| known.contains(token))
-                }
+                Some(number) => self.sessions.find(&number).filter(|token| known.contains(token)),
             },
         };
         match token {
