@@ -39,7 +39,7 @@ fn entry(mut bytes: &[u8]) -> Entry {
     fields
 }
 
-fn field<'a>(entry: &'a Entry, name: &str) -> Option<&'a str> {
+fn field<'a>(entry: &'a [(String, String)], name: &str) -> Option<&'a str> {
     entry.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
 }
 
