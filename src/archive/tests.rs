@@ -60,11 +60,11 @@ fn a_history_is_what_finished_runs_last_said() {
     run("samba", "mill", finished, &[]);
     run("laser-r-test", "mill", finished, &[one(5.0)]);
     let last = run("samba", "mill", finished, &[one(6.0)]);
-    let limit = |unit| Limit { symbol: "EX0C".to_owned(), unit, limit: 7.5 };
-    let tolerance = [limit(Unit::Mm), limit(Unit::Um)];
+    let limit = |unit, limit| Limit { symbol: "EX0C".to_owned(), unit, limit };
+    let tolerance = [limit(Unit::Mm, 0.1), limit(Unit::Um, 7.5)];
     let all = history(&journal, "mill", &tolerance).unwrap();
     assert!(all.iter().all(|series| series.tolerance == Some(7.5)));
-    let other = Limit { symbol: "EY0C".to_owned(), ..limit(Unit::Um) };
+    let other = Limit { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
     assert!(history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
     let told: Vec<String> = all
         .iter()

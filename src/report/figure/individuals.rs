@@ -103,8 +103,8 @@ impl Individuals {
         told.extend(self.tolerance.map(|limit| {
             let beyond = match drawn.len() {
                 2 => "",
-                1 => ", one line beyond the picture",
-                _ => ", beyond the picture",
+                1 => " (one line beyond)",
+                _ => " (beyond)",
             };
             (Piece::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit(unit)))
         }));
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn a_tolerance_far_away_is_told_in_words() {
         let svg = days(Some(1000.0)).draw(Unit::Um).unwrap();
-        assert!(svg.contains("tolerance ±1000 µm, beyond the picture"));
+        assert!(svg.contains("tolerance ±1000 µm (beyond)"));
         assert!(across(&svg, "#22262B", 4).is_empty());
         let far = days(Some(50.0));
         let near_one = Individuals {
@@ -254,7 +254,7 @@ mod tests {
             ..far
         };
         let svg = near_one.draw(Unit::Um).unwrap();
-        assert!(svg.contains("tolerance ±50 µm, one line beyond the picture"), "{svg}");
+        assert!(svg.contains("tolerance ±50 µm (one line beyond)"), "{svg}");
         assert!(!across(&svg, "#22262B", 4).is_empty());
     }
 

@@ -132,3 +132,25 @@ async fn poll(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What it said last is true for a while, whatever it says then, and never again afterwards.
+    #[test]
+    fn what_was_said_is_true_for_a_while() {
+        const HOUR: Duration = Duration::from_secs(3600);
+        let mut said = Said::default();
+        assert!(said.within(HOUR).is_err());
+        said.keep(Ok(21.5));
+        assert_eq!(said.within(HOUR), Ok(21.5));
+        said.keep(Err(ThermometerError::Nonsense { celsius: 850.0 }));
+        assert_eq!(said.within(HOUR), Ok(21.5));
+        std::thread::sleep(Duration::from_millis(2));
+        let why = said.within(Duration::from_millis(1)).unwrap_err();
+        assert!(why.contains("850.0 °C"), "{why}");
+        said.keep(Ok(22.0));
+        assert_eq!(said.within(HOUR), Ok(22.0));
+    }
+}
