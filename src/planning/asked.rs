@@ -3,15 +3,17 @@
 use super::PlanningError;
 use crate::record::plan::{Plan, Step, StepKind};
 
-/// The steps of a stage, given by their ids: those that ask a person, each with what it asks, then those
-/// that move.
+/// A step that asks a person, and what.
+type Question<'p> = (&'p Step, &'p str);
+
+/// The steps of a stage, given by their ids: those that ask a person, then those that move.
 ///
 /// # Errors
 /// A step that asks after one that moves, or that says nothing, or that goes somewhere.
 pub fn asked_first<'p, 's>(
     plan: &'p Plan,
     steps: &'s [u32],
-) -> Result<(Vec<(&'p Step, &'p str)>, &'s [u32]), PlanningError> {
+) -> Result<(Vec<Question<'p>>, &'s [u32]), PlanningError> {
     let prompt =
         |id: &u32| plan.steps.iter().find(|step| step.id == *id && step.kind == StepKind::Prompt);
     let asked: Vec<&Step> = steps.iter().map_while(prompt).collect();
@@ -23,7 +25,7 @@ pub fn asked_first<'p, 's>(
     Ok((asked?, rest))
 }
 
-fn question(step: &Step) -> Result<(&Step, &str), PlanningError> {
+fn question(step: &Step) -> Result<Question<'_>, PlanningError> {
     let bad = |why| PlanningError::NotAPrompt { step: step.id, why };
     if step.from != step.to || step.scan.is_some() {
         return Err(bad("it goes somewhere"));
