@@ -81,6 +81,7 @@ pub struct RunArgs {
     pub repeat: Option<u32>,
     /// Your name, where a daemon has the machine and is asked for one of its cycles: you have looked at it, it
     /// is free to be moved, in its automatic mode, its guards are closed. On a terminal you are asked for it.
+    /// By this name Enter answers what the run asks a person; otherwise by that of your login.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
     /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not

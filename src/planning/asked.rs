@@ -3,11 +3,10 @@
 use super::PlanningError;
 use crate::record::plan::{Plan, Step, StepKind};
 
-/// A step that asks, and what it asks.
+/// A step that asks a person, and what.
 type Question<'p> = (&'p Step, &'p str);
 
-/// The steps of a stage, given by their ids: those that ask a person, each with what it asks, then those
-/// that move.
+/// The steps of a stage, given by their ids: those that ask a person, then those that move.
 ///
 /// # Errors
 /// A step that asks after one that moves, or that says nothing, or that goes somewhere.
