@@ -49,7 +49,8 @@ pub fn history(journal: &Journal, machine: &str) -> Result<Vec<Series>, StoreErr
 type Known = (String, String, Unit, Vec<Value>);
 
 fn take(all: &mut Vec<Known>, Measured { run, started, method, parameters }: Measured) {
-    for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
+    let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
+    for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
         let value = Value { run, started, value, expanded };
         let known = all.iter_mut().find(|(of, name, its, _)| {
@@ -80,7 +81,9 @@ pub fn what_changed(all: &[Series], days: u32) -> String {
 
 fn day(t_s: f64) -> String {
     let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
-    at.to_zoned(TimeZone::system()).strftime("%-d %B").to_string()
+    let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
+    let day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
+    at.strftime(day).to_string()
 }
 
 fn told(series: &Series) -> Told<'_> {
@@ -90,7 +93,7 @@ fn told(series: &Series) -> Told<'_> {
 /// Its values as a figure, as seen at `now`; `None` if there is nothing to draw.
 pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
-    let values = &series.values;
+    let values = &in_time(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == Kind::Step);
     // Between the last value before and the first one after.
@@ -106,4 +109,13 @@ pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
         steps: steps.filter_map(|step| between(step.first)).collect(),
     };
     figure.draw(series.unit)
+}
+
+/// Its values at the times at which they can have been measured, see [`Trend::of`].
+fn in_time(series: &Series) -> Vec<Value> {
+    let at = |point: &Point| {
+        Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default()
+    };
+    let both = series.values.iter().zip(&series.trend.points);
+    both.map(|(value, point)| Value { started: at(point), ..*value }).collect()
 }
