@@ -61,7 +61,8 @@ type Known = (String, String, Unit, Vec<Value>);
 
 fn take(all: &mut Vec<Known>, measured: Measured) {
     let Measured { run, started, method, parameters, temperatures_c } = measured;
-    for parameter in parameters.into_iter().filter(|parameter| parameter.identifiable) {
+    let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
+    for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
         let temperatures_c = temperatures_c.clone();
         let value = Value { run, started, value, expanded, temperatures_c };
@@ -95,7 +96,9 @@ pub fn what_changed(all: &[Series], days: u32) -> String {
 
 fn day(t_s: f64) -> String {
     let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
-    at.to_zoned(TimeZone::system()).strftime("%-d %B").to_string()
+    let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
+    let day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
+    at.strftime(day).to_string()
 }
 
 fn told(series: &Series) -> Told<'_> {
@@ -105,7 +108,7 @@ fn told(series: &Series) -> Told<'_> {
 /// Its values as a figure, as seen at `now`; `None` if there is nothing to draw.
 pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
-    let values = &series.values;
+    let values = &in_time(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == Kind::Step);
     // Between the last value before and the first one after.
@@ -134,4 +137,13 @@ fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report
         (name.to_owned(), values.iter().map(at).collect())
     };
     names.into_iter().map(of).collect()
+}
+
+/// Its values at the times at which they can have been measured, see [`Trend::of`].
+fn in_time(series: &Series) -> Vec<Value> {
+    let at = |point: &Point| {
+        Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default()
+    };
+    let both = series.values.iter().zip(&series.trend.points);
+    both.map(|(value, point)| Value { started: at(point), ..value.clone() }).collect()
 }

@@ -1,5 +1,5 @@
 use super::compare::{CompareError, compare};
-use super::history::history;
+use super::history::{chart, history};
 use super::report::report;
 use super::story::{signed, story};
 use crate::record::estimate::{Estimate, Limit, Parameter, Unit};
@@ -81,6 +81,29 @@ fn a_history_is_what_finished_runs_last_said() {
     journal.measured("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
+}
+
+/// The newest run has the date of a clock that was set back: it is the newest all the same, in the limits as
+/// in the figure.
+#[test]
+fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    for number in 0..13 {
+        let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
+        let id = journal.begin(&new).wait().unwrap();
+        let value = if number == 12 { 400.0 } else { 3.0 + 0.1 * f64::from(number % 3) };
+        journal.estimate(id, &estimate(&[("EX0C", value, true)])).wait().unwrap();
+        journal.set_state(id, RunState::Finished).wait().unwrap();
+    }
+    let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    raw.execute("UPDATE runs SET started = '1970-01-01T00:01:00Z' WHERE id = 13", []).unwrap();
+    let series = history(&journal, "mill", &[]).unwrap().remove(0);
+    assert_eq!(series.trend.is_out(), Some(true));
+    assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
+    let svg = chart(&series, jiff::Timestamp::now()).unwrap();
+    // Not 56 years wide: all were measured within this test.
+    assert!(svg.contains("seconds before now") || svg.contains("minutes before now"), "{svg}");
 }
 
 /// A name stands under one estimate, for good: identified again, the run shows as not signed.

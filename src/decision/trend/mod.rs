@@ -4,6 +4,7 @@
 
 mod change;
 mod chart;
+mod order;
 mod words;
 
 use serde::Serialize;
@@ -23,7 +24,7 @@ pub struct Point {
 /// The history of one value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
-    /// Oldest first.
+    /// Oldest first; none is of an earlier time than the one before.
     #[serde(skip)]
     pub points: Vec<Point>,
     /// Oldest first; each is later than the one before.
@@ -39,10 +40,10 @@ pub struct Trend {
 pub const FEWEST: usize = 8;
 
 impl Trend {
-    /// Of `points` in any order.
+    /// Of `points` in the order in which they were measured, whatever the clock said; a time that does not
+    /// fit this order becomes that of the point before it. Values are finite.
     pub fn of(mut points: Vec<Point>) -> Self {
-        points.retain(|point| point.value.is_finite());
-        points.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
+        order::mend(&mut points);
         let changes = change::changes(&points);
         let begins = changes.iter().filter(|change| change.kind == Kind::Step).map(|c| c.first);
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();

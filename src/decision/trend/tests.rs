@@ -105,7 +105,6 @@ fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
     let stepped = |last: f64| {
         let mut points = series(3, 40, |day| if day < 20.0 { 0.0 } else { 10.0 });
         points.push(Point { t_s: at_s(40.0), value: last });
-        points.reverse();
         Trend::of(points)
     };
     let trend = stepped(10.0);
@@ -122,7 +121,7 @@ fn what_changed_is_one_sentence() {
     let step = Trend::of(series(1, 40, |day| if day < 33.0 { 0.0 } else { 8.0 }));
     let drift = Trend::of(series(2, 40, |day| 0.4 * day));
     let same = Trend::of(series(3, 40, |_| 0.0));
-    let few = Trend::of(series(4, 3, |_| 0.0));
+    let few = Trend::of(series(4, 40, |_| 0.0).split_off(37));
     let told = |symbol, trend| Told { symbol, unit: "µm", trend };
     let all = [told("EX0C", &step), told("EY0C", &drift), told("EA0B", &same), told("EB0B", &few)];
     assert_eq!(
@@ -140,4 +139,43 @@ fn what_changed_is_one_sentence() {
         what_changed(&[told("EX0C", &step)], at_s(39.0), name),
         "Since day 39: nothing changed beyond the scatter."
     );
+}
+
+/// Silence is no constancy.
+#[test]
+fn what_was_not_measured_since_then_is_said_to_be_so() {
+    let same = Trend::of(series(3, 40, |_| 0.0));
+    let newer = Trend::of(series(3, 60, |_| 0.0));
+    let drift = Trend::of(series(2, 40, |day| 0.4 * day));
+    let told = |symbol, trend| Told { symbol, unit: "µm", trend };
+    assert_eq!(
+        what_changed(&[told("EA0B", &same)], at_s(50.0), name),
+        "Since day 50: nothing was measured, the newest values are of day 39."
+    );
+    assert_eq!(
+        what_changed(&[told("EA0B", &same), told("EB0B", &newer)], at_s(50.0), name),
+        "Since day 50: EA0B was not measured, the newest is of day 39; nothing changed beyond the scatter."
+    );
+    let drifts = what_changed(&[told("EA0B", &same), told("EY0C", &drift)], at_s(50.0), name);
+    let words =
+        "Since day 50: nothing was measured, the newest values are of day 39; EY0C drifts by ";
+    assert!(drifts.starts_with(words) && !drifts.contains("stayed"), "{drifts}");
+}
+
+/// Thirteen runs, the newest with the clock at 1970 and 400 µm off: it is the newest, it lies outside, and
+/// the limits are those of the twelve before it.
+#[test]
+fn a_clock_set_back_hides_no_value() {
+    let mut points = series(5, 12, |day| 3.0 + 0.0 * day);
+    points.iter_mut().for_each(|point| point.t_s += at_s(20_000.0));
+    let before = Trend::of([points.clone(), vec![points[11]]].concat());
+    points.push(Point { t_s: 60.0, value: 403.0 });
+    let trend = Trend::of(points);
+    assert_eq!(trend.points[12].value, 403.0);
+    assert_eq!(trend.is_out(), Some(true));
+    assert_eq!(trend.individuals, before.individuals);
+    assert!(trend.points.windows(2).all(|pair| pair[0].t_s <= pair[1].t_s));
+    let told = Told { symbol: "EX0C", unit: "µm", trend: &trend };
+    let words = what_changed(&[told], at_s(20_000.0), name);
+    assert!(words.contains("the newest EX0C, 403.0 µm, lies outside"), "{words}");
 }

@@ -12,12 +12,13 @@ pub struct Told<'a> {
 }
 
 /// What changed since `since_s`, in one sentence; `day` says on which day a time is. A change counts if it
-/// may have happened since then, a drift as long as it goes on.
+/// may have happened since then, a drift as long as it goes on. What was not measured since then has not
+/// stayed as it was: it is not known.
 pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
     let (told, short): (Vec<&Told<'_>>, Vec<&Told<'_>>) =
         all.iter().partition(|told| told.trend.points.len() >= SERIES);
-    let mut parts: Vec<String> = Vec::new();
-    let mut same = 0;
+    let mut parts: Vec<String> = not_measured(all, since_s, &day);
+    let (mut same, mut changed) = (0, 0);
     for told in &told {
         let news: Vec<String> = told
             .trend
@@ -27,27 +28,51 @@ pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String)
             .map(|change| told.in_words(change, &day))
             .chain(told.out())
             .collect();
-        same += usize::from(news.is_empty());
+        same += usize::from(news.is_empty() && told.is_newer(since_s));
+        changed += news.len();
         parts.extend(news);
     }
-    let rest = match (same, parts.is_empty()) {
+    let rest = match (same, changed) {
         (0, _) => None,
-        (1, false) => Some("the other value stayed as it was".to_owned()),
-        (count, false) => Some(format!("the other {count} stayed as they were")),
-        (_, true) => Some("nothing changed beyond the scatter".to_owned()),
+        (_, 0) => Some("nothing changed beyond the scatter".to_owned()),
+        (1, _) => Some("the other value stayed as it was".to_owned()),
+        (count, _) => Some(format!("the other {count} stayed as they were")),
     };
     parts.extend(rest);
     if !short.is_empty() {
-        let symbols: Vec<&str> = short.iter().map(|told| told.symbol).collect();
-        let symbols = symbols.join(", ");
+        let symbols = symbols(&short);
         parts.push(format!("of {symbols} there are fewer than {SERIES} runs, too few to tell"));
     }
     format!("Since {}: {}.", day(since_s), parts.join("; "))
 }
 
+/// Of all, or of some of them.
+fn not_measured(all: &[Told<'_>], since_s: f64, day: &impl Fn(f64) -> String) -> Vec<String> {
+    let old: Vec<&Told<'_>> = all.iter().filter(|told| !told.is_newer(since_s)).collect();
+    let newest_s = old.iter().map(|told| told.newest_s()).reduce(f64::max);
+    let newest = newest_s.filter(|newest_s| newest_s.is_finite()).map(day);
+    let told = newest.map(|newest| match old.len() == all.len() {
+        true => format!("nothing was measured, the newest values are of {newest}"),
+        false => format!("{} was not measured, the newest is of {newest}", symbols(&old)),
+    });
+    told.into_iter().collect()
+}
+
+fn symbols(of: &[&Told<'_>]) -> String {
+    of.iter().map(|told| told.symbol).collect::<Vec<_>>().join(", ")
+}
+
 impl Told<'_> {
     fn at_s(&self, index: usize) -> f64 {
         self.trend.points.get(index).map_or(f64::INFINITY, |point| point.t_s)
+    }
+
+    fn newest_s(&self) -> f64 {
+        self.trend.points.last().map_or(f64::NEG_INFINITY, |point| point.t_s)
+    }
+
+    fn is_newer(&self, since_s: f64) -> bool {
+        self.newest_s() >= since_s
     }
 
     fn counts(&self, change: &Change, since_s: f64) -> bool {
