@@ -13,7 +13,7 @@ use super::board::{Board, Refusal, State};
 use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
 use super::desk::{Ask, Desk};
-use super::http::Shown;
+use super::http::{Last, Shown};
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
 use super::{Ended, Log, ServeError, schedule, triggers};
@@ -168,7 +168,8 @@ impl Attendant {
 
     pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
-        Shown { name: self.name().to_owned(), desk: self.desk.clone(), cycles, demand }
+        let last = Last::new(self.config.verdict);
+        Shown { name: self.name().to_owned(), desk: self.desk.clone(), cycles, demand, last }
     }
 
     pub fn name(&self) -> &str {

@@ -82,6 +82,11 @@ impl Caller {
         self.signs(typed).unwrap_or_else(|_| somebody().to_owned())
     }
 
+    /// Whether tokens are demanded: then nobody is here without one.
+    pub fn has_token(&self) -> bool {
+        self.token.is_some()
+    }
+
     /// Whether its token has not been revoked meanwhile.
     pub fn stands(&self) -> bool {
         self.token.as_ref().is_none_or(|token| self.access.tokens.stands(token))
@@ -116,6 +121,11 @@ impl Access {
         let (demanded, names) = (config.tokens, config.names.clone());
         let (sessions, rates, log) = (Sessions::default(), Rates::default(), log.clone());
         Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, log }))
+    }
+
+    /// Everybody shows a token.
+    pub fn demanded(&self) -> bool {
+        self.demanded
     }
 
     fn judge(self: &Arc<Self>, request: &Request) -> Result<Caller, Refused> {

@@ -6,7 +6,7 @@ use axum::response::Html;
 use minijinja::{Value, context};
 use serde::Deserialize;
 
-use super::{render, row};
+use super::{row, whole};
 use crate::archive::compare::{CompareError, Comparison, compare};
 use crate::decision::difference::Difference;
 use crate::service::http::Web;
@@ -27,8 +27,9 @@ pub async fn page(
 ) -> Result<Html<String>, Problem> {
     let found = look(&web, move |journal| compare(journal, RunId(a), RunId(b))).await??;
     let Comparison { runs, differences, besides } = found;
-    render(
+    whole(
         "compare.html",
+        web.access.demanded(),
         context! {
             runs => runs.iter().map(row).collect::<Vec<_>>(),
             rows => differences.iter().map(line).collect::<Vec<_>>(),
