@@ -14,7 +14,7 @@ use super::board::{Board, Failure, State};
 use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
 use super::desk::Desk;
-use super::http::Shown;
+use super::http::{Last, Shown};
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
 use super::{Ended, Log, ServeError, schedule, triggers};
@@ -180,7 +180,8 @@ impl Attendant {
     pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
-        Shown { name, desk: self.desk.clone(), cycles, demand, tolerance }
+        let last = Last::new(self.config.verdict);
+        Shown { name, desk: self.desk.clone(), cycles, demand, tolerance, last }
     }
 
     pub fn name(&self) -> &str {

@@ -119,6 +119,8 @@ struct Keys {
     min_interval_s: f64,
     #[serde(default = "patience_s")]
     patience_s: f64,
+    #[serde(default = "verdict_h")]
+    verdict_h: f64,
     #[serde(default = "all")]
     demand: Vec<Demand>,
     cycle: Vec<Cycle>,
@@ -137,6 +139,8 @@ pub struct Config {
     pub min_interval: Duration,
     /// A run that tells nothing for longer is taken for one that hangs.
     pub patience: Duration,
+    /// A verdict says so long how the machine is.
+    pub verdict: Duration,
     /// [`Demand::Enable`] among them.
     pub demand: Vec<Demand>,
     pub cycle: Vec<Cycle>,
@@ -154,6 +158,11 @@ fn patience_s() -> f64 {
     900.0
 }
 
+/// A measurement each week, and a day for one that is late.
+fn verdict_h() -> f64 {
+    192.0
+}
+
 fn fresh_s() -> f64 {
     1.0
 }
@@ -166,12 +175,25 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { min_interval_s, patience_s, demand, cycle, modbus, line, http, schedule } = keys;
+        let Keys {
+            min_interval_s,
+            patience_s,
+            verdict_h,
+            demand,
+            cycle,
+            modbus,
+            line,
+            http,
+            schedule,
+        } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
         }
         if !(1.0..=86_400.0).contains(&patience_s) {
             return Err(format!("patience_s is {patience_s}; from 1 to 86400"));
+        }
+        if !(0.1..=8784.0).contains(&verdict_h) {
+            return Err(format!("verdict_h is {verdict_h}; from 0.1 to 8784"));
         }
         if !demand.contains(&Demand::Enable) {
             return Err(
@@ -186,7 +208,8 @@ impl TryFrom<Keys> for Config {
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         let min_interval = Duration::from_secs_f64(min_interval_s);
         let patience = Duration::from_secs_f64(patience_s);
-        Ok(Self { min_interval, patience, demand, cycle, modbus, line, http, schedule })
+        let verdict = Duration::from_secs_f64(3600.0 * verdict_h);
+        Ok(Self { min_interval, patience, verdict, demand, cycle, modbus, line, http, schedule })
     }
 }
 

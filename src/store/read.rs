@@ -17,13 +17,18 @@ use crate::record::reading::Reading;
 
 /// Column of a scan's samples.
 const SAMPLES: usize = 14;
-const SUMMARY: &str = "SELECT id, started, ended, method, machine, state, program_version,
+pub(super) const SUMMARY: &str =
+    "SELECT id, started, ended, method, machine, state, program_version,
                               config_sha256, plan_sha256, config,
                               (SELECT who FROM signatures
                                WHERE run = runs.id AND estimate_sha256 =
                                    (SELECT sha256 FROM estimates WHERE run = runs.id
                                     ORDER BY seq DESC LIMIT 1)
                                ORDER BY seq DESC LIMIT 1) FROM runs";
+
+pub(super) const READINGS: &str =
+    "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
+            x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
 pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
@@ -94,14 +99,7 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
         config,
         plan: plan(&snapshot, run)?,
         stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
-        readings: rows(
-            &snapshot,
-            "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
-                    x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings",
-            run,
-            readings,
-        )?
-        .concat(),
+        readings: rows(&snapshot, READINGS, run, readings)?.concat(),
         measured_until: snapshot
             .query_row(
                 "SELECT kept FROM readings WHERE run = ?1 AND kept IS NOT NULL
@@ -174,7 +172,7 @@ pub(super) fn rows<T>(
     Ok(rows)
 }
 
-fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
+pub(super) fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
     let state: String = row.get(5)?;
     Ok(RunSummary {
         id: RunId(row.get(0)?),
@@ -192,7 +190,7 @@ fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
 }
 
 /// A touch, or all samples of a scan.
-fn readings(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
+pub(super) fn readings(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
     let (head, samples) = (reading(row)?, row.get::<_, Option<String>>(SAMPLES)?);
     match samples {
         None => Ok(vec![head]),
@@ -228,7 +226,7 @@ fn estimate(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
     })
 }
 
-fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
+pub(super) fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
     serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
 }

@@ -6,6 +6,7 @@
 
 mod browser;
 mod cycle;
+mod life;
 mod look;
 #[path = "../serve/shop.rs"]
 #[allow(dead_code, reason = "shared with trials that use the rest of it")]
@@ -50,6 +51,8 @@ fn main() {
     let trials = vec![
         trial("a_cycle_is_started_held_resumed_and_signed", cycle::held_and_signed),
         trial("each_state_is_seen_from_afar", states::from_afar),
+        trial("a_source_that_stands_still_is_away", life::stands_still),
+        trial("what_changes_slowly_is_not_left_to_stand", life::slowly),
         trial("without_a_script_all_is_there", states::without_script),
     ];
     // Each has a browser and a machine: one at a time.

@@ -10,6 +10,7 @@ mod client;
 mod crowd;
 mod hostile;
 mod line;
+mod lists;
 mod page;
 mod person;
 mod prompts;
@@ -68,6 +69,10 @@ fn main() {
         alone("a_line_of_text_starts_a_cycle", line::starts),
         alone("a_cycle_is_started_from_the_page_and_told_as_elsewhere", page::a_cycle),
         alone("a_hold_from_the_page_waits_for_an_acknowledgement", page::a_hold),
+        alone("a_verdict_has_its_time_and_outlives_a_restart", lists::a_verdict),
+        alone("what_is_long_comes_by_pages", lists::pages),
+        alone("a_slip_is_told_in_words", lists::slips),
+        alone("a_listener_hears_that_the_service_lives", lists::signs_of_life),
         alone("a_held_run_is_resumed_by_somebody_with_a_name", again::resumed),
         alone("a_result_is_signed_as_it_was_read", again::signed),
         alone("no_person_vouches_against_the_machine", person::against_the_machine),

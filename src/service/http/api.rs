@@ -19,7 +19,7 @@ use crate::archive::story::story;
 use crate::record::estimate::Estimate;
 use crate::record::plan::Plan;
 use crate::record::reading::Reading;
-use crate::store::{Audited, Journal, RunId, RunSummary, StoreError};
+use crate::store::{Audited, Journal, RunId, RunSummary, StoreError, Wanted};
 
 /// Of a list, unless asked for less.
 const PAGE: usize = 200;
@@ -80,17 +80,16 @@ async fn trends(
     State(web): State<Web>,
     Path(name): Path<String>,
 ) -> Result<Json<Vec<Series>>, Problem> {
+    let served = web.machine(&name).is_some();
     let limits = web.tolerance(&name);
-    Ok(Json(look(&web, move |journal| history(journal, &name, &limits)).await??))
-}
-
-/// Of runs.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-struct Older {
-    /// Older than this one.
-    before: Option<i64>,
-    limit: Option<usize>,
+    let found = look(&web, move |journal| {
+        // One that is not served any more has its runs still.
+        match served || journal.machines()?.contains(&name) {
+            true => Ok(history(journal, &name, &limits)?),
+            false => Err(Problem::not_found(&name)),
+        }
+    });
+    Ok(Json(found.await??))
 }
 
 /// Of the audit log.
@@ -116,16 +115,35 @@ fn most(limit: Option<usize>) -> usize {
     limit.unwrap_or(PAGE).min(PAGE)
 }
 
+/// Which runs.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RunsAsked {
+    /// Older than this one.
+    before: Option<i64>,
+    /// Newer than this one; alone: those that follow it.
+    after: Option<i64>,
+    limit: Option<usize>,
+}
+
+impl RunsAsked {
+    pub(super) fn wanted(&self) -> Wanted<'static> {
+        let [before, after] = [self.before, self.after].map(|run| run.map(RunId));
+        Wanted { before, after, ..Wanted::default() }
+    }
+
+    pub(super) fn most(&self) -> usize {
+        most(self.limit)
+    }
+}
+
 /// Runs, newest first.
-#[utoipa::path(get, path = "/api/v1/runs", params(Older), responses((status = OK, body = Vec<RunView>)))]
+#[utoipa::path(get, path = "/api/v1/runs", params(RunsAsked), responses((status = OK, body = Vec<RunView>)))]
 async fn runs(
     State(web): State<Web>,
-    Query(slice): Query<Older>,
+    Query(asked): Query<RunsAsked>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
-    let mut all = look(&web, Journal::runs).await??;
-    all.reverse();
-    let older = all.into_iter().filter(|run| slice.before.is_none_or(|before| run.id.0 < before));
-    Ok(Json(older.take(most(slice.limit)).collect()))
+    Ok(Json(look(&web, move |journal| journal.some_runs(asked.wanted(), asked.most())).await??))
 }
 
 /// Who asked for what, and what came of it, newest first.
@@ -184,10 +202,10 @@ async fn readings(
     Path(run): Path<i64>,
     Query(slice): Query<Further>,
 ) -> Result<Json<Readings>, Problem> {
-    let all = look(&web, move |journal| journal.load(RunId(run))).await??.readings;
-    let after = slice.after.unwrap_or(0);
-    let (count, some) = (all.len(), all.into_iter().skip(after).take(most(slice.limit)));
-    Ok(Json(Readings { all: count, after, readings: some.collect() }))
+    let (after, most) = (slice.after.unwrap_or(0), most(slice.limit));
+    let some = look(&web, move |journal| journal.some_readings(RunId(run), after, most));
+    let (all, readings) = some.await??;
+    Ok(Json(Readings { all, after, readings }))
 }
 
 /// Its last estimate, as `trued export` writes it.

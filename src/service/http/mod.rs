@@ -13,6 +13,7 @@ mod metrics;
 mod openapi;
 mod page;
 mod problem;
+mod results;
 mod schedule;
 mod standing;
 mod whereabouts;
@@ -27,6 +28,7 @@ use tokio::sync::Semaphore;
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
 pub use self::page::address;
+pub use self::results::Last;
 pub use self::whereabouts::Whereabouts;
 use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
@@ -45,6 +47,8 @@ pub struct Shown {
     /// What a person must vouch for to start one of them.
     pub demand: Vec<Demand>,
     pub tolerance: Vec<Limit>,
+    /// What it was found to be.
+    pub last: Last,
 }
 
 /// What all answers are made from.
@@ -92,19 +96,24 @@ pub fn start(
     if let Err(error) = here.leave(journal.folder()) {
         log(&format!("commands will not find the page: {error}"));
     }
+    for machine in &machines {
+        if let Err(error) = machine.last.look(&journal, &machine.name) {
+            log(&format!("what {} was found to be is not known: {error}", machine.name));
+        }
+    }
     let readers = Arc::new(Semaphore::new(READERS));
     let live = machines.iter().map(|machine| (machine.name.clone(), page::Shared::default()));
     let live = Arc::new(live.collect());
     let (machines, holds) = (machines.into(), actions::Holds::default());
     let web = Web { machines, journal, metrics, access, readers, live, holds };
-    let router = router(web, names);
+    let (followed, router) = (web.clone(), router(web, names));
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
         .spawn(move || {
             // So do the readers that it starts.
             behind(ANSWERING);
-            if let Err(error) = serve(listener, router) {
+            if let Err(error) = serve(listener, followed, router) {
                 told(&format!("the page has ended: {error}"));
             }
         })
@@ -116,10 +125,13 @@ pub fn start(
 /// Readers of the journal at a time; others wait, and the run has the rest of the computer.
 const READERS: usize = 2;
 
-fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
+fn serve(listener: TcpListener, web: Web, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
     let runtime = runtime.enable_all().max_blocking_threads(READERS).build()?;
     runtime.block_on(async {
+        for machine in web.machines.iter() {
+            tokio::spawn(results::follow(web.clone(), machine.clone()));
+        }
         let listener = tokio::net::TcpListener::from_std(listener)?;
         connections::serve(listener, router).await
     })

@@ -3,6 +3,7 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
+use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Redirect, Response};
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -14,6 +15,7 @@ use super::access::Caller;
 use super::actions::{Words, kept, to_the_end};
 use super::api::look;
 use super::openapi::views::AgendaView;
+use super::page::for_people;
 use super::problem::Problem;
 use super::{Shown, Web};
 use crate::service::board::Refusal;
@@ -21,11 +23,10 @@ use crate::service::rota::{Agenda, agenda, arming};
 use crate::store::Audit;
 
 pub fn routes() -> OpenApiRouter<Web> {
-    OpenApiRouter::new()
-        .routes(routes!(schedule))
-        .routes(routes!(arm))
-        .routes(routes!(disarm))
-        .routes(routes!(due))
+    let done =
+        OpenApiRouter::new().routes(routes!(arm)).routes(routes!(disarm)).routes(routes!(due));
+    // A slip in a form of the page is told to a person.
+    OpenApiRouter::new().routes(routes!(schedule)).merge(done.layer(from_fn(for_people)))
 }
 
 /// What comes, who has armed what, and what became of the last times, newest first.

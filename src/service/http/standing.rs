@@ -1,10 +1,12 @@
 //! How a machine stands, as a program reads it.
 
+use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::Shown;
 use super::openapi::views::{ParameterView, VerdictView};
+use super::results::Told;
 use crate::record::estimate::{Parameter, Verdict};
 use crate::run::Asked;
 use crate::service::board::{Board, Failure, State};
@@ -13,7 +15,12 @@ use crate::service::board::{Board, Failure, State};
 pub struct Standing {
     pub name: String,
     pub state: &'static str,
-    /// Of the last cycle that came to its end.
+    /// Whoever works at the machine has given no sign of life in its time: nothing that is said of the run is
+    /// known to be so now.
+    pub late: bool,
+    /// What the newest finished run in the journal has told, whoever measured it; null before there is one.
+    pub result: Option<Told>,
+    /// Of `run`, when it has come to its end.
     #[schema(value_type = Option<VerdictView>)]
     pub verdict: Option<Verdict>,
     pub cycle: u16,
@@ -83,6 +90,8 @@ impl Standing {
         Self {
             name: machine.name.clone(),
             state: state(now),
+            late: machine.desk.pulse().is_late(),
+            result: machine.last.at(Timestamp::now()).map(|(told, _)| told),
             verdict,
             cycle,
             run,

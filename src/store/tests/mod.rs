@@ -1,5 +1,6 @@
 mod files;
 mod keeping;
+mod pages;
 
 use std::collections::BTreeMap;
 

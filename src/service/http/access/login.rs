@@ -14,7 +14,7 @@ use super::session::LASTS;
 use super::tokens::whose;
 use super::{Access, DOOR, Refused, SESSION, closed, session};
 use crate::service::http::Web;
-use crate::service::http::page::render;
+use crate::service::http::page::whole;
 use crate::service::http::problem::Problem;
 
 pub fn routes() -> Router<Web> {
@@ -33,7 +33,7 @@ async fn door(State(web): State<Web>, headers: HeaderMap) -> Result<Html<String>
         Some(token) => (Some(token.name.as_str()), Some(token.role.as_str())),
         None => (None, None),
     };
-    render("login.html", context! { demanded => access.demanded, name, role, wrong => false })
+    whole("login.html", access.demanded, context! { name, role, wrong => false })
 }
 
 async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Problem> {
@@ -47,9 +47,9 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
             return Ok(Refused::from(too_often).into_response());
         }
         (access.log)(&format!("{address} has shown what is no token"));
-        let values =
-            context! { demanded => access.demanded, name => (), role => (), wrong => true };
-        return Ok((StatusCode::UNAUTHORIZED, render("login.html", values)?).into_response());
+        let values = context! { name => (), role => (), wrong => true };
+        let door = whole("login.html", access.demanded, values)?;
+        return Ok((StatusCode::UNAUTHORIZED, door).into_response());
     };
     (access.log)(&format!("{} comes in from {address}", token.name));
     let number = access.sessions.open(token).map_err(no_chance)?;

@@ -91,6 +91,11 @@ impl Caller {
         self.signs(typed).unwrap_or_else(|_| somebody().to_owned())
     }
 
+    /// Whether tokens are demanded: then nobody is here without one.
+    pub fn has_token(&self) -> bool {
+        self.token.is_some()
+    }
+
     /// Whether its token has not been revoked meanwhile.
     pub fn stands(&self) -> bool {
         let known = || self.access.known().unwrap_or_default();
@@ -156,6 +161,11 @@ impl Access {
             *told = trouble;
         }
         known
+    }
+
+    /// Everybody shows a token.
+    pub fn demanded(&self) -> bool {
+        self.demanded
     }
 
     fn judge(self: &Arc<Self>, request: &Request) -> Result<Caller, Refused> {

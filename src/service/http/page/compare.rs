@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{render, row};
+use super::{row, whole};
 use crate::archive::compare::{CompareError, Comparison};
 use crate::decision::difference::Difference;
 use crate::service::http::Web;
@@ -17,8 +17,9 @@ pub async fn page(
     Query(pair): Query<Pair>,
 ) -> Result<Html<String>, Problem> {
     let Comparison { runs, differences, besides } = of_two(&web, pair).await?;
-    render(
+    whole(
         "compare.html",
+        web.access.demanded(),
         context! {
             runs => runs.iter().map(row).collect::<Vec<_>>(),
             rows => differences.iter().map(line).collect::<Vec<_>>(),

@@ -6,7 +6,7 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{address, moment, render, row, schedule, trends, views};
+use super::{address, moment, render, row, schedule, trends, views, whole};
 use crate::archive::history::history;
 use crate::record::estimate::Verdict;
 use crate::run::{can_resume, question};
@@ -14,10 +14,11 @@ use crate::service::board::Failure;
 use crate::service::config::Demand;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
+use crate::service::http::results::Told;
 use crate::service::http::standing::Standing;
 use crate::service::http::{Shown, Web};
 use crate::service::rota::agenda;
-use crate::store::{Journal, RunId, StoredRun};
+use crate::store::{Journal, RunId, StoredRun, Wanted};
 
 /// Runs on a machine's page.
 const NEWEST: usize = 10;
@@ -26,26 +27,26 @@ pub async fn page(
     State(web): State<Web>,
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (run, desk) = (machine.desk.board().run, machine.desk.clone());
-    let limits = machine.tolerance.clone();
-    let (all, (runs, waits), drawn, agenda) = look(&web, move |journal| {
-        let drawn = views::of_run(journal, RunId(run.into()))?;
-        let agenda = agenda(journal, &desk, &name)?;
-        let all = history(journal, &name, &limits)?;
-        Ok::<_, Problem>((all, newest(journal, &name)?, drawn, agenda))
-    })
-    .await??;
-    let values = context! {
+    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+    let tokens = web.access.demanded();
+    // Figures are drawn beside the thread that takes holds.
+    look(&web, move |journal| whole("machine.html", tokens, values(journal, &machine)?)).await?
+}
+
+fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
+    let Shown { name, desk, tolerance, .. } = machine;
+    let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest(journal, name)?);
+    let views = views::of_run(journal, RunId(desk.board().run.into()))?;
+    machine.last.look(journal, name)?;
+    Ok(context! {
         machine => standing(machine),
-        views => drawn,
-        waits => waits,
+        views,
+        waits,
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::of_method).collect::<Vec<_>>(),
-        runs => runs,
-        schedule => schedule::panel(&agenda),
-    };
-    render("machine.html", values)
+        runs,
+        schedule => schedule::panel(&agenda(journal, desk, name)?),
+    })
 }
 
 /// The part that changes, for the script.
@@ -58,20 +59,24 @@ pub async fn live(
     // Looked at first: what changes while it is made is made again.
     let change = *machine.desk.changes().borrow();
     let make = async {
-        let run = machine.desk.board().run;
-        let views = look(&web, move |journal| views::of_run(journal, RunId(run.into()))).await??;
-        render("live.html", context! { machine => standing(machine), views })
+        let machine = machine.clone();
+        let made = look(&web, move |journal| {
+            machine.last.look(journal, &machine.name)?;
+            let views = views::of_run(journal, RunId(machine.desk.board().run.into()))?;
+            render("live.html", context! { machine => standing(&machine), views })
+        });
+        made.await?
     };
     shared.at(change, make).await
 }
 
 /// The newest runs, and the last one if it waits for a person, with what is asked before it goes on.
 fn newest(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
-    let runs = journal.runs()?;
-    let of_machine = runs.iter().rev().filter(|run| run.machine == machine);
-    let last = of_machine.clone().next().filter(|run| run.state.is_resumable());
+    let wanted = Wanted { machine: Some(machine), ..Wanted::default() };
+    let runs = journal.some_runs(wanted, NEWEST)?;
+    let last = runs.first().filter(|run| run.state.is_resumable());
     let waits = last.map(|last| journal.load(last.id)).transpose()?;
-    Ok((of_machine.take(NEWEST).map(row).collect(), waits.as_ref().map(waiting)))
+    Ok((runs.iter().map(row).collect(), waits.as_ref().map(waiting)))
 }
 
 fn waiting(stored: &StoredRun) -> Value {
@@ -85,9 +90,14 @@ fn waiting(stored: &StoredRun) -> Value {
 }
 
 pub fn standing(machine: &Shown) -> Value {
-    let standing = Standing::of(machine);
-    let (class, glance) = glance(&standing);
-    let parameters = standing.parameters.iter().map(|p| {
+    let (standing, now) = (Standing::of(machine), Timestamp::now());
+    let (result, parameters) = machine.last.at(now).unzip();
+    let (class, glance) = glance(&standing, result.as_ref());
+    // Values that say no more how the machine is stand with their run alone.
+    let says =
+        !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
+    let parameters = parameters.filter(|_| says).unwrap_or_default();
+    let parameters = parameters.iter().map(|p| {
         context! {
             symbol => p.symbol.as_str(),
             value => format!("{:.1}", p.value),
@@ -101,6 +111,8 @@ pub fn standing(machine: &Shown) -> Value {
         name => standing.name.as_str(),
         state => standing.state,
         run => standing.run,
+        late => standing.late,
+        result => result.map(|told| context! { run => told.run, at => moment(told.measured) }),
         stage => standing.stage.as_str(),
         step => standing.step.as_str(),
         progress_percent => standing.progress_percent,
@@ -118,20 +130,22 @@ pub fn standing(machine: &Shown) -> Value {
         address => address(&machine.name),
         parameters => parameters.collect::<Vec<_>>(),
         remaining => minutes(standing.remaining_s),
-        now => moment(Timestamp::now()),
+        now => moment(now),
     }
 }
 
 /// Class and words of what must be seen from afar.
-fn glance(standing: &Standing) -> (&'static str, &'static str) {
-    match (standing.state, standing.verdict) {
+fn glance(standing: &Standing, result: Option<&Told>) -> (&'static str, &'static str) {
+    match (standing.state, result) {
+        _ if standing.late => ("unknown", "unknown: the service hangs"),
         ("held", _) if standing.elsewhere => ("held", "held: another program has the machine"),
         ("running", _) if standing.asked.is_some() => ("held", "waits: a person is asked"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: look at the machine"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
-        (_, Some(verdict)) => of_verdict(verdict),
-        (_, None) => ("unknown", "unknown: not measured since the service began"),
+        (_, Some(Told { outdated: true, .. })) => ("unknown", "unknown: measured too long ago"),
+        (_, Some(told)) => of_verdict(told.verdict),
+        (_, None) => ("unknown", "unknown: no result yet"),
     }
 }
 
@@ -156,4 +170,39 @@ fn vouch(demand: &Demand) -> Value {
 fn minutes(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
     format!("{}:{:02}", whole / 60, whole % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::service::board::State;
+    use crate::service::desk::Desk;
+    use crate::service::http::Last;
+
+    /// What a worker that hangs has said last is not shown as what is now.
+    #[test]
+    fn without_a_sign_of_life_nothing_is_known() {
+        let ((desk, _asks), last) = (Desk::for_tests(), Last::new(Duration::from_secs(3600)));
+        let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
+        let machine = Shown { name, desk, cycles, demand, tolerance: Vec::new(), last };
+        machine.desk.show(|board| {
+            (board.state, board.run, board.measured) = (State::Running, 3, 17);
+            "touch 18".clone_into(&mut board.step);
+        });
+        let page = || {
+            let values = context! { machine => standing(&machine), views => () };
+            (Standing::of(&machine).late, render("live.html", values).ok().unwrap().0)
+        };
+        let (late, lives) = page();
+        assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");
+        machine.desk.pulse().beat(Duration::ZERO);
+        std::thread::sleep(Duration::from_millis(1));
+        let (late, hangs) = page();
+        assert!(late && hangs.contains("unknown: the service hangs"), "{hangs}");
+        for words in ["touch 18", "time left", ">17<", "measuring"] {
+            assert!(!hangs.contains(words), "{words}: {hangs}");
+        }
+    }
 }

@@ -5,6 +5,7 @@ mod compare;
 mod machine;
 mod refused;
 mod run;
+mod runs;
 mod schedule;
 mod shared;
 mod trends;
@@ -25,9 +26,8 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 pub use self::refused::for_people;
 pub use self::shared::Shared;
 use super::Web;
-use super::api::look;
 use super::problem::Problem;
-use crate::store::{Journal, RunSummary};
+use crate::store::RunSummary;
 
 const SCRIPT: &str = include_str!("../templates/live.js");
 const ICON: &str = include_str!("../templates/icon.svg");
@@ -54,7 +54,7 @@ pub fn routes() -> Router<Web> {
         .route("/machines", get(overview))
         .route("/machines/{name}", get(machine::page))
         .route("/machines/{name}/live", get(machine::live))
-        .route("/runs", get(runs))
+        .route("/runs", get(runs::page))
         .route("/runs/{run}", get(run::page))
         .route("/runs/{run}/report", get(run::whole))
         .route("/compare", get(compare::page));
@@ -74,6 +74,11 @@ pub fn address(machine: &str) -> String {
 
 pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
     Ok(Html(environment()?.get_template(name)?.render(values)?))
+}
+
+/// With its head and its way to other pages; `tokens`: they are demanded, and one comes in with them.
+pub fn whole(name: &str, tokens: bool, values: Value) -> Result<Html<String>, Problem> {
+    render(name, context! { tokens, ..values })
 }
 
 /// The templates, read once.
@@ -104,7 +109,8 @@ async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
     if let [only] = &*web.machines {
         return Ok(Redirect::to(&address(&only.name)).into_response());
     }
-    Ok(render("machines.html", standings(&web))?.into_response())
+    let tokens = web.access.demanded();
+    Ok(whole("machines.html", tokens, standings(&web))?.into_response())
 }
 
 /// The part of it that changes, for the script.
@@ -115,12 +121,6 @@ async fn overview(State(web): State<Web>) -> Result<Html<String>, Problem> {
 fn standings(web: &Web) -> Value {
     let machines: Vec<Value> = web.machines.iter().map(machine::standing).collect();
     context! { machines, now => moment(Timestamp::now()) }
-}
-
-async fn runs(State(web): State<Web>) -> Result<Html<String>, Problem> {
-    let mut all = look(&web, Journal::runs).await??;
-    all.reverse();
-    render("runs.html", context! { runs => all.iter().map(row).collect::<Vec<_>>() })
 }
 
 fn row(run: &RunSummary) -> Value {

@@ -9,7 +9,8 @@ use axum::response::{IntoResponse, Response};
 use minijinja::context;
 use serde::Deserialize;
 
-use super::render;
+use super::whole;
+use crate::service::http::access::Caller;
 
 /// No answer of this kind is longer, bytes.
 const MOST: usize = 64 * 1024;
@@ -23,6 +24,7 @@ struct Words {
 /// Answers that say why not become a page, unless a program asked.
 pub async fn for_people(request: Request, next: Next) -> Response {
     let program = is_json(request.headers());
+    let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);
     let response = next.run(request).await;
     let (failed, told) = (response.status(), is_json(response.headers()));
     if program || !told || failed.is_success() {
@@ -31,7 +33,7 @@ pub async fn for_people(request: Request, next: Next) -> Response {
     let (parts, body) = response.into_parts();
     let bytes = to_bytes(body, MOST).await.unwrap_or_default();
     let page = serde_json::from_slice(&bytes).ok().and_then(|Words { message, remedy }| {
-        render("refused.html", context! { message, remedy }).ok()
+        whole("refused.html", tokens, context! { message, remedy }).ok()
     });
     match page {
         Some(page) => (failed, page).into_response(),

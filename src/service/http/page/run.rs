@@ -4,23 +4,23 @@ use axum::extract::{Path, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{address, machine, moment, render};
+use super::{address, machine, moment};
 use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
 use crate::record::estimate::Estimate;
 use crate::service::http::Web;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
-use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun};
+use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun, Wanted};
 
 pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
-    let (stored, before) = look(&web, move |journal| {
+    let tokens = web.access.demanded();
+    look(&web, move |journal| {
         let stored = journal.load(RunId(run))?;
         let before = before(journal, &stored.summary)?;
-        Ok::<_, Problem>((stored, before))
+        super::whole("run.html", tokens, values(&stored, before))
     })
-    .await??;
-    render("run.html", values(&stored, before))
+    .await?
 }
 
 /// The report is a page of its own.
@@ -30,12 +30,14 @@ pub async fn whole(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<
 
 /// The finished run of the same kind before this one, to compare it with.
 fn before(journal: &Journal, this: &RunSummary) -> Result<Option<i64>, Problem> {
-    let alike = |run: &&RunSummary| {
-        run.id < this.id
-            && (&run.machine, &run.method, run.state)
-                == (&this.machine, &this.method, RunState::Finished)
+    let wanted = Wanted {
+        before: Some(this.id),
+        machine: Some(&this.machine),
+        method: Some(&this.method),
+        state: Some(RunState::Finished),
+        ..Wanted::default()
     };
-    Ok(journal.runs()?.iter().rev().find(alike).map(|run| run.id.0))
+    Ok(journal.some_runs(wanted, 1)?.first().map(|run| run.id.0))
 }
 
 fn values(stored: &StoredRun, before: Option<i64>) -> Value {

@@ -1,0 +1,138 @@
+//! Parts of what is long: a journal has years of runs, and a run has thousands of readings.
+
+use jiff::Timestamp;
+use rusqlite::{Connection, OptionalExtension, params};
+use serde::Deserialize;
+
+use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, read};
+use crate::record::estimate::{Parameter, Verdict};
+use crate::record::reading::Reading;
+
+/// Which runs are asked for; without a bound from the newest on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Wanted<'a> {
+    /// Older than this one.
+    pub before: Option<RunId>,
+    /// Newer than this one; alone: those that follow it.
+    pub after: Option<RunId>,
+    pub machine: Option<&'a str>,
+    pub method: Option<&'a str>,
+    pub state: Option<RunState>,
+}
+
+/// What the newest finished run of a machine has told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Newest {
+    pub run: RunId,
+    /// When that run came to its end.
+    pub ended: Timestamp,
+    pub verdict: Verdict,
+    pub parameters: Vec<Parameter>,
+}
+
+impl Journal {
+    /// At most so many runs, newest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn some_runs(
+        &self,
+        wanted: Wanted<'_>,
+        most: usize,
+    ) -> Result<Vec<RunSummary>, StoreError> {
+        self.look(|connection| runs(connection, wanted, most))
+    }
+
+    /// How many readings a run has, and at most so many of them without the first `after`.
+    ///
+    /// # Errors
+    /// No such run, or the journal cannot be read.
+    pub fn some_readings(
+        &self,
+        run: RunId,
+        after: usize,
+        most: usize,
+    ) -> Result<(usize, Vec<Reading>), StoreError> {
+        self.look(|connection| readings(connection, run, after, most))
+    }
+
+    /// What the newest finished run of `machine` has told last; `None` before there is one.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn newest(&self, machine: &str) -> Result<Option<Newest>, StoreError> {
+        self.look(|connection| newest(connection, machine))
+    }
+}
+
+fn runs(
+    connection: &Connection,
+    wanted: Wanted<'_>,
+    most: usize,
+) -> Result<Vec<RunSummary>, Fault> {
+    let Wanted { before, after, machine, method, state } = wanted;
+    let onward = after.is_some() && before.is_none();
+    let order = if onward { "ASC" } else { "DESC" };
+    let mut statement = connection.prepare(&format!(
+        "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
+            AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
+            AND (?5 IS NULL OR state = ?5) ORDER BY id {order} LIMIT ?6",
+        read::SUMMARY
+    ))?;
+    let [before, after] = [before, after].map(|run| run.map(|run| run.0));
+    let most = i64::try_from(most).unwrap_or(i64::MAX);
+    let wanted = params![before, after, machine, method, state.map(RunState::as_str), most];
+    let rows = statement.query_map(wanted, read::summary)?;
+    let mut runs = rows.collect::<Result<Vec<_>, _>>()?;
+    if onward {
+        runs.reverse();
+    }
+    Ok(runs)
+}
+
+/// A scan is a row and many readings: the rows are counted first, and only those that are asked for are read.
+fn readings(
+    connection: &mut Connection,
+    run: RunId,
+    after: usize,
+    most: usize,
+) -> Result<(usize, Vec<Reading>), Fault> {
+    let snapshot = connection.transaction()?;
+    let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
+    there.optional()?.ok_or(Fault::NoRun(run))?;
+    let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
+    let counts: Vec<(i64, u32)> =
+        read::rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::READINGS))?;
+    let end = after.saturating_add(most);
+    let (mut all, mut some) = (0, Vec::new());
+    for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
+        if all < end && all + count > after {
+            let row = one.query_row(params![run.0, seq], read::readings)?;
+            some.extend(row.into_iter().skip(after.saturating_sub(all)).take(end - all.max(after)));
+        }
+        all += count;
+    }
+    Ok((all, some))
+}
+
+fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Fault> {
+    /// Of the estimate's JSON; the rest is passed over.
+    #[derive(Deserialize)]
+    struct Said {
+        verdict: Verdict,
+        parameters: Vec<Parameter>,
+    }
+    let found = connection.query_row(
+        "SELECT runs.id, coalesce(ended, started), estimate FROM runs JOIN estimates
+         ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
+         WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
+        params![machine, RunState::Finished.as_str()],
+        |row| {
+            let Said { verdict, parameters } = read::json(row, 2)?;
+            let (run, ended) = (RunId(row.get(0)?), read::parsed(row, 1)?);
+            Ok(Newest { run, ended, verdict, parameters })
+        },
+    );
+    Ok(found.optional()?)
+}

@@ -1,0 +1,67 @@
+//! Parts of long lists are those of the whole.
+
+use super::{estimate, new_run, reading};
+use crate::record::reading::Reading;
+use crate::store::*;
+
+/// Touches and scans in one run: whatever is asked for is what stands there in the whole.
+#[test]
+fn some_readings_are_those_of_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    let scan = |step: u32, count: u32| -> Vec<Reading> {
+        let (first, samples) = (reading(step), (0..count).map(|number| reading(number + 20)));
+        samples
+            .map(|sample| Reading {
+                step,
+                repeat: first.repeat,
+                temperatures_c: Default::default(),
+                ..sample
+            })
+            .collect()
+    };
+    journal.reading(run, &reading(0)).wait().unwrap();
+    journal.scan(run, &scan(1, 7)).wait().unwrap();
+    journal.reading(run, &reading(2)).wait().unwrap();
+    journal.scan(run, &scan(3, 4)).wait().unwrap();
+    let whole = journal.load(run).unwrap().readings;
+    assert_eq!(whole.len(), 13);
+    for after in 0..15 {
+        for most in 0..15 {
+            let (all, some) = journal.some_readings(run, after, most).unwrap();
+            let wanted: Vec<_> = whole.iter().skip(after).take(most).cloned().collect();
+            assert!(all == 13 && some == wanted, "{after} {most}: {some:?}");
+        }
+    }
+    let missing = journal.some_readings(RunId(7), 0, 1).unwrap_err();
+    assert!(matches!(missing.fault, Fault::NoRun(RunId(7))), "{missing}");
+}
+
+/// Of finished runs alone, and what was identified last.
+#[test]
+fn the_newest_result_is_that_of_the_newest_finished_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = |state| {
+        let run = journal.begin(&new_run()).wait().unwrap();
+        journal.estimate(run, &estimate(run.0 as f64)).wait().unwrap();
+        journal.set_state(run, state).wait().unwrap();
+        run
+    };
+    assert_eq!(journal.newest("mill").unwrap(), None);
+    let (first, second) = (run(RunState::Finished), run(RunState::Finished));
+    run(RunState::Held);
+    journal.estimate(first, &estimate(8.0)).wait().unwrap();
+    journal.estimate(second, &estimate(9.0)).wait().unwrap();
+    let newest = journal.newest("mill").unwrap().unwrap();
+    assert_eq!((newest.run, newest.parameters[0].value), (second, 9.0));
+    assert_eq!(Some(newest.ended), journal.load(second).unwrap().summary.ended);
+    assert_eq!(journal.newest("lathe").unwrap(), None);
+    let held = Wanted { state: Some(RunState::Held), ..Wanted::default() };
+    assert_eq!(journal.some_runs(held, 9).unwrap().len(), 1);
+    let other = Wanted { machine: Some("lathe"), ..Wanted::default() };
+    assert_eq!(journal.some_runs(other, 9).unwrap(), []);
+    let all: Vec<_> = journal.some_runs(Wanted::default(), 9).unwrap();
+    assert_eq!(all.into_iter().rev().collect::<Vec<_>>(), journal.runs().unwrap());
+}

@@ -1,0 +1,74 @@
+//! A page that is left open for days shows what is so now, or nothing.
+
+use std::process::Command;
+
+use super::browser::Browser;
+use super::cycle::{HTTP, address, shop};
+use super::look;
+use super::shop::{Daemon, Shop};
+
+const MACHINE: &str = "simulated five-axis machine";
+/// Of a page that cannot know how its machine stands.
+const GONE: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
+
+fn signal(daemon: &Daemon, name: &str) {
+    let kill = format!("kill -{name} {}", daemon.child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// With a schedule beside its page.
+fn with_schedule() -> Shop {
+    let shop = shop();
+    let schedule = "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\n";
+    shop.change(HTTP, &format!("{schedule}{HTTP}"));
+    shop
+}
+
+/// Its connection stays open, and says nothing more.
+pub async fn stands_still(browser: Browser) {
+    let shop = with_schedule();
+    let daemon = shop.serve("real");
+    browser.client.goto(&address(&daemon)).await.unwrap();
+    browser.send("/start", &[("who", "Ada")]).await;
+    browser
+        .until("#live", |text| text.starts_with("measuring") && text.contains("time left"))
+        .await;
+    assert!(browser.text("main").await.contains("dawn"));
+    signal(&daemon, "STOP");
+    let away = |text: &str| text.contains("no connection") && !text.contains("as of");
+    let seen = browser.until("main", away).await;
+    assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
+    assert_eq!(browser.client.title().await.unwrap(), "no connection");
+    // The way to the hold is not taken away by what the page believes.
+    browser.find("button.hold").await;
+    look::at(&browser, "stands-still").await;
+    signal(&daemon, "CONT");
+    let back = |text: &str| !text.contains("no connection") && text.contains("as of");
+    let seen = browser.until("main", back).await;
+    assert!(seen.contains("dawn") && seen.contains("Newest runs"), "{seen}");
+}
+
+/// Somebody arms a schedule elsewhere: a page that nobody touches says so after a minute. What is open on it
+/// stays open, and what was typed stays typed.
+pub async fn slowly(browser: Browser) {
+    let shop = with_schedule();
+    let daemon = shop.serve("fast");
+    let client = &browser.client;
+    client.goto(&address(&daemon)).await.unwrap();
+    browser.until("#schedule", |text| text.contains("not armed")).await;
+    let touched = "document.querySelector('#arm details').open = true;
+        document.querySelector('#arm [name=until]').value = '3d';
+        window.untouched = true";
+    client.execute(touched, vec![]).await.unwrap();
+    let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
+    assert!(armed.status.success(), "{armed:?}");
+    // The minute is over at once.
+    let later = "const now = Date.now; Date.now = () => now() + 61000";
+    client.execute(later, vec![]).await.unwrap();
+    browser.until("#schedule", |text| text.contains("armed by Ada until")).await;
+    let kept = "return [window.untouched, document.querySelector('#arm details').open,
+        document.querySelector('#arm [name=until]').value]";
+    let kept = client.execute(kept, vec![]).await.unwrap();
+    assert_eq!(kept, serde_json::json!([true, true, "3d"]));
+    assert_eq!(browser.console().await, Vec::<String>::new());
+}
