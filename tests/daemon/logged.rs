@@ -116,8 +116,8 @@ fn each_step_is_found_by_its_run() {
     let mut told = BTreeSet::new();
     for (step, entry) in steps {
         assert_eq!(field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
-        // Debug, for whoever asks.
-        assert_eq!(field(entry, "PRIORITY"), Some("7"), "{entry:?}");
+        // Informational: beneath what the daemon says to everybody.
+        assert_eq!(field(entry, "PRIORITY"), Some("6"), "{entry:?}");
         told.insert(step.to_owned());
     }
     assert!(told.is_superset(&measured), "{told:?} {measured:?}");

@@ -43,9 +43,6 @@ fn system() -> tempfile::TempDir {
     for unit in UNITS {
         std::fs::copy(folder().join(unit), root.path().join(units).join(unit)).unwrap();
     }
-    // It comes with systemd.
-    let module = "[Service]\nType=oneshot\nExecStart=-/usr/bin/trued %i\n";
-    std::fs::write(root.path().join(units).join("modprobe@.service"), module).unwrap();
     for target in TARGETS {
         let file = root.path().join(units).join(format!("{target}.target"));
         std::fs::write(file, "[Unit]\n").unwrap();
