@@ -241,6 +241,6 @@ pub fn listeners() {
         }
     };
     assert!(!is_closed(&mut tablet), "the tablet");
-    let closed = crowd.iter_mut().filter(|stream| is_closed(stream)).count();
+    let closed = crowd.iter_mut().map(is_closed).filter(|closed| *closed).count();
     assert_eq!(closed, 7);
 }
