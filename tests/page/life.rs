@@ -1,6 +1,7 @@
 //! A page that is left open for days shows what is so now, or nothing.
 
 use std::process::Command;
+use std::time::Duration;
 
 use super::browser::Browser;
 use super::cycle::{HTTP, address, shop};
@@ -24,11 +25,21 @@ fn with_schedule() -> Shop {
     shop
 }
 
+/// What comes is known to the service a moment after it is ready.
+async fn planned(browser: &Browser, daemon: &Daemon) {
+    let at = address(daemon);
+    browser.client.goto(&at).await.unwrap();
+    while !browser.text("main").await.contains("dawn") {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        browser.client.goto(&at).await.unwrap();
+    }
+}
+
 /// Its connection stays open, and says nothing more.
 pub async fn stands_still(browser: Browser) {
     let shop = with_schedule();
     let daemon = shop.serve("real");
-    browser.client.goto(&address(&daemon)).await.unwrap();
+    planned(&browser, &daemon).await;
     browser.send("/start", &[("who", "Ada")]).await;
     browser
         .until("#live", |text| text.starts_with("measuring") && text.contains("time left"))
@@ -54,7 +65,7 @@ pub async fn slowly(browser: Browser) {
     let shop = with_schedule();
     let daemon = shop.serve("fast");
     let client = &browser.client;
-    client.goto(&address(&daemon)).await.unwrap();
+    planned(&browser, &daemon).await;
     browser.until("#schedule", |text| text.contains("not armed")).await;
     let touched = "document.querySelector('#arm details').open = true;
         document.querySelector('#arm [name=until]').value = '3d';
