@@ -88,7 +88,7 @@ pub fn pages() {
     let paged: Vec<String> = audits(port).iter().map(why).collect();
     let wanted: Vec<String> = (0..17).rev().map(|number| format!("number {number}")).collect();
     assert_eq!(paged, wanted);
-    for list in ["audit?after=1", "runs?after=1", "runs/1/readings?before=1"] {
+    for list in ["audit?after=1", "runs?seq=1", "runs/1/readings?before=1"] {
         assert_eq!(ask(port, "GET", &format!("/api/v1/{list}"), "", "").0, 400, "{list}");
     }
 }
