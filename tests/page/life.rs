@@ -29,10 +29,14 @@ fn with_schedule() -> Shop {
 async fn planned(browser: &Browser, daemon: &Daemon) {
     let at = address(daemon);
     browser.client.goto(&at).await.unwrap();
-    while !browser.text("main").await.contains("dawn") {
+    for _ in 0..100 {
+        if browser.text("main").await.contains("dawn") {
+            return;
+        }
         tokio::time::sleep(Duration::from_millis(200)).await;
         browser.client.goto(&at).await.unwrap();
     }
+    panic!("the schedule is not told");
 }
 
 /// Its connection stays open, and says nothing more.
