@@ -191,8 +191,9 @@ impl Place<'_> {
 /// What the references that were measured again after the stop at `gap_s` grant each of their places, mm: as
 /// the run has compared them. `None`: `readings`, in the order of measurement, hold no such references.
 pub fn granted_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> Option<f64> {
-    let stop = readings.iter().position(|reading| reading.t_s > gap_s)?;
-    let (before, after) = readings.split_at(stop);
+    // What was read before it may be a little out of order in time; all of it was read first.
+    let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
+    let (before, after) = readings.split_at(last + 1);
     let again = after.iter().take_while(|reading| reading.repeat >= REPEAT_AFTER_STOP).count();
     let (shifts, _) = References::of(plan, before).compare(after.get(..again)?);
     shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
@@ -285,5 +286,25 @@ mod tests {
         assert_eq!(compared(&some), 1);
         assert_eq!(references.unseen(&some), ["pose/first, point 2", "pose/first, point 3"]);
         assert_eq!(references.unseen(&[]).len(), 3);
+    }
+
+    /// A sensor's samples of one point may end later than those of the next: what the stop follows was read
+    /// before it all the same.
+    #[test]
+    fn readings_a_little_out_of_order_hide_no_references() {
+        let (plan, seen) = (plan(), [Flag::None; 3]);
+        let mut all = readings(0, seen);
+        let [.., earlier, last] = all.as_mut_slice() else { unreachable!() };
+        let gap_s = last.t_s;
+        earlier.t_s = gap_s + 0.1;
+        for round in 0..2 {
+            let mut again = readings(REPEAT_AFTER_STOP + round, seen);
+            again
+                .iter_mut()
+                .for_each(|reading| reading.value_mm = Some(0.5 + 1e-4 * f64::from(round)));
+            all.extend(again);
+        }
+        assert!(granted_mm(&plan, &all, gap_s).is_some());
+        assert_eq!(granted_mm(&plan, &all[..3], gap_s + 0.1), None);
     }
 }

@@ -48,7 +48,8 @@ impl Run<'_> {
     async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
         let Interrupted { stages, readings, answered, elapsed_s } = before;
         (self.readings, self.answered) = (readings, answered);
-        let last_s = self.readings.last().map(|reading| reading.t_s);
+        // Of a sensor's samples the last one to be kept need not be the latest.
+        let last_s = self.readings.iter().map(|reading| reading.t_s).max_by(f64::total_cmp);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
