@@ -32,25 +32,37 @@ fn measure(desk: &Desk) -> Result<Estimate, Failed> {
     Ok(estimate)
 }
 
-/// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8, twice: as the part stands, and with the
-/// part moved by 1 mm.
+/// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8, of a part that stands 1 mm beside where it is said to.
+pub fn finds_the_true_axis() -> Result<(), Failed> {
+    let rig = rig()?;
+    rig.make_true("ecc-x", 1.120)?;
+    near_the_truth(&measure(&Desk::for_rig(&rig)?)?)
+}
+
+/// As the part stands, and moved by 1 mm.
 pub fn finds_the_true_axis_wherever_the_part_stands() -> Result<(), Failed> {
     let rig = rig()?;
     let first = measure(&Desk::for_rig(&rig)?)?;
     rig.make_true("ecc-x", 1.120)?;
     let second = measure(&Desk::for_rig(&rig)?)?;
-    for (symbol, truth) in TRUTH_UM {
-        for estimate in [&first, &second] {
-            let (value, expanded) = result(estimate, symbol)?;
-            let error = (value - truth).abs();
-            if error > NEAR_UM || error > expanded || expanded > 2.0 * NEAR_UM {
-                return Err(format!("{symbol} = {value} um, U = {expanded} um").into());
-            }
-        }
+    near_the_truth(&first)?;
+    near_the_truth(&second)?;
+    for (symbol, _) in TRUTH_UM {
         let change = result(&second, symbol)?.0 - result(&first, symbol)?.0;
         eprintln!("the part moved by 1 mm: {symbol} changes by {change:.3} um");
         if change.abs() > NEAR_UM {
             return Err(format!("{symbol} follows the part by {change} um").into());
+        }
+    }
+    Ok(())
+}
+
+fn near_the_truth(estimate: &Estimate) -> Result<(), Failed> {
+    for (symbol, truth) in TRUTH_UM {
+        let (value, expanded) = result(estimate, symbol)?;
+        let error = (value - truth).abs();
+        if error > NEAR_UM || error > expanded || expanded > 2.0 * NEAR_UM {
+            return Err(format!("{symbol} = {value} um, U = {expanded} um").into());
         }
     }
     Ok(())

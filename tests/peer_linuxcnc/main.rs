@@ -82,7 +82,11 @@ fn main() {
         rs274("rs274_reads_every_program_as_we_do", interpreter::reads_as_we_do),
         rs274("rs274_disagrees_with_another_program", interpreter::another_disagrees),
         rs274("rs274_reads_whole_plans_as_we_do", interpreter::reads_whole_plans_as_we_do),
-        machine("linuxcnc_self_calibration", cycle::finds_the_true_axis_wherever_the_part_stands),
+        machine("linuxcnc_self_calibration", cycle::finds_the_true_axis),
+        long(
+            "linuxcnc_self_calibration_twice",
+            cycle::finds_the_true_axis_wherever_the_part_stands,
+        ),
         machine("linuxcnc_run_emergency_stop", faults::emergency_stop),
         machine("linuxcnc_run_killed_task", faults::killed_task),
         long("linuxcnc_run_killed_linuxcncrsh", faults::killed_linuxcncrsh),
