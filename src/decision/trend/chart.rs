@@ -10,6 +10,11 @@ const WIDTH: f64 = 3.0;
 /// Weight of the newest value: slow enough to see what a single value hides, and the example's.
 const WEIGHT: f64 = 0.3;
 
+/// Of a mean about `centre`: values that are all the same have no scatter, and lie within their limits.
+fn rounding(centre: f64) -> f64 {
+    64.0 * f64::EPSILON * centre.abs()
+}
+
 /// Individuals chart: the scatter from successive differences, so that a slow change does not widen it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Individuals {
@@ -32,8 +37,7 @@ impl Individuals {
     }
 
     pub fn holds(&self, value: f64) -> bool {
-        let [lower, upper] = self.limits();
-        (lower..=upper).contains(&value)
+        (value - self.centre).abs() <= WIDTH * self.sigma + rounding(self.centre)
     }
 }
 
@@ -64,6 +68,8 @@ impl Ewma {
     /// Whether the newest mean lies outside its limits.
     pub fn is_out(&self) -> bool {
         let newest = self.means.last().zip(self.widths.last());
-        newest.is_some_and(|(mean, width)| (mean - self.centre).abs() > *width)
+        let beyond =
+            |mean: f64, width: f64| (mean - self.centre).abs() > width + rounding(self.centre);
+        newest.is_some_and(|(mean, width)| beyond(*mean, *width))
     }
 }

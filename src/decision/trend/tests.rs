@@ -57,8 +57,14 @@ fn nothing_is_told_of_a_machine_that_stays() {
         .count();
     // 1 in 1000: 2 of 2000 on average, 8 or more with a probability of 0.1 %.
     assert!(false_alarms < 8, "{false_alarms}");
-    let same = Trend::of((0..20).map(|i| Point { t_s: at_s(f64::from(i)), value: 1.5 }).collect());
-    assert!(same.changes.is_empty());
+    // Not even where its mean is rounded.
+    for value in [1.5, 49.504_871_3, -13.8, 0.0] {
+        for count in 9..20 {
+            let points = (0..count).map(|i| Point { t_s: at_s(f64::from(i)), value });
+            let same = Trend::of(points.collect());
+            assert!(same.changes.is_empty() && same.is_out() == Some(false), "{count} of {value}");
+        }
+    }
 }
 
 /// Its height within U, and the day within what is told, as often as said.
