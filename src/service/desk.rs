@@ -324,6 +324,18 @@ impl Desk {
         self.becomes(state);
     }
 
+    /// This is how things stand, unless something is asked for meanwhile: then its end tells. Whether it was not.
+    pub(super) fn rests(&self, state: State) -> bool {
+        let mut inner = self.inner();
+        if inner.acting || inner.board.state == State::Ending {
+            return false;
+        }
+        inner.board.state = state;
+        drop(inner);
+        self.changed();
+        true
+    }
+
     /// What was asked for has come to its end: this is how things stand now. Not once it ends.
     pub(super) fn becomes(&self, state: State) {
         let mut inner = self.inner();

@@ -49,6 +49,18 @@ fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
     }
 }
 
+/// What is seen beside it does not end what is asked for: nothing may be accepted behind it.
+#[test]
+fn what_is_seen_meanwhile_ends_nothing() {
+    let (desk, _asks) = held();
+    assert_eq!(LEAVE(&desk), Ok(()));
+    assert!(!desk.rests(State::Waiting));
+    assert_eq!((desk.board().state, START(&desk).is_err()), (State::Held, true));
+    desk.becomes(State::Held);
+    assert!(desk.rests(State::Waiting));
+    assert_eq!(START(&desk), Ok(()));
+}
+
 #[test]
 fn a_hold_is_heard_by_whatever_moves() {
     let (desk, _asks) = held();

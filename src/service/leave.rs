@@ -4,7 +4,7 @@ use super::ServeError;
 use super::ask::Word;
 use super::attend::Attendant;
 use super::board::{Refusal, State};
-use super::past::unfinished;
+use super::past::{last_of, unfinished};
 use crate::record::event::Event;
 use crate::store::{Journal, MachineLock};
 
@@ -66,7 +66,7 @@ impl Attendant {
         if elsewhere != board.elsewhere {
             self.desk.show(|board| board.elsewhere = elsewhere);
         }
-        let last = journal.last_of(self.name()).ok().flatten();
+        let last = last_of(journal, self.name()).ok().flatten();
         let changed = last.is_some_and(|run| !run.state.is_resumable());
         if !elsewhere && (board.elsewhere || changed) {
             self.see_what_became(journal).await;
@@ -80,9 +80,10 @@ impl Attendant {
         match unfinished(journal, self.name()) {
             Ok(None) => {
                 self.lock = Some(lock);
-                self.desk.show(|board| board.failure = None);
-                self.desk.becomes(State::Waiting);
-                (self.log)("the run was seen to elsewhere; ready");
+                if self.desk.rests(State::Waiting) {
+                    self.desk.show(|board| board.failure = None);
+                    (self.log)("the run was seen to elsewhere; ready");
+                }
             }
             Ok(Some(before)) => self.desk.show(|board| board.failure = Some(before.why)),
             Err(error) => (self.log)(&error.to_string()),

@@ -2,7 +2,7 @@
 
 use super::board::Failure;
 use crate::archive::story::{how_it_ended, is_left, position_lost};
-use crate::store::{Journal, RunId, StoreError};
+use crate::store::{Journal, RunId, RunSummary, StoreError, Wanted};
 
 /// A run that waits for a person.
 pub struct Unfinished {
@@ -12,9 +12,15 @@ pub struct Unfinished {
     pub why: Failure,
 }
 
+/// The newest run of `machine`.
+pub fn last_of(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, StoreError> {
+    let wanted = Wanted { machine: Some(machine), ..Wanted::default() };
+    Ok(journal.some_runs(wanted, 1)?.pop())
+}
+
 /// The last run of `machine`, if it is unfinished and nobody has left it so.
 pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>, StoreError> {
-    let Some(last) = journal.last_of(machine)?.filter(|run| run.state.is_resumable()) else {
+    let Some(last) = last_of(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
     };
     let stored = journal.load(last.id)?;

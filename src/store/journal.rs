@@ -156,11 +156,6 @@ impl Journal {
         self.look(|connection| read::runs(connection))
     }
 
-    /// The newest run of `machine`.
-    pub fn last_of(&self, machine: &str) -> Result<Option<RunSummary>, StoreError> {
-        self.look(|connection| read::last_of(connection, machine))
-    }
-
     /// `tell` hears what the last estimates of the `newest` finished runs of each method on `machine`
     /// say, oldest first.
     pub fn measured(

@@ -36,11 +36,6 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     Ok(rows)
 }
 
-pub(super) fn last_of(connection: &Connection, machine: &str) -> Result<Option<RunSummary>, Fault> {
-    let newest = format!("{SUMMARY} WHERE machine = ?1 ORDER BY id DESC LIMIT 1");
-    Ok(connection.query_row(&newest, [machine], summary).optional()?)
-}
-
 /// What the last estimates of the `newest` finished runs of each method on `machine` say, oldest first.
 /// One is held at a time: there are years of them.
 pub(super) fn measured(

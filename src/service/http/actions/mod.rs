@@ -198,7 +198,8 @@ async fn settled(
             // One that is still at it says so on the board.
             Ok(told) => tokio::time::timeout(SETTLES, told)
                 .await
-                .map_or(Ok(()), |told| told.unwrap_or(Ok(()))),
+                // Nobody took it any more: the service ends.
+                .map_or(Ok(()), |told| told.unwrap_or(Err(Refusal::NotReady))),
             Err(why) => Err(why),
         };
         answer(&web, &machine, said, became, to_page).await
