@@ -62,6 +62,8 @@ pub enum ControllerError {
     Probe { fault: ProbeFault },
     #[error("held on request")]
     Halted,
+    #[error("the hold was sent again and again, and after {seconds} s the machine does not stand")]
+    NotHeld { seconds: f64 },
     #[error("the program for step {step} cannot be written: {why}")]
     Render { step: u32, why: String },
     #[error("the control said something that cannot be understood: `{text}`")]
@@ -117,9 +119,11 @@ impl ControllerError {
             | Self::HeldThere { .. }
             | Self::Alarm { .. }
             | Self::Reset { .. } => self.stopped_there(),
-            Self::Refused { .. } | Self::Frozen | Self::OutOfTravel { .. } | Self::Late { .. } => {
-                self.given_up_there()
-            }
+            Self::Refused { .. }
+            | Self::Frozen
+            | Self::NotHeld { .. }
+            | Self::OutOfTravel { .. }
+            | Self::Late { .. } => self.given_up_there(),
             Self::NoContact { .. }
             | Self::UnexpectedContact { .. }
             | Self::StillTripped { .. }
@@ -179,6 +183,10 @@ impl ControllerError {
             Self::Frozen => {
                 "the machine may still end the moves it has, and hears no halt: press its emergency \
                  stop, start the control anew, home it"
+            }
+            Self::NotHeld { .. } => {
+                "press the emergency stop; then look at the wire and at the control: it must obey a \
+                 hold before anything is measured here"
             }
             Self::OutOfTravel { .. } => {
                 "make [axes] min and max as narrow as the control's limits, or move the part"

@@ -103,6 +103,7 @@ fn main() {
         long("linuxcnc_laser", sweep::finds_the_true_axes),
         machine("linuxcnc_trigger", trigger::a_hal_bit_starts_a_cycle),
         machine("linuxcnc_halt_is_fast", halt::it_is_on_the_wire_at_once),
+        machine("linuxcnc_halt_gets_lost", halt::a_lost_one_is_sent_again),
         long("linuxcnc_capture_replays", cycle::a_capture_replays),
         long("linuxcnc_stop", cycle::a_stop_holds_and_keeps_what_was_read),
         long("linuxcnc_run_machine_off", faults::machine_off),

@@ -299,17 +299,28 @@ impl Wire {
         }
     }
 
-    /// The hold is on its way; see the machine stand before saying so.
+    /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
+    /// sent again until a report shows it, one too many changes nothing.
     async fn halted(&mut self) -> ControllerError {
-        let deadline = Instant::now() + 5 * self.patience.answer;
+        let patience = 5 * self.patience.answer;
+        let deadline = Instant::now() + patience;
+        // One report of it may be older than the start of a motion.
+        let mut idle = false;
         while Instant::now() < deadline {
-            match self.status().await {
-                Ok(status) if stands(&status) => break,
-                Ok(_) => sleep(self.patience.poll / 4).await,
+            let status = match self.status().await {
+                Ok(status) => status,
                 Err(error) => return error,
+            };
+            let was_idle = std::mem::replace(&mut idle, status.state == "Idle");
+            if stands(&status) && (was_idle || !idle) {
+                return ControllerError::Halted;
             }
+            if !matches!(status.state.as_str(), "Hold" | "Door") {
+                self.hold();
+            }
+            sleep(self.patience.poll / 4).await;
         }
-        ControllerError::Halted
+        ControllerError::NotHeld { seconds: patience.as_secs_f64() }
     }
 }
 

@@ -10,7 +10,7 @@ use super::files::Files;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
-use super::{Sampler, state, watch};
+use super::{Sampler, state, watch, way};
 use crate::base::{Axis, Position};
 use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
 use crate::gcode::{Dialect, Program};
@@ -20,6 +20,8 @@ use crate::record::track::Track;
 
 /// The link's task writes within this time.
 const ON_THE_WIRE: Duration = Duration::from_millis(20);
+/// Longer than any answer of a linuxcncrsh that lives (0.1 s).
+const UNANSWERED: Duration = Duration::from_millis(300);
 const STEP_OF_NO_BLOCK: u32 = 0;
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
@@ -117,7 +119,9 @@ impl LinuxCnc {
         self.rsh.command("mode auto").await?;
         self.files.write(&prepare::program(&self.files.log_name()))?;
         self.rsh.command(&format!("open {}", self.files.program_name())).await?;
-        let log = watch::run(&mut self.rsh, &self.files, STEP_OF_NO_BLOCK, Duration::ZERO).await?;
+        let log =
+            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
+                .await?;
         if !log.ended {
             self.files.expect_log()?;
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
@@ -177,7 +181,7 @@ impl LinuxCnc {
         self.files.write(&text)?;
         self.refuse_if_halted()?;
         let rests = self.rests(part);
-        let log = match watch::run(&mut self.rsh, &self.files, step, rests).await {
+        let log = match watch::run(&mut self.rsh, &self.files, &self.halt, step, rests).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refused(&mut self.rsh, refusal).await);
             }
@@ -190,7 +194,17 @@ impl LinuxCnc {
             self.probe_is_open(step).await?;
         }
         state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
+        self.arrived(part).await?;
         self.touched(part, log.verdict)
+    }
+
+    /// The program is over; so must be the way. Where LinuxCNC's task is late its interpreter reads on
+    /// before a probing move has begun (2.9, issue 3650), and a contact in it shows nowhere else.
+    async fn arrived(&mut self, part: &Block) -> Result<(), ControllerError> {
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        let Some(error) = way::astray(&part.motions, &stands) else { return Ok(()) };
+        self.probe_is_open(part.step).await?;
+        Err(error)
     }
 
     async fn probe_is_open(&mut self, step: u32) -> Result<(), ControllerError> {
@@ -214,6 +228,9 @@ impl LinuxCnc {
         let touches = part.motions.iter().any(|motion| matches!(motion, Motion::Probe { .. }));
         match (touches, verdict) {
             (true, Some(Verdict::Touch(at))) => {
+                if let Some(error) = way::off_the_way(&part.motions, &at) {
+                    return Err(error);
+                }
                 let at = at.only(|axis| self.settings.axes.contains(&axis));
                 Ok(Some(self.spindle.map_or(at.clone(), |s| at.with(Axis::S, s))))
             }
@@ -232,7 +249,9 @@ impl LinuxCnc {
         })?;
         self.files.write(&text)?;
         self.refuse_if_halted()?;
-        let log = watch::run(&mut self.rsh, &self.files, STEP_OF_NO_BLOCK, Duration::ZERO).await?;
+        let log =
+            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
+                .await?;
         if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
     }
 
@@ -277,7 +296,10 @@ impl LinuxCnc {
         self.ready = false;
         self.sampler.iter().for_each(Sampler::give_up);
         if self.halt.is_halted() {
-            return ControllerError::Halted;
+            return match watch::stop(&mut self.rsh).await {
+                Ok(()) => ControllerError::Halted,
+                Err(error) => error,
+            };
         }
         // Who did not answer is not asked again on the same connection. The other may still live,
         // and a frozen task that wakes up takes the abort first.
@@ -306,7 +328,12 @@ impl Driver for LinuxCnc {
         if !self.ready {
             return Err(not_ready("it was not prepared since the last fault", "start again"));
         }
-        match self.block(block).await {
+        let halt = self.halt.clone();
+        let outcome = tokio::select! {
+            outcome = self.block(block) => outcome,
+            () = overdue(&halt) => Err(ControllerError::Halted),
+        };
+        match outcome {
             Ok(outcome) => Ok(outcome),
             Err(error) => Err(self.failed(error).await),
         }
@@ -337,6 +364,14 @@ impl Driver for LinuxCnc {
             None => Ok(()),
         }
     }
+}
+
+/// A while after a hold: an answer that got lost is not waited for then.
+async fn overdue(halt: &Halt) {
+    while !halt.is_halted() {
+        sleep(ON_THE_WIRE).await;
+    }
+    sleep(UNANSWERED).await;
 }
 
 /// As along a scan: see [`Outcome::track`].

@@ -40,6 +40,7 @@ mod rsh;
 mod sampler;
 mod state;
 mod watch;
+mod way;
 
 pub use config::Config;
 pub use driver::{LinuxCnc, Settings};

@@ -84,6 +84,10 @@ impl Rsh {
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
+                    // Words of another connection's line may have got into ours (see `watch::stop`).
+                    if text.ends_with("NAK") {
+                        return Ok("NAK".to_owned());
+                    }
                 }
                 Some(Received::Noise { bytes }) => {
                     return Err(ControllerError::Garbled { text: format!("{bytes} odd bytes") });

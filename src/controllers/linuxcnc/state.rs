@@ -81,7 +81,7 @@ pub(super) async fn opened(rsh: &mut Rsh, program: &str) -> Result<(), Controlle
     Err(not_ready(&state, "leave the control to trued while it measures, then start again"))
 }
 
-async fn numbers(rsh: &mut Rsh, key: &str) -> Result<Vec<f64>, ControllerError> {
+pub(super) async fn numbers(rsh: &mut Rsh, key: &str) -> Result<Vec<f64>, ControllerError> {
     reported(&rsh.get(key).await?)
 }
 

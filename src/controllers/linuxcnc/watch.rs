@@ -11,7 +11,8 @@ use tokio::time::{Instant, sleep};
 use super::files::Files;
 use super::result::Log;
 use super::rsh::Rsh;
-use crate::controllers::ControllerError;
+use super::state;
+use crate::controllers::{ControllerError, Halt};
 
 /// LinuxCNC's task runs every 5 ms in its own samples.
 const POLL: Duration = Duration::from_millis(4);
@@ -22,11 +23,18 @@ const QUIET: Duration = Duration::from_secs(1);
 /// Alive, running, and neither moving nor logging for so long: something holds it.
 const STALL: Duration = Duration::from_secs(10);
 
+/// A machine that was told to hold stands after this, from any speed.
+const BRAKES: Duration = Duration::from_secs(5);
+/// A task shows its state anew within this, and feedback is so quiet at rest, mm or degrees.
+const SHOWN: Duration = Duration::from_millis(30);
+const AT_REST: f64 = 0.01;
+
 /// Run the program that is open and wait until it stands still; `rests` is how long it may do
-/// nothing, and more.
+/// nothing, and more. What has ended is told, also if `halt` came beside it.
 pub(super) async fn run(
     rsh: &mut Rsh,
     files: &Files,
+    halt: &Halt,
     step: u32,
     rests: Duration,
 ) -> Result<Log, ControllerError> {
@@ -37,10 +45,12 @@ pub(super) async fn run(
         let status = rsh.get("program_status").await?;
         let log = files.log(step)?;
         match status.as_str() {
+            "IDLE" if log.ended => return Ok(log),
+            _ if halt.is_halted() => return Err(ControllerError::Halted),
             "IDLE" => {
                 let since = *idle_since.get_or_insert_with(Instant::now);
                 let stopped = since.elapsed() > STOPPED;
-                if log.ended || stopped && settled {
+                if stopped && settled {
                     return Ok(log);
                 }
                 if stopped {
@@ -110,6 +120,43 @@ async fn settle(rsh: &mut Rsh) -> Result<(), ControllerError> {
 pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let stop = rsh.get("optional_stop").await?;
     rsh.command(&format!("optional_stop {stop}")).await
+}
+
+/// See a hold through until the machine stands. The one that went ahead on a connection of its own may be
+/// lost: linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so
+/// that of two lines that come together one may be answered `SET NAK` (seen: two holds of 125 under
+/// load). Nothing of ours comes beside this one.
+///
+/// # Errors
+/// It does not take it, does not answer, or does not stand in the end.
+pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
+    let deadline = Instant::now() + BRAKES;
+    loop {
+        // Refused while it is switched off: it stands then.
+        unless_refused(rsh.enable().await)?;
+        unless_refused(rsh.command("abort").await)?;
+        if unless_refused(at_rest(rsh).await)?.unwrap_or(false) {
+            return Ok(());
+        }
+        if Instant::now() > deadline {
+            return Err(ControllerError::NotHeld { seconds: BRAKES.as_secs_f64() });
+        }
+    }
+}
+
+async fn at_rest(rsh: &mut Rsh) -> Result<bool, ControllerError> {
+    let before = state::numbers(rsh, "abs_act_pos").await?;
+    sleep(SHOWN).await;
+    let after = state::numbers(rsh, "abs_act_pos").await?;
+    let rests = before.iter().zip(after).all(|(one, other)| (one - other).abs() < AT_REST);
+    Ok(rests && rsh.get("program_status").await? == "IDLE")
+}
+
+fn unless_refused<T>(told: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
+    match told {
+        Err(ControllerError::Refused { .. }) => Ok(None),
+        told => told.map(Some),
+    }
 }
 
 fn held(how: &str) -> ControllerError {

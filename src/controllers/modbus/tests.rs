@@ -78,6 +78,44 @@ async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
 }
 
 #[tokio::test]
+async fn a_hold_that_gets_lost_is_sent_again() {
+    let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
+    let (mut driver, halt, diary) = driver("", Pace::Real, lost).await;
+    driver.prepare().await.unwrap();
+    tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        halt.now();
+    });
+    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    assert!(0.0 < stands && stands < 90.0, "{stands}");
+    let diary = diary.lock().unwrap();
+    assert_eq!(
+        diary.iter().filter(|entry| **entry == Entry::Wrong(FaultKind::LostHold)).count(),
+        2
+    );
+    assert_eq!(diary.last(), Some(&Entry::Hold));
+}
+
+/// It goes on whatever it is told, and says so.
+#[tokio::test]
+async fn a_control_that_does_not_hold_is_told_as_such() {
+    let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
+    let (driver, halt, _) = driver("", Pace::Real, deaf).await;
+    let patience = Patience { answer: Duration::from_millis(100), ..Patience::default() };
+    let mut driver = driver.with_patience(patience);
+    driver.prepare().await.unwrap();
+    tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        halt.now();
+    });
+    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
+}
+
+#[tokio::test]
 async fn a_control_that_lives_no_more_is_not_believed() {
     let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
     let error = dead.prepare().await.unwrap_err();

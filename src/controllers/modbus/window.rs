@@ -286,19 +286,23 @@ impl Window {
         Ok((status, false))
     }
 
-    /// The hold is on its way; see the machine stand before saying so.
+    /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
+    /// sent again until the status shows it, one too many changes nothing.
     async fn halted(&self) -> ControllerError {
-        let deadline = Instant::now() + 5 * self.patience.answer;
-        while Instant::now() < deadline {
-            match self.status().await {
-                Ok(status) if status.state != State::Running && status.state != State::Idle => {
-                    break;
+        let patience = 5 * self.patience.answer;
+        let deadline = Instant::now() + patience;
+        loop {
+            match self.status().await.map(|status| status.state) {
+                Ok(State::Idle) if Instant::now() > deadline => return ControllerError::Halted,
+                Ok(State::Running) if Instant::now() > deadline => {
+                    return ControllerError::NotHeld { seconds: patience.as_secs_f64() };
                 }
-                Ok(_) => sleep(self.patience.poll).await,
+                Ok(State::Idle | State::Running) => self.hold(),
+                Ok(_) => return ControllerError::Halted,
                 Err(error) => return error,
             }
+            sleep(self.patience.poll).await;
         }
-        ControllerError::Halted
     }
 
     /// A heartbeat from here, and one that changes from there; the status that shows it.

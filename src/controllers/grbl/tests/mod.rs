@@ -324,6 +324,47 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
     assert_eq!(tape.matches('!').count(), 1);
 }
 
+/// A control that moves until it has heard `deaf` holds more than one, and what came of a halt there.
+async fn held_at_last(deaf: usize) -> (ControllerError, String) {
+    let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
+    let asked = halt.clone();
+    let (mut moves, mut holds) = (false, 0);
+    let (link, tape) = odd(move |line| match line {
+        "!" => {
+            holds += 1;
+            Some(String::new())
+        }
+        "?" if holds > deaf => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
+        "?" if moves => Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000")),
+        probing if probing.contains("F30.") => {
+            moves = true;
+            asked.lock().unwrap().as_ref().unwrap().now();
+            Some(String::new())
+        }
+        _ => None,
+    });
+    let (mut driver, handle) = grbl(link);
+    *halt.lock().unwrap() = Some(handle);
+    driver.prepare().await.unwrap();
+    let error = driver.execute(&touch(0)).await.unwrap_err();
+    let tape = tape.lock().unwrap().clone();
+    (error, tape)
+}
+
+#[tokio::test]
+async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
+    let (error, tape) = held_at_last(2).await;
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let after = tape.split_once('!').unwrap().1;
+    assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
+    // A report that was on its way may have cost one more.
+    assert!(tape.matches('!').count() >= 3, "{tape}");
+
+    let (error, _) = held_at_last(usize::MAX).await;
+    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
+}
+
 #[tokio::test]
 async fn a_held_simulated_machine_stays() {
     let (ours, theirs) = tokio::io::duplex(4096);

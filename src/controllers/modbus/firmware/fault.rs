@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::registers::SEQUENCE;
+use super::registers::{HOLD, SEQUENCE};
 use super::{Entry, Firmware, Mode};
 use crate::world::Latch;
 use crate::world::interpreter::Sham;
@@ -86,6 +86,8 @@ pub enum FaultKind {
     HalfWritten,
     /// The write of a sequence is confirmed and forgotten.
     LostStart,
+    /// The write of a hold is confirmed and forgotten.
+    LostHold,
     /// A program shows the result before once more, as valid.
     StaleResult,
     /// A program does not hear an acknowledge.
@@ -98,7 +100,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// Of every window.
-    pub const ALL: [FaultKind; 20] = [
+    pub const ALL: [FaultKind; 21] = [
         Self::Late,
         Self::Unanswered,
         Self::Lost,
@@ -119,6 +121,7 @@ impl FaultKind {
         Self::SlowLatch,
         Self::HalfWritten,
         Self::LostStart,
+        Self::LostHold,
     ];
     /// Of a resident program besides.
     pub const OF_PROGRAM: [FaultKind; 4] =
@@ -145,6 +148,8 @@ impl FaultKind {
             }
             Self::LostStart => matches!(request, Request::WriteMultipleRegisters(at, words)
                 if usize::from(*at) == SEQUENCE && words.len() == 1),
+            Self::LostHold => matches!(request, Request::WriteMultipleRegisters(at, words)
+                if usize::from(*at) == HOLD && words.len() == 1),
             Self::Torn | Self::Stale | Self::StaleResult => {
                 matches!(request, Request::ReadInputRegisters(0, count) if *count > 1)
             }
@@ -220,7 +225,7 @@ impl Firmware {
                 let code = fault.code.map(ExceptionCode::new);
                 Some(Err(code.unwrap_or(ExceptionCode::ServerDeviceBusy)))
             }
-            K::HalfWritten | K::LostStart => Some(self.half(request)),
+            K::HalfWritten | K::LostStart | K::LostHold => Some(self.half(request)),
             K::StaleResult => Some(self.with_stale_result(request)),
             K::Torn => Some(self.torn(request)),
             K::Stale => Some(self.stale(request)),

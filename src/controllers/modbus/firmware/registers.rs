@@ -9,7 +9,7 @@ use crate::base::{Axis, Position};
 /// Holding registers of the command block, with lines and with the table of a program.
 pub(super) const OF_LINES: usize = 106;
 pub(super) const OF_PROGRAM: usize = 334;
-const HOLD: usize = 0;
+pub(super) const HOLD: usize = 0;
 pub(super) const SEQUENCE: usize = 1;
 const HEARTBEAT: usize = 2;
 pub(super) const ACKNOWLEDGE: usize = 3;
