@@ -24,6 +24,9 @@ const GOES_ON: f64 = 1.0;
 const TRIES: usize = 3;
 /// What stands so near to the end has reached it, mm.
 const AT_END: f64 = 0.05;
+/// For who makes the control hold.
+const HOW: &str = "how does the control take one? Modbus: hold in [controller.registers.command] \
+                   (docs/line-window.md); grblHAL: `!` in real time; LinuxCNC: abort by linuxcncrsh";
 
 /// How the jog ended.
 struct Held {
@@ -123,6 +126,11 @@ async fn judge(
             check.not_looked_at(Part::Hold, why);
             return Ok(held.before_s.is_some());
         }
+        (Err(error @ ControllerError::NotHeld { .. }), _) => {
+            let remedy = format!("{}; {HOW}", error.remedy());
+            check.failed(Part::Hold, since, error.to_string(), remedy);
+            return Err(Ended::Unsafe);
+        }
         (Err(error), _) => {
             check.failed(Part::Hold, since, error.to_string(), error.remedy());
             return Err(Ended::Unsafe);
@@ -139,10 +147,12 @@ async fn judge(
         let what = format!(
             "the hold has no effect: {axis} went on for {went_on:.1} mm after it, to {gone:.2} of {BY} mm"
         );
-        let remedy = "run nothing on this machine until a hold stops it: how does the control take one? \
-                      Modbus: hold in [controller.registers.command] (docs/line-window.md); grblHAL: `!` \
-                      in real time; LinuxCNC: abort by linuxcncrsh";
-        check.failed(Part::Hold, since, what, remedy);
+        check.failed(
+            Part::Hold,
+            since,
+            what,
+            format!("run nothing on this machine until a hold stops it: {HOW}"),
+        );
         return Err(Ended::Unsafe);
     }
     let what = format!(

@@ -50,7 +50,7 @@ pub enum ControllerError {
         "the control said `{heard}` although it was not asked: answers may belong to other lines"
     )]
     OutOfStep { heard: String },
-    #[error("the machine stands at {stands}, not at {wanted}: the line was not received as sent")]
+    #[error("the machine stands at {stands}, not at {wanted}")]
     Astray { wanted: String, stands: String },
     #[error("step {step}: the control tells the touch as `{first}` and as `{again}`")]
     Doubtful { step: u32, first: String, again: String },
@@ -74,10 +74,11 @@ pub enum ControllerError {
 
 impl ControllerError {
     /// The control may not know any more where its axes are: a person homes them before anything
-    /// else moves (grblHAL `alarms.h`; LinuxCNC says of itself whether it is homed).
+    /// else moves (grblHAL `alarms.h`; LinuxCNC says of itself whether it is homed). One that was not to
+    /// be held was stopped hard.
     pub fn position_lost(&self) -> bool {
         match self {
-            Self::Reset { .. } => true,
+            Self::Reset { .. } | Self::NotHeld { .. } => true,
             Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
             _ => false,
         }
@@ -145,8 +146,9 @@ impl ControllerError {
                  which check what they carry, are better than a bare serial line"
             }
             Self::Astray { .. } => {
-                "look at the machine; a wire that alters bytes moved it elsewhere (USB or a network \
-                 are safer than a bare serial line), or somebody else commands it"
+                "look at the machine and at the stylus: a wire that alters bytes moved it elsewhere (USB \
+                 or a network are safer than a bare serial line), a contact was not seen, or somebody \
+                 else commands it"
             }
             _ => REPORT,
         }
@@ -185,8 +187,8 @@ impl ControllerError {
                  stop, start the control anew, home it"
             }
             Self::NotHeld { .. } => {
-                "press the emergency stop; then look at the wire and at the control: it must obey a \
-                 hold before anything is measured here"
+                "press the emergency stop; look at the wire and at the control, which must obey a hold \
+                 before anything is measured here; home it"
             }
             Self::OutOfTravel { .. } => {
                 "make [axes] min and max as narrow as the control's limits, or move the part"

@@ -92,7 +92,8 @@ impl Wire {
     ) -> Result<Vec<Message>, ControllerError> {
         self.catch_up().await?;
         if self.halt.is_halted() {
-            return Err(ControllerError::Halted);
+            // What was taken before may still move it.
+            return Err(self.halted().await);
         }
         self.link.send_line(line)?;
         self.asked = true;
@@ -302,7 +303,7 @@ impl Wire {
     /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
     /// sent again until a report shows it, one too many changes nothing.
     async fn halted(&mut self) -> ControllerError {
-        let patience = 5 * self.patience.answer;
+        let patience = 2 * self.patience.answer;
         let deadline = Instant::now() + patience;
         // One report of it may be older than the start of a motion.
         let mut idle = false;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 use super::fault;
 use super::files::Files;
@@ -20,8 +20,8 @@ use crate::record::track::Track;
 
 /// The link's task writes within this time.
 const ON_THE_WIRE: Duration = Duration::from_millis(20);
-/// Longer than any answer of a linuxcncrsh that lives (0.1 s).
-const UNANSWERED: Duration = Duration::from_millis(300);
+/// An axis stands where it was sent within this.
+const SETTLES: Duration = Duration::from_millis(500);
 const STEP_OF_NO_BLOCK: u32 = 0;
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
@@ -64,10 +64,11 @@ impl LinuxCnc {
         dialect: Dialect,
     ) -> Result<(Self, Halt), ControllerError> {
         let files = Files::within(&settings.directory)?;
-        let rsh = Rsh::open(&settings.address).await?;
+        let mut rsh = Rsh::open(&settings.address).await?;
         let halting = Rsh::open(&settings.address).await?;
         let urgent = halting.link.urgent();
         let halt = Halt::new(move || urgent.send(HALT));
+        rsh.halt = Some(halt.clone());
         let driver = Self {
             settings,
             dialect,
@@ -201,10 +202,19 @@ impl LinuxCnc {
     /// The program is over; so must be the way. Where LinuxCNC's task is late its interpreter reads on
     /// before a probing move has begun (2.9, issue 3650), and a contact in it shows nowhere else.
     async fn arrived(&mut self, part: &Block) -> Result<(), ControllerError> {
-        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
-        let Some(error) = way::astray(&part.motions, &stands) else { return Ok(()) };
-        self.probe_is_open(part.step).await?;
-        Err(error)
+        let deadline = Instant::now() + SETTLES;
+        loop {
+            let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+            match way::astray(&part.motions, &stands) {
+                None => return Ok(()),
+                // The position is the feedback's: an axis may still come to rest.
+                Some(_) if Instant::now() < deadline => sleep(ON_THE_WIRE).await,
+                Some(error) => {
+                    self.probe_is_open(part.step).await?;
+                    return Err(error);
+                }
+            }
+        }
     }
 
     async fn probe_is_open(&mut self, step: u32) -> Result<(), ControllerError> {
@@ -296,10 +306,11 @@ impl LinuxCnc {
         self.ready = false;
         self.sampler.iter().for_each(Sampler::give_up);
         if self.halt.is_halted() {
-            return match watch::stop(&mut self.rsh).await {
-                Ok(()) => ControllerError::Halted,
-                Err(error) => error,
+            let Err(error) = watch::stop(&mut self.rsh).await else {
+                return ControllerError::Halted;
             };
+            self.halting.link.urgent().send(HALT);
+            return error;
         }
         // Who did not answer is not asked again on the same connection. The other may still live,
         // and a frozen task that wakes up takes the abort first.
@@ -328,12 +339,7 @@ impl Driver for LinuxCnc {
         if !self.ready {
             return Err(not_ready("it was not prepared since the last fault", "start again"));
         }
-        let halt = self.halt.clone();
-        let outcome = tokio::select! {
-            outcome = self.block(block) => outcome,
-            () = overdue(&halt) => Err(ControllerError::Halted),
-        };
-        match outcome {
+        match self.block(block).await {
             Ok(outcome) => Ok(outcome),
             Err(error) => Err(self.failed(error).await),
         }
@@ -364,14 +370,6 @@ impl Driver for LinuxCnc {
             None => Ok(()),
         }
     }
-}
-
-/// A while after a hold: an answer that got lost is not waited for then.
-async fn overdue(halt: &Halt) {
-    while !halt.is_halted() {
-        sleep(ON_THE_WIRE).await;
-    }
-    sleep(UNANSWERED).await;
 }
 
 /// As along a scan: see [`Outcome::track`].

@@ -50,7 +50,7 @@ async fn ask_all(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);
-    let mut rsh = Rsh { link: Link::over("peer", near), server: String::new() };
+    let mut rsh = Rsh { link: Link::over("peer", near), server: String::new(), halt: None };
     let mut heard = 0;
     for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
         match rsh.get(key).await {

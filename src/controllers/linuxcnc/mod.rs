@@ -5,7 +5,9 @@
 //! driver's connection and aborts. So it does not wait behind an answer (linuxcncrsh takes 0.1 s for
 //! each command), and nothing that the driver still sends can move the machine. The machine
 //! decelerates at its acceleration and stays; measured on the simulated machine, the abort acts
-//! within 20 ms. Worst-case travel: 20 ms of the feed, plus feed²/(2·acceleration).
+//! within 20 ms. Worst-case travel: 20 ms of the feed, plus feed²/(2·acceleration). The driver, which
+//! sends nothing else from then on, aborts once more on its own connection, until it sees the machine at
+//! rest: linuxcncrsh may lose a line that comes beside another (`watch::stop`).
 //!
 //! **What it relies on**, all measured against LinuxCNC 2.9:
 //! - An acknowledgement is not success; messages overwrite each other. A result is what stands in the
@@ -39,6 +41,8 @@ mod result;
 mod rsh;
 mod sampler;
 mod state;
+#[cfg(test)]
+mod tests;
 mod watch;
 mod way;
 

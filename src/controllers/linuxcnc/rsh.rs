@@ -5,23 +5,28 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::prepare::not_ready;
-use crate::controllers::ControllerError;
+use crate::controllers::{ControllerError, Halt};
 use crate::link::{self, Address, Link, LinkError, Received};
 
 /// A healthy linuxcncrsh answers within 0.1 s, a task takes a command within 5 ms.
 const ANSWER: Duration = Duration::from_secs(3);
+/// Nor is an answer waited for any longer than this once the machine is to hold.
+const UNANSWERED: Duration = Duration::from_millis(300);
+const LOOK: Duration = Duration::from_millis(20);
 
 pub(super) struct Rsh {
     pub link: Link,
     /// Its name and version, as it says it.
     pub server: String,
+    /// Once it is asked for, an answer that got lost is not waited for.
+    pub halt: Option<Halt>,
 }
 
 impl Rsh {
     /// Connect and shake hands. This alone gives no right to command: see [`Rsh::enable`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
         let link = link::open(address).await.map_err(|error| not_there(address, error))?;
-        let mut rsh = Self { link, server: String::new() };
+        let mut rsh = Self { link, server: String::new(), halt: None };
         let answer = rsh.ask("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
             return Err(refused("hello EMC trued 1.0", answer, "it wants another password"));
@@ -72,9 +77,14 @@ impl Rsh {
     /// Send `line`; the rest of the first line that begins with one of `starts`.
     async fn ask(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
         self.link.send_line(line)?;
-        let deadline = Instant::now() + ANSWER;
+        let mut deadline = Instant::now() + ANSWER;
         loop {
-            match self.link.recv_deadline(deadline).await? {
+            if self.halt.as_ref().is_some_and(Halt::is_halted) {
+                deadline = deadline.min(Instant::now() + UNANSWERED);
+            }
+            let look = deadline.min(Instant::now() + LOOK);
+            match self.link.recv_deadline(look).await? {
+                None if look < deadline => {}
                 // An acknowledgement ends in \n\r: the \r arrives before the next line.
                 Some(Received::Line(text)) => {
                     let text = text.trim();

@@ -40,13 +40,20 @@ pub(super) async fn run(
 ) -> Result<Log, ControllerError> {
     rsh.command("run").await?;
     let (mut idle_since, mut settled) = (None, false);
+    let mut halted_since = None;
     let mut still = Still::now();
     loop {
         let status = rsh.get("program_status").await?;
         let log = files.log(step)?;
         match status.as_str() {
             "IDLE" if log.ended => return Ok(log),
-            _ if halt.is_halted() => return Err(ControllerError::Halted),
+            // What is measured is kept, unless it does not come to its end at once.
+            _ if halt.is_halted()
+                && (!log.ended
+                    || halted_since.get_or_insert_with(Instant::now).elapsed() > STOPPED) =>
+            {
+                return Err(ControllerError::Halted);
+            }
             "IDLE" => {
                 let since = *idle_since.get_or_insert_with(Instant::now);
                 let stopped = since.elapsed() > STOPPED;
@@ -124,37 +131,61 @@ pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
 
 /// See a hold through until the machine stands. The one that went ahead on a connection of its own may be
 /// lost: linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so
-/// that of two lines that come together one may be answered `SET NAK` (seen: two holds of 125 under
-/// load). Nothing of ours comes beside this one.
+/// that of two lines that come together one, or both, may be answered as others (seen: two holds of
+/// 125 under load answered `SET NAK`). So what is answered oddly, or not, is asked again.
 ///
 /// # Errors
-/// It does not take it, does not answer, or does not stand in the end.
+/// In the end it has not taken an abort, or does not stand; the link.
 pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let deadline = Instant::now() + BRAKES;
-    loop {
-        // Refused while it is switched off: it stands then.
-        unless_refused(rsh.enable().await)?;
-        unless_refused(rsh.command("abort").await)?;
-        if unless_refused(at_rest(rsh).await)?.unwrap_or(false) {
+    // Let the hold be alone.
+    sleep(SHOWN).await;
+    while Instant::now() < deadline {
+        if heard(rsh.enable().await)?.is_some()
+            && heard(rsh.command("abort").await)?.is_some()
+            && heard(at_rest(rsh).await)? == Some(true)
+        {
             return Ok(());
         }
-        if Instant::now() > deadline {
-            return Err(ControllerError::NotHeld { seconds: BRAKES.as_secs_f64() });
+        // It refuses everything then, and stands.
+        if heard(is_off(rsh).await)? == Some(true) {
+            return Ok(());
         }
     }
+    Err(ControllerError::NotHeld { seconds: BRAKES.as_secs_f64() })
 }
 
+/// Seen three times: one look may be older than the other.
 async fn at_rest(rsh: &mut Rsh) -> Result<bool, ControllerError> {
-    let before = state::numbers(rsh, "abs_act_pos").await?;
-    sleep(SHOWN).await;
-    let after = state::numbers(rsh, "abs_act_pos").await?;
-    let rests = before.iter().zip(after).all(|(one, other)| (one - other).abs() < AT_REST);
-    Ok(rests && rsh.get("program_status").await? == "IDLE")
+    let mm = state::unit_mm(rsh).await?;
+    let mut before = state::numbers(rsh, "abs_act_pos").await?;
+    for _ in 0..2 {
+        sleep(SHOWN).await;
+        let now = state::numbers(rsh, "abs_act_pos").await?;
+        let moved = before.iter().zip(&now).any(|(one, other)| (one - other).abs() * mm > AT_REST);
+        if moved || rsh.get("program_status").await? != "IDLE" {
+            return Ok(false);
+        }
+        before = now;
+    }
+    Ok(true)
 }
 
-fn unless_refused<T>(told: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
+async fn is_off(rsh: &mut Rsh) -> Result<bool, ControllerError> {
+    Ok(rsh.get("estop").await? != "OFF" || rsh.get("machine").await? != "ON")
+}
+
+/// What was told, if it was; an odd answer or none is `None`, a lost link an error.
+fn heard<T>(told: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
+    use ControllerError as E;
     match told {
-        Err(ControllerError::Refused { .. }) => Ok(None),
+        Err(
+            E::Refused { .. }
+            | E::NoAnswer { .. }
+            | E::Garbled { .. }
+            | E::Frozen
+            | E::NotReady { .. },
+        ) => Ok(None),
         told => told.map(Some),
     }
 }

@@ -1,5 +1,6 @@
 //! The conversation through the window: one line, taken and executed; the status while waiting.
 
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -287,22 +288,33 @@ impl Window {
     }
 
     /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
-    /// sent again until the status shows it, one too many changes nothing.
+    /// sent again until the status shows it, one too many changes nothing. A control may stay idle on a
+    /// hold: it stands if its program lives and has nothing left to do.
     async fn halted(&self) -> ControllerError {
-        let patience = 5 * self.patience.answer;
-        let deadline = Instant::now() + patience;
+        let begun = Instant::now();
+        let (mut beats, mut beaten) = (BTreeSet::new(), begun);
         loop {
-            match self.status().await.map(|status| status.state) {
-                Ok(State::Idle) if Instant::now() > deadline => return ControllerError::Halted,
-                Ok(State::Running) if Instant::now() > deadline => {
-                    return ControllerError::NotHeld { seconds: patience.as_secs_f64() };
-                }
-                Ok(State::Idle | State::Running) => self.hold(),
-                Ok(_) => return ControllerError::Halted,
+            let status = match self.status().await {
+                Ok(status) => status,
                 Err(error) => return error,
+            };
+            if beats.insert(status.heartbeat) {
+                beaten = Instant::now();
+            }
+            match status.state {
+                State::Idle if beats.len() > 2 && status.executed == status.accepted => break,
+                State::Idle | State::Running => self.hold(),
+                _ => break,
+            }
+            if beaten.elapsed() > self.patience.heartbeat {
+                return ControllerError::Frozen;
+            }
+            if begun.elapsed() > self.patience.answer {
+                return ControllerError::NotHeld { seconds: self.patience.answer.as_secs_f64() };
             }
             sleep(self.patience.poll).await;
         }
+        ControllerError::Halted
     }
 
     /// A heartbeat from here, and one that changes from there; the status that shows it.

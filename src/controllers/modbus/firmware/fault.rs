@@ -99,8 +99,8 @@ pub enum FaultKind {
 }
 
 impl FaultKind {
-    /// Of every window.
-    pub const ALL: [FaultKind; 21] = [
+    /// Of every window that nobody holds (`LostHold` strikes holds alone).
+    pub const ALL: [FaultKind; 20] = [
         Self::Late,
         Self::Unanswered,
         Self::Lost,
@@ -121,7 +121,6 @@ impl FaultKind {
         Self::SlowLatch,
         Self::HalfWritten,
         Self::LostStart,
-        Self::LostHold,
     ];
     /// Of a resident program besides.
     pub const OF_PROGRAM: [FaultKind; 4] =
