@@ -1,14 +1,15 @@
 //! `trued serve` itself, with its control on such a wire.
 
-use std::io::{BufRead, BufReader, Read as _, Write as _};
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use super::served::Served;
 use super::tape::{self, Exchange};
 
 const FILE: &str = include_str!("../../config/simulated.toml");
@@ -43,16 +44,9 @@ pub fn tape() -> Vec<Exchange> {
 }
 
 pub struct Daemon {
-    child: Child,
+    served: Served,
     pub port: u16,
     _folder: tempfile::TempDir,
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 /// `[controller]` and `[simulated]` are another machine's.
@@ -76,18 +70,8 @@ impl Daemon {
         std::fs::write(&machine, at_wire(wire)).unwrap();
         let machine = machine.display().to_string();
         let mut command = command(&["serve", "--machine", &machine], folder.path());
-        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
-        let mut told = BufReader::new(child.stderr.take().unwrap());
-        let (mut line, mut log) = (String::new(), String::new());
-        while line.trim() != "ready" {
-            line.clear();
-            assert_ne!(told.read_line(&mut line).unwrap(), 0, "it does not serve: {log}");
-            log += &line;
-        }
-        std::thread::spawn(move || std::io::copy(&mut told, &mut std::io::sink()));
-        let at = log.lines().find_map(|line| line.split("http://127.0.0.1:").nth(1));
-        let port = at.and_then(|at| at.trim_end_matches('/').parse().ok()).expect("a port");
-        Self { child, port, _folder: folder }
+        let served = Served::start(&mut command);
+        Self { port: served.page(), served, _folder: folder }
     }
 
     pub fn address(&self) -> String {
@@ -157,7 +141,8 @@ impl Daemon {
 
     /// The processor time that it has used, s.
     pub fn processor_s(&self) -> f64 {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).unwrap();
+        let stat =
+            std::fs::read_to_string(format!("/proc/{}/stat", self.served.child.id())).unwrap();
         let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
         // In hundredths of a second: utime and stime.
         (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0

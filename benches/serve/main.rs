@@ -6,6 +6,9 @@
 
 mod daemon;
 mod readers;
+#[path = "../../tests/support/served.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod served;
 #[allow(dead_code)]
 #[path = "../overhead/tape.rs"]
 mod tape;

@@ -26,6 +26,11 @@ pub struct Carried {
     joints: Vec<Joint>,
 }
 
+/// A carrier on its way. The way is looked at in many places, and most joints stand still on most
+/// ways: their motion, with its sine and cosine, is made once.
+#[derive(Debug)]
+pub struct Going<'a>(Vec<(&'a Joint, Option<DAffine3>)>);
+
 impl Chain {
     /// `None`: the machine has no such axis.
     pub fn carried(&self, carrier: Carrier) -> Option<Carried> {
@@ -80,6 +85,17 @@ impl Carried {
         })
     }
 
+    /// Between these two places.
+    pub fn going(&self, from: &Commands, to: &Commands) -> Going<'_> {
+        let joint = |joint| {
+            let [from, to] = [from, to].map(|place| place[Joint::axis(joint) as usize]);
+            (joint, (from == to).then(|| joint.nominal(from)))
+        };
+        Going(self.joints.iter().map(joint).collect())
+    }
+}
+
+impl Going<'_> {
     /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
     /// of a body is from where it stands at `middle`, as long as every axis stays within `half` of
     /// it, whatever way the axes take together. The body lies in the convex hull of balls of `radius`
@@ -96,13 +112,13 @@ impl Carried {
         radius: f64,
     ) -> (DAffine3, f64) {
         let (mut pose, mut stray) = (DAffine3::IDENTITY, 0.0);
-        for joint in self.joints.iter().rev() {
+        for (joint, still) in self.0.iter().rev() {
             let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
             if half > 0.0 {
                 let distances = corners.iter().map(|p| joint.distance(pose.transform_point3(*p)));
                 stray += joint.longest(half, distances.fold(0.0, f64::max) + radius);
             }
-            pose = joint.nominal(command) * pose;
+            pose = still.unwrap_or_else(|| joint.nominal(command)) * pose;
         }
         (pose, stray)
     }

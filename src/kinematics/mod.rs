@@ -14,7 +14,7 @@ mod joint;
 mod parameter;
 mod topology;
 
-pub use carrier::{Carried, Commands, Side};
+pub use carrier::{Carried, Commands, Going, Side};
 pub use chain::Chain;
 pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 pub use topology::{Topology, TopologyError};

@@ -161,7 +161,13 @@ fn the_bound_on_straying_holds_and_is_reached() {
     let corners = [DVec3::new(30.0, -20.0, 10.0), DVec3::new(-15.0, 40.0, 60.0)];
     let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
-    let (pose, bound) = carried.sweep(&middle, &half, &corners, 0.0);
+    let swept = |half: &[f64; 7], corners: &[DVec3]| {
+        let [from, to] =
+            [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
+        carried.going(&from, &to).sweep(&middle, half, corners, 0.0)
+    };
+    let (pose, bound) = swept(&half, &corners);
+    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12));
     let mut farthest = 0.0_f64;
     for i in 0..3_usize.pow(3) {
         let share = |digit: u32| (i / 3_usize.pow(digit) % 3) as f64 - 1.0;
@@ -178,7 +184,8 @@ fn the_bound_on_straying_holds_and_is_reached() {
     assert!(farthest <= bound && farthest > 0.6 * bound, "{farthest} of {bound}");
     let mut alone = [0.0; 7];
     alone[Axis::C as usize] = 0.9;
-    let (_, bound) = carried.sweep(&middle, &alone, &corners[..1], 0.0);
+    let (pose, bound) = swept(&alone, &corners[..1]);
+    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12), "the others stand still");
     let chord = 2.0 * 0.45_f64.sin() * 30.0_f64.hypot(20.0);
     assert!((bound - chord).abs() < 1e-12, "{bound} instead of {chord}");
 }

@@ -1,7 +1,7 @@
 //! Two bodies on their way: how near they come, by halving the way as often as it takes.
 //!
 //! Over a part of the way, no point strays further from where it stands in the middle than
-//! [`Carried::sweep`](crate::kinematics::Carried::sweep) says; what is further apart in the middle
+//! [`Going::sweep`](crate::kinematics::Going::sweep) says; what is further apart in the middle
 //! does not meet on that part. Where nothing turns, what keeps two bodies apart across one direction
 //! does so along the whole way, and one look is often enough. Rotary axes move together with linear
 //! ones, straight in joint space, and nothing between samples is left to chance.
@@ -11,7 +11,7 @@ use glam::DVec3;
 use super::body::Body;
 use super::gap::{Across, gap};
 use crate::base::Axis;
-use crate::kinematics::Commands;
+use crate::kinematics::{Commands, Going};
 
 /// The smallest clearance of a step is found to within this, mm.
 pub(super) const FOUND_WITHIN: f64 = 0.02;
@@ -76,13 +76,15 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
         nearest_origin(end - goes, end).normalize_or(DVec3::X)
     });
+    let [one_goes, other_goes] = [one, other].map(|body| body.carried.going(&way.from, &way.to));
     while let Some((at, share)) = parts.pop() {
         let (middle, half) = (way.middle(at), way.half(share));
-        let sweep = |body: &Body| {
+        let sweep = |body: &Body, goes: &Going| {
             let (corners, radius) = &body.corners;
-            body.carried.sweep(&middle, &half, corners, *radius)
+            goes.sweep(&middle, &half, corners, *radius)
         };
-        let ((one_at, one_stray), (other_at, other_stray)) = (sweep(one), sweep(other));
+        let (one_at, one_stray) = sweep(one, &one_goes);
+        let (other_at, other_stray) = sweep(other, &other_goes);
         let stray = one_stray + other_stray;
         let wanted = demand.need.max(nearest - FOUND_WITHIN);
         let centres =

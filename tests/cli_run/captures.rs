@@ -11,8 +11,7 @@ fn run(shop: &Shop, more: &[&str]) -> std::process::Output {
     shop.command(&[&arguments[..], more].concat()).output().unwrap()
 }
 
-#[test]
-fn a_captured_run_replays_to_the_same_bytes_without_the_machine() {
+pub fn a_captured_run_replays_to_the_same_bytes_without_the_machine() {
     for wire in ["wire = \"memory\"", "wire = \"pty\""] {
         let shop = Shop::new(&changed(&machine(), &[("wire = \"memory\"", wire)]));
         let capture = shop.file("a.capture");
@@ -36,8 +35,7 @@ fn a_captured_run_replays_to_the_same_bytes_without_the_machine() {
     }
 }
 
-#[test]
-fn a_capture_that_does_not_fit_is_told_in_words() {
+pub fn a_capture_that_does_not_fit_is_told_in_words() {
     let shop = Shop::new(&machine());
     let capture = shop.file("a.capture");
     let measured = run(&shop, &["--capture", &capture]);
@@ -77,8 +75,7 @@ fn a_capture_that_does_not_fit_is_told_in_words() {
 /// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of
 /// `tests/peers/linuxcnc`, its estimate as it was printed then, and the machine file. The true axis stood at
 /// 50 and -30 µm.
-#[test]
-fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
+pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
     let data = |name: &str| {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
         std::fs::read_to_string(format!("{folder}{name}")).unwrap()

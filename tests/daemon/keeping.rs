@@ -17,8 +17,7 @@ fn said(output: &Output) -> String {
 }
 
 /// Taken in mid-run: whole, up to what was measured by then; as a journal it serves.
-#[test]
-fn a_copy_is_taken_in_mid_run() {
+pub fn a_copy_is_taken_in_mid_run() {
     let shop = Shop::new(&served(""));
     let daemon = shop.serve("real");
     assert_eq!(daemon.client.start(1), 202);
@@ -48,8 +47,7 @@ fn a_copy_is_taken_in_mid_run() {
 }
 
 /// What `ExecStartPre` asks: nothing is opened, nothing is made, and the daemon may live meanwhile.
-#[test]
-fn a_configuration_is_checked_before_it_serves() {
+pub fn a_configuration_is_checked_before_it_serves() {
     let shop = Shop::new(&served(""));
     let machine = shop.path("machine.toml").display().to_string();
     let check = || shop.trued(&["serve", "--machine", &machine, "--check"]);
@@ -71,8 +69,7 @@ fn value(metrics: &str, name: &str) -> f64 {
     line.unwrap_or_else(|| panic!("no {name} in {metrics}")).trim().parse().unwrap()
 }
 
-#[test]
-fn what_happens_is_counted() {
+pub fn what_happens_is_counted() {
     const OF: &str = "machine=\"simulated five-axis machine\"";
     let shop = Shop::new(&served(""));
     let daemon = shop.serve("fast");
@@ -105,8 +102,7 @@ fn what_happens_is_counted() {
 }
 
 /// By the journal's own dates: of a run of long ago the samples go, while the daemon waits.
-#[test]
-fn samples_go_when_their_time_is_over_and_nothing_else() {
+pub fn samples_go_when_their_time_is_over_and_nothing_else() {
     let shop = Shop::new(served("").split("[serve.http]").next().unwrap());
     let file = shop.path("trued.toml");
     let page = "[http]\nlisten = \"127.0.0.1:0\"\n[[machine]]\nfile = \"machine.toml\"\n";

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use trued::store::{Journal, RunId};
 
 use super::client::Client;
+use super::served::Served;
 use super::shop::{Daemon, Shop, served};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -86,8 +87,7 @@ fn may_mount() -> bool {
 }
 
 /// Each step that the journal knows stands there with its run's number, and as what it is.
-#[test]
-fn each_step_is_found_by_its_run() {
+pub fn each_step_is_found_by_its_run() {
     if !may_mount() {
         println!("skipped, for this is not root");
         return;
@@ -100,7 +100,8 @@ fn each_step_is_found_by_its_run() {
     command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
     command.args(["serve", "--speed", "fast", "--machine"]).arg(shop.path("machine.toml"));
     let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut daemon = Daemon { child, log: Arc::default(), client: Client { port: 0 } };
+    let mut daemon =
+        Daemon { served: Served { child, log: Arc::default() }, client: Client { port: 0 } };
     let page = journald.until("the page is at http://127.0.0.1:");
     daemon.client.port = page.rsplit(':').next().unwrap().trim_end_matches('/').parse().unwrap();
     journald.until("ready");

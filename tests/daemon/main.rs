@@ -5,9 +5,41 @@ mod client;
 mod keeping;
 mod kills;
 mod logged;
+#[path = "../support/served.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod served;
 mod shop;
 mod soak;
 mod supervised;
 mod units;
+#[path = "../support/waiting.rs"]
+mod waiting;
 #[path = "../durability/witness.rs"]
 mod witness;
+
+use waiting::named;
+
+fn main() {
+    let long = named![
+        kills::two_hundred_kills_lose_nothing_and_move_nothing,
+        soak::five_hundred_runs_need_no_more_than_fifty,
+    ];
+    // The longest first.
+    let mut trials = named![
+        kills::twenty_kills_lose_nothing_and_move_nothing,
+        soak::fifty_runs_need_no_more_than_five,
+        supervised::systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still,
+        supervised::a_worker_that_hangs_is_fed_for_by_nobody,
+        keeping::a_copy_is_taken_in_mid_run,
+        keeping::a_configuration_is_checked_before_it_serves,
+        keeping::what_happens_is_counted,
+        keeping::samples_go_when_their_time_is_over_and_nothing_else,
+        logged::each_step_is_found_by_its_run,
+        units::the_units_are_understood,
+        units::the_services_are_hardened,
+        units::the_unit_calls_what_there_is,
+        units::the_units_need_what_they_need_and_start_nothing_else,
+    ];
+    trials.extend(long.into_iter().map(|trial| trial.with_ignored_flag(true)));
+    waiting::run(trials);
+}

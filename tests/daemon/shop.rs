@@ -1,11 +1,11 @@
 //! A machine file, a journal, and the daemon.
 
-use std::io::{BufRead, BufReader};
+use std::ops::Deref;
 use std::path::PathBuf;
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Arc, Mutex};
+use std::process::{Command, Output};
 
 use super::client::Client;
+use super::served::Served;
 
 const SERVE: &str = "[serve]\nmin_interval_s = 0.0\n\
                      [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
@@ -17,35 +17,28 @@ pub struct Shop {
     folder: tempfile::TempDir,
 }
 
-/// Killed with this value.
 pub struct Daemon {
-    pub child: Child,
-    pub log: Arc<Mutex<String>>,
+    pub served: Served,
     pub client: Client,
 }
 
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+impl Deref for Daemon {
+    type Target = Served;
+
+    fn deref(&self) -> &Served {
+        &self.served
     }
 }
 
 impl Daemon {
-    pub fn signal(&self, name: &str) {
-        let kill = format!("kill -{name} {}", self.child.id());
-        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-    }
-
     /// Its exit code.
-    pub fn terminate(mut self) -> i32 {
-        self.signal("TERM");
-        self.child.wait().unwrap().code().unwrap()
+    pub fn terminate(self) -> i32 {
+        self.served.terminate()
     }
 
     pub fn kill(&mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
+        self.served.child.kill().unwrap();
+        self.served.child.wait().unwrap();
     }
 
     pub fn has_said(&self, words: &str) -> bool {
@@ -104,23 +97,8 @@ impl Shop {
     pub fn serve_as(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Daemon {
         let mut command = self.command(arguments);
         prepare(&mut command);
-        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
-        let mut told = BufReader::new(child.stderr.take().unwrap());
-        let (mut line, mut log) = (String::new(), String::new());
-        while line.trim() != "ready" {
-            line.clear();
-            assert_ne!(told.read_line(&mut line).unwrap(), 0, "it does not serve: {log}");
-            log += &line;
-        }
-        let at = log.lines().find_map(|line| line.strip_prefix("the page is at http://127.0.0.1:"));
-        let port = at.unwrap().trim_end_matches('/').parse().unwrap();
-        let log = Arc::new(Mutex::new(log));
-        let more = log.clone();
-        std::thread::spawn(move || {
-            for line in told.lines().map_while(Result::ok) {
-                more.lock().unwrap().push_str(&format!("{line}\n"));
-            }
-        });
-        Daemon { child, log, client: Client { port } }
+        let served = Served::start(&mut command);
+        let client = Client { port: served.page() };
+        Daemon { served, client }
     }
 }

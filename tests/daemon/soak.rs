@@ -12,14 +12,11 @@ const IDLE_KIB: u64 = 40 * 1024;
 /// Of a core.
 const IDLE_LOAD: f64 = 0.01;
 
-#[test]
-fn fifty_runs_need_no_more_than_five() {
+pub fn fifty_runs_need_no_more_than_five() {
     soak(50, 5);
 }
 
-#[test]
-#[ignore = "takes minutes: .ci/long"]
-fn five_hundred_runs_need_no_more_than_fifty() {
+pub fn five_hundred_runs_need_no_more_than_fifty() {
     soak(500, 20);
 }
 

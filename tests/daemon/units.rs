@@ -58,8 +58,7 @@ fn verified(root: &Path) -> Option<Output> {
     analyze(&["verify", &root, "trued.service", "trued-cycle@1.service", "trued-cycle@1.timer"])
 }
 
-#[test]
-fn the_units_are_understood() {
+pub fn the_units_are_understood() {
     let root = system();
     let Some(output) = verified(root.path()) else { return };
     assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
@@ -74,8 +73,7 @@ fn the_units_are_understood() {
     }
 }
 
-#[test]
-fn the_services_are_hardened() {
+pub fn the_services_are_hardened() {
     for unit in &UNITS[..2] {
         let file = folder().join(unit).display().to_string();
         let Some(output) = analyze(&["security", "--offline=true", &file]) else { return };
@@ -90,8 +88,7 @@ fn the_services_are_hardened() {
 }
 
 /// What the unit says and what the program does.
-#[test]
-fn the_unit_calls_what_there_is() {
+pub fn the_unit_calls_what_there_is() {
     let unit = std::fs::read_to_string(folder().join("trued.service")).unwrap();
     let calls: Vec<Vec<&str>> = unit
         .lines()
@@ -111,8 +108,7 @@ fn the_unit_calls_what_there_is() {
 
 /// A timer starts no daemon that somebody has stopped; and what an adapter needs that is plugged in later is there
 /// before the daemon.
-#[test]
-fn the_units_need_what_they_need_and_start_nothing_else() {
+pub fn the_units_need_what_they_need_and_start_nothing_else() {
     let of = |unit: &str, keys: &[&str]| -> Vec<String> {
         let text = std::fs::read_to_string(folder().join(unit)).unwrap();
         let lines = text.lines().filter_map(|line| line.split_once('='));

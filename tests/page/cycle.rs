@@ -7,9 +7,7 @@ use super::shop::{Daemon, Shop};
 pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
 
 pub fn address(daemon: &Daemon) -> String {
-    let log = daemon.log.lock().unwrap();
-    let at = log.lines().find_map(|line| line.strip_prefix("the page is at "));
-    at.unwrap_or_else(|| panic!("{log}")).to_owned()
+    format!("http://127.0.0.1:{}/", daemon.page())
 }
 
 /// Few touches on a hasty machine: a whole run at its true pace takes less than a minute, of which half is

@@ -1,6 +1,5 @@
 //! A page that is left open for days shows what is so now, or nothing.
 
-use std::process::Command;
 use std::time::Duration;
 
 use super::browser::Browser;
@@ -11,11 +10,6 @@ use super::shop::{Daemon, Shop};
 const MACHINE: &str = "simulated five-axis machine";
 /// Of a page that cannot know how its machine stands.
 const GONE: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
-
-fn signal(daemon: &Daemon, name: &str) {
-    let kill = format!("kill -{name} {}", daemon.child.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-}
 
 /// With a schedule beside its page.
 fn with_schedule() -> Shop {
@@ -49,7 +43,7 @@ pub async fn stands_still(browser: Browser) {
         .until("#live", |text| text.starts_with("measuring") && text.contains("time left"))
         .await;
     assert!(browser.text("main").await.contains("dawn"));
-    signal(&daemon, "STOP");
+    daemon.signal("STOP");
     let away = |text: &str| text.contains("no connection") && !text.contains("as of");
     let seen = browser.until("main", away).await;
     assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
@@ -57,7 +51,7 @@ pub async fn stands_still(browser: Browser) {
     // The way to the hold is not taken away by what the page believes.
     browser.find("button.hold").await;
     look::at(&browser, "stands-still").await;
-    signal(&daemon, "CONT");
+    daemon.signal("CONT");
     let back = |text: &str| !text.contains("no connection") && text.contains("as of");
     let seen = browser.until("main", back).await;
     assert!(seen.contains("dawn") && seen.contains("Newest runs"), "{seen}");

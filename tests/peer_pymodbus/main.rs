@@ -10,10 +10,13 @@ mod schedules;
 mod sensor;
 mod server;
 mod thermometer;
+#[path = "../support/waiting.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod waiting;
 mod window;
 mod words;
 
-use libtest_mimic::{Arguments, Completion, Failed, Trial};
+use libtest_mimic::{Completion, Failed, Trial};
 use pymodbus::{MISSING, python};
 
 fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
@@ -28,6 +31,9 @@ fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
 
 fn main() {
     let trials = vec![
+        // The longest first.
+        trial("pymodbus_fault_schedules_rtu", schedules::rtu),
+        trial("pymodbus_fault_schedules_tcp", schedules::tcp),
         trial("pymodbus_word_orders", words::are_pymodbus_s),
         trial("pymodbus_late_reply_is_a_hazard_without_us", hazard::of_a_plain_client),
         trial("pymodbus_late_reply_rtu", hazard::not_of_ours_rtu),
@@ -51,8 +57,6 @@ fn main() {
         trial("pymodbus_thermometer_that_goes_away", thermometer::away),
         trial("pymodbus_thermometer_that_never_answers", thermometer::none),
         trial("pymodbus_thermometer_as_check_finds_it", thermometer::checked),
-        trial("pymodbus_fault_schedules_rtu", schedules::rtu),
-        trial("pymodbus_fault_schedules_tcp", schedules::tcp),
     ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    waiting::run(trials);
 }

@@ -1,170 +1,13 @@
 //! The same for balls on stems, each somewhere within its uncertainty: single moves, and touches.
 
 use rayon::prelude::*;
-use serde_json::json;
 use trued::gcode::Dialect;
 use trued::proof::{MARGIN_MM, Reason};
-use trued::record::plan::Plan;
 
+use super::bodies::{Bench, Sampled, Seen, apart};
 use super::{
-    Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Matrix, Point, Solid, length, mapped, minus,
-    unmapped, verdict,
+    Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict,
 };
-
-/// A rod with flat ends, or a ball, with its distances.
-#[derive(Clone)]
-enum Body {
-    Ball(Point, f64),
-    Rod(Solid),
-}
-
-impl Body {
-    fn rod(from: Point, to: Point, radius: f64) -> Self {
-        Body::Rod(Solid { from, to, radius: Some(radius) })
-    }
-
-    fn bound(&self) -> (Point, f64) {
-        match self {
-            Body::Ball(centre, radius) => (*centre, *radius),
-            Body::Rod(solid) => (solid.middle(), solid.bound()),
-        }
-    }
-
-    /// Points, and a radius about each: all of its surface, or nearly.
-    fn points(&self, spacing: f64) -> (Vec<Point>, f64) {
-        match self {
-            Body::Ball(centre, radius) => (vec![*centre], *radius),
-            Body::Rod(solid) => (solid.surface(spacing), 0.0),
-        }
-    }
-
-    fn distance(&self, p: Point) -> f64 {
-        match self {
-            Body::Ball(centre, radius) => length(minus(p, *centre)) - radius,
-            Body::Rod(solid) => solid.distance(p),
-        }
-    }
-}
-
-/// In the frames of the spindle and the table.
-struct Bench {
-    kind: Kind,
-    /// Ball, stem, body of the probe.
-    stylus: [Body; 3],
-    /// Each ball with its stem.
-    balls: Vec<[Body; 2]>,
-    stems: Vec<Point>,
-    uncertainty: f64,
-}
-
-const TIP: Point = [0.0, 0.0, -100.0];
-
-impl Bench {
-    fn new(dice: &mut Dice, kind: Kind) -> Self {
-        let [x, y, z] = TIP;
-        let stem = dice.written(30.0, 60.0);
-        let high = |h: f64| [x, y, z + h];
-        let stylus = [
-            Body::Ball(TIP, dice.written(1.0, 4.0)),
-            Body::rod(TIP, high(stem), dice.written(0.5, 1.0)),
-            Body::rod(high(stem), high(stem + 30.0), dice.written(8.0, 25.0)),
-        ];
-        let count = dice.between(2.0, 5.0) as usize;
-        let (mut balls, mut stems) = (Vec::new(), Vec::new());
-        for _ in 0..count {
-            let place = |dice: &mut Dice| dice.written(-80.0, 80.0);
-            let centre = [place(dice), place(dice), dice.written(20.0, 90.0)];
-            let radius = dice.written(5.0, 13.0);
-            let lean = |dice: &mut Dice| dice.written(-0.7, 0.7);
-            let way = [lean(dice), lean(dice), -1.0];
-            let long = dice.written(20.0, 70.0) / length(way);
-            let foot = std::array::from_fn(|i| centre[i] + long * way[i]);
-            let stem = Body::rod(centre, foot, dice.written(1.0, 0.4 * radius));
-            balls.push([Body::Ball(centre, radius), stem]);
-            stems.push(way);
-        }
-        Self { kind, stylus, balls, stems, uncertainty: dice.written(0.0, 1.0) }
-    }
-
-    fn plan(&self, [from, to]: [Axes; 2], normal: Point) -> Plan {
-        let rod = |body: &Body| match body {
-            Body::Rod(Solid { from, to, radius }) => (radius.unwrap(), length(minus(*to, *from))),
-            Body::Ball(_, radius) => (*radius, 0.0),
-        };
-        let balls = self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
-            let ((centre, radius), (stem, long)) = (ball[0].bound(), rod(&ball[1]));
-            json!({"id": k.to_string(), "centre_mm": centre, "radius_mm": radius, "stem": way,
-                "stem_radius_mm": stem, "stem_length_mm": long})
-        });
-        let balls: Vec<_> = balls.collect();
-        let ([ball, stem, body], at) = (
-            self.stylus.each_ref().map(rod),
-            |[x, y, z, b, c]: Axes| json!({"X": x, "Y": y, "Z": z, "B": b, "C": c}),
-        );
-        serde_json::from_value(json!({
-            "trued_plan": 1, "method": "test", "settings": {},
-            "machine": {"name": "m", "topology": self.kind.topology(), "tool_mm": TIP,
-                "axes": self.kind.axes()},
-            "probe": {"ball_radius_mm": ball.0, "stem_radius_mm": stem.0, "stem_length_mm": stem.1,
-                "body_radius_mm": body.0, "body_length_mm": body.1},
-            "artefact": {"kind": "balls", "balls": balls, "uncertainty_mm": self.uncertainty},
-            "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "t", "from": at(from),
-                "to": at(to), "feed_mm_min": 30.0, "sensor": "probe", "normal": normal}],
-        }))
-        .unwrap()
-    }
-
-    /// Distance of a body of the stylus from one of the artefact, the latter off by `shift` (table
-    /// frame); `far` or more is not looked at closely.
-    fn apart(
-        &self,
-        at: &[Matrix; 2],
-        [tool, work]: [&Body; 2],
-        shift: Point,
-        by: (f64, f64),
-    ) -> f64 {
-        let (spacing, far) = by;
-        let to_table = |p: Point| minus(unmapped(&at[1], mapped(&at[0], p)), shift);
-        let to_tool =
-            |p: Point| unmapped(&at[0], mapped(&at[1], std::array::from_fn(|i| p[i] + shift[i])));
-        let ((a, reach), (b, other)) = (tool.bound(), work.bound());
-        let loose = length(minus(to_table(a), b)) - reach - other;
-        if loose > far {
-            return loose;
-        }
-        let least = |(points, radius): (Vec<Point>, f64), of: &dyn Fn(Point) -> f64| {
-            points.into_iter().map(of).fold(f64::INFINITY, f64::min) - radius
-        };
-        let there = least(tool.points(spacing), &|p| work.distance(to_table(p)));
-        let back = least(work.points(spacing), &|p| tool.distance(to_tool(p)));
-        there.min(back)
-    }
-
-    fn at(&self, from: Axes, to: Axes, share: f64) -> [Matrix; 2] {
-        let axes = std::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
-        [self.kind.spindle(axes), self.kind.table(axes)]
-    }
-
-    /// Where the tip stands in the table's frame.
-    fn tip(&self, at: &[Matrix; 2]) -> Point {
-        unmapped(&at[1], mapped(&at[0], TIP))
-    }
-
-    /// Linear axes for a place of the tip (table frame): it goes evenly with them.
-    fn linear_for(&self, tip: Point, b: f64, c: f64) -> Axes {
-        let tip_at = |axes: Axes| self.tip(&self.at(axes, axes, 0.0));
-        let zero = tip_at([0.0, 0.0, 0.0, b, c]);
-        let unit = |k: usize| {
-            let mut axes = [0.0, 0.0, 0.0, b, c];
-            axes[k] = 1.0;
-            minus(tip_at(axes), zero)
-        };
-        // The three directions are square to each other and of length one.
-        let off = minus(tip, zero);
-        let dot = |k: usize| (0..3).map(|i| unit(k)[i] * off[i]).sum::<f64>();
-        [dot(0), dot(1), dot(2), b, c].map(|value| (value * 1e4).round() / 1e4)
-    }
-}
 
 /// What a move must keep, without the artefact's uncertainty: the stylus feels balls and stems.
 fn need(guarded: bool, tool: usize) -> f64 {
@@ -206,6 +49,7 @@ impl Move {
     /// Smallest distance of all pairs less what they must keep, and where.
     fn slack(&self, spacing: f64, stride: f64, (low, high): (f64, f64)) -> (f64, f64, bool) {
         let Self { bench, from, to, guarded } = self;
+        let Seen { stylus, balls } = bench.seen(spacing);
         let way = (0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt();
         let turn = (to[3] - from[3]).abs() + (to[4] - from[4]).abs();
         let count = ((way + 3.0 * turn) * (high - low) / stride).ceil().max(1.0) as usize;
@@ -213,11 +57,10 @@ impl Move {
         for step in 0..=count {
             let share = low + (high - low) * step as f64 / count as f64;
             let at = bench.at(*from, *to, share);
-            for (tool, body) in bench.stylus.iter().enumerate() {
+            for (tool, body) in stylus.iter().enumerate() {
                 let keep = need(*guarded, tool) + bench.uncertainty;
-                for work in bench.balls.iter().flatten() {
-                    let by = (spacing, least.0 + keep);
-                    let apart = bench.apart(&at, [body, work], [0.0; 3], by);
+                for work in balls.iter().flatten() {
+                    let apart = apart(&at, [body, work], [0.0; 3], least.0 + keep);
                     met |= apart <= 0.0;
                     if apart - keep < least.0 {
                         least = (apart - keep, share);
@@ -315,14 +158,11 @@ impl Touch {
     }
 
     /// The ball may stand anywhere near: is all well with this shift?
-    fn is_well(&self, shift: Point) -> bool {
-        let Self { bench, meant, .. } = self;
-        let own = &bench.balls[*meant];
+    fn is_well(&self, Seen { stylus, balls }: &Seen, shift: Point) -> bool {
+        let own = &balls[self.meant];
         let length_mm = length(std::array::from_fn(|i| self.to[i] - self.from[i]));
-        let by = (1.0, 1.0);
-        let gap = |tool: usize, work: &Body, share: f64| {
-            let at = bench.at(self.from, self.to, share);
-            bench.apart(&at, [&bench.stylus[tool], work], shift, by)
+        let gap = |tool: usize, work: &Sampled, share: f64| {
+            apart(&self.bench.at(self.from, self.to, share), [&stylus[tool], work], shift, 1.0)
         };
         let shares = (0..=STEPS).map(|k| k as f64 / STEPS as f64);
         let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 3e-3) else {
@@ -339,17 +179,16 @@ impl Touch {
     }
 
     /// All other balls and stems, wherever they stand, over the whole of the touch.
-    fn passes_the_others(&self) -> bool {
+    fn passes_the_others(&self, Seen { stylus, balls }: &Seen) -> bool {
         let Self { bench, meant, .. } = self;
-        let others = bench.balls.iter().enumerate().filter(|(k, _)| k != meant);
-        let others: Vec<&Body> = others.flat_map(|(_, ball)| ball).collect();
+        let others = balls.iter().enumerate().filter(|(k, _)| k != meant);
+        let others: Vec<&Sampled> = others.flat_map(|(_, ball)| ball).collect();
         let keep = GUARDED_MM + bench.uncertainty;
         (0..=STEPS / 4).all(|k| {
             let at = bench.at(self.from, self.to, 4.0 * k as f64 / STEPS as f64);
-            bench.stylus.iter().all(|tool| {
-                let apart =
-                    |work: &&Body| bench.apart(&at, [tool, *work], [0.0; 3], (1.0, keep + 1.0));
-                others.iter().all(|work| apart(work) > keep - 1e-3)
+            stylus.iter().all(|tool| {
+                let far = keep + 1.0;
+                others.iter().all(|work| apart(&at, [tool, work], [0.0; 3], far) > keep - 1e-3)
             })
         })
     }
@@ -365,7 +204,9 @@ impl Touch {
             | Reason::NotAimed { .. } => true,
             other => panic!("{other}"),
         };
-        let well = case.passes_the_others() && case.shifts.iter().all(|shift| case.is_well(*shift));
+        let seen = case.bench.seen(1.0);
+        let is_well = |shift: &Point| case.is_well(&seen, *shift);
+        let well = case.passes_the_others(&seen) && case.shifts.iter().all(is_well);
         if !well && !refused {
             eprintln!("touch {number} is not well, and the proof lets it pass");
         }

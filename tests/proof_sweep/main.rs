@@ -4,6 +4,7 @@
 //! only its steps), so what it does see the proof must refuse.
 
 mod balls;
+mod bodies;
 
 use rayon::prelude::*;
 use serde_json::json;
@@ -40,6 +41,14 @@ fn mapped(m: &Matrix, p: Point) -> Point {
 fn unmapped(m: &Matrix, p: Point) -> Point {
     let off: Point = std::array::from_fn(|i| p[i] - m[i][3]);
     std::array::from_fn(|i| m[0][i] * off[0] + m[1][i] * off[1] + m[2][i] * off[2])
+}
+
+/// From one frame into another: where the points of `from` stand as seen from `into`, both rigid.
+fn between(from: &Matrix, into: &Matrix) -> Matrix {
+    let origin = unmapped(into, [0.0; 3]);
+    let mut back = moved(origin);
+    (0..3).for_each(|i| (0..3).for_each(|j| back[i][j] = into[j][i]));
+    times(&back, from)
 }
 
 fn length(p: Point) -> f64 {
@@ -342,8 +351,9 @@ impl Case {
             return f64::INFINITY;
         }
         let one_way = |from: usize, into: usize| {
-            let to_other = |p: &Point| unmapped(&at[into], mapped(&at[from], *p));
-            let distances = surfaces[from].iter().map(|p| self.solids[into].distance(to_other(p)));
+            let to_other = between(&at[from], &at[into]);
+            let seen = |p: &Point| self.solids[into].distance(mapped(&to_other, *p));
+            let distances = surfaces[from].iter().map(seen);
             distances.fold(f64::INFINITY, f64::min)
         };
         one_way(a, b).min(one_way(b, a))

@@ -78,9 +78,7 @@ pub fn said(daemon: &Daemon, words: &str) {
 
 /// Status and JSON of what the interface answers.
 pub fn ask(daemon: &Daemon, method: &str, what: &str, body: &Value) -> (u16, Value) {
-    let log = daemon.log.lock().unwrap().clone();
-    let port = log.lines().find_map(|line| line.strip_prefix("the page is at http://127.0.0.1:"));
-    let port: u16 = port.unwrap().trim_end_matches('/').parse().unwrap();
+    let port = daemon.page();
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let body = body.to_string();

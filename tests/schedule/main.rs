@@ -6,6 +6,8 @@ mod bench;
 #[path = "../serve/shop.rs"]
 #[allow(dead_code)]
 mod shop;
+#[path = "../support/waiting.rs"]
+mod waiting;
 mod wall;
 
 use std::thread::sleep;
@@ -14,6 +16,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use bench::{Bench, ask, said, stands, start, until_run};
+use waiting::named;
 use wall::READY;
 
 fn a_while() {
@@ -21,7 +24,6 @@ fn a_while() {
 }
 
 /// Once at the first instant after the gap in spring, once at the first of both in autumn.
-#[test]
 fn daylight_saving_both_ways() {
     let bench = Bench::new("2027-03-28T00:59:00Z", "30 2 * * *", "");
     let daemon = bench.shop.serve("fast");
@@ -44,7 +46,6 @@ fn daylight_saving_both_ways() {
     assert_eq!(bench.shop.states(), ["finished", "finished"]);
 }
 
-#[test]
 fn a_clock_set_back_in_mid_run() {
     let bench = Bench::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
     let daemon = bench.shop.serve("real");
@@ -67,7 +68,6 @@ fn a_clock_set_back_in_mid_run() {
     assert!(told["armed"][0]["ended"].is_array(), "{told}");
 }
 
-#[test]
 fn a_manual_run_is_on() {
     let bench = Bench::new("2026-11-23T04:29:00Z", "30 5 * * *", "latest_min = 10");
     let daemon = bench.shop.serve("real");
@@ -86,7 +86,6 @@ fn a_manual_run_is_on() {
     assert_eq!(bench.shop.states(), ["running"]);
 }
 
-#[test]
 fn a_manual_run_is_on_and_nobody_waits() {
     let bench = Bench::new("2026-11-23T04:29:00Z", "30 5 * * *", "overlap = \"skip\"");
     let daemon = bench.shop.serve("real");
@@ -96,7 +95,6 @@ fn a_manual_run_is_on_and_nobody_waits() {
     bench.one("2026-11-23T04:30:00Z", "skipped", "a run is on");
 }
 
-#[test]
 fn a_machine_that_is_not_ready() {
     let bench = Bench::new("2026-11-23T04:29:00Z", "30 5 * * *", "ready = [\"artefact\"]");
     let daemon = bench.shop.serve("fast");
@@ -121,7 +119,6 @@ fn a_machine_that_is_not_ready() {
     assert_eq!(bench.shop.states(), ["finished"]);
 }
 
-#[test]
 fn the_power_goes_over_its_time_and_in_its_run() {
     let bench = Bench::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
     drop(bench.shop.serve("real"));
@@ -147,7 +144,6 @@ fn the_power_goes_over_its_time_and_in_its_run() {
     assert_eq!(bench.shop.states(), ["interrupted"]);
 }
 
-#[test]
 fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     let bench = Bench::new("2026-11-23T12:00:00Z", "30 5 * * *", "");
     let daemon = bench.shop.serve("fast");
@@ -182,4 +178,16 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     assert_eq!(bench.shop.states(), ["finished"]);
     let audits = bench.shop.json(&["schedule", bench::NAME, "--json"]);
     assert_eq!(audits[0]["armed"][0]["who"], "Ada");
+}
+
+fn main() {
+    waiting::run(named![
+        daylight_saving_both_ways,
+        a_clock_set_back_in_mid_run,
+        a_manual_run_is_on,
+        a_manual_run_is_on_and_nobody_waits,
+        a_machine_that_is_not_ready,
+        the_power_goes_over_its_time_and_in_its_run,
+        a_call_that_a_cycle_is_due_is_judged_like_the_schedule,
+    ]);
 }

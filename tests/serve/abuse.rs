@@ -25,7 +25,7 @@ pub fn of_all_kinds() {
     let machine = shop.machine();
     let calm = shop.json(&["run", "self-calibration", "--json", "--machine", &machine]);
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     let exceptions = [
         ("discrete 0 1", 1),
         ("input 220 1", 2),
@@ -39,18 +39,18 @@ pub fn of_all_kinds() {
     for (request, code) in exceptions {
         assert_eq!(client.ask(request), format!("exception {code}"), "{request}");
     }
-    raw(daemon.port);
+    raw(daemon.modbus());
     assert!(!daemon.log.lock().unwrap().contains("panicked"));
     let (end, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
     let floods: Vec<_> = (0..4)
         .map(|_| {
-            let stream = TcpStream::connect(("127.0.0.1", daemon.port)).unwrap();
+            let stream = TcpStream::connect(("127.0.0.1", daemon.modbus())).unwrap();
             let (end, answers) = (end.clone(), answers.clone());
             std::thread::spawn(move || flood(stream, &end, &answers))
         })
         .collect();
     // Lines that nobody speaks on, begun requests, noise: more than there are places.
-    let address = SocketAddr::from(([127, 0, 0, 1], daemon.port));
+    let address = SocketAddr::from(([127, 0, 0, 1], daemon.modbus()));
     let silent: Vec<TcpStream> = (0..30)
         .map(|number: u8| {
             let mut stream = TcpStream::connect(address).unwrap();
@@ -116,10 +116,10 @@ pub fn strangers() {
     let shop = Shop::new(MODBUS);
     shop.change("allow = [\"127.0.0.1\"]", "allow = [\"127.0.0.2\"]");
     let daemon = shop.serve("fast");
-    let mut stranger = Client::new(daemon.port);
+    let mut stranger = Client::new(daemon.modbus());
     assert_eq!(stranger.ask("input 0 1"), "lost");
     assert_eq!(stranger.ask("coil 11 1"), "lost");
-    let mut known = Client::from(daemon.port, "127.0.0.2");
+    let mut known = Client::from(daemon.modbus(), "127.0.0.2");
     assert_eq!(known.status()[STATE], 1);
     assert_eq!(known.numbers("bits 11 1")[0], 0);
     assert!(daemon.log.lock().unwrap().contains("127.0.0.1 may not connect"));
@@ -131,10 +131,10 @@ pub fn strangers() {
 pub fn left_behind() {
     let shop = Shop::new(MODBUS);
     let daemon = shop.serve("fast");
-    let mut busy = Client::new(daemon.port);
+    let mut busy = Client::new(daemon.modbus());
     let left: Vec<TcpStream> = (0..15)
         .map(|_| {
-            let mut stream = TcpStream::connect(("127.0.0.1", daemon.port)).unwrap();
+            let mut stream = TcpStream::connect(("127.0.0.1", daemon.modbus())).unwrap();
             stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
             stream.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]).unwrap();
             stream.read_exact(&mut [0; 11]).unwrap();
@@ -142,13 +142,13 @@ pub fn left_behind() {
         })
         .collect();
     // All are fresh: no place.
-    let mut early = Client::new(daemon.port);
+    let mut early = Client::new(daemon.modbus());
     assert_eq!(early.ask("input 0 1"), "lost");
     for _ in 0..25 {
         std::thread::sleep(Duration::from_millis(100));
         assert_eq!(busy.status()[STATE], 1);
     }
-    let mut next = Client::new(daemon.port);
+    let mut next = Client::new(daemon.modbus());
     assert_eq!(next.status()[STATE], 1);
     assert_eq!(busy.status()[STATE], 1);
     drop(left);

@@ -21,9 +21,12 @@ mod shop;
 mod starts;
 mod stops;
 mod tokens;
+#[path = "../support/waiting.rs"]
+mod waiting;
 
-use libtest_mimic::{Arguments, Completion, Failed, Trial};
+use libtest_mimic::{Completion, Failed, Trial};
 use pymodbus::{MISSING, python};
+use waiting::alone;
 
 fn with_pymodbus(name: &str, run: fn()) -> Trial {
     Trial::ignorable_test(name, move || match python() {
@@ -35,13 +38,6 @@ fn with_pymodbus(name: &str, run: fn()) -> Trial {
             Err(Failed::from(MISSING))
         }
         None => Ok(Completion::ignored_with(MISSING)),
-    })
-}
-
-fn alone(name: &str, run: fn()) -> Trial {
-    Trial::test(name, move || {
-        run();
-        Ok(())
     })
 }
 
@@ -102,5 +98,5 @@ fn main() {
         alone("who_has_gone_stands_in_the_audit_log", audited::gone),
         alone("a_section_that_is_not_safe_is_refused", shop::bad_sections),
     ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    waiting::run(trials);
 }

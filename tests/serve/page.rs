@@ -14,9 +14,7 @@ pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub fn port(daemon: &Daemon) -> u16 {
-    let log = daemon.log.lock().unwrap();
-    let at = log.lines().find_map(|line| line.strip_prefix("the page is at http://127.0.0.1:"));
-    at.and_then(|at| at.trim_end_matches('/').parse().ok()).unwrap_or_else(|| panic!("{log}"))
+    daemon.page()
 }
 
 /// Status and body of what `request` (without Host) is answered.

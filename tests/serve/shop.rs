@@ -1,10 +1,13 @@
 //! A machine file with a section `[serve]`, a journal, and the program.
 
-use std::io::{BufRead, BufReader, Read};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Arc, Mutex};
+#[path = "../support/served.rs"]
+mod served;
+
+use std::process::{Command, Output};
 
 use serde_json::Value;
+
+pub use served::Served as Daemon;
 
 pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
@@ -12,29 +15,6 @@ pub struct Shop {
     folder: tempfile::TempDir,
     /// For every program that it starts.
     pub envs: Vec<(String, String)>,
-}
-
-/// `trued serve`; killed with this value.
-pub struct Daemon {
-    pub child: Child,
-    pub port: u16,
-    pub log: Arc<Mutex<String>>,
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Daemon {
-    /// Its exit code.
-    pub fn terminate(mut self) -> i32 {
-        let kill = format!("kill -TERM {}", self.child.id());
-        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-        self.child.wait().unwrap().code().unwrap()
-    }
 }
 
 impl Shop {
@@ -102,33 +82,7 @@ impl Shop {
 
     /// Whatever it serves.
     pub fn serve_as(&self, arguments: &[&str]) -> Daemon {
-        let mut command = self.command(&["serve"]);
-        command.args(arguments);
-        self.serve_by(command)
-    }
-
-    /// Whoever calls it, and however.
-    pub fn serve_by(&self, mut command: Command) -> Daemon {
-        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
-        let mut told = BufReader::new(child.stderr.take().unwrap());
-        let (mut line, mut log) = (String::new(), String::new());
-        while line.trim() != "ready" {
-            line.clear();
-            assert_ne!(told.read_line(&mut line).unwrap(), 0, "it does not serve: {log}");
-            log += &line;
-        }
-        let port = log.lines().find_map(|line| line.strip_prefix("Modbus TCP on 127.0.0.1:"));
-        let port = port.map_or(0, |port| port.parse().unwrap());
-        let log = Arc::new(Mutex::new(log));
-        let more = log.clone();
-        std::thread::spawn(move || {
-            let mut line = String::new();
-            while told.by_ref().read_line(&mut line).is_ok_and(|count| count > 0) {
-                more.lock().unwrap().push_str(&line);
-                line.clear();
-            }
-        });
-        Daemon { child, port, log }
+        Daemon::start(self.command(&["serve"]).args(arguments))
     }
 }
 

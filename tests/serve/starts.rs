@@ -28,7 +28,7 @@ fn parameters(value: &Value) -> Option<&Vec<Value>> {
 pub fn a_cycle() {
     let shop = Shop::new(MODBUS);
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     let before = client.status();
     assert_eq!((before[STATE], before[VERDICT], before[RUN]), (1, 0, 0), "{before:?}");
@@ -85,7 +85,7 @@ pub fn refusals() {
     let shop = Shop::new(MODBUS);
     shop.change("min_interval_s = 0.0", "min_interval_s = 3600.0");
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     assert_eq!(client.refused(12), 4, "no cycle 2");
     for (coil, why) in [(0, 5), (1, 6), (2, 7)] {
@@ -115,7 +115,7 @@ pub fn refusals() {
 pub fn stale() {
     let shop = Shop::new(MODBUS);
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     sleep(Duration::from_millis(1100));
     // The beat that comes with the press is the first after a pause.
@@ -136,7 +136,7 @@ pub fn stale() {
 pub fn captures() {
     let shop = Shop::new(MODBUS);
     let daemon = shop.serve_with(&["--capture", &shop.file("talk.capture")]);
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     for run in 1..3 {
         client.press(11);

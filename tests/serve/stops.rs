@@ -25,7 +25,7 @@ fn under_way(client: &mut Client) {
 pub fn by_a_coil() {
     let shop = short();
     let daemon = shop.serve("real");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     under_way(&mut client);
     assert_eq!(client.ask("coil 3 1"), "ok");
     client.until(|status| status[STATE] == 3);
@@ -49,14 +49,14 @@ pub fn by_a_coil() {
 pub fn by_sigterm() {
     let shop = short();
     let daemon = shop.serve("real");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     under_way(&mut client);
     drop(client);
     assert_eq!(daemon.terminate(), 5);
     assert_eq!(shop.states(), ["held"]);
     // The next one waits for a person.
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     assert_eq!(client.status()[STATE], 3);
     assert_eq!(client.refused(11), 2);
@@ -66,13 +66,13 @@ pub fn by_sigterm() {
     assert_eq!(daemon.terminate(), 0);
     // Acknowledged is acknowledged; killed is not.
     let mut daemon = shop.serve("real");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     assert_eq!(client.status()[STATE], 1);
     under_way(&mut client);
     daemon.child.kill().unwrap();
     daemon.child.wait().unwrap();
     let next = shop.serve("fast");
-    let mut client = Client::new(next.port);
+    let mut client = Client::new(next.modbus());
     assert_eq!((client.status()[STATE], client.status()[REFUSAL]), (3, 0));
 }
 
@@ -87,7 +87,7 @@ fn faulty(fault: &str) -> Shop {
 pub fn by_a_fault() {
     let shop = faulty("kind = \"probe-stuck\"");
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     client.press(11);
     client.until(|status| status[STATE] == 4);
@@ -102,7 +102,7 @@ pub fn by_a_fault() {
 pub fn position_lost() {
     let shop = faulty("kind = \"reset\"\nafter_touch = 3");
     let daemon = shop.serve("fast");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     client.enable();
     client.press(11);
     client.until(|status| status[STATE] == 3);
@@ -116,7 +116,7 @@ pub fn position_lost() {
 pub fn elsewhere() {
     let shop = short();
     let daemon = shop.serve("real");
-    let mut client = Client::new(daemon.port);
+    let mut client = Client::new(daemon.modbus());
     under_way(&mut client);
     client.press(3);
     client.until(|status| status[STATE] == 3);
@@ -139,7 +139,7 @@ pub fn at_once() {
     for ms in [0, 30, 300] {
         let shop = short();
         let daemon = shop.serve("real");
-        let mut client = Client::new(daemon.port);
+        let mut client = Client::new(daemon.modbus());
         client.enable();
         assert_eq!(client.ask("coil 11 1"), "ok");
         sleep(Duration::from_millis(ms));

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::hostile::{Guarded, bearer, token};
 use super::page::{HTTP, ask, port, vouched};
-use super::shop::Shop;
+use super::shop::{Daemon, Shop};
 
 /// `nobody`, as a daemon's own user.
 const DAEMON: u32 = 65_534;
@@ -34,7 +34,7 @@ pub fn by_root() {
     let mut command = Command::new(program);
     command.args(["serve", "--speed", "fast", "--machine", &shop.machine(), "--state", &state]);
     command.uid(DAEMON).gid(DAEMON);
-    let daemon = shop.serve_by(command);
+    let daemon = Daemon::start(&mut command);
     let port = port(&daemon);
     let reads = |token: &str| ask(port, "GET", "/api/v1/runs", &bearer(token), "").0;
     assert_eq!((reads(&gone), reads(&stays)), (200, 200));
