@@ -105,8 +105,9 @@ impl Daemon {
             open = asked;
             if standing["stage"] != stage && standing["stage"] != "" {
                 stage = standing["stage"].clone();
-                let left = standing["remaining_s"].as_f64().unwrap_or(0.0) / 60.0;
-                tell!("{}: about {left:.0} min left", stage.as_str().unwrap_or_default());
+                let left = standing["remaining_s"].as_f64();
+                let left = left.map(|s| format!(": about {:.0} min left", s / 60.0));
+                tell!("{}{}", stage.as_str().unwrap_or_default(), left.unwrap_or_default());
             }
             sleep(LOOK);
         }

@@ -1,5 +1,6 @@
 //! At one machine: waiting, and doing what its desk has accepted, one thing at a time.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,7 +22,7 @@ use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
-use crate::run::{self, Asked, CycleError, Rehearsed};
+use crate::run::{self, Asked, CycleError};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId};
 
@@ -160,20 +161,20 @@ impl Attendant {
     /// What any cycle would be refused for is told now, not when the operator presses the button.
     pub async fn rehearse(&self) -> Result<(), ServeError> {
         let dialect = setup::dialect(&self.machine)?;
-        let mut asking = Vec::new();
+        let mut all = BTreeMap::new();
         for Cycle { number, method, repeat } in &self.config.cycle {
             let (method, plan) = setup::header(&self.machine, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
-            let Rehearsed { machine_s, asks } = rehearsed.map_err(|error| {
+            let rehearsed = rehearsed.map_err(|error| {
                 let (number, error) = (*number, Box::new(error));
                 ServeError::Cycle { number, error }
             })?;
-            let minutes = machine_s / 60.0;
-            let person = if asks { "; it asks a person" } else { "" };
+            let minutes = rehearsed.machine_s / 60.0;
+            let person = if rehearsed.asks { "; it asks a person" } else { "" };
             (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
-            asking.extend(asks.then_some(*number));
+            all.insert(*number, rehearsed);
         }
-        self.desk.asking(asking);
+        self.desk.rehearsed(all);
         Ok(())
     }
 
@@ -302,7 +303,7 @@ impl Attendant {
                 let percent = progress.at(*remaining_s);
                 self.desk.show(|board: &mut Board| {
                     board.progress_percent = percent;
-                    board.remaining_s = *remaining_s;
+                    board.remaining_s = Some(*remaining_s);
                     board.step.clone_from(label);
                 });
             }

@@ -2,6 +2,7 @@
 //! struct under a lock that is never held for longer than it takes to look; the run is not disturbed
 //! by whoever asks.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -16,7 +17,7 @@ use super::pulse::Pulse;
 use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
-use crate::run::{Answers, Asked};
+use crate::run::{Answers, Asked, Rehearsed};
 use crate::store::RunId;
 
 struct Inner {
@@ -28,8 +29,8 @@ struct Inner {
     acting: bool,
     /// Who has done what was asked, until the run takes it.
     answer: Option<(Asked, String)>,
-    /// Cycles that ask a person.
-    asking: Vec<u16>,
+    /// Of each cycle.
+    rehearsed: BTreeMap<u16, Rehearsed>,
     /// A cycle ended, or a start was refused as too soon.
     last_end: Option<Instant>,
 }
@@ -54,9 +55,9 @@ impl Desk {
     pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<Ask>) {
         let (asks, todo) = mpsc::channel(8);
         let board = Board::default();
-        let (answer, asking, acting) = (None, Vec::new(), false);
+        let (answer, rehearsed, acting) = (None, BTreeMap::new(), false);
         let inner =
-            Inner { board, halt: None, stop: false, acting, answer, asking, last_end: None };
+            Inner { board, halt: None, stop: false, acting, answer, rehearsed, last_end: None };
         let desk = Self {
             inner: Arc::new(Mutex::new(inner)),
             asks,
@@ -125,7 +126,8 @@ impl Desk {
         }
         inner.stop = false;
         inner.board.accepted = inner.board.accepted.wrapping_add(1);
-        inner.board.begins(cycle);
+        let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
+        inner.board.begins(cycle, machine_s);
         drop(inner);
         self.changed();
         (self.log)(&format!("cycle {cycle} is started by {by}"));
@@ -153,7 +155,8 @@ impl Desk {
         }
         inner.stop = false;
         let cycle = inner.board.cycle;
-        inner.board.begins(cycle);
+        // How much of it is done already only the run will know.
+        inner.board.begins(cycle, None);
         inner.board.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
@@ -182,7 +185,7 @@ impl Desk {
         if !self.cycles.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.asking.contains(&cycle) && !said.person {
+        if inner.rehearsed.get(&cycle).is_some_and(|known| known.asks) && !said.person {
             return Err(Refusal::AsksPerson);
         }
         if let Some(why) = said.lacks(&self.demand) {
@@ -224,9 +227,9 @@ impl Desk {
         Ok(answer)
     }
 
-    /// These cycles ask a person: nothing starts them where nobody is.
-    pub(super) fn asking(&self, cycles: Vec<u16>) {
-        self.inner().asking = cycles;
+    /// What is known of each cycle before it begins: nothing starts one that asks a person where nobody is.
+    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, Rehearsed>) {
+        self.inner().rehearsed = cycles;
     }
 
     /// Somebody has done what the run has asked for at this step, in this pass.
@@ -320,6 +323,7 @@ impl Desk {
             inner.board.deviations = estimate.parameters.clone();
         }
         (inner.board.stage, inner.board.step) = (String::new(), String::new());
+        inner.board.remaining_s = None;
         drop(inner);
         self.becomes(state);
     }

@@ -8,6 +8,7 @@ use tokio::sync::oneshot;
 
 use super::keeper::Keeper;
 use super::*;
+use crate::run::Rehearsed;
 use crate::service::ask::Ask;
 use crate::service::board::{Refusal, Said, State};
 use crate::service::config::Config;
@@ -308,7 +309,7 @@ fn a_call_is_judged_alike_and_counts_once() {
 #[test]
 fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
     let mut bench = bench();
-    bench.desk.asking(vec![1]);
+    bench.desk.rehearsed([(1, Rehearsed { machine_s: 60.0, asks: true })].into());
     bench.looks("2026-11-23T04:20:00Z", 30);
     assert_eq!(bench.starts(), 0);
     let last = bench.journal.slots(MACHINE, 1).unwrap().remove(0);

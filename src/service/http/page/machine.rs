@@ -129,7 +129,7 @@ pub fn standing(machine: &Shown) -> Value {
         glance,
         address => address(&machine.name),
         parameters => parameters.collect::<Vec<_>>(),
-        remaining => minutes(standing.remaining_s),
+        remaining => standing.remaining_s.map(minutes),
         now => moment(now),
     }
 }
@@ -197,6 +197,7 @@ mod tests {
         };
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");
+        assert!(lives.contains("not known yet") && !lives.contains("0:00"), "{lives}");
         machine.desk.pulse().beat(Duration::ZERO);
         std::thread::sleep(Duration::from_millis(1));
         let (late, hangs) = page();
