@@ -12,7 +12,7 @@ use super::page::{HTTP, JSON, MACHINE, ask, port, vouched};
 use super::shop::{Daemon, Shop};
 
 const PATIENCE: Duration = Duration::from_secs(60);
-const FORM: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
+pub const FORM: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
 
 /// With three tokens, a proxy's name, and the daemon that asks for them.
 pub struct Guarded {
@@ -79,12 +79,12 @@ impl Guarded {
     }
 
     /// What the daemon answers, with its head.
-    fn whole(&self, request: &str) -> String {
+    pub fn whole(&self, request: &str) -> String {
         raw(self.port, request.as_bytes())
     }
 
     /// The cookie that the page sets, with what it says of it.
-    fn come_in(&self, token: &str, host: &str) -> String {
+    pub fn come_in(&self, token: &str, host: &str) -> String {
         let body = format!("token={token}");
         let answer = self.whole(&format!(
             "POST /login HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n{FORM}Content-Length: {}\r\n\

@@ -12,6 +12,7 @@ mod hostile;
 mod line;
 mod lists;
 mod page;
+mod people;
 mod person;
 mod prompts;
 #[path = "../support/pymodbus.rs"]
@@ -89,6 +90,7 @@ fn main() {
         alone("each_role_may_what_it_may_and_no_more", hostile::roles),
         alone("a_session_is_a_browsers_own", hostile::sessions),
         alone("too_often_is_refused_but_no_hold", hostile::too_often),
+        alone("somebody_at_a_browser_is_refused_in_words", people::refused),
         alone("no_path_leads_round_the_door", hostile::paths),
         alone("a_thousand_connections_disturb_no_run", crowd::beside_a_run),
         alone("a_hold_comes_through_a_thousand_connections", crowd::and_a_hold),

@@ -3,6 +3,7 @@
 use axum::extract::{FromRequest, Request, State};
 use axum::http::header::{HeaderValue, SET_COOKIE};
 use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::from_fn;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::{get, post};
 use axum::{Form, Router};
@@ -14,11 +15,13 @@ use super::session::LASTS;
 use super::tokens::whose;
 use super::{Access, DOOR, Refused, SESSION, closed, session};
 use crate::service::http::Web;
-use crate::service::http::page::whole;
+use crate::service::http::page::{for_people, whole};
 use crate::service::http::problem::Problem;
 
 pub fn routes() -> Router<Web> {
-    Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave))
+    let routes = Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave));
+    // None of it is for programs.
+    routes.layer(from_fn(for_people))
 }
 
 #[derive(Deserialize)]
