@@ -7,6 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
+use tracing::field::Empty;
+use tracing::info_span;
 
 use super::Log;
 use super::ask::{Answer, Ask, Looked, Stopped};
@@ -130,7 +132,7 @@ impl Desk {
         inner.board.begins(cycle, machine_s);
         drop(inner);
         self.changed();
-        (self.log)(&format!("cycle {cycle} is started by {by}"));
+        self.log.say(&format!("cycle {cycle} is started by {by}"));
         Ok(())
     }
 
@@ -160,7 +162,7 @@ impl Desk {
         inner.board.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
-        (self.log)(&format!("run {run} is resumed by {}", looked.who));
+        self.log.say(&format!("run {run} is resumed by {}", looked.who));
         Ok(answer)
     }
 
@@ -205,7 +207,7 @@ impl Desk {
         drop(inner);
         self.tally.refused(why);
         self.changed();
-        (self.log)(&format!("refused, {what}: {why}"));
+        self.log.say(&format!("refused, {what}: {why}"));
     }
 
     /// Somebody at the machine has looked at it, and leaves what is held as it is.
@@ -268,12 +270,15 @@ impl Desk {
             return if inner.board.elsewhere { Stopped::Elsewhere } else { Stopped::Nothing };
         }
         inner.stop = true;
-        let halt = inner.halt.clone();
+        let (halt, run) = (inner.halt.clone(), inner.board.run);
         drop(inner);
         if let Some(halt) = halt {
             halt.now();
         }
-        (self.log)(&format!("stopped by {by}"));
+        // Said on the thread of whoever asks, and found by the run that it holds; 0 is none.
+        let span = info_span!("hold", run = Empty);
+        span.record("run", (run > 0).then_some(run));
+        span.in_scope(|| self.log.say(&format!("stopped by {by}")));
         Stopped::Run
     }
 
@@ -357,7 +362,7 @@ impl Desk {
     /// Of a machine with one cycle; the other end as [`Self::new`].
     pub fn for_tests() -> (Self, mpsc::Receiver<Ask>) {
         let config = "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
-        let (log, metrics): (Log, _) = (Arc::new(|_: &str| {}), super::metrics::Metrics::default());
+        let (log, metrics): (Log, _) = (Log::new(|_, _| {}), super::metrics::Metrics::default());
         Self::new(&toml::from_str(config).unwrap(), log, metrics.of("mill"))
     }
 }

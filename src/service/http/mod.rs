@@ -94,11 +94,11 @@ pub fn start(
     let access = Access::new(config, journal.folder(), log)?;
     let here = Whereabouts { pid: std::process::id(), page: at };
     if let Err(error) = here.leave(journal.folder()) {
-        log(&format!("commands will not find the page: {error}"));
+        log.fault(&format!("commands will not find the page: {error}"));
     }
     for machine in &machines {
         if let Err(error) = machine.last.look(&journal, &machine.name) {
-            log(&format!("what {} was found to be is not known: {error}", machine.name));
+            log.fault(&format!("what {} was found to be is not known: {error}", machine.name));
         }
     }
     let readers = Arc::new(Semaphore::new(READERS));
@@ -114,11 +114,11 @@ pub fn start(
             // So do the readers that it starts.
             behind(ANSWERING);
             if let Err(error) = serve(listener, followed, router) {
-                told(&format!("the page has ended: {error}"));
+                told.fault(&format!("the page has ended: {error}"));
             }
         })
         .map_err(ServeError::Thread)?;
-    log(&format!("the page is at http://{at}/"));
+    log.say(&format!("the page is at http://{at}/"));
     Ok(())
 }
 

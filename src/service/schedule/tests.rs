@@ -60,7 +60,7 @@ fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
         let known = vec![("dawn".to_owned(), "30 5 * * * Europe/Berlin".to_owned())];
         journal.schedules(MACHINE, known, at(since)).wait().unwrap();
     }
-    let log: Log = Arc::new(|_: &str| {});
+    let log: Log = Log::new(|_, _| {});
     let (desk, asks) = Desk::new(&config(), log.clone(), Metrics::default().of(MACHINE));
     desk.becomes(State::Waiting);
     let told = Arc::new(Mutex::new(ready()));

@@ -49,12 +49,12 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
         if let Err(too_often) = access.rates.failure(&address) {
             return Ok(Refused::from(too_often).into_response());
         }
-        (access.log)(&format!("{address} has shown what is no token"));
+        access.log.say(&format!("{address} has shown what is no token"));
         let values = context! { name => (), role => (), wrong => true };
         let door = whole("login.html", access.demanded, values)?;
         return Ok((StatusCode::UNAUTHORIZED, door).into_response());
     };
-    (access.log)(&format!("{} comes in from {address}", token.name));
+    access.log.say(&format!("{} comes in from {address}", token.name));
     let number = access.sessions.open(token).map_err(no_chance)?;
     let lasts = time::Duration::seconds(LASTS.as_secs() as i64);
     Ok(with_cookie(access, &headers, number, lasts, "/"))

@@ -137,7 +137,7 @@ impl Access {
     pub fn new(config: &Http, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
         let tokens = Tokens::beside(folder);
         if config.tokens && tokens.all()?.is_empty() {
-            log(
+            log.say(
                 "there is no token yet, and nobody gets in without one: `trued token add NAME --role ROLE`",
             );
         }
@@ -155,9 +155,9 @@ impl Access {
         if *told != trouble {
             match &trouble {
                 Some(why) => {
-                    (self.log)(&format!("the tokens cannot be read, nobody gets in: {why}"))
+                    self.log.fault(&format!("the tokens cannot be read, nobody gets in: {why}"))
                 }
-                None => (self.log)("the tokens can be read again"),
+                None => self.log.say("the tokens can be read again"),
             }
             *told = trouble;
         }
@@ -206,7 +206,7 @@ impl Access {
             Some(token) => Ok(token),
             None => {
                 self.rates.failure(address)?;
-                (self.log)(&format!("{address} has shown what is no token"));
+                self.log.say(&format!("{address} has shown what is no token"));
                 Err(Refused::Unknown)
             }
         }
