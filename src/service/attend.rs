@@ -24,7 +24,7 @@ use crate::record::estimate::Estimate;
 use crate::record::event::Event;
 use crate::run::{self, Asked, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
-use crate::store::{Journal, MachineLock, RunId};
+use crate::store::{Journal, MachineLock, RunId, sha256_text};
 
 /// Who waits says so this often,
 const TICK: Duration = Duration::from_secs(1);
@@ -194,8 +194,9 @@ impl Attendant {
     pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
-        let last = Last::new(self.config.verdict);
-        Shown { name, desk: self.desk.clone(), cycles, demand, tolerance, last }
+        let (last, file_sha256) =
+            (Last::new(self.config.verdict), sha256_text(self.machine.text()));
+        Shown { name, file_sha256, desk: self.desk.clone(), cycles, demand, tolerance, last }
     }
 
     pub fn name(&self) -> &str {

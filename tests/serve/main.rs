@@ -81,6 +81,7 @@ fn main() {
         alone("a_run_that_goes_on_elsewhere_is_seen", person::resumes_elsewhere),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
+        alone("the_command_measures_by_the_daemons_file_or_not_at_all", asks::another_file),
         alone("a_daemon_without_a_page_is_named", asks::no_page),
         alone("what_is_asked_is_answered_once_by_whoever_may", prompts::answered),
         alone("a_run_that_waits_for_a_person_is_held_and_killed", prompts::stopped),

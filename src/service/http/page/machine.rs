@@ -186,7 +186,8 @@ mod tests {
     fn without_a_sign_of_life_nothing_is_known() {
         let ((desk, _asks), last) = (Desk::for_tests(), Last::new(Duration::from_secs(3600)));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
-        let machine = Shown { name, desk, cycles, demand, tolerance: Vec::new(), last };
+        let (file_sha256, tolerance) = (String::new(), Vec::new());
+        let machine = Shown { name, file_sha256, desk, cycles, demand, tolerance, last };
         machine.desk.show(|board| {
             (board.state, board.run, board.measured) = (State::Running, 3, 17);
             "touch 18".clone_into(&mut board.step);
