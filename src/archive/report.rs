@@ -3,7 +3,7 @@
 use super::story::{signed, story};
 use crate::record::event::Event;
 use crate::record::proof::Proof;
-use crate::report::page;
+use crate::report::{page, warmth};
 use crate::store::{Journal, RunId, StoreError};
 
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +44,7 @@ pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
             ("estimate".to_owned(), last.sha256.clone()),
         ],
         readings: stored.readings.len(),
+        warmth: warmth::rows(&stored.readings),
         state: stored.summary.state.as_str().to_owned(),
         story: story(&stored),
         signed: Some(signed(&stored)),

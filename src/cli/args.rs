@@ -58,11 +58,12 @@ pub enum Command {
     Token(TokenArgs),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Speed {
     /// The simulated machine takes the time that a real one would.
     Real,
     /// Simulated time passes as fast as it can be computed.
+    #[default]
     Fast,
 }
 
@@ -104,9 +105,9 @@ pub struct OutputArgs {
     /// Write every byte of every link here, with its time.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
-    /// Pace of the simulated machine; a real one has its own.
-    #[arg(long, value_enum, default_value = "fast")]
-    pub speed: Speed,
+    /// Pace of the simulated machine, fast unless told; a real one has its own.
+    #[arg(long, value_enum)]
+    pub speed: Option<Speed>,
 }
 
 #[derive(Debug, Args)]

@@ -15,7 +15,8 @@ use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
 use crate::run::{Answers, Asked};
 use crate::service::{Whereabouts, address};
-use crate::store::{Holder, Journal, LockError, RunId};
+use crate::setup::MachineFile;
+use crate::store::{Holder, Journal, LockError, RunId, sha256_text};
 
 /// From one look to the next.
 const LOOK: Duration = Duration::from_millis(200);
@@ -31,6 +32,8 @@ pub struct Daemon {
     /// Of the machine's part of the interface.
     address: String,
     token: Option<String>,
+    /// SHA-256 of what it has read.
+    machine_file: String,
 }
 
 impl Daemon {
@@ -39,19 +42,27 @@ impl Daemon {
         let LockError::Held { holder: Some(Holder { machine, pid, .. }), .. } = error else {
             return None;
         };
-        let Whereabouts { page, .. } = Whereabouts::of(*pid, folder)?;
+        let Whereabouts { page, machine_files, .. } = Whereabouts::of(*pid, folder)?;
+        let machine_file = machine_files.get(machine)?.clone();
         let agent = ureq::Agent::config_builder()
             .timeout_global(Some(PATIENCE))
             .http_status_as_error(false)
             .proxy(None)
             .build();
         let address = format!("http://{page}/api/v1{}", address(machine));
-        Some(Self { agent: agent.into(), address, token: std::env::var(TOKEN).ok() })
+        let token = std::env::var(TOKEN).ok();
+        Some(Self { agent: agent.into(), address, token, machine_file })
     }
 
     /// Start the cycle that `args` ask for, and wait for its end. A signal holds the machine.
-    pub fn run(&self, args: &RunArgs, journal: &Journal) -> Result<(RunId, Estimate), Failure> {
+    pub fn run(
+        &self,
+        args: &RunArgs,
+        machine: &MachineFile,
+        journal: &Journal,
+    ) -> Result<(RunId, Estimate), Failure> {
         alone_can(args)?;
+        self.knows(args, machine)?;
         let standing = self.standing()?;
         let cycles = standing["cycles"].as_array().map_or(&[][..], Vec::as_slice);
         let cycle = cycles.iter().find(|cycle| cycle["method"] == *args.method);
@@ -105,11 +116,25 @@ impl Daemon {
             open = asked;
             if standing["stage"] != stage && standing["stage"] != "" {
                 stage = standing["stage"].clone();
-                let left = standing["remaining_s"].as_f64().unwrap_or(0.0) / 60.0;
-                tell!("{}: about {left:.0} min left", stage.as_str().unwrap_or_default());
+                let left = standing["remaining_s"].as_f64();
+                let left = left.map(|s| format!(": about {:.0} min left", s / 60.0));
+                tell!("{}{}", stage.as_str().unwrap_or_default(), left.unwrap_or_default());
             }
             sleep(LOOK);
         }
+    }
+
+    /// It measures by its own machine file, as that was when it began.
+    fn knows(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), Failure> {
+        if sha256_text(machine.text()) == self.machine_file {
+            return Ok(());
+        }
+        let file = args.machine.as_ref().map(|file| file.display().to_string());
+        let file = file.unwrap_or_else(|| "the built-in machine file".to_owned());
+        Err(Failure::new(
+            format!("a daemon has the machine, and {file} is not what it has read when it began"),
+            "give the file that it serves; if that was changed since, let the daemon begin anew",
+        ))
     }
 
     fn standing(&self) -> Result<Value, Failure> {
@@ -164,6 +189,7 @@ fn alone_can(args: &RunArgs) -> Result<(), Failure> {
         ("--with", !args.with.is_empty()),
         ("--repeat", args.repeat.is_some()),
         ("--capture", args.output.capture.is_some()),
+        ("--speed", args.output.speed.is_some()),
     ];
     match only.into_iter().find(|(_, is_asked)| *is_asked) {
         None => Ok(()),

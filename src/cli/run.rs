@@ -34,7 +34,12 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         Ok(lock) => lock,
         Err(error) => {
             let daemon = Daemon::that_has_it(&error, &folder).ok_or(error)?;
-            return tell_result(&journal, daemon.run(args, &journal)?, &args.output, true);
+            return tell_result(
+                &journal,
+                daemon.run(args, &machine, &journal)?,
+                &args.output,
+                true,
+            );
         }
     };
     journal.mark_interrupted(&lock).wait()?;
@@ -111,10 +116,10 @@ pub fn check_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure
 
 pub async fn connect(
     machine: &MachineFile,
-    speed: Speed,
+    speed: Option<Speed>,
     past: Past<'_>,
 ) -> Result<Devices, Failure> {
-    Ok(setup::devices(machine, speed.into(), past).await?)
+    Ok(setup::devices(machine, speed.unwrap_or_default().into(), past).await?)
 }
 
 impl From<Speed> for Pace {

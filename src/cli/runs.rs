@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
 use crate::archive::story::{self, how_it_ended, story};
-use crate::report::readings_csv;
+use crate::report::{readings_csv, warmth};
 use crate::run::can_resume;
 use crate::store::{Journal, RunId, RunState, StoredRun};
 
@@ -67,7 +67,12 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     );
     tell_interruptions(&stored);
     match last {
-        Some(estimate) => show::print_estimate(estimate),
+        Some(estimate) => {
+            show::print_estimate(estimate);
+            for (name, said) in warmth::rows(&stored.readings) {
+                say!("thermometer {name}: {said}");
+            }
+        }
         None => say!("no estimate: `trued export {run}` gives its readings"),
     }
     Ok(Exit::Pass)

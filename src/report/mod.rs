@@ -10,5 +10,6 @@ mod related;
 #[cfg(test)]
 mod tests;
 mod vectors;
+pub mod warmth;
 
 pub use figure::{Individuals, Temperatures};

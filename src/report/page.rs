@@ -23,6 +23,8 @@ pub struct Facts {
     /// Who answers for the result, if somebody could.
     pub signed: Option<Vec<String>>,
     pub readings: usize,
+    /// Of each thermometer.
+    pub warmth: Rows,
     pub program_version: String,
     /// What is hashed (machine file, plan, ..) and its SHA-256.
     pub hashes: Vec<(String, String)>,
@@ -49,6 +51,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             figures => figures(estimate),
             related => related::related(&estimate.covariance),
             vectors => estimate.arrows.iter().map(vectors::vectors).collect::<Vec<_>>(),
+            warmth => facts.warmth.clone(),
             budget => budget(&estimate.parameters),
             warnings => estimate.warnings.clone(),
             gauge => estimate.gauge.clone(),

@@ -124,6 +124,7 @@ fn facts() -> Facts {
         state: "finished".to_owned(),
         signed: Some(vec!["by Ada on 2025-03-15".to_owned()]),
         readings: 96,
+        warmth: vec![("spindle".to_owned(), "20.13 °C on average".to_owned())],
         story: vec![("10:02".to_owned(), "acknowledged by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
@@ -143,6 +144,7 @@ fn the_page_holds_everything() {
     let hash = facts().hashes[0].1.clone();
     for text in [
         "mill 3",
+        "<th scope=\"row\">spindle</th><td>20.13 °C on average</td>",
         "class=\"verdict pass\"",
         "(49.9 ± 1.0) µm",
         "not identifiable",

@@ -1,5 +1,6 @@
 //! At one machine: waiting, and doing what its desk has accepted, one thing at a time.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,9 +22,9 @@ use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::link::Wiring;
 use crate::record::estimate::Estimate;
 use crate::record::event::Event;
-use crate::run::{self, Asked, CycleError, Rehearsed};
+use crate::run::{self, Asked, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
-use crate::store::{Journal, MachineLock, RunId};
+use crate::store::{Journal, MachineLock, RunId, sha256_text};
 
 /// Who waits says so this often,
 const TICK: Duration = Duration::from_secs(1);
@@ -37,6 +38,18 @@ pub(super) enum Failed {
     Setup(#[from] SetupError),
     #[error(transparent)]
     Cycle(#[from] CycleError),
+}
+
+impl Failed {
+    /// Somebody wanted it so.
+    fn is_stop(&self) -> bool {
+        let Self::Cycle(error) = self else { return false };
+        match error {
+            CycleError::Run { error, .. } => error.is_stop(),
+            CycleError::Identification { why, .. } => matches!(why, Unidentified::Stopped),
+            CycleError::Store(_) => false,
+        }
+    }
 }
 
 /// Of a part of the whole, never back.
@@ -93,7 +106,7 @@ impl Attendant {
         triggers::start(&self.config, &self.desk, &self.log)?;
         match unfinished(journal, self.name())? {
             Some(before) => {
-                (self.log)(&format!("run {} is unfinished and waits for a person", before.run));
+                self.log.say(&format!("run {} is unfinished and waits for a person", before.run));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
                 self.desk.show(|board| (board.run, board.failure) = (run, Some(before.why)));
@@ -160,28 +173,30 @@ impl Attendant {
     /// What any cycle would be refused for is told now, not when the operator presses the button.
     pub async fn rehearse(&self) -> Result<(), ServeError> {
         let dialect = setup::dialect(&self.machine)?;
-        let mut asking = Vec::new();
+        let mut all = BTreeMap::new();
         for Cycle { number, method, repeat } in &self.config.cycle {
             let (method, plan) = setup::header(&self.machine, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
-            let Rehearsed { machine_s, asks } = rehearsed.map_err(|error| {
+            let rehearsed = rehearsed.map_err(|error| {
                 let (number, error) = (*number, Box::new(error));
                 ServeError::Cycle { number, error }
             })?;
-            let minutes = machine_s / 60.0;
-            let person = if asks { "; it asks a person" } else { "" };
-            (self.log)(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
-            asking.extend(asks.then_some(*number));
+            let minutes = rehearsed.machine_s / 60.0;
+            let person = if rehearsed.asks { "; it asks a person" } else { "" };
+            self.log
+                .say(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
+            all.insert(*number, rehearsed);
         }
-        self.desk.asking(asking);
+        self.desk.rehearsed(all);
         Ok(())
     }
 
     pub fn shown(&self) -> Shown {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
-        let last = Last::new(self.config.verdict);
-        Shown { name, desk: self.desk.clone(), cycles, demand, tolerance, last }
+        let (last, file_sha256) =
+            (Last::new(self.config.verdict), sha256_text(self.machine.text()));
+        Shown { name, file_sha256, desk: self.desk.clone(), cycles, demand, tolerance, last }
     }
 
     pub fn name(&self) -> &str {
@@ -219,15 +234,16 @@ impl Attendant {
                 (unopened, Some(Failure { what, remedy }))
             }
         };
-        match (&measured, &why) {
+        let told = match (&measured, &why) {
             (Ok((run, estimate)), _) => {
-                let told = format!("run {run} is finished, verdict {:?}", estimate.verdict);
-                (self.log)(&told);
+                format!("run {run} is finished, verdict {:?}", estimate.verdict)
             }
-            (_, Some(Failure { what, remedy: Some(remedy) })) => {
-                (self.log)(&format!("{what}; {remedy}"));
-            }
-            (_, why) => (self.log)(why.as_ref().map_or("", |why| why.what.as_str())),
+            (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
+            (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
+        };
+        match &measured {
+            Err(failed) if !failed.is_stop() => self.log.fault(&told),
+            _ => self.log.say(&told),
         }
         self.count(&measured);
         self.desk.show(|board| board.failure = why);
@@ -265,7 +281,7 @@ impl Attendant {
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
-            (self.log)(&format!("run {id} begins"));
+            self.log.say(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.is_of(id));
             self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
@@ -292,9 +308,9 @@ impl Attendant {
     pub(super) fn tell(&self, event: &Event, progress: &mut Progress) {
         self.desk.pulse().beat(self.config.patience);
         match event {
-            Event::Announced { text } => (self.log)(text),
+            Event::Announced { text } => self.log.say(text),
             Event::StageStarted { stage } => {
-                (self.log)(&format!("{}: {} touches", stage.name, stage.steps.len()));
+                self.log.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.desk.show(|board| board.stage.clone_from(&stage.name));
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
@@ -302,16 +318,16 @@ impl Attendant {
                 let percent = progress.at(*remaining_s);
                 self.desk.show(|board: &mut Board| {
                     board.progress_percent = percent;
-                    board.remaining_s = *remaining_s;
+                    board.remaining_s = Some(*remaining_s);
                     board.step.clone_from(label);
                 });
             }
             Event::Asked { step, repeat, text } => {
-                (self.log)(&format!("a person is asked: {text}"));
+                self.log.say(&format!("a person is asked: {text}"));
                 let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
                 self.desk.show(|board| board.asked = Some(asked));
             }
-            Event::Answered { who, .. } => (self.log)(&format!("done, says {who}")),
+            Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
                 self.desk.tally().read();
                 self.desk.show(|board| board.measured += 1);

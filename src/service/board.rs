@@ -146,8 +146,8 @@ pub struct Board {
     /// What the run does just now: its stage and its step; empty while none is on.
     pub stage: String,
     pub step: String,
-    /// Machine time that is left, s.
-    pub remaining_s: f64,
+    /// Machine time that is left, s: by its plan until the run knows better; `None` where nobody knows.
+    pub remaining_s: Option<f64>,
     /// Touches and scans that are in the journal.
     pub measured: u32,
     /// While held: another program has the machine, and may move it.
@@ -166,13 +166,13 @@ pub struct Failure {
 }
 
 impl Board {
-    /// Nothing of what was before stands on.
-    pub(super) fn begins(&mut self, cycle: u16) {
+    /// Nothing of what was before stands on. `machine_s`: what it will take, as far as that is known.
+    pub(super) fn begins(&mut self, cycle: u16, machine_s: Option<f64>) {
         (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);
         self.deviations.clear();
         (self.elsewhere, self.failure) = (false, None);
         (self.stage, self.step) = (String::new(), String::new());
-        (self.remaining_s, self.measured, self.asked) = (0.0, 0, None);
+        (self.remaining_s, self.measured, self.asked) = (machine_s, 0, None);
     }
 }

@@ -34,7 +34,7 @@ impl Captures {
                 Ok(capture) => return Some(Begun { captures: self, file, capture, log }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
-                    log(&format!("{}: no capture: {error}", file.display()));
+                    log.fault(&format!("{}: no capture: {error}", file.display()));
                     return None;
                 }
             }
@@ -64,14 +64,18 @@ impl Begun<'_> {
     pub(super) fn is_of(&self, run: RunId) {
         let (from, to) = (&self.file, self.captures.named(&run.to_string()));
         if let Err(error) = keep(from, &to) {
-            (self.log)(&format!("{}: {error}: the capture stays {}", to.display(), from.display()));
+            self.log.fault(&format!(
+                "{}: {error}: the capture stays {}",
+                to.display(),
+                from.display()
+            ));
         }
     }
 
     /// The run has ended, however.
     pub(super) fn finish(self) {
         if let Err(error) = self.capture.finish() {
-            (self.log)(&format!("the capture is not whole: {error}"));
+            self.log.fault(&format!("the capture is not whole: {error}"));
         }
     }
 }
@@ -101,7 +105,7 @@ mod tests {
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();
         }
-        let log: Log = std::sync::Arc::new(|line| panic!("{line}"));
+        let log: Log = Log::new(|_, line| panic!("{line}"));
         let begun = captures.begin(&log).unwrap();
         begun.is_of(RunId(17));
         begun.finish();

@@ -2,10 +2,13 @@
 //! struct under a lock that is never held for longer than it takes to look; the run is not disturbed
 //! by whoever asks.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
+use tracing::field::Empty;
+use tracing::info_span;
 
 use super::Log;
 use super::ask::{Answer, Ask, Looked, Stopped};
@@ -16,7 +19,7 @@ use super::pulse::Pulse;
 use super::rota::Rota;
 use crate::controllers::Halt;
 use crate::record::estimate::Estimate;
-use crate::run::{Answers, Asked};
+use crate::run::{Answers, Asked, Rehearsed};
 use crate::store::RunId;
 
 struct Inner {
@@ -28,8 +31,8 @@ struct Inner {
     acting: bool,
     /// Who has done what was asked, until the run takes it.
     answer: Option<(Asked, String)>,
-    /// Cycles that ask a person.
-    asking: Vec<u16>,
+    /// Of each cycle.
+    rehearsed: BTreeMap<u16, Rehearsed>,
     /// A cycle ended, or a start was refused as too soon.
     last_end: Option<Instant>,
 }
@@ -54,9 +57,9 @@ impl Desk {
     pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<Ask>) {
         let (asks, todo) = mpsc::channel(8);
         let board = Board::default();
-        let (answer, asking, acting) = (None, Vec::new(), false);
+        let (answer, rehearsed, acting) = (None, BTreeMap::new(), false);
         let inner =
-            Inner { board, halt: None, stop: false, acting, answer, asking, last_end: None };
+            Inner { board, halt: None, stop: false, acting, answer, rehearsed, last_end: None };
         let desk = Self {
             inner: Arc::new(Mutex::new(inner)),
             asks,
@@ -125,10 +128,11 @@ impl Desk {
         }
         inner.stop = false;
         inner.board.accepted = inner.board.accepted.wrapping_add(1);
-        inner.board.begins(cycle);
+        let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
+        inner.board.begins(cycle, machine_s);
         drop(inner);
         self.changed();
-        (self.log)(&format!("cycle {cycle} is started by {by}"));
+        self.log.say(&format!("cycle {cycle} is started by {by}"));
         Ok(())
     }
 
@@ -153,11 +157,12 @@ impl Desk {
         }
         inner.stop = false;
         let cycle = inner.board.cycle;
-        inner.board.begins(cycle);
+        // How much of it is done already only the run will know.
+        inner.board.begins(cycle, None);
         inner.board.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
-        (self.log)(&format!("run {run} is resumed by {}", looked.who));
+        self.log.say(&format!("run {run} is resumed by {}", looked.who));
         Ok(answer)
     }
 
@@ -182,7 +187,7 @@ impl Desk {
         if !self.cycles.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.asking.contains(&cycle) && !said.person {
+        if inner.rehearsed.get(&cycle).is_some_and(|known| known.asks) && !said.person {
             return Err(Refusal::AsksPerson);
         }
         if let Some(why) = said.lacks(&self.demand) {
@@ -202,7 +207,7 @@ impl Desk {
         drop(inner);
         self.tally.refused(why);
         self.changed();
-        (self.log)(&format!("refused, {what}: {why}"));
+        self.log.say(&format!("refused, {what}: {why}"));
     }
 
     /// Somebody at the machine has looked at it, and leaves what is held as it is.
@@ -224,9 +229,9 @@ impl Desk {
         Ok(answer)
     }
 
-    /// These cycles ask a person: nothing starts them where nobody is.
-    pub(super) fn asking(&self, cycles: Vec<u16>) {
-        self.inner().asking = cycles;
+    /// What is known of each cycle before it begins: nothing starts one that asks a person where nobody is.
+    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, Rehearsed>) {
+        self.inner().rehearsed = cycles;
     }
 
     /// Somebody has done what the run has asked for at this step, in this pass.
@@ -265,12 +270,15 @@ impl Desk {
             return if inner.board.elsewhere { Stopped::Elsewhere } else { Stopped::Nothing };
         }
         inner.stop = true;
-        let halt = inner.halt.clone();
+        let (halt, run) = (inner.halt.clone(), inner.board.run);
         drop(inner);
         if let Some(halt) = halt {
             halt.now();
         }
-        (self.log)(&format!("stopped by {by}"));
+        // Said on the thread of whoever asks, and found by the run that it holds; 0 is none.
+        let span = info_span!("hold", run = Empty);
+        span.record("run", (run > 0).then_some(run));
+        span.in_scope(|| self.log.say(&format!("stopped by {by}")));
         Stopped::Run
     }
 
@@ -320,6 +328,7 @@ impl Desk {
             inner.board.deviations = estimate.parameters.clone();
         }
         (inner.board.stage, inner.board.step) = (String::new(), String::new());
+        inner.board.remaining_s = None;
         drop(inner);
         self.becomes(state);
     }
@@ -353,7 +362,7 @@ impl Desk {
     /// Of a machine with one cycle; the other end as [`Self::new`].
     pub fn for_tests() -> (Self, mpsc::Receiver<Ask>) {
         let config = "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
-        let (log, metrics): (Log, _) = (Arc::new(|_: &str| {}), super::metrics::Metrics::default());
+        let (log, metrics): (Log, _) = (Log::new(|_, _| {}), super::metrics::Metrics::default());
         Self::new(&toml::from_str(config).unwrap(), log, metrics.of("mill"))
     }
 }

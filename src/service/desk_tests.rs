@@ -6,6 +6,7 @@ use super::ask::{Ask, Looked, Stopped};
 use super::board::{Refusal, Said, State};
 use super::desk::Desk;
 use crate::controllers::Halt;
+use crate::run::Rehearsed;
 use crate::store::RunId;
 
 const SAID: Said =
@@ -82,6 +83,20 @@ fn a_hold_is_heard_by_whatever_moves() {
     desk.show(|board| board.state = State::Waiting);
     assert!(!halted());
     assert_eq!((desk.stop("Ada"), halted()), (Stopped::Run, true));
+}
+
+/// What is left of a cycle is what its rehearsal says; of a run that goes on, only the run will know.
+#[test]
+fn the_time_left_is_never_made_up() {
+    let (desk, _asks) = held();
+    desk.becomes(State::Waiting);
+    desk.rehearsed([(1, Rehearsed { machine_s: 600.0, asks: true })].into());
+    assert_eq!(START(&desk), Ok(()));
+    assert_eq!(desk.board().remaining_s, Some(600.0));
+    desk.ended(State::Held, None);
+    assert_eq!(desk.board().remaining_s, None);
+    assert_eq!(RESUME(&desk), Ok(()));
+    assert_eq!(desk.board().remaining_s, None);
 }
 
 /// A halt, and whether it was said.

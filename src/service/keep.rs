@@ -61,7 +61,7 @@ pub(super) fn start(
             sleep(TICK);
         }
         if let Err(error) = sweep(retention, &journal, captures.as_ref(), &busy, &log) {
-            log(&format!("retention: {error}; {}", error.remedy()));
+            log.fault(&format!("retention: {error}; {}", error.remedy()));
         }
         sleep(EVERY);
     };
@@ -85,10 +85,10 @@ fn sweep(
         }
         let scans = journal.forget_scans(run)?;
         if scans > 0 {
-            log(&format!("run {run}: the samples of {scans} scans are removed"));
+            log.say(&format!("run {run}: the samples of {scans} scans are removed"));
         }
         if captures.is_some_and(|captures| captures.forget(run)) {
-            log(&format!("run {run}: its capture is removed"));
+            log.say(&format!("run {run}: its capture is removed"));
         }
     }
     Ok(())

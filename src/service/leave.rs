@@ -16,7 +16,7 @@ impl Attendant {
             Ok(None) => {
                 self.desk.show(|board| board.failure = None);
                 self.desk.becomes(State::Waiting);
-                (self.log)("acknowledged; ready");
+                self.log.say("acknowledged; ready");
                 None
             }
             Ok(Some(why)) => Some((why, String::new())),
@@ -82,11 +82,11 @@ impl Attendant {
                 self.lock = Some(lock);
                 if self.desk.rests(State::Waiting) {
                     self.desk.show(|board| board.failure = None);
-                    (self.log)("the run was seen to elsewhere; ready");
+                    self.log.say("the run was seen to elsewhere; ready");
                 }
             }
             Ok(Some(before)) => self.desk.show(|board| board.failure = Some(before.why)),
-            Err(error) => (self.log)(&error.to_string()),
+            Err(error) => self.log.fault(&error.to_string()),
         }
     }
 }

@@ -18,6 +18,7 @@ mod desk_tests;
 mod http;
 mod keep;
 mod leave;
+mod log;
 mod metrics;
 mod notify;
 mod past;
@@ -28,18 +29,14 @@ pub mod telemetry;
 mod together;
 pub mod triggers;
 
-use std::sync::Arc;
-
 pub use self::config::{Config, Http};
 pub use self::daemon_file::DaemonFile;
 pub use self::http::{Role, Token, TokenError, Tokens, Whereabouts, address};
+pub use self::log::Log;
 pub use self::together::Service;
 use crate::run::RunError;
 use crate::setup::SetupError;
 use crate::store::{LockError, StoreError};
-
-/// Words for the person who reads the log.
-pub type Log = Arc<dyn Fn(&str) + Send + Sync>;
 
 /// Why the service cannot serve.
 #[derive(Debug, thiserror::Error)]

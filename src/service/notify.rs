@@ -57,7 +57,7 @@ pub fn stopping(log: &Log) {
 
 fn tell(states: &[NotifyState<'_>], log: &Log) {
     if let Err(error) = sd_notify::notify(states) {
-        log(&format!("systemd cannot be told: {error}"));
+        log.fault(&format!("systemd cannot be told: {error}"));
     }
 }
 
@@ -95,10 +95,12 @@ impl Watch {
             let is_late = desk.pulse().is_late();
             if is_late && !*was_late {
                 let seconds = desk.pulse().age().as_secs();
-                log(&format!("{name}: no progress for {seconds} s: the watchdog is fed no more"));
+                log.fault(&format!(
+                    "{name}: no progress for {seconds} s: the watchdog is fed no more"
+                ));
                 let _ = desk.stop("the watchdog");
             } else if *was_late && !is_late {
-                log(&format!("{name}: progress again"));
+                log.say(&format!("{name}: progress again"));
             }
             *was_late = is_late;
         }
@@ -108,8 +110,6 @@ impl Watch {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::controllers::Halt;
 
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn one_that_hangs_stops_the_feed_and_is_held() {
-        let log: Log = Arc::new(|_: &str| {});
+        let log: Log = Log::new(|_, _| {});
         let machines: Watched =
             ["mill", "lathe"].map(|name| (name.to_owned(), Desk::for_tests().0)).into();
         let mut watch = Watch::new(machines.clone());

@@ -6,7 +6,6 @@ use std::fs::File;
 use std::io::Write as _;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
-use std::sync::Arc;
 
 use tracing::field::{Field, Visit};
 use tracing::level_filters::LevelFilter;
@@ -15,7 +14,7 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 
-use super::Log;
+use super::log::{Kind, Log};
 
 /// Of each field of ours in the journal.
 const PREFIX: &str = "TRUED";
@@ -29,7 +28,10 @@ pub fn start() -> Log {
     let words = journal.is_none().then(|| Words.with_filter(LevelFilter::INFO));
     // Begun already: then that goes on.
     let _ = tracing_subscriber::registry().with(journal).with(words).try_init();
-    Arc::new(|words: &str| tracing::info!("{words}"))
+    Log::new(|kind, words| match kind {
+        Kind::Word => tracing::info!("{words}"),
+        Kind::Fault => tracing::error!("{words}"),
+    })
 }
 
 /// Whether standard error goes to systemd's journal (systemd.exec, `$JOURNAL_STREAM`).

@@ -50,7 +50,7 @@ impl Service {
             if http.is_none() && config.modbus.is_none() && config.line.is_none() {
                 return Err(ServeError::NoWayIn(name));
             }
-            let log = if several { of(name, &log) } else { log.clone() };
+            let log = if several { log.of(name) } else { log.clone() };
             let served = (machine, config);
             attendants.push(Attendant::new(served, folder.clone(), pace, log, &metrics)?);
         }
@@ -127,16 +127,10 @@ impl Service {
             halt.now();
         }
         let threads = begun?;
-        (self.log)("ready");
+        self.log.say("ready");
         let ended = threads.into_iter().map(Thread::join).collect::<Result<Vec<_>, _>>()?;
         Ok(if ended.contains(&Ended::Held) { Ended::Held } else { Ended::Waiting })
     }
-}
-
-/// With the machine's name before each line.
-fn of(name: String, log: &Log) -> Log {
-    let log = log.clone();
-    Arc::new(move |words: &str| log(&format!("{name}: {words}")))
 }
 
 /// Each has begun; the first that cannot is told.

@@ -164,6 +164,7 @@ pub fn sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
     serde_json::to_string(value).map(|text| sha256_text(&text))
 }
 
-fn sha256_text(text: &str) -> String {
+/// As in `config_sha256` of a run.
+pub fn sha256_text(text: &str) -> String {
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -8,6 +8,7 @@ use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use serde_json::json;
 use trued::store::{Journal, RunId};
 
 use super::client::Client;
@@ -19,6 +20,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
                       mount --bind \"$0\" /run/systemd/journal && \
                       export JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) && exec \"$@\"";
+
+/// The simulated control restarts on the way.
+const RESET: &str = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n";
 
 /// Name and value of each field.
 type Entry = Vec<(String, String)>;
@@ -60,14 +64,16 @@ impl Journald {
         heard
     }
 
-    /// The message that begins so, once it has come.
-    fn until(&self, words: &str) -> String {
+    /// The entry whose message begins so, once it has come.
+    fn until(&self, words: &str) -> Entry {
         let began = Instant::now();
         loop {
             let all = self.0.lock().unwrap().clone();
-            let mut messages = all.iter().filter_map(|entry| field(entry, "MESSAGE"));
-            if let Some(message) = messages.find(|message| message.starts_with(words)) {
-                return message.to_owned();
+            let begins = |entry: &&Entry| {
+                field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words))
+            };
+            if let Some(entry) = all.iter().find(begins) {
+                return entry.clone();
             }
             assert!(began.elapsed() < PATIENCE, "no {words} in {all:?}");
             std::thread::sleep(Duration::from_millis(20));
@@ -86,6 +92,24 @@ fn may_mount() -> bool {
     may
 }
 
+/// With a journald of its own.
+fn serve(shop: &Shop, speed: &str) -> (Daemon, Journald) {
+    let folder = shop.path("journald");
+    std::fs::create_dir(&folder).unwrap();
+    let journald = Journald::at(UnixDatagram::bind(folder.join("socket")).unwrap());
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
+    command.args(["serve", "--speed", speed, "--machine"]).arg(shop.path("machine.toml"));
+    let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut daemon =
+        Daemon { served: Served { child, log: Arc::default() }, client: Client { port: 0 } };
+    let page = journald.until("the page is at http://127.0.0.1:");
+    let page = field(&page, "MESSAGE").unwrap().trim_end_matches('/');
+    daemon.client.port = page.rsplit(':').next().unwrap().parse().unwrap();
+    journald.until("ready");
+    (daemon, journald)
+}
+
 /// Each step that the journal knows stands there with its run's number, and as what it is.
 pub fn each_step_is_found_by_its_run() {
     if !may_mount() {
@@ -93,18 +117,7 @@ pub fn each_step_is_found_by_its_run() {
         return;
     }
     let shop = Shop::new(&served(""));
-    let folder = shop.path("journald");
-    std::fs::create_dir(&folder).unwrap();
-    let journald = Journald::at(UnixDatagram::bind(folder.join("socket")).unwrap());
-    let mut command = Command::new("unshare");
-    command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
-    command.args(["serve", "--speed", "fast", "--machine"]).arg(shop.path("machine.toml"));
-    let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut daemon =
-        Daemon { served: Served { child, log: Arc::default() }, client: Client { port: 0 } };
-    let page = journald.until("the page is at http://127.0.0.1:");
-    daemon.client.port = page.rsplit(':').next().unwrap().trim_end_matches('/').parse().unwrap();
-    journald.until("ready");
+    let (daemon, journald) = serve(&shop, "fast");
     assert_eq!(daemon.client.start(1), 202);
     daemon.client.until_state("waiting");
     assert_eq!(daemon.terminate(), 0);
@@ -122,4 +135,37 @@ pub fn each_step_is_found_by_its_run() {
         told.insert(step.to_owned());
     }
     assert!(told.is_superset(&measured), "{told:?} {measured:?}");
+}
+
+/// Priorities of syslog.
+const ERR: Option<&str> = Some("3");
+const NOTICE: Option<&str> = Some("5");
+
+/// A hold comes from the page's thread, and is found by the run that it held; it is no fault.
+pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
+    if !may_mount() {
+        println!("skipped, for this is not root");
+        return;
+    }
+    let told = |entry: &Entry| {
+        let [run, priority] = ["TRUED_RUN", "PRIORITY"].map(|name| field(entry, name));
+        (run.map(str::to_owned), priority.map(str::to_owned))
+    };
+    let is = |run: Option<&str>, priority: Option<&str>| {
+        (run.map(str::to_owned), priority.map(str::to_owned))
+    };
+    let shop = Shop::new(&served(""));
+    let (daemon, journald) = serve(&shop, "real");
+    assert_eq!(daemon.client.start(1), 202);
+    daemon.client.until(|standing| standing["measured"].as_u64().unwrap() > 0);
+    assert_eq!(daemon.client.post("hold", &json!({})), 202);
+    assert_eq!(told(&journald.until("stopped by somebody at the page")), is(Some("1"), NOTICE));
+    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), NOTICE));
+    assert_eq!(told(&journald.until("ready")), is(None, NOTICE));
+    let shop = Shop::new(&served("").replacen("[serve]", &format!("{RESET}[serve]"), 1));
+    let (daemon, journald) = serve(&shop, "fast");
+    assert_eq!(daemon.client.start(1), 202);
+    daemon.client.until_state("held");
+    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), ERR));
+    assert_eq!(told(&journald.until("run 1 begins")), is(Some("1"), NOTICE));
 }

@@ -35,6 +35,7 @@ fn main() {
         keeping::what_happens_is_counted,
         keeping::samples_go_when_their_time_is_over_and_nothing_else,
         logged::each_step_is_found_by_its_run,
+        logged::a_hold_is_found_by_its_run_and_a_fault_by_its_priority,
         units::the_units_are_understood,
         units::the_services_are_hardened,
         units::the_unit_calls_what_there_is,

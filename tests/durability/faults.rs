@@ -111,6 +111,58 @@ fn a_full_or_failing_disk_stops_the_run_cleanly() {
     }
 }
 
+/// Bytes written when the transaction that keeps the estimate of a whole run is half done: another run may write a
+/// page more or less before it.
+fn amid_the_estimate() -> u64 {
+    let bench = Bench::new();
+    let log = bench.path("disk.log");
+    let (output, _) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let (mut bytes, mut synced, mut is_it) = (0, 0, false);
+    for event in super::image::events(&log) {
+        match event {
+            super::image::Event::Write { data, .. } => {
+                is_it |= data.windows(ESTIMATE.len()).any(|some| some == ESTIMATE);
+                bytes += data.len() as u64;
+            }
+            super::image::Event::Sync { .. } if is_it => return (synced + bytes) / 2,
+            super::image::Event::Sync { .. } => synced = bytes,
+            _ => {}
+        }
+    }
+    panic!("no estimate was written");
+}
+
+/// As each estimate begins.
+const ESTIMATE: &[u8] = b"{\"trued_estimate\":";
+
+/// All is measured and kept, but for what was found: that is told, nothing is stopped, and it is found again once
+/// there is room.
+#[test]
+fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
+    let (whole, found) = effort();
+    let full = amid_the_estimate();
+    assert!(full < whole.bytes);
+    let bench = Bench::new();
+    let (output, record) = run(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
+    let told = said(&output);
+    assert_eq!((output.status.code(), record.touches().len()), (Some(1), whole.touches), "{told}");
+    assert!(
+        output.stdout.is_empty() && told.contains("what was found could not be kept"),
+        "{told}"
+    );
+    for words in ["make room on the journal's disk", "`trued identify self-calibration --run 1`"] {
+        assert!(told.contains(words), "{words} in {told}");
+    }
+    assert_whole(&bench.state());
+    assert_eq!(bench.states(), ["finished"]);
+    assert_eq!(bench.readings(1).len(), whole.touches);
+    assert_kept(&bench.readings(1), &record);
+    let again = ["identify", "self-calibration", "--run", "1", "--json"];
+    let again = bench.command(&again).output().unwrap();
+    assert!(again.status.success() && again.stdout == found, "{}", said(&again));
+}
+
 #[test]
 fn a_disk_that_writes_in_pieces_or_slowly_changes_nothing() {
     let (whole, estimate) = effort();

@@ -34,7 +34,11 @@ pub fn resumed() {
         assert_eq!(code(&post(port, "resume", word)), *wanted, "{what}");
     }
     assert_eq!((shop.states(), readings()), (vec!["held".to_owned()], before));
-    assert_eq!(post(port, "resume", &word(&|_| ())).0, 202);
+    let because = word(&|word| word["why"] = json!("the plug sat loose"));
+    assert_eq!(post(port, "resume", &because).0, 202);
+    let audits = get(port, "/api/v1/audit");
+    let (what, why) = (&audits[0]["what"], &audits[0]["why"]);
+    assert_eq!((what, why), (&json!("resume of run 1"), &json!("the plug sat loose")));
     // The same fault again: held, but farther on, and the same run.
     until(port, |standing| standing["state"] == "held" && readings() > before);
     assert_eq!(shop.states(), ["held"]);

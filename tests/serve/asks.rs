@@ -19,6 +19,8 @@ pub fn a_cycle() {
     assert!(code == Some(1) && told.contains("none of its cycles is latch-delay"), "{told}");
     let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--repeat", "2"]);
     assert!(code == Some(1) && told.contains("--repeat"), "{told}");
+    let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--speed", "fast"]);
+    assert!(code == Some(1) && told.contains("--speed"), "{told}");
     assert!(shop.states().is_empty());
     let (code, told, said) = run("self-calibration", &["--acknowledge", "Ada", "--json"]);
     assert_eq!(code, Some(0), "{told}");
@@ -26,6 +28,31 @@ pub fn a_cycle() {
     assert_eq!(estimate, shop.json(&["show", "1", "--json"]));
     assert_eq!(shop.states(), ["finished"]);
     assert!(daemon.log.lock().unwrap().contains("cycle 1 is started by Ada"));
+}
+
+/// Another machine file than the daemon's is not passed over, be it another one or its own, changed since; a copy
+/// says the same.
+pub fn another_file() {
+    let shop = Shop::new(HTTP);
+    let _daemon = shop.serve("fast");
+    let run = |machine: &str| {
+        let measure = ["run", "self-calibration", "--acknowledge", "Ada", "--machine", machine];
+        let output = shop.trued(&measure);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (own, copy) = (shop.machine(), shop.file("copy.toml"));
+    std::fs::copy(&own, &copy).unwrap();
+    shop.change("EX0C_um = 500.0", "EX0C_um = 5.0");
+    let (code, told) = run(&own);
+    assert!(code == Some(1) && told.contains("is not what it has read"), "{told}");
+    assert!(told.contains(&own) && told.contains("let the daemon begin anew"), "{told}");
+    let built_in = shop.trued(&["run", "self-calibration", "--acknowledge", "Ada"]);
+    let told = String::from_utf8_lossy(&built_in.stderr);
+    assert!(built_in.status.code() == Some(1) && told.contains("the built-in machine"), "{told}");
+    assert!(shop.states().is_empty());
+    let (code, told) = run(&copy);
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(shop.states(), ["finished"]);
 }
 
 /// Without a page nobody can be asked: who has the machine is told.

@@ -22,6 +22,8 @@ fn audits(port: u16) -> Vec<Value> {
         let page = get(port, &format!("/api/v1/audit?limit=7{before}"));
         let page = page.as_array().unwrap();
         let Some(last) = page.last() else { return all };
+        let older = |seq: &Value| all.last().is_none_or(|last| seq.as_i64() < last["seq"].as_i64());
+        assert!(page.iter().all(|audit| older(&audit["seq"])), "{page:?} after {:?}", all.last());
         before = format!("&before={}", last["seq"]);
         all.extend(page.iter().cloned());
     }
@@ -110,10 +112,10 @@ pub fn reasons() {
     until(port, |standing| standing["measured"].as_u64().unwrap() > 0);
     assert_eq!(post(port, "hold", &because(json!({}), "a noise")).0, 202);
     until(port, |standing| standing["state"] == "held");
-    let resume = json!({"run": 1, "who": "Ada", "free": true, "whole": true});
-    let _ = post(port, "resume", &because(resume, "it was the door"));
+    let seen = because(json!({"who": "Ada"}), "it was the door");
+    assert_eq!(post(port, "acknowledge", &seen).0, 202);
     let all = audits(port);
-    for why in ["it is time", "for the night", "after the crash", "a noise"] {
+    for why in ["it is time", "for the night", "after the crash", "a noise", "it was the door"] {
         assert!(all.iter().any(|audit| audit["why"] == why), "{why}: {all:?}");
     }
 }

@@ -12,6 +12,7 @@ mod hostile;
 mod line;
 mod lists;
 mod page;
+mod people;
 mod person;
 mod prompts;
 #[path = "../support/pymodbus.rs"]
@@ -76,6 +77,7 @@ fn main() {
         alone("a_run_that_goes_on_elsewhere_is_seen", person::resumes_elsewhere),
         alone("who_is_not_the_page_gets_nothing_done", page::strangers),
         alone("the_command_asks_the_daemon_that_has_the_machine", asks::a_cycle),
+        alone("the_command_measures_by_the_daemons_file_or_not_at_all", asks::another_file),
         alone("a_daemon_without_a_page_is_named", asks::no_page),
         alone("what_is_asked_is_answered_once_by_whoever_may", prompts::answered),
         alone("a_run_that_waits_for_a_person_is_held_and_killed", prompts::stopped),
@@ -85,6 +87,7 @@ fn main() {
         alone("each_role_may_what_it_may_and_no_more", hostile::roles),
         alone("a_session_is_a_browsers_own", hostile::sessions),
         alone("too_often_is_refused_but_no_hold", hostile::too_often),
+        alone("somebody_at_a_browser_is_refused_in_words", people::refused),
         alone("no_path_leads_round_the_door", hostile::paths),
         alone("a_thousand_connections_disturb_no_run", crowd::beside_a_run),
         alone("a_hold_comes_through_a_thousand_connections", crowd::and_a_hold),

@@ -109,6 +109,15 @@ pub fn a_cycle() {
     assert_eq!(all["all"], felt.len());
     let mean = trends[0]["values"][0]["temperatures_c"]["spindle"].as_f64().unwrap();
     assert!((mean - felt.iter().sum::<f64>() / felt.len() as f64).abs() < 1e-9, "{mean} {felt:?}");
+    let (least, most) =
+        felt.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
+    let warmth = format!("{mean:.2} °C on average, {least:.2} to {most:.2} °C, ");
+    let (page, report) = ("/runs/1", "/runs/1/report");
+    let [page, report] = [page, report].map(|path| ask(port, "GET", path, "", "").1);
+    let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    for told in [page, report, shown] {
+        assert!(told.contains(&warmth) && told.contains("spindle"), "{warmth} in {told}");
+    }
     assert_eq!(trends[0]["tolerance"], 500.0);
     let one = get(port, "/api/v1/compare?a=1&b=1");
     assert_eq!((&one["runs"][1]["id"], &one["differences"][0]["by"]), (&json!(1), &json!(0.0)));

@@ -31,7 +31,13 @@ pub fn answered() {
     let standing = guarded.until(asks("the part is clean"));
     assert_eq!((&standing["state"], &standing["measured"]), (&json!("running"), &json!(0)));
     assert_eq!(standing["asked"]["step"], 0);
+    // As the daemon has said when it began.
+    let left = standing["remaining_s"].as_f64().unwrap();
+    let takes = format!("cycle 1 takes the machine about {:.0} min;", left / 60.0);
+    assert!(left > 60.0 && guarded.daemon.log.lock().unwrap().contains(&takes), "{takes}");
     let (_, page) = ask(*port, "GET", &MACHINE[7..], &bearer(viewer), "");
+    let shown = format!("time left<b>{:.0}:", (left / 60.0).floor());
+    assert!(page.contains(&shown), "{shown}: {page}");
     assert!(page.contains("Done: the part is clean</button>"), "{page}");
     assert_eq!([answer(viewer, 0), answer(operator, 1)], [403, 409]);
     let nameless = guarded.post("answer", operator, &json!({"step": 0, "more": 1}));

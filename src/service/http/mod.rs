@@ -42,6 +42,8 @@ use crate::store::Journal;
 #[derive(Clone)]
 pub struct Shown {
     pub name: String,
+    /// Of its machine file.
+    pub file_sha256: String,
     pub desk: Desk,
     pub cycles: Vec<Cycle>,
     /// What a person must vouch for to start one of them.
@@ -92,13 +94,15 @@ pub fn start(
     let at = listener.local_addr().map_err(cannot)?;
     let names = guard::Names::of(at, &config.names);
     let access = Access::new(config, journal.folder(), log)?;
-    let here = Whereabouts { pid: std::process::id(), page: at };
+    let files = machines.iter().map(|one| (one.name.clone(), one.file_sha256.clone()));
+    let (pid, machine_files) = (std::process::id(), files.collect());
+    let here = Whereabouts { pid, page: at, machine_files };
     if let Err(error) = here.leave(journal.folder()) {
-        log(&format!("commands will not find the page: {error}"));
+        log.fault(&format!("commands will not find the page: {error}"));
     }
     for machine in &machines {
         if let Err(error) = machine.last.look(&journal, &machine.name) {
-            log(&format!("what {} was found to be is not known: {error}", machine.name));
+            log.fault(&format!("what {} was found to be is not known: {error}", machine.name));
         }
     }
     let readers = Arc::new(Semaphore::new(READERS));
@@ -114,11 +118,11 @@ pub fn start(
             // So do the readers that it starts.
             behind(ANSWERING);
             if let Err(error) = serve(listener, followed, router) {
-                told(&format!("the page has ended: {error}"));
+                told.fault(&format!("the page has ended: {error}"));
             }
         })
         .map_err(ServeError::Thread)?;
-    log(&format!("the page is at http://{at}/"));
+    log.say(&format!("the page is at http://{at}/"));
     Ok(())
 }
 

@@ -29,7 +29,8 @@ pub struct Standing {
     pub progress_percent: u16,
     pub stage: String,
     pub step: String,
-    pub remaining_s: f64,
+    /// By its plan before it moves; null where nobody knows.
+    pub remaining_s: Option<f64>,
     pub measured: u32,
     pub refusal: Option<String>,
     /// Why the last cycle did not come to its end.

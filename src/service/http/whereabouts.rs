@@ -1,5 +1,6 @@
 //! Where a daemon's page is, for commands on the same computer: a small file beside the journal.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -11,6 +12,8 @@ pub struct Whereabouts {
     /// Of the daemon: what another has left behind is not believed.
     pub pid: u32,
     pub page: SocketAddr,
+    /// Of each machine: SHA-256 of the file that it was read from.
+    pub machine_files: BTreeMap<String, String>,
 }
 
 impl Whereabouts {
@@ -40,7 +43,11 @@ mod tests {
     fn only_the_daemon_that_is_asked_for_is_believed() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Whereabouts::of(7, folder.path()), None);
-        let here = Whereabouts { pid: 7, page: ([127, 0, 0, 1], 8137).into() };
+        let here = Whereabouts {
+            pid: 7,
+            page: ([127, 0, 0, 1], 8137).into(),
+            machine_files: BTreeMap::new(),
+        };
         here.leave(folder.path()).unwrap();
         assert_eq!(Whereabouts::of(7, folder.path()), Some(here));
         assert_eq!(Whereabouts::of(8, folder.path()), None);

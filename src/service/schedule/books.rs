@@ -27,7 +27,7 @@ impl Books {
     /// Whether it is written down now; it is not, where it was decided before.
     pub fn keep(&self, slot: &Slot) -> bool {
         self.journal.slot(slot).wait().unwrap_or_else(|error| {
-            (self.log)(&format!("schedule {}: {error}; {}", slot.schedule, error.remedy()));
+            self.log.fault(&format!("schedule {}: {error}; {}", slot.schedule, error.remedy()));
             false
         })
     }
@@ -36,7 +36,7 @@ impl Books {
     pub fn tell(&self, slot: &Slot) {
         if self.keep(slot) {
             let Slot { schedule, at, outcome, why, .. } = slot;
-            (self.log)(&format!("schedule {schedule} of {at}: {}: {why}", outcome.as_str()));
+            self.log.say(&format!("schedule {schedule} of {at}: {}: {why}", outcome.as_str()));
         }
     }
 
@@ -53,9 +53,8 @@ impl Books {
             None => true,
             Some(slot) => {
                 let outcome = slot.outcome.as_str();
-                (self.log)(&format!(
-                    "schedule {schedule} of {at} comes again; it {outcome} already"
-                ));
+                self.log
+                    .say(&format!("schedule {schedule} of {at} comes again; it {outcome} already"));
                 false
             }
         }
@@ -92,8 +91,8 @@ impl Books {
     pub fn disarm(&self, cycle: Option<u16>, why: &str) {
         match self.journal.disarm(&self.machine, cycle, SELF, why).wait() {
             Ok(0) => {}
-            Ok(_) => (self.log)(&format!("schedule: disarmed: {why}")),
-            Err(error) => (self.log)(&format!("schedule: {error}; {}", error.remedy())),
+            Ok(_) => self.log.say(&format!("schedule: disarmed: {why}")),
+            Err(error) => self.log.fault(&format!("schedule: {error}; {}", error.remedy())),
         }
     }
 }

@@ -94,7 +94,7 @@ impl Keeper {
         self.follow();
         self.listen(now_s);
         if let Some(last) = self.looked.filter(|last| now < *last) {
-            (self.books.log)(&format!("schedule: the clock was set back, from {last} to {now}"));
+            self.books.log.say(&format!("schedule: the clock was set back, from {last} to {now}"));
         }
         let mut tracks = std::mem::take(&mut self.tracks);
         let mut changed = false;
@@ -133,7 +133,9 @@ impl Keeper {
     fn missed(&self, track: &mut Track, found: &Window) {
         let Track { entry, seen, .. } = track;
         if found.more {
-            (self.books.log)(&format!("schedule {}: earlier ones were missed as well", entry.name));
+            self.books
+                .log
+                .say(&format!("schedule {}: earlier ones were missed as well", entry.name));
         }
         let why = match self.looked {
             None => "no service was there at its time",
@@ -176,7 +178,7 @@ impl Keeper {
             Err(error) => return self.skips(track, at, error.to_string()),
         };
         if waits != last {
-            (self.books.log)(&format!("schedule {} of {at} waits: {waits}", entry.name));
+            self.books.log.say(&format!("schedule {} of {at} waits: {waits}", entry.name));
         }
         track.waits = Some((at, waits));
     }
@@ -218,7 +220,7 @@ impl Keeper {
     /// A timer of the system, or a person, says that a cycle is due.
     pub fn called(&mut self, call: Call, now: Timestamp) {
         let Call { cycle, who, answer } = call;
-        (self.books.log)(&format!("schedule: {who} says that cycle {cycle} is due"));
+        self.books.log.say(&format!("schedule: {who} says that cycle {cycle} is due"));
         // Whoever called may have gone.
         let _ = answer.send(self.answer(cycle, now));
     }

@@ -8,6 +8,7 @@ use tokio::sync::oneshot;
 
 use super::keeper::Keeper;
 use super::*;
+use crate::run::Rehearsed;
 use crate::service::ask::Ask;
 use crate::service::board::{Refusal, Said, State};
 use crate::service::config::Config;
@@ -59,7 +60,7 @@ fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
         let known = vec![("dawn".to_owned(), "30 5 * * * Europe/Berlin".to_owned())];
         journal.schedules(MACHINE, known, at(since)).wait().unwrap();
     }
-    let log: Log = Arc::new(|_: &str| {});
+    let log: Log = Log::new(|_, _| {});
     let (desk, asks) = Desk::new(&config(), log.clone(), Metrics::default().of(MACHINE));
     desk.becomes(State::Waiting);
     let told = Arc::new(Mutex::new(ready()));
@@ -308,7 +309,7 @@ fn a_call_is_judged_alike_and_counts_once() {
 #[test]
 fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
     let mut bench = bench();
-    bench.desk.asking(vec![1]);
+    bench.desk.rehearsed([(1, Rehearsed { machine_s: 60.0, asks: true })].into());
     bench.looks("2026-11-23T04:20:00Z", 30);
     assert_eq!(bench.starts(), 0);
     let last = bench.journal.slots(MACHINE, 1).unwrap().remove(0);

@@ -35,7 +35,7 @@ pub async fn attend(named: Named, desk: Desk, log: Log) {
             // Once, not every two seconds.
             let told = error.to_string();
             if told != last {
-                log(&format!("the trigger line: {told}"));
+                log.fault(&format!("the trigger line: {told}"));
                 last = told;
             }
         }

@@ -3,6 +3,7 @@
 use axum::extract::{FromRequest, Request, State};
 use axum::http::header::{HeaderValue, SET_COOKIE};
 use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::from_fn;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::{get, post};
 use axum::{Form, Router};
@@ -14,11 +15,13 @@ use super::session::LASTS;
 use super::tokens::whose;
 use super::{Access, DOOR, Refused, SESSION, closed, session};
 use crate::service::http::Web;
-use crate::service::http::page::whole;
+use crate::service::http::page::{for_people, whole};
 use crate::service::http::problem::Problem;
 
 pub fn routes() -> Router<Web> {
-    Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave))
+    let routes = Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave));
+    // None of it is for programs.
+    routes.layer(from_fn(for_people))
 }
 
 #[derive(Deserialize)]
@@ -46,12 +49,12 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
         if let Err(too_often) = access.rates.failure(&address) {
             return Ok(Refused::from(too_often).into_response());
         }
-        (access.log)(&format!("{address} has shown what is no token"));
+        access.log.say(&format!("{address} has shown what is no token"));
         let values = context! { name => (), role => (), wrong => true };
         let door = whole("login.html", access.demanded, values)?;
         return Ok((StatusCode::UNAUTHORIZED, door).into_response());
     };
-    (access.log)(&format!("{} comes in from {address}", token.name));
+    access.log.say(&format!("{} comes in from {address}", token.name));
     let number = access.sessions.open(token).map_err(no_chance)?;
     let lasts = time::Duration::seconds(LASTS.as_secs() as i64);
     Ok(with_cookie(access, &headers, number, lasts, "/"))

@@ -29,6 +29,7 @@ use self::roles::{DOOR, HOLD, needed};
 use self::session::Sessions;
 use self::tokens::whose;
 pub use self::tokens::{Token, TokenError, Tokens};
+use super::page::{as_page, is_json};
 use super::problem::Problem;
 use crate::service::Log;
 use crate::service::config::Http;
@@ -136,7 +137,7 @@ impl Access {
     pub fn new(config: &Http, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
         let tokens = Tokens::beside(folder);
         if config.tokens && tokens.all()?.is_empty() {
-            log(
+            log.say(
                 "there is no token yet, and nobody gets in without one: `trued token add NAME --role ROLE`",
             );
         }
@@ -154,9 +155,9 @@ impl Access {
         if *told != trouble {
             match &trouble {
                 Some(why) => {
-                    (self.log)(&format!("the tokens cannot be read, nobody gets in: {why}"))
+                    self.log.fault(&format!("the tokens cannot be read, nobody gets in: {why}"))
                 }
-                None => (self.log)("the tokens can be read again"),
+                None => self.log.say("the tokens can be read again"),
             }
             *told = trouble;
         }
@@ -205,7 +206,7 @@ impl Access {
             Some(token) => Ok(token),
             None => {
                 self.rates.failure(address)?;
-                (self.log)(&format!("{address} has shown what is no token"));
+                self.log.say(&format!("{address} has shown what is no token"));
                 Err(Refused::Unknown)
             }
         }
@@ -249,22 +250,31 @@ pub async fn admit(
     mut request: Request,
     next: Next,
 ) -> Response {
-    match access.judge(&request) {
+    let refused = match access.judge(&request) {
         Ok(caller) => {
             let asker = Asker(format!("{} {}", caller.counts, access.address(&request)));
             request.extensions_mut().insert(caller);
             let mut response = next.run(request).await;
             response.extensions_mut().insert(asker);
-            response
+            return response;
         }
-        Err(Refused::Unknown) if is_for_a_person(&request) => Redirect::to(DOOR).into_response(),
-        Err(refused) => refused.into_response(),
+        Err(refused) => refused,
+    };
+    let reads = request.method().is_safe();
+    match refused {
+        refused if !is_for_a_person(&request) => refused.into_response(),
+        Refused::Unknown if reads => Redirect::to(DOOR).into_response(),
+        Refused::Unknown => as_page(signed_out().into_response(), access.demanded).await,
+        refused => as_page(refused.into_response(), access.demanded).await,
     }
 }
 
+/// Somebody at a browser reads a page, or has sent one of its forms, which go to where programs send JSON.
 fn is_for_a_person(request: &Request) -> bool {
     let accepts = text(request.headers(), ACCEPT).unwrap_or("");
-    !request.uri().path().starts_with("/api/") && accepts.contains("text/html")
+    let api = request.uri().path().starts_with("/api/");
+    let program = if request.method().is_safe() { api } else { is_json(request.headers()) };
+    !program && accepts.contains("text/html")
 }
 
 impl IntoResponse for Refused {
@@ -286,13 +296,22 @@ impl IntoResponse for Refused {
                 StatusCode::FORBIDDEN,
                 "wrong-role",
                 format!("this is for a token of role {least}, or more"),
-                "ask somebody who has one",
+                "ask somebody who has one, or sign in with such a token",
             )
             .into_response(),
             Self::TooOften(TooOften(wait)) => too_often(wait).into_response(),
             Self::Closed => closed().into_response(),
         }
     }
+}
+
+fn signed_out() -> Problem {
+    Problem::new(
+        StatusCode::UNAUTHORIZED,
+        "no-token",
+        "nobody is signed in here, or not any more: nothing was done",
+        "sign in, then do it again",
+    )
 }
 
 fn closed() -> Problem {

@@ -129,7 +129,7 @@ pub fn standing(machine: &Shown) -> Value {
         glance,
         address => address(&machine.name),
         parameters => parameters.collect::<Vec<_>>(),
-        remaining => minutes(standing.remaining_s),
+        remaining => standing.remaining_s.map(minutes),
         now => moment(now),
     }
 }
@@ -186,7 +186,8 @@ mod tests {
     fn without_a_sign_of_life_nothing_is_known() {
         let ((desk, _asks), last) = (Desk::for_tests(), Last::new(Duration::from_secs(3600)));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
-        let machine = Shown { name, desk, cycles, demand, tolerance: Vec::new(), last };
+        let (file_sha256, tolerance) = (String::new(), Vec::new());
+        let machine = Shown { name, file_sha256, desk, cycles, demand, tolerance, last };
         machine.desk.show(|board| {
             (board.state, board.run, board.measured) = (State::Running, 3, 17);
             "touch 18".clone_into(&mut board.step);
@@ -197,6 +198,7 @@ mod tests {
         };
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");
+        assert!(lives.contains("not known yet") && !lives.contains("0:00"), "{lives}");
         machine.desk.pulse().beat(Duration::ZERO);
         std::thread::sleep(Duration::from_millis(1));
         let (late, hangs) = page();

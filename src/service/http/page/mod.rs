@@ -23,7 +23,7 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::refused::for_people;
+pub use self::refused::{as_page, for_people, is_json};
 pub use self::shared::Shared;
 use super::Web;
 use super::problem::Problem;

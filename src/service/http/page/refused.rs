@@ -26,22 +26,35 @@ pub async fn for_people(request: Request, next: Next) -> Response {
     let program = is_json(request.headers());
     let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);
     let response = next.run(request).await;
-    let (failed, told) = (response.status(), is_json(response.headers()));
-    if program || !told || failed.is_success() {
+    match program {
+        true => response,
+        false => as_page(response, tokens).await,
+    }
+}
+
+/// If it says why there is no answer. `tokens`: as for [`whole`].
+pub async fn as_page(response: Response, tokens: bool) -> Response {
+    let told = is_json(response.headers());
+    if !told || response.status().is_success() {
         return response;
     }
-    let (parts, body) = response.into_parts();
+    let (mut parts, body) = response.into_parts();
     let bytes = to_bytes(body, MOST).await.unwrap_or_default();
     let page = serde_json::from_slice(&bytes).ok().and_then(|Words { message, remedy }| {
         whole("refused.html", tokens, context! { message, remedy }).ok()
     });
     match page {
-        Some(page) => (failed, page).into_response(),
+        Some(page) => {
+            // What else its head says, such as when to ask again, it says still.
+            parts.headers.remove(CONTENT_TYPE);
+            (parts.status, parts.headers, page).into_response()
+        }
         None => (parts, bytes).into_response(),
     }
 }
 
-fn is_json(headers: &HeaderMap) -> bool {
+/// By the head of a request or of an answer.
+pub fn is_json(headers: &HeaderMap) -> bool {
     let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     kind.is_some_and(|kind| kind.starts_with("application/json"))
 }

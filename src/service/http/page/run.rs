@@ -8,6 +8,7 @@ use super::{address, machine, moment};
 use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
 use crate::record::estimate::Estimate;
+use crate::report::warmth;
 use crate::service::http::Web;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
@@ -49,6 +50,7 @@ fn values(stored: &StoredRun, before: Option<i64>) -> Value {
         machine => address(&summary.machine),
         ended => unfinished.then(|| how_it_ended(stored)),
         readings => stored.readings.len(),
+        warmth => warmth::rows(&stored.readings),
         story => story(stored),
         signed => signed(stored),
         before,

@@ -45,7 +45,7 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
         |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
-    log(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
+    log.say(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
     let fresh = Duration::from_secs_f64(config.fresh_s);
     let inputs = Arc::new(Mutex::new(Inputs::new(fresh)));
     let shared = Arc::new(Shared { desk: desk.clone(), inputs, since: Instant::now() });
@@ -63,7 +63,7 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
         .name("modbus server".to_owned())
         .spawn(move || {
             if let Err(error) = serve(listener, &door) {
-                (door.log)(&format!("the Modbus server has ended: {error}"));
+                door.log.fault(&format!("the Modbus server has ended: {error}"));
             }
         })
         .map(drop)
@@ -77,7 +77,7 @@ fn serve(listener: std::net::TcpListener, door: &Door) -> io::Result<()> {
         let connected = |stream, from| ready(Ok(door.let_in(stream, from)));
         loop {
             if let Err(error) = server.serve(&connected, drop).await {
-                (door.log)(&format!("the Modbus server: {error}"));
+                door.log.fault(&format!("the Modbus server: {error}"));
             }
             tokio::time::sleep(PAUSE).await;
         }
@@ -99,7 +99,7 @@ impl Door {
         if !self.allow.contains(&by) {
             let mut last = self.stranger.lock().unwrap_or_else(PoisonError::into_inner);
             if last.replace(by) != Some(by) {
-                (self.log)(&format!("{by} may not connect: it is not in [serve.modbus] allow"));
+                self.log.say(&format!("{by} may not connect: it is not in [serve.modbus] allow"));
             }
             return None;
         }

@@ -1,0 +1,79 @@
+//! What the thermometers said over a run: how warm it was, how much that varied, and where it went.
+
+use std::collections::BTreeMap;
+
+use super::number::fixed;
+use super::page::Rows;
+use crate::record::reading::Reading;
+
+/// No thermometer at a machine is better, °C.
+const DECIMALS: usize = 2;
+
+/// Each by its name; without those that said nothing.
+pub fn rows(readings: &[Reading]) -> Rows {
+    let mut said = BTreeMap::<&str, Vec<f64>>::new();
+    // All samples of a scan have what was said once.
+    for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
+        for (name, celsius) in one.iter().take(1).flat_map(|first| first.temperatures_c.iter()) {
+            said.entry(name).or_default().push(celsius);
+        }
+    }
+    said.into_iter().map(|(name, all)| (name.to_owned(), in_words(&all))).collect()
+}
+
+fn in_words(all: &[f64]) -> String {
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let change = all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first);
+    let [mean, least, most, by] = [mean, least, most, change].map(|value| fixed(value, DECIMALS));
+    let plus = if change > 0.0 { "+" } else { "" };
+    let count = all.len();
+    format!(
+        "{mean} °C on average, {least} to {most} °C, {plus}{by} K from the first of {count} readings to the last"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading(step: u32, said: &[(&str, f64)]) -> Reading {
+        let all: BTreeMap<String, f64> =
+            said.iter().map(|(name, celsius)| ((*name).to_owned(), *celsius)).collect();
+        Reading {
+            step,
+            repeat: 0,
+            position: Default::default(),
+            value_mm: None,
+            sensor: "probe".to_owned(),
+            t_s: 0.0,
+            flag: Default::default(),
+            temperatures_c: all.into(),
+        }
+    }
+
+    #[test]
+    fn a_scan_counts_once_and_silence_not_at_all() {
+        let touches = [
+            reading(0, &[("spindle", 21.0), ("table", 20.0)]),
+            reading(1, &[("spindle", 24.5)]),
+            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading(2, &[("spindle", 22.0), ("table", 19.25)]),
+            reading(3, &[]),
+        ];
+        let rows = rows(&touches);
+        let wanted = [
+            (
+                "spindle",
+                "22.50 °C on average, 21.00 to 24.50 °C, +1.00 K from the first of 3 readings to the last",
+            ),
+            (
+                "table",
+                "19.62 °C on average, 19.25 to 20.00 °C, −0.75 K from the first of 2 readings to the last",
+            ),
+        ];
+        assert_eq!(rows, wanted.map(|(name, said)| (name.to_owned(), said.to_owned())));
+    }
+}
