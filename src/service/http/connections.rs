@@ -202,7 +202,8 @@ async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: 
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD).max_buf_size(LARGEST_HEAD);
-    http.max_headers(FIELDS);
+    // Who says no more may still wait; and what he has asked for, a hold above all, is done and written down.
+    http.max_headers(FIELDS).half_close(true);
     // Whatever ends it concerns this connection alone.
     let _ = http.serve_connection(TokioIo::new(stream), service).await;
 }
