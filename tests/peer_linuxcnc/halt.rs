@@ -8,7 +8,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
-use trued::controllers::{ControllerError, Driver as _};
+use trued::controllers::linuxcnc::LinuxCnc;
+use trued::controllers::{ControllerError, Driver as _, Halt};
 use trued::record::motion::{Block, Motion};
 
 use super::machine::{expect, open, open_through, run, xy, z};
@@ -96,7 +97,24 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8])
     }
 }
 
-/// 200 mm at 10 mm/s, held after 0.7 s: the hold that went ahead gets lost.
+/// 200 mm at 10 mm/s, held after 0.7 s; when that was asked for.
+async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
+    let motions = vec![
+        Motion::Rapid { to: z(150.0) },
+        Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 },
+    ];
+    let person = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_millis(700));
+        let asked = Instant::now();
+        halt.now();
+        asked
+    });
+    let held = driver.execute(&Block { step: 1, repeat: 0, motions }).await;
+    expect(held, |error| matches!(error, ControllerError::Halted))?;
+    person.join().map_err(|_| "the halt panicked".into())
+}
+
+/// The hold that went ahead gets lost.
 pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
     let rig = rig()?;
     let (told, aborts) = channel();
@@ -104,17 +122,7 @@ pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
     run(async {
         let (mut driver, halt) = open_through(port, &rig).await?;
         driver.prepare().await?;
-        let motions = vec![
-            Motion::Rapid { to: z(150.0) },
-            Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 },
-        ];
-        let person = std::thread::spawn(move || {
-            std::thread::sleep(Duration::from_millis(700));
-            halt.now();
-        });
-        let held = driver.execute(&Block { step: 1, repeat: 0, motions }).await;
-        person.join().map_err(|_| "the halt panicked")?;
-        expect(held, |error| matches!(error, ControllerError::Halted))?;
+        halted_on_its_way(&mut driver, halt).await?;
         let stands = rig.joint(0)?.hypot(rig.joint(1)?);
         eprintln!("held at {stands:.3} mm of 200 after {} aborts", aborts.try_iter().count());
         if stands > 100.0 {
@@ -139,19 +147,7 @@ pub fn it_is_on_the_wire_at_once() -> Result<(), Failed> {
         run(async {
             let (mut driver, halt) = open_through(port, &rig).await?;
             driver.prepare().await?;
-            let motions = vec![
-                Motion::Rapid { to: z(150.0) },
-                Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 },
-            ];
-            let person = std::thread::spawn(move || {
-                std::thread::sleep(Duration::from_millis(700));
-                let asked = Instant::now();
-                halt.now();
-                asked
-            });
-            let held = driver.execute(&Block { step: 1, repeat: 0, motions }).await;
-            expect(held, |error| matches!(error, ControllerError::Halted))?;
-            let asked = person.join().map_err(|_| "the halt panicked")?;
+            let asked = halted_on_its_way(&mut driver, halt).await?;
             delays.push(aborts.recv_timeout(Duration::from_secs(1))? - asked);
             rig.person()?.mdi("G53 G0 X0 Y0")
         })?;

@@ -58,15 +58,19 @@ fn slowly_to(x_mm: f64) -> Block {
     Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
 }
 
-#[tokio::test]
-async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
-    let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
-    driver.prepare().await.unwrap();
+async fn held_on_its_way(driver: &mut ModbusControl, halt: Halt) -> ControllerError {
     tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(200)).await;
         halt.now();
     });
-    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    driver.execute(&slowly_to(100.0)).await.unwrap_err()
+}
+
+#[tokio::test]
+async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
+    let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
+    driver.prepare().await.unwrap();
+    let error = held_on_its_way(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let stands = driver.look().await.unwrap().stands.at(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
@@ -82,11 +86,7 @@ async fn a_hold_that_gets_lost_is_sent_again() {
     let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
     let (mut driver, halt, diary) = driver("", Pace::Real, lost).await;
     driver.prepare().await.unwrap();
-    tokio::spawn(async move {
-        tokio::time::sleep(Duration::from_millis(200)).await;
-        halt.now();
-    });
-    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    let error = held_on_its_way(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let stands = driver.look().await.unwrap().stands.at(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
@@ -106,11 +106,7 @@ async fn a_control_that_does_not_hold_is_told_as_such() {
     let patience = Patience { answer: Duration::from_millis(100), ..Patience::default() };
     let mut driver = driver.with_patience(patience);
     driver.prepare().await.unwrap();
-    tokio::spawn(async move {
-        tokio::time::sleep(Duration::from_millis(200)).await;
-        halt.now();
-    });
-    let error = driver.execute(&slowly_to(100.0)).await.unwrap_err();
+    let error = held_on_its_way(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
     assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
 }
