@@ -1,5 +1,7 @@
 //! A person at the page lets a run go on.
 
+use std::collections::BTreeSet;
+
 use super::ServeError;
 use super::ask::Word;
 use super::attend::{Attendant, Failed, Progress};
@@ -76,6 +78,9 @@ impl Attendant {
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.tell(event, &mut progress);
         capture.iter().for_each(|capture| capture.is_of(again.stored().summary.id));
+        let readings = again.stored().readings.iter();
+        let kept: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
+        self.desk.show(|board| board.measured = u32::try_from(kept.len()).unwrap_or(u32::MAX));
         let answers = self.desk.answers(self.patience());
         let ended = again.run(&devices, journal, answers, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);

@@ -30,7 +30,8 @@ impl Problem {
     }
 
     pub fn not_found(what: impl std::fmt::Display) -> Self {
-        let remedy = "/api/v1/machines and /api/v1/runs list what there is";
+        let remedy = "the pages of machines and of runs list what there is, and so do /api/v1/machines \
+                      and /api/v1/runs";
         Self::new(StatusCode::NOT_FOUND, "not-found", format!("there is no {what}"), remedy)
     }
 }
@@ -43,11 +44,14 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        let (status, code) = match error.fault {
-            Fault::NoRun(_) => (StatusCode::NOT_FOUND, "not-found"),
-            _ => (StatusCode::INTERNAL_SERVER_ERROR, "journal"),
-        };
-        Self::new(status, code, error.to_string(), error.remedy())
+        match &error.fault {
+            // Where the journal lies is of no use to who has asked.
+            Fault::NoRun(run) => Self::not_found(format!("run {run}")),
+            _ => {
+                let status = StatusCode::INTERNAL_SERVER_ERROR;
+                Self::new(status, "journal", error.to_string(), error.remedy())
+            }
+        }
     }
 }
 
