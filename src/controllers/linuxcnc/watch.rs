@@ -131,8 +131,8 @@ pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
 
 /// See a hold through until the machine stands. The one that went ahead on a connection of its own may be
 /// lost: linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so
-/// that of two lines that come together one, or both, may be answered as others (seen: two holds of
-/// 125 under load answered `SET NAK`). So what is answered oddly, or not, is asked again.
+/// that of two lines that come together one, or both, may be answered as others (two holds of 125 were
+/// lost under load; on the wire of one stood `SET NAK`). What is answered oddly, or not, is asked again.
 ///
 /// # Errors
 /// In the end it has not taken an abort, or does not stand; the link.
