@@ -19,10 +19,9 @@ pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
         let sensor = setup::sensor(&file, &args.sensor).await?;
         let reached = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
         let at = reached.map(|entry| entry.reached.at()).unwrap_or_default();
-        tell!("listening: {at}; Ctrl-C ends it");
         let mut shown = Shown { json: args.json, left: args.samples, silent: false };
         tokio::select! {
-            ended = show(&sensor, &mut shown) => ended,
+            ended = show(&sensor, &at, &mut shown) => ended,
             ended = tokio::signal::ctrl_c() => ended.map_err(Failure::plain),
         }
     })?;
@@ -30,10 +29,11 @@ pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
 }
 
 /// Every sample, none left out.
-async fn show(sensor: &Sensor, shown: &mut Shown) -> Result<(), Failure> {
+async fn show(sensor: &Sensor, at: &str, shown: &mut Shown) -> Result<(), Failure> {
     let (tell, mut told) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
+    tell!("listening: {at}; Ctrl-C ends it");
     while let Some(sample) = told.recv().await {
         if shown.ends_with(&sample) {
             return Ok(());

@@ -99,7 +99,7 @@ enum Request {
     Captured(Talk),
     Prepare(oneshot::Sender<Result<Prepared, SensorError>>),
     Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
-    Watch(Good, Act),
+    Watch(Good, Act, oneshot::Sender<Result<(), SensorError>>),
     Rest(oneshot::Sender<Result<Option<Sample>, SensorError>>),
     Tally(oneshot::Sender<Result<Tally, SensorError>>),
 }
@@ -149,13 +149,13 @@ impl Sensor {
 
     /// Until [`Sensor::rest`]: the first sample that is not `good` has `act` called, at once and from
     /// the sensor's task. `act` must not block. A sensor that speaks on demand alone is not watched.
+    /// Returns when the watch stands: whatever comes from now on is seen.
     pub async fn watch(
         &self,
         good: impl Fn(&Sample) -> bool + Send + 'static,
         act: impl Fn() + Send + 'static,
     ) -> Result<(), SensorError> {
-        let request = Request::Watch(Box::new(good), Box::new(act));
-        self.requests.send(request).await.map_err(|_| SensorError::Gone)
+        self.ask(|stands| Request::Watch(Box::new(good), Box::new(act), stands)).await
     }
 
     /// End the watch; the sample that was not good, if there was one.
@@ -197,9 +197,14 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
                 samples.iter().flatten().for_each(|sample| talk.said(&told::sample(sample)));
                 drop(answer.send(samples));
             }
-            Request::Watch(good, act) => {
+            Request::Watch(good, act, stands) => {
                 talk.asked(told::WATCH);
-                seen = watch(&mut driver, &inbox, (good, act), (&talk, &mut tally)).await;
+                let listens = listen(&mut driver).await;
+                let watches = matches!(listens, Ok(true));
+                drop(stands.send(listens.map(|_| ())));
+                if watches {
+                    seen = watch(&mut driver, &inbox, (good, act), (&talk, &mut tally)).await;
+                }
             }
             Request::Tally(answer) => {
                 let passed_over = driver.passed_over();
@@ -224,6 +229,14 @@ async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, Senso
     Ok(samples)
 }
 
+/// From now on; `false`: it says nothing unless it is asked.
+async fn listen(driver: &mut impl Driver) -> Result<bool, SensorError> {
+    if driver.on_demand() {
+        return Ok(false);
+    }
+    driver.forget().await.map(|()| true)
+}
+
 /// Until somebody asks for something else.
 async fn watch(
     driver: &mut impl Driver,
@@ -231,10 +244,6 @@ async fn watch(
     (good, act): (Good, Act),
     (talk, tally): (&Talk, &mut Tally),
 ) -> Result<Option<Sample>, SensorError> {
-    if driver.on_demand() {
-        return Ok(None);
-    }
-    driver.forget().await.inspect_err(|_| act())?;
     while inbox.is_empty() && !inbox.is_closed() {
         let sample = driver.next().await.inspect_err(|_| act())?;
         let good = good(&sample);

@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::{Driver, Prepared, Sample, Sensor, SensorError};
 use crate::record::reading::Flag;
 
-/// Says what it is given, then nothing but silence; `broken`: its link is lost.
+/// Says what it is given, then nothing but silence; `broken`: then its link is lost.
 struct Script {
     flags: VecDeque<Flag>,
     broken: bool,
@@ -20,11 +20,12 @@ impl Driver for Script {
     }
 
     async fn forget(&mut self) -> Result<(), SensorError> {
-        if self.broken { Err(SensorError::Gone) } else { Ok(()) }
+        if self.broken && self.flags.is_empty() { Err(SensorError::Gone) } else { Ok(()) }
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
         tokio::time::sleep(Duration::from_millis(1)).await;
+        self.forget().await?;
         let flag = self.flags.pop_front().unwrap_or(Flag::Stale);
         let value_mm = (flag == Flag::None).then_some(1.0);
         Ok(Sample { t_s: 0.0, value_mm, flag, missing: 0 })
@@ -64,10 +65,18 @@ async fn whatever_is_not_good_holds_the_machine_once() {
 }
 
 #[tokio::test]
-async fn a_link_that_is_lost_at_once_holds_it_too() {
-    let (times, ended) = held(&sensor(&[], true)).await;
+async fn a_link_that_is_lost_holds_it_too() {
+    let (times, ended) = held(&sensor(&[Flag::None, Flag::None], true)).await;
     assert_eq!(times, 1);
     assert!(matches!(ended, Err(SensorError::Gone)), "{ended:?}");
+}
+
+#[tokio::test]
+async fn a_watch_that_cannot_stand_is_refused_before_anything_moves() {
+    let sensor = sensor(&[], true);
+    let refused = sensor.watch(|_| true, || panic!("nothing was watched")).await;
+    assert!(matches!(refused, Err(SensorError::Gone)), "{refused:?}");
+    assert_eq!(sensor.rest().await.unwrap(), None);
 }
 
 #[tokio::test]

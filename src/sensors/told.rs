@@ -72,7 +72,8 @@ pub async fn replay(talk: Talk, mut inbox: mpsc::Receiver<Request>) {
                     samples.and_then(|all| if all.is_empty() { Err(ended()) } else { Ok(all) });
                 drop(answer.send(some));
             }
-            Request::Watch(good, act) => {
+            Request::Watch(good, act, stands) => {
+                drop(stands.send(Ok(())));
                 seen = watched(&talk, &good);
                 if !matches!(seen, Ok(None)) {
                     act();
