@@ -21,8 +21,9 @@ pub(in crate::controllers) const SPEEDS: [u32; 9] =
 
 const ANSWER: Duration = Duration::from_millis(1200);
 const AGAIN: Duration = Duration::from_millis(300);
-/// Whoever held the port may not have closed it yet.
-const CLOSING: Duration = Duration::from_secs(1);
+/// Whoever held the port may not have closed it yet: what it has asked last runs to its time-out first.
+const CLOSING: Duration = Duration::from_secs(5);
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// A reply of a few bytes at 9600 baud takes 10 ms.
 const REPLY: Duration = Duration::from_millis(250);
 /// Where nobody forwards, a Modbus device on TCP answers this one.
@@ -113,7 +114,7 @@ async fn open(address: &Address) -> Result<Link, LinkError> {
     loop {
         match link::open(address).await {
             Err(LinkError::Busy { .. }) if Instant::now() < deadline => {
-                sleep(CLOSING / 20).await;
+                sleep(LOOK_AGAIN).await;
             }
             opened => return opened,
         }
@@ -166,7 +167,7 @@ pub(in crate::controllers) async fn open_modbus(
     loop {
         match Modbus::open(line.clone(), settings.clone()).await {
             Err(ModbusError::Link(LinkError::Busy { .. })) if Instant::now() < deadline => {
-                sleep(CLOSING / 20).await;
+                sleep(LOOK_AGAIN).await;
             }
             opened => return opened,
         }
