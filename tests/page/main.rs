@@ -12,6 +12,9 @@ mod look;
 #[allow(dead_code, reason = "shared with trials that use the rest of it")]
 mod shop;
 mod states;
+#[path = "../support/waiting.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod waiting;
 
 use std::future::Future;
 use std::path::{Path, PathBuf};
@@ -32,11 +35,13 @@ fn trial<F>(name: &str, run: fn(Browser) -> F) -> Trial
 where
     F: Future<Output = ()> + 'static,
 {
+    let own = name.to_owned();
     Trial::ignorable_test(name, move || match (browser::Driver::start(), axe()) {
         (Some(driver), Some(_)) => {
             let mut runtime = tokio::runtime::Builder::new_current_thread();
-            runtime.enable_all().build()?.block_on(async {
-                run(Browser::open(driver).await).await;
+            let runtime = runtime.enable_all().build()?;
+            waiting::watched(own, || {
+                runtime.block_on(async { run(Browser::open(driver).await).await });
             });
             Ok(Completion::Completed)
         }

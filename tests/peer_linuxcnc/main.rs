@@ -16,6 +16,9 @@ mod states;
 mod streams;
 mod sweep;
 mod trigger;
+#[path = "../support/waiting.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod waiting;
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
@@ -47,8 +50,9 @@ fn with(
     missing: fn() -> Option<&'static str>,
     trial: fn() -> Result<(), Failed>,
 ) -> Trial {
+    let own = name.to_owned();
     Trial::ignorable_test(name, move || match missing() {
-        None => patiently(trial).map(|()| Completion::Completed),
+        None => waiting::watched(own, || patiently(trial)).map(|()| Completion::Completed),
         Some(reason) if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
             Err(reason.into())
         }

@@ -20,8 +20,9 @@ use libtest_mimic::{Completion, Failed, Trial};
 use pymodbus::{MISSING, python};
 
 fn trial(name: &str, run: fn() -> Result<(), Failed>) -> Trial {
+    let own = name.to_owned();
     Trial::ignorable_test(name, move || match python() {
-        Some(_) => run().map(|()| Completion::Completed),
+        Some(_) => waiting::watched(own, run).map(|()| Completion::Completed),
         None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
             Err(MISSING.into())
         }

@@ -19,6 +19,7 @@ mod prompts;
 mod pymodbus;
 mod several;
 mod shop;
+mod slow;
 mod starts;
 mod stops;
 mod tokens;
@@ -27,12 +28,13 @@ mod waiting;
 
 use libtest_mimic::{Completion, Failed, Trial};
 use pymodbus::{MISSING, python};
-use waiting::alone;
+use waiting::{alone, watched};
 
 fn with_pymodbus(name: &str, run: fn()) -> Trial {
+    let own = name.to_owned();
     Trial::ignorable_test(name, move || match python() {
         Some(_) => {
-            run();
+            watched(own, run);
             Ok(Completion::Completed)
         }
         None if std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1") => {
@@ -89,6 +91,7 @@ fn main() {
         alone("too_often_is_refused_but_no_hold", hostile::too_often),
         alone("somebody_at_a_browser_is_refused_in_words", people::refused),
         alone("no_path_leads_round_the_door", hostile::paths),
+        alone("who_does_not_get_on_is_shown_out", slow::shown_out),
         alone("a_thousand_connections_disturb_no_run", crowd::beside_a_run),
         alone("a_hold_comes_through_a_thousand_connections", crowd::and_a_hold),
         alone("a_hold_comes_through_those_who_only_connect", crowd::who_only_connect),

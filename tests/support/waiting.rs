@@ -1,15 +1,33 @@
 //! Trials that wait for a program more than they compute: more of them at once than there are cores.
 
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
 use libtest_mimic::{Arguments, Trial};
 
 /// Unless the caller says how many (`--test-threads`).
 const AT_ONCE: usize = 6;
+/// A trial that takes longer hangs: it is named, and everything ends.
+const LONGEST: Duration = Duration::from_secs(25 * 60);
 
 pub fn alone(name: &str, run: fn()) -> Trial {
+    let own = name.to_owned();
     Trial::test(name, move || {
-        run();
+        watched(own, run);
         Ok(())
     })
+}
+
+/// `run`, as long as it does not hang.
+pub fn watched<T>(name: String, run: impl FnOnce() -> T) -> T {
+    let (_over, ended) = channel::<()>();
+    std::thread::spawn(move || {
+        if ended.recv_timeout(LONGEST) == Err(RecvTimeoutError::Timeout) {
+            eprintln!("{name} hangs: given up");
+            std::process::exit(101);
+        }
+    });
+    run()
 }
 
 /// Trials with the names of their functions. One that nobody lists here is dead code, and refused as such.

@@ -23,6 +23,7 @@ use hyper::server::conn::http1;
 use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use rustix::net::sockopt::set_tcp_user_timeout;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::AbortHandle;
@@ -40,7 +41,8 @@ const MOST_FRESH: usize = 512;
 const LISTENERS: usize = 64;
 /// The head of a request is complete within this time, counted from the end of the one before.
 const HEAD: Duration = Duration::from_secs(15);
-/// An answer is taken within this time, or its connection closed; events go on for as long as they like.
+/// An answer is taken within this time, or its connection closed; events go on for as long as somebody takes
+/// them.
 const TAKEN: Duration = Duration::from_secs(15);
 /// A head is not larger, bytes; nor has it more fields.
 const LARGEST_HEAD: usize = 16 * 1024;
@@ -192,6 +194,8 @@ pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()>
 async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: Taken) {
     // An answer is small and not waited with.
     let _ = stream.set_nodelay(true);
+    // What lies in the kernel already and is not taken: its own to watch (tcp(7), TCP_USER_TIMEOUT, ms).
+    let _ = set_tcp_user_timeout(&stream, TAKEN.as_millis().try_into().unwrap_or(u32::MAX));
     let router = TowerToHyperService::new(router);
     let service = service_fn(|mut request: hyper::Request<Incoming>| {
         let (places, number) = (taken.places.clone(), taken.number);
