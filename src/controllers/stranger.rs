@@ -7,13 +7,13 @@
 
 use std::time::Duration;
 
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
 use super::{Suspicion, grbl, linuxcnc, modbus};
 use crate::link::modbus::{
     Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space,
 };
-use crate::link::{self, Address, Link, LinkError, Named, Received};
+use crate::link::{self, Address, Named, Received};
 
 /// Usual ones, the most usual first.
 pub(in crate::controllers) const SPEEDS: [u32; 9] =
@@ -21,9 +21,6 @@ pub(in crate::controllers) const SPEEDS: [u32; 9] =
 
 const ANSWER: Duration = Duration::from_millis(1200);
 const AGAIN: Duration = Duration::from_millis(300);
-/// Whoever held the port may not have closed it yet: what it has asked last runs to its time-out first.
-const CLOSING: Duration = Duration::from_secs(5);
-const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// A reply of a few bytes at 9600 baud takes 10 ms.
 const REPLY: Duration = Duration::from_millis(250);
 /// Where nobody forwards, a Modbus device on TCP answers this one.
@@ -108,19 +105,6 @@ pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Suspicion {
     }
 }
 
-/// Open a port that somebody has just let go of.
-async fn open(address: &Address) -> Result<Link, LinkError> {
-    let deadline = Instant::now() + CLOSING;
-    loop {
-        match link::open(address).await {
-            Err(LinkError::Busy { .. }) if Instant::now() < deadline => {
-                sleep(LOOK_AGAIN).await;
-            }
-            opened => return opened,
-        }
-    }
-}
-
 /// What a Grbl answers to `?`.
 pub(in crate::controllers) async fn greets_as_grbl(address: &Address) -> Option<String> {
     let is_status = |line: &str| line.starts_with('<') && line.ends_with('>') && line.contains('|');
@@ -134,7 +118,7 @@ pub(in crate::controllers) async fn greets_as_rsh(address: &Address) -> Option<S
 
 /// The first line that `fits`; asked again while nothing comes.
 async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Option<String> {
-    let mut link = open(address).await.ok()?;
+    let mut link = link::open(address).await.ok()?;
     let deadline = Instant::now() + ANSWER;
     while Instant::now() < deadline {
         link.send(ask).ok()?;
@@ -153,25 +137,9 @@ async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Opt
 pub(in crate::controllers) async fn answers_modbus(line: &Line, unit: u8) -> bool {
     let read = vec![Range { space: Space::Input, first: 0, last: 0 }];
     let settings = Settings { unit, timeout: REPLY, allowed: Allowed { read, write: Vec::new() } };
-    let Ok(modbus) = open_modbus(line, &settings).await else { return false };
+    let Ok(modbus) = Modbus::open(line.clone(), settings).await else { return false };
     let reply = modbus.read(Space::Input, 0, 1).await;
     matches!(reply, Ok(_) | Err(ModbusError::Refused { .. }))
-}
-
-/// Open a line that somebody has just let go of.
-pub(in crate::controllers) async fn open_modbus(
-    line: &Line,
-    settings: &Settings,
-) -> Result<Modbus, ModbusError> {
-    let deadline = Instant::now() + CLOSING;
-    loop {
-        match Modbus::open(line.clone(), settings.clone()).await {
-            Err(ModbusError::Link(LinkError::Busy { .. })) if Instant::now() < deadline => {
-                sleep(LOOK_AGAIN).await;
-            }
-            opened => return opened,
-        }
-    }
 }
 
 /// The lines on which a Modbus device may answer where `at` leads.

@@ -6,13 +6,17 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::net::TcpStream;
-use tokio::time::timeout;
-use tokio_serial::{ErrorKind, SerialPortBuilderExt, SerialStream};
+use tokio::time::{Instant, sleep, timeout};
+use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
 use super::{Flow, Link, LinkError};
 
 /// How long a host may take to accept a connection.
 const CONNECT: Duration = Duration::from_secs(5);
+
+/// Whoever had a serial port before may not have closed it yet: what he asked last runs to its time-out first.
+const LETTING_GO: Duration = Duration::from_secs(5);
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// Where a byte stream leads.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,12 +42,12 @@ impl fmt::Display for Address {
 }
 
 /// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread
-/// that will own it.
+/// that will own it. Who holds it has some seconds to let go.
 pub async fn open(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
     match address.clone() {
         Address::Serial { path, baud } => {
-            Link::opened(name, async move { serial(path, baud) }).await
+            Link::opened(name, serial(path, baud, Parity::None)).await
         }
         Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
     }
@@ -54,7 +58,7 @@ pub async fn listen(address: &Address) -> Result<Flow, LinkError> {
     let name = address.to_string();
     match address.clone() {
         Address::Serial { path, baud } => {
-            Flow::opened(name, async move { serial(path, baud) }).await
+            Flow::opened(name, serial(path, baud, Parity::None)).await
         }
         Address::Tcp { host, port } => Flow::opened(name.clone(), tcp(name, host, port)).await,
     }
@@ -89,9 +93,19 @@ pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
     }
 }
 
-fn serial(path: String, baud: u32) -> Result<SerialStream, LinkError> {
-    let opened = tokio_serial::new(&path, baud).open_native_async();
-    opened.map_err(|error| serial_error(path, error))
+pub(super) async fn serial(
+    path: String,
+    baud: u32,
+    parity: Parity,
+) -> Result<SerialStream, LinkError> {
+    let port = tokio_serial::new(&path, baud).parity(parity);
+    let deadline = Instant::now() + LETTING_GO;
+    loop {
+        match port.clone().open_native_async().map_err(|error| serial_error(&path, error)) {
+            Err(LinkError::Busy { .. }) if Instant::now() < deadline => sleep(LOOK_AGAIN).await,
+            opened => return opened,
+        }
+    }
 }
 
 pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
@@ -103,7 +117,8 @@ pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStre
         .map_err(|source| tcp_error(name, source))
 }
 
-pub(super) fn serial_error(address: String, error: tokio_serial::Error) -> LinkError {
+fn serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
+    let address = path.to_owned();
     match error.kind() {
         // The serial crate says `NoDevice` for "somebody holds it" and NotFound for "is not there".
         ErrorKind::NoDevice => LinkError::Busy { address },

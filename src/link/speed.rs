@@ -124,13 +124,8 @@ mod tests {
         let mut pty = pty_at(38_400).unwrap();
         let mut buffer = [0; 64];
         for (baud, clear) in [(38_400, true), (115_200, false), (38_400, true)] {
-            let mut link = loop {
-                // The last one closes its port on a thread of its own.
-                match open(&Address::Serial { path: pty.path.clone(), baud }).await {
-                    Err(LinkError::Busy { .. }) => tokio::task::yield_now().await,
-                    opened => break opened.unwrap(),
-                }
-            };
+            // The last one closes its port on a thread of its own.
+            let mut link = open(&Address::Serial { path: pty.path.clone(), baud }).await.unwrap();
             link.send(b"?\n").unwrap();
             let count = pty.device.read(&mut buffer).await.unwrap();
             assert_eq!(&buffer[..count] == b"?\n", clear, "{baud}");

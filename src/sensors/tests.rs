@@ -41,13 +41,21 @@ fn sensor(flags: &[Flag], broken: bool) -> Sensor {
 }
 
 /// How often the machine was held within a while, and what the watch ended with.
-async fn held(sensor: &Sensor) -> (u32, Result<Option<Sample>, SensorError>) {
+async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, SensorError>) {
     let held = Arc::new(AtomicU32::new(0));
     let count = held.clone();
     let act = move || {
         count.fetch_add(1, Ordering::SeqCst);
     };
     sensor.watch(|sample| sample.flag == Flag::None, act).await.unwrap();
+    let known = held.clone();
+    let until_held = async move {
+        while known.load(Ordering::SeqCst) == 0 {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    };
+    // Whether it is at all; and then, whether it is once more.
+    let _ = tokio::time::timeout(Duration::from_secs(if holds { 30 } else { 0 }), until_held).await;
     tokio::time::sleep(Duration::from_millis(50)).await;
     let ended = sensor.rest().await;
     (held.load(Ordering::SeqCst), ended)
@@ -56,17 +64,17 @@ async fn held(sensor: &Sensor) -> (u32, Result<Option<Sample>, SensorError>) {
 #[tokio::test]
 async fn whatever_is_not_good_holds_the_machine_once() {
     for flag in [Flag::Range, Flag::Saturated, Flag::Stale] {
-        let (times, ended) = held(&sensor(&[Flag::None, Flag::None, flag], false)).await;
+        let (times, ended) = held(&sensor(&[Flag::None, Flag::None, flag], false), true).await;
         assert_eq!((times, ended.unwrap().map(|sample| sample.flag)), (1, Some(flag)));
     }
     let good = [Flag::None; 10_000];
-    let (times, ended) = held(&sensor(&good, false)).await;
+    let (times, ended) = held(&sensor(&good, false), false).await;
     assert_eq!((times, ended.unwrap()), (0, None));
 }
 
 #[tokio::test]
 async fn a_link_that_is_lost_holds_it_too() {
-    let (times, ended) = held(&sensor(&[Flag::None, Flag::None], true)).await;
+    let (times, ended) = held(&sensor(&[Flag::None, Flag::None], true), true).await;
     assert_eq!(times, 1);
     assert!(matches!(ended, Err(SensorError::Gone)), "{ended:?}");
 }

@@ -38,7 +38,7 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     // The way to the first point is one feed move, each point one more.
     shop.wait_for(&format!("N{STEP} G53 G1"), SHORT.points / 2, &mut run);
     match moment {
-        Moment::Way => shop.sender.becomes(state),
+        Moment::Way => shop.sender.becomes_on_the_way(state),
         Moment::Rest => {
             // Of those that are taken there some have come by then.
             shop.sender.becomes(State::Resting(SHORT.samples as u32 - 2));

@@ -48,6 +48,8 @@ pub type Said = (f64, Position);
 pub struct Sender {
     pub address: SocketAddr,
     state: Arc<Mutex<State>>,
+    /// What it becomes while the machine moves.
+    later: Arc<Mutex<Option<State>>>,
     said: Arc<Mutex<Vec<Said>>>,
 }
 
@@ -57,12 +59,19 @@ impl Sender {
     pub fn start(world: Arc<Mutex<World>>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let (state, said) = (Arc::new(Mutex::new(State::Well)), Arc::default());
+        let state = Arc::new(Mutex::new(State::Well));
+        let (later, said) = (Arc::default(), Arc::default());
         let here = Here { stands: Position::new(), samples: 0, next: false };
-        let sensor =
-            Sensor { world, count: 0, here, state: state.clone(), said: Arc::clone(&said) };
+        let sensor = Sensor {
+            world,
+            count: 0,
+            here,
+            state: state.clone(),
+            later: Arc::clone(&later),
+            said: Arc::clone(&said),
+        };
         std::thread::spawn(move || sensor.serve(&listener));
-        Self { address, state, said }
+        Self { address, state, later, said }
     }
 
     pub fn is(&self, state: State) -> bool {
@@ -71,6 +80,14 @@ impl Sender {
 
     pub fn becomes(&self, state: State) {
         *self.state.lock().unwrap() = state;
+    }
+
+    /// As soon as the machine is seen to move.
+    pub fn becomes_on_the_way(&self, state: State) {
+        *self.later.lock().unwrap() = Some(state);
+        while !self.is(state) {
+            std::thread::sleep(2 * PERIOD);
+        }
     }
 
     /// All distances so far, in their order.
@@ -101,6 +118,7 @@ struct Sensor {
     count: u32,
     here: Here,
     state: Arc<Mutex<State>>,
+    later: Arc<Mutex<Option<State>>>,
     said: Arc<Mutex<Vec<Said>>>,
 }
 
@@ -139,6 +157,12 @@ impl Sensor {
     fn sample(&mut self, stream: &mut TcpStream, state: State) -> io::Result<()> {
         let mut world = self.world.lock().unwrap();
         let sensed = world.sense("laser", PERIOD.as_secs_f64()).expect("a sensor");
+        if self.here.stands != world.position()
+            && let Some(next) = self.later.lock().unwrap().take()
+        {
+            *self.state.lock().unwrap() = next;
+            return Ok(());
+        }
         self.here.seen(world.position(), state);
         if matches!(state, State::Resting(most) if self.here.next && self.here.samples > most) {
             *self.state.lock().unwrap() = State::Silent;

@@ -129,8 +129,8 @@ fn file() -> String {
 fn patience(wire: Wire) -> Patience {
     let ms = Duration::from_millis;
     // On a serial line a lost reply is waited for, and then asked whether it still comes.
-    let answer = if wire == Wire::Tcp { ms(600) } else { ms(1500) };
-    Patience { answer, poll: ms(10), stall: ms(600), heartbeat: ms(500) }
+    let answer = if wire == Wire::Tcp { ms(1200) } else { ms(3000) };
+    Patience { answer, poll: ms(10), stall: ms(1200), heartbeat: ms(1000) }
 }
 
 /// Serve it; where it is, as `[controller]` names it.

@@ -44,6 +44,8 @@ async fn glance(browser: &Browser, words: &str) {
 pub async fn held_and_signed(browser: Browser) {
     let shop = shop();
     shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
+    // Time for a browser that is slow to hold it on its way.
+    shop.change("positions = 5", "positions = 8");
     let daemon = shop.serve("real");
     let (client, at) = (&browser.client, address(&daemon));
     client.goto(&at).await.unwrap();

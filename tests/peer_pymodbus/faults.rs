@@ -8,7 +8,7 @@ use trued::link::modbus::{Framing, ModbusError, Space};
 
 use super::server::{Server, on_a_runtime};
 
-const PATIENCE: Duration = Duration::from_millis(400);
+const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// A fault, and the first word of the error's kind for a read and for a write; none when the answer
 /// is good all the same.

@@ -12,8 +12,8 @@ use trued::link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
 
 use super::server::{Server, on_a_runtime};
 
-const PATIENCE: Duration = Duration::from_millis(400);
-const LATE: &str = "delay:0.7";
+const PATIENCE: Duration = Duration::from_millis(1500);
+const LATE: &str = "delay:2.6";
 
 /// The test could fail: tokio-modbus's RTU client, asked again after a time-out, takes the old reply
 /// for the new one.

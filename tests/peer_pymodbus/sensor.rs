@@ -14,7 +14,7 @@ use trued::sensors::{Driver, Sample, SensorError};
 use super::server::{Server, on_a_runtime};
 
 const MAP: &str = r#"
-timeout_s = 0.4
+timeout_s = 1.5
 rate_hz = 1000
 unit = 1
 counter = { register = 101, type = "u16", gaps = true }
@@ -80,7 +80,7 @@ async fn measures(framing: Framing) -> Result<(), Failed> {
     let gaps: u32 = samples.iter().skip(1).map(|sample| sample.missing).sum();
     assert_eq!(place(&samples[1..], before + 1), COUNT);
     println!("{} samples, {gaps} missing of {COUNT} from {} on", samples.len(), before + 1);
-    assert!(samples.len() > 100, "{}", samples.len());
+    assert!(samples.len() > 20, "{}", samples.len());
     Ok(())
 }
 
@@ -100,7 +100,7 @@ pub fn spoilt() -> Result<(), Failed> {
         let mut driver = driver(&server).await;
         server.sense(20.0, 100_000);
         driver.prepare().await?;
-        for fault in ["drop", "short", "unit", "corrupt", "delay:0.6", "fewer"] {
+        for fault in ["drop", "short", "unit", "corrupt", "delay:2.2", "fewer"] {
             driver.forget().await?;
             server.faults(&[fault]);
             let stale = driver.next().await?;

@@ -15,14 +15,14 @@ use trued::store::{Journal, NewRun, RunState};
 use super::server::{Server, on_a_runtime};
 
 const MACHINE: &str = include_str!("../../config/simulated.toml");
-const STALE_S: f64 = 0.6;
+const STALE_S: f64 = 3.0;
 
 /// The built-in machine with a thermometer that is reached there: tenths of a degree above -5 °C.
 fn machine(server: &Server) -> MachineFile {
     let at = super::sensor::keys(server);
     let text = format!(
         "{MACHINE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {STALE_S}\n[thermometer.modbus]\n{at}\n\
-         unit = 1\ntimeout_s = 0.2\n\
+         unit = 1\ntimeout_s = 1.0\n\
          value = {{ register = 3, type = \"i16\", scale_c = 0.1, offset_c = -5.0 }}\n"
     );
     MachineFile::parse("machine.toml", text).unwrap()

@@ -13,7 +13,7 @@ type Sent = (Vec<(u64, Option<i64>)>, (u64, u64));
 
 const COUNT: usize = 3000;
 /// So much silence ends a trial; the script's own is shorter.
-const SILENT: usize = 4;
+const SILENT: usize = 10;
 
 fn um(sample: &Sample) -> Option<i64> {
     sample.value_mm.map(|mm| (mm * 1000.0).round() as i64)
@@ -22,8 +22,7 @@ fn um(sample: &Sample) -> Option<i64> {
 async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let mut peer = Peer::start(form);
     let mut driver = peer.driver(keys).await;
-    let prepared = driver.prepare().await?;
-    assert!((100.0..20_000.0).contains(&prepared.rate_hz), "{prepared:?}");
+    driver.prepare().await?;
     let _: u64 = peer.tell("quiet").await;
     // What it sent before is read, and forgotten.
     tokio::time::sleep(std::time::Duration::from_millis(200)).await;
@@ -88,7 +87,7 @@ pub fn frames() -> Result<(), Failed> {
 pub fn asked() -> Result<(), Failed> {
     on_a_runtime(async {
         let peer = Peer::start("asked");
-        let mut driver = peer.driver(&format!("request = \"M0\\r\"\n{TEXT}")).await;
+        let mut driver = peer.patient(&format!("request = \"M0\\r\"\n{TEXT}")).await;
         assert!(driver.prepare().await?.rate_hz > 10.0);
         driver.forget().await?;
         let mut last = um(&driver.next().await?).unwrap();

@@ -66,7 +66,16 @@ impl Peer {
     }
 
     pub async fn driver(&self, keys: &str) -> Serial {
-        let keys = format!("serial = \"{}\"\ntimeout_s = 0.3\n{keys}", self.path);
+        self.waiting(0.3, keys).await
+    }
+
+    /// However slow it is.
+    pub async fn patient(&self, keys: &str) -> Serial {
+        self.waiting(30.0, keys).await
+    }
+
+    async fn waiting(&self, timeout_s: f64, keys: &str) -> Serial {
+        let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
         let config: Config = toml::from_str(&keys).unwrap();
         Serial::open(config, &sensor(), Arc::new(HostClock::start())).await.unwrap()
     }

@@ -123,7 +123,7 @@ fn in_the_guest(cache: &Path) -> Result<(), Failed> {
         ("before.log", log(1, 200, 0, &[])),
         ("after.log", log(1, 200, 250, &[])),
         ("without", WITHOUT.to_owned()),
-        ("half.log", log(2, 15_000, 0, &[])),
+        ("half.log", log(2, 60_000, 0, &[])),
         ("half.toml", on("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
         ("quick.toml", on("vcan0", 0.5)),
         ("patient.toml", on("vcan0", 30.0)),

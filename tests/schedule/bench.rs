@@ -12,7 +12,7 @@ use super::wall::{Machine, Wall};
 
 pub const NAME: &str = "simulated five-axis machine";
 const API: &str = "/api/v1/machines/simulated%20five-axis%20machine";
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Bench {
     pub wall: Wall,

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::page::{HTTP, JSON, MACHINE, ask, get, port, post, until, vouched};
 use super::shop::Shop;
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 const SCHEDULE: &str =
     "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 1 1 *\"\nzone = \"UTC\"\n";
 

@@ -15,7 +15,7 @@ pub const RUN: usize = 6;
 pub const ACCEPTED: usize = 7;
 pub const REFUSED: usize = 8;
 pub const REFUSAL: usize = 9;
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Client {
     child: Child,

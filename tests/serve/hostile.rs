@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::page::{HTTP, JSON, MACHINE, ask, port, vouched};
 use super::shop::{Daemon, Shop};
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 pub const FORM: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
 
 /// With three tokens, a proxy's name, and the daemon that asks for them.

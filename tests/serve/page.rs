@@ -11,7 +11,7 @@ use super::shop::{Daemon, Shop};
 
 pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
 pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 pub fn port(daemon: &Daemon) -> u16 {
     daemon.page()

@@ -9,7 +9,7 @@ use super::page::{JSON, ask, get, port};
 use super::shop::Shop;
 
 const NAME: &str = "name = \"simulated five-axis machine\"";
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 fn standing(port: u16, machine: &str) -> Value {
     get(port, &format!("/api/v1/machines/{machine}"))

@@ -50,8 +50,7 @@ pub fn a_cycle() {
     assert_eq!(shop.states(), ["finished"]);
     deviations(&mut client, &shop);
     // Once more.
-    assert_eq!(client.ask("coil 11 0"), "ok");
-    sleep(Duration::from_millis(60));
+    client.enable();
     client.press(11);
     client.until(|status| status[STATE] == 1 && status[RUN] == 2);
     drop(client);

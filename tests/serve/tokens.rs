@@ -15,7 +15,7 @@ use super::shop::{Daemon, Shop};
 
 /// `nobody`, as a daemon's own user.
 const DAEMON: u32 = 65_534;
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Root makes the tokens and revokes one; the daemon is another user, as under systemd.
 pub fn by_root() {

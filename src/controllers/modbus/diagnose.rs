@@ -56,7 +56,7 @@ impl Config {
         let read = vec![all(Space::Input), all(Space::Holding)];
         let allowed = Allowed { read, write: Vec::new() };
         let settings = Settings { unit: self.device.unit, timeout: self.device.timeout, allowed };
-        stranger::open_modbus(&self.device.line, &settings).await
+        Modbus::open(self.device.line.clone(), settings).await
     }
 
     async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Suspicion> {

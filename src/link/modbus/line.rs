@@ -4,10 +4,9 @@ use std::fmt;
 use std::time::Duration;
 
 use serde::Deserialize;
-use tokio_serial::SerialPortBuilderExt;
 
 use super::wire::Wire;
-use crate::link::address::{serial_error, tcp};
+use crate::link::address::{serial, tcp};
 use crate::link::capture::Speech;
 use crate::link::wiring::Wired;
 use crate::link::{Address, LinkError, Named};
@@ -113,11 +112,7 @@ impl Line {
                     Parity::Even => tokio_serial::Parity::Even,
                     Parity::Odd => tokio_serial::Parity::Odd,
                 };
-                let builder = tokio_serial::new(&path, baud).parity(parity);
-                let open = async {
-                    builder.open_native_async().map_err(|error| serial_error(path, error))
-                };
-                wired.open(open).await?
+                wired.open(serial(path, baud, parity)).await?
             }
             Address::Tcp { host, port } => wired.open(tcp(name, host, port)).await?,
         }))

@@ -3,13 +3,13 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use tokio::time::{Duration, Instant, sleep, sleep_until};
+use tokio::time::{Duration, Instant, sleep_until};
 
 use super::Config;
 use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
 use crate::base::Clock;
-use crate::link::{self, Came, Flow, LinkError};
+use crate::link::{self, Came, Flow};
 use crate::record::reading::Flag;
 use crate::record::sensor;
 use crate::sensors::follow::Counting;
@@ -19,9 +19,6 @@ use crate::sensors::{Driver, MOST_SILENT, Prepared, Sample, SensorError};
 /// How long it is listened to before it is called ready, and how many samples are enough.
 const LISTEN: Duration = Duration::from_millis(500);
 const ENOUGH: usize = 50;
-/// How often, and how soon, a port is tried again that is still being closed.
-const REOPENED: usize = 10;
-const SHORTLY: Duration = Duration::from_millis(20);
 
 /// What came, in its order.
 enum Ready {
@@ -94,15 +91,7 @@ impl Serial {
     async fn reopen(&mut self) -> Result<(), SensorError> {
         self.flow = None;
         let address = self.config.at.address()?;
-        let mut tries = REOPENED;
-        // What was held before is closed on a thread of its own.
-        self.flow = loop {
-            match link::listen(&address).await {
-                Err(LinkError::Busy { .. }) if tries > 0 => sleep(SHORTLY).await,
-                opened => break Some(opened?),
-            }
-            tries -= 1;
-        };
+        self.flow = Some(link::listen(&address).await?);
         Ok(())
     }
 

@@ -42,7 +42,7 @@ def told(reply, word):
 def main():
     source = (sys.argv[2], 0) if len(sys.argv) > 2 else None
     client = ModbusTcpClient(
-        "127.0.0.1", port=int(sys.argv[1]), source_address=source, timeout=2, retries=0
+        "127.0.0.1", port=int(sys.argv[1]), source_address=source, timeout=20, retries=0
     )
     print("ok" if client.connect() else "lost", flush=True)
     for line in sys.stdin:

@@ -219,9 +219,9 @@ def heartbeat(window):
 def main():
     kind, at, trial = sys.argv[1:]
     if kind == "tcp":
-        client = ModbusTcpClient("127.0.0.1", port=int(at), timeout=2, retries=0)
+        client = ModbusTcpClient("127.0.0.1", port=int(at), timeout=20, retries=0)
     else:
-        client = ModbusSerialClient(at, baudrate=115200, timeout=2, retries=0)
+        client = ModbusSerialClient(at, baudrate=115200, timeout=20, retries=0)
     {"lines": lines, "refusals": refusals, "hold": hold, "heartbeat": heartbeat}[trial](Window(client))
     print("as documented", flush=True)
 

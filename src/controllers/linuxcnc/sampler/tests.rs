@@ -2,6 +2,8 @@
 
 use std::io::Write;
 use std::net::TcpListener;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::SeqCst;
 use std::thread;
 
 use super::*;
@@ -88,10 +90,13 @@ async fn wrong_pins_units_and_lines_are_refused_before_anything_moves() {
 
 #[tokio::test]
 async fn one_that_falls_silent_or_is_lost_ends_the_scan() {
-    let quiet = halsampler(|tick| (tick < 1800).then(|| good(tick)).flatten());
+    let silent = Arc::new(AtomicBool::new(false));
+    let known = silent.clone();
+    let quiet = halsampler(move |tick| if known.load(SeqCst) { None } else { good(tick) });
     let mut sampler = opened(&quiet).await;
     sampler.agrees(&stands(2.0, 90.0), &AXES, 1.0).await.unwrap();
     sampler.begin();
+    silent.store(true, SeqCst);
     sleep(Duration::from_millis(700)).await;
     let error = sampler.end(5, &stands(2.0, 90.0)).await.unwrap_err();
     assert!(matches!(error, ControllerError::Unstamped { step: 5, .. }), "{error:?}");
