@@ -1,6 +1,6 @@
-//! A halt reaches the wire at once, measured at the port, while the driver asks for the status in mid-job, its
-//! runtime computes, and another thread renders templates: it waits for none of them. How long that is in
-//! milliseconds says `benches/`; here it is a part of one rendering on the same loaded computer.
+//! A halt reaches the wire within 20 ms of its request, measured at the port, while the driver asks
+//! for the status in mid-job, its runtime computes, and another thread renders templates. Where the computer is
+//! loaded with other things as well a part of one rendering is allowed: so long as a rendering takes there.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -138,7 +138,7 @@ fn halt_once(wait: Duration) -> Duration {
 }
 
 #[test]
-fn a_halt_is_at_the_port_at_once_whatever_computes() {
+fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
     let busy = Arc::new(AtomicBool::new(true));
     let rendering = busy.clone();
     let renderer = std::thread::spawn(move || {
@@ -158,6 +158,6 @@ fn a_halt_is_at_the_port_at_once_whatever_computes() {
     println!("one rendering: {one:?}");
     let (median, worst) = (took[HALTS / 2], took[HALTS - 1]);
     println!("halt to port: median {median:?}, 48th {:?}, worst {worst:?}", took[47]);
-    assert!(median <= one / 5, "median {median:?}");
-    assert!(took[47] <= one, "48th of 50: {:?}", took[47]);
+    assert!(median <= (one / 5).max(Duration::from_millis(5)), "median {median:?}");
+    assert!(took[47] <= (one / 3).max(Duration::from_millis(20)), "48th of 50: {:?}", took[47]);
 }

@@ -115,7 +115,8 @@ impl Run<'_> {
         good: impl Fn(&Sample) -> bool + Send + 'static,
     ) -> Result<Outcome, RunError> {
         let (sensor, halt) = (self.sensor(step)?, self.devices.controller.halt());
-        sensor.watch(good, move || halt.now()).await.map_err(faulty(step))?;
+        let watched = sensor.watch(good, move || halt.now()).await.map_err(faulty(step));
+        watched.inspect_err(|_| self.devices.controller.halt().now())?;
         let executed = self.devices.controller.execute(block).await;
         let watched = sensor.rest().await;
         match executed {

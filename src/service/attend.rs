@@ -115,7 +115,10 @@ impl Attendant {
             None => self.desk.becomes(State::Waiting),
         }
         let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
-        schedule::start(self.name(), kept, &self.desk, journal, &self.log)
+        schedule::start(self.name(), kept, &self.desk, journal, &self.log)?;
+        // However long that took: its progress is watched from now on.
+        self.desk.pulse().beat(LATE);
+        Ok(())
     }
 
     /// Until the desk's end. What befalls a cycle is on the board and in the log.

@@ -39,13 +39,12 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     shop.wait_for(&format!("N{STEP} G53 G1"), SHORT.points / 2, &mut run);
     match moment {
         Moment::Way => shop.sender.becomes_on_the_way(state),
-        Moment::Rest => {
-            // Of those that are taken there some have come by then.
-            shop.sender.becomes(State::Resting(SHORT.samples as u32 - 2));
-            while !shop.sender.is(state) {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-        }
+        // Of those that are taken there some have come by then.
+        Moment::Rest => shop.sender.becomes(State::Resting(SHORT.samples as u32 - 2)),
+    }
+    while !shop.sender.is(state) {
+        assert!(run.try_wait().unwrap().is_none(), "{label}: it has ended");
+        std::thread::sleep(Duration::from_millis(2));
     }
     let moves = feed_moves(&shop.bench.heard());
     let ended = run.wait_with_output().unwrap();

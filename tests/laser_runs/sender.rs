@@ -85,9 +85,6 @@ impl Sender {
     /// As soon as the machine is seen to move.
     pub fn becomes_on_the_way(&self, state: State) {
         *self.later.lock().unwrap() = Some(state);
-        while !self.is(state) {
-            std::thread::sleep(2 * PERIOD);
-        }
     }
 
     /// All distances so far, in their order.

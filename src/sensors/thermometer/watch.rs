@@ -9,8 +9,8 @@ use tokio::time::{sleep, timeout};
 use super::modbus::{Bus, Config};
 use super::{Entry, Feel, Reached, ThermometerError, by_device, felt};
 
-/// Before the first touch they have so long to say something.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Before the first touch they have so long to say something: longer than a port may take to be let go of.
+const PATIENCE: Duration = Duration::from_secs(6);
 const LOOK: Duration = Duration::from_millis(10);
 /// It is asked so often while what it said is true, between these two.
 const ASKED: u32 = 4;
