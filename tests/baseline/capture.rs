@@ -1,0 +1,238 @@
+//! Captures (`trued run --capture`) reduced to what is the same in every run.
+//!
+//! Left out, whatever the link: times; port numbers and names of pseudo-terminals; the order of lines of different
+//! links (links follow one another). Then, by the kind of link:
+//!
+//! - `lines` (grbl): status requests `?` and reports `<...>`, which are polled in wall time. Chunks are put together
+//!   to whole lines. The first request may overtake the greeting of a control that was just opened; it is shown after
+//!   the greeting.
+//! - `modbus-tcp`, `modbus-rtu`: of the requests
+//!   - transaction numbers (set to 0) and check sums of RTU,
+//!   - writes of the heartbeat alone, which follow wall time; its register in other writes is set to 0,
+//!   - requests for input registers (the status) but the first one;
+//!
+//!   of the replies all but the last status before each write of `sequence`. It is shown without head, heartbeat and
+//!   tail, which count, and with the two times behind the other registers.
+//! - `samples`: nothing.
+
+use std::collections::BTreeMap;
+
+/// Registers of docs/line-window.md; docs/resident-program.md has the same.
+const SEQUENCE: u16 = 1;
+const HEARTBEAT: u16 = 2;
+const STATUS_HEAD: usize = 0;
+const STATUS_HEARTBEAT: usize = 11;
+/// Four registers each.
+const STATUS_TIME: usize = 12;
+const STATUS_LATCH_TIME: usize = 16;
+
+const READ_HOLDING: u8 = 3;
+const READ_INPUT: u8 = 4;
+const WRITE_MULTIPLE: u8 = 16;
+
+pub fn reduced(capture: &str) -> String {
+    let mut links: BTreeMap<u32, Link> = BTreeMap::new();
+    for line in capture.lines().filter(|line| !line.starts_with('#')) {
+        let mut parts = line.splitn(4, ' ').skip(1);
+        let (number, mark, rest) = (parts.next(), parts.next(), parts.next().unwrap_or_default());
+        let link = links.entry(number.unwrap().parse().unwrap()).or_default();
+        match mark {
+            Some("=") => link.open(rest),
+            Some(">") => link.sent(&unescaped(rest), rest),
+            Some("<") => link.received(&unescaped(rest), rest),
+            _ => panic!("{line}"),
+        }
+    }
+    let text = |(number, mut link): (u32, Link)| {
+        link.greeting_first();
+        let lines = link.lines.into_iter().map(|line| format!("{number} {line}\n"));
+        lines.collect::<String>()
+    };
+    let text: String = links.into_iter().map(text).collect();
+    without_number(&without_number(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
+}
+
+/// `text` with `name` in place of each number behind `prefix`.
+fn without_number(text: &str, prefix: &str, name: &str) -> String {
+    let mut parts = text.split(prefix);
+    let mut result = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let rest = part.trim_start_matches(|letter: char| letter.is_ascii_digit());
+        result.extend([prefix, name, rest]);
+    }
+    result
+}
+
+#[derive(Default)]
+struct Link {
+    kind: String,
+    lines: Vec<String>,
+    sent: Vec<u8>,
+    received: Vec<u8>,
+    /// The newest status, as it is shown.
+    status: Option<String>,
+    has_status_request: bool,
+}
+
+impl Link {
+    /// The first request directly before its `ok`.
+    fn greeting_first(&mut self) {
+        let place =
+            |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
+        if let (Some(request), Some(ok)) = (place("> "), place("< ok"))
+            && self.kind == "lines"
+            && request < ok
+        {
+            self.lines[request..ok].rotate_left(1);
+        }
+    }
+
+    fn open(&mut self, opening: &str) {
+        let (kind, name) = opening.split_once(' ').unwrap();
+        self.kind = kind.to_owned();
+        self.lines.push(format!("= {kind} {name}"));
+    }
+
+    fn sent(&mut self, bytes: &[u8], escaped: &str) {
+        match &*self.kind {
+            "lines" if bytes == b"?" => {}
+            "lines" => {
+                self.sent.extend(bytes);
+                self.lines.extend(whole_lines(&mut self.sent, '>'));
+            }
+            "modbus-tcp" | "modbus-rtu" => {
+                self.sent.extend(bytes);
+                while let Some(frame) = Frame::take(&mut self.sent, &self.kind, true) {
+                    self.request(frame);
+                }
+            }
+            _ => self.lines.push(format!("> {escaped}")),
+        }
+    }
+
+    fn received(&mut self, bytes: &[u8], escaped: &str) {
+        match &*self.kind {
+            "lines" => {
+                self.received.extend(bytes);
+                let lines = whole_lines(&mut self.received, '<');
+                self.lines.extend(lines.into_iter().filter(|line| !line.starts_with("< <")));
+            }
+            "modbus-tcp" | "modbus-rtu" => {
+                self.received.extend(bytes);
+                while let Some(frame) = Frame::take(&mut self.received, &self.kind, false) {
+                    if frame.function == READ_INPUT {
+                        self.status = Some(status(&frame.body[1..]));
+                    }
+                }
+            }
+            _ => self.lines.push(format!("< {escaped}")),
+        }
+    }
+
+    fn request(&mut self, Frame { unit, function, body }: Frame) {
+        let address = u16::from_be_bytes([body[0], body[1]]);
+        let count = u16::from_be_bytes([body[2], body[3]]);
+        let line = match function {
+            WRITE_MULTIPLE if (address, count) == (HEARTBEAT, 1) => return,
+            READ_INPUT if std::mem::replace(&mut self.has_status_request, true) => return,
+            WRITE_MULTIPLE => {
+                if address == SEQUENCE {
+                    self.lines.extend(self.status.take());
+                }
+                let mut content = body[5..].to_vec();
+                if address == HEARTBEAT {
+                    content[..2].fill(0);
+                }
+                format!("> {unit} write {address}+{count} {}", content.escape_ascii())
+            }
+            READ_INPUT => format!("> {unit} read input {address}+{count}"),
+            READ_HOLDING => format!("> {unit} read holding {address}+{count}"),
+            other => format!("> {unit} function {other} {}", body.escape_ascii()),
+        };
+        self.lines.push(line);
+    }
+}
+
+fn whole_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
+    let mut lines = Vec::new();
+    while let Some(end) = buffer.iter().position(|byte| *byte == b'\n') {
+        let line: Vec<u8> = buffer.drain(..=end).collect();
+        lines.push(format!("{mark} {}", line.escape_ascii()));
+    }
+    lines
+}
+
+/// Registers as decimal numbers, and the two times as the numbers that their registers hold.
+fn status(body: &[u8]) -> String {
+    let registers = body.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]]));
+    let mut registers: Vec<u16> = registers.collect();
+    let time = |at: usize| {
+        let words = registers[at..at + 4].iter();
+        f64::from_bits(words.fold(0, |bits, word| bits << 16 | u64::from(*word)))
+    };
+    let (now, latch) = (time(STATUS_TIME), time(STATUS_LATCH_TIME));
+    let tail = registers.len() - 1;
+    for counting in [STATUS_HEAD, STATUS_HEARTBEAT, tail] {
+        registers[counting] = 0;
+    }
+    registers.drain(STATUS_TIME..STATUS_LATCH_TIME + 4);
+    let shown: Vec<String> = registers.iter().map(u16::to_string).collect();
+    format!("< status {} time_s {now} latch_time_s {latch}", shown.join(" "))
+}
+
+/// A request or a reply without its envelope.
+struct Frame {
+    unit: u8,
+    function: u8,
+    body: Vec<u8>,
+}
+
+impl Frame {
+    /// The next whole one.
+    fn take(buffer: &mut Vec<u8>, kind: &str, is_request: bool) -> Option<Self> {
+        let (start, end, length) = match kind {
+            "modbus-tcp" => {
+                let rest = usize::from(u16::from_be_bytes([*buffer.get(4)?, *buffer.get(5)?]));
+                (6, 6 + rest, 6 + rest)
+            }
+            _ => {
+                let (function, has_content) = (*buffer.get(1)?, *buffer.get(1)? == WRITE_MULTIPLE);
+                let end = match (is_request, function) {
+                    (true, _) if has_content => 7 + usize::from(*buffer.get(6)?),
+                    (false, READ_HOLDING | READ_INPUT) => 3 + usize::from(*buffer.get(2)?),
+                    (false, function) if function > 0x80 => 3,
+                    _ => 6,
+                };
+                (0, end, end + 2)
+            }
+        };
+        if buffer.len() < length {
+            return None;
+        }
+        let frame: Vec<u8> = buffer.drain(..length).collect();
+        let (unit, function) = (frame[start], frame[start + 1]);
+        Some(Self { unit, function, body: frame[start + 2..end].to_vec() })
+    }
+}
+
+/// The inverse of `escape_ascii`.
+fn unescaped(text: &str) -> Vec<u8> {
+    let (mut bytes, mut rest) = (Vec::new(), text.bytes());
+    while let Some(byte) = rest.next() {
+        if byte != b'\\' {
+            bytes.push(byte);
+            continue;
+        }
+        bytes.push(match rest.next().unwrap() {
+            b'n' => b'\n',
+            b'r' => b'\r',
+            b't' => b'\t',
+            b'x' => {
+                let digits = [rest.next().unwrap(), rest.next().unwrap()];
+                u8::from_str_radix(std::str::from_utf8(&digits).unwrap(), 16).unwrap()
+            }
+            other => other,
+        });
+    }
+    bytes
+}

@@ -1,0 +1,123 @@
+//! Long output, of which only a digest is stored.
+//!
+//! A digest has one row for each block of lines: its first line, SHA-256 (8 bytes) of the text with `#` in place of
+//! each number, how many numbers there are, their weighted sum and the sum of their weighted magnitudes. Text and
+//! structure are equal; the weighted sums are equal within 1e-11 of the sum of magnitudes. In a block of readings
+//! that is less than 1 nm of a single coordinate.
+
+use std::fs;
+use std::path::PathBuf;
+
+use sha2::{Digest as _, Sha256};
+
+use super::compare::{stored, tokens};
+
+const LINES_PER_BLOCK: usize = 64;
+const TOLERANCE: f64 = 1e-11;
+
+/// Compare the digest of `actual` with the stored file `name`, or write the file.
+pub fn check_digest(name: &str, actual: &str) {
+    let digest = Digest::of(actual);
+    let Some(stored) = stored(name, &digest.to_text()) else { return };
+    let stored = Digest::parse(&stored);
+    let mut differences: Vec<String> = Vec::new();
+    if stored.lines != digest.lines {
+        differences.push(format!("  stored {} lines, now {}", stored.lines, digest.lines));
+    }
+    for (stored, actual) in stored.blocks.iter().zip(&digest.blocks) {
+        let last = actual.first_line + LINES_PER_BLOCK - 1;
+        let lines = format!("  lines {} to {last}", actual.first_line);
+        if stored.structure != actual.structure || stored.numbers != actual.numbers {
+            differences.push(format!(
+                "{lines}: text differs; stored {} numbers and SHA-256 {}, now {} and {}",
+                stored.numbers, stored.structure, actual.numbers, actual.structure
+            ));
+        } else if (stored.sum - actual.sum).abs() > TOLERANCE * stored.magnitude {
+            let (a, b) = (stored.sum, actual.sum);
+            differences.push(format!("{lines}: numbers differ; stored sum {a:?}, now {b:?}"));
+        }
+    }
+    if !differences.is_empty() {
+        let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("baseline").join(name);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, actual).unwrap();
+        panic!(
+            "tests/data/baseline/{name}: {} differences\n{}\n  the whole text of now: {}\n",
+            differences.len(),
+            differences[..differences.len().min(20)].join("\n"),
+            file.display()
+        );
+    }
+}
+
+struct Digest {
+    lines: usize,
+    blocks: Vec<Block>,
+}
+
+struct Block {
+    first_line: usize,
+    structure: String,
+    numbers: usize,
+    sum: f64,
+    magnitude: f64,
+}
+
+impl Digest {
+    fn of(text: &str) -> Self {
+        let lines: Vec<&str> = text.lines().collect();
+        let blocks = lines.chunks(LINES_PER_BLOCK).enumerate();
+        let blocks = blocks.map(|(index, lines)| Block::of(1 + index * LINES_PER_BLOCK, lines));
+        Self { lines: lines.len(), blocks: blocks.collect() }
+    }
+
+    fn to_text(&self) -> String {
+        let rows = self.blocks.iter().map(|block| {
+            let Block { first_line, structure, numbers, sum, magnitude } = block;
+            format!("{first_line} {structure} {numbers} {sum:?} {magnitude:?}\n")
+        });
+        format!("{} lines\n{}", self.lines, rows.collect::<String>())
+    }
+
+    fn parse(text: &str) -> Self {
+        let (head, rows) = text.split_once(" lines\n").unwrap();
+        let block = |row: &str| {
+            let mut parts = row.split(' ');
+            let mut next = || parts.next().unwrap();
+            Block {
+                first_line: next().parse().unwrap(),
+                structure: next().to_owned(),
+                numbers: next().parse().unwrap(),
+                sum: next().parse().unwrap(),
+                magnitude: next().parse().unwrap(),
+            }
+        };
+        Self { lines: head.parse().unwrap(), blocks: rows.lines().map(block).collect() }
+    }
+}
+
+impl Block {
+    fn of(first_line: usize, lines: &[&str]) -> Self {
+        let mut hash = Sha256::new();
+        let (mut numbers, mut sum, mut magnitude) = (0, 0.0, 0.0);
+        for line in lines {
+            for token in tokens(line) {
+                let number = token.text.parse::<f64>().ok().filter(|number| number.is_finite());
+                match number.filter(|_| token.is_number) {
+                    Some(number) => {
+                        hash.update("#");
+                        // Between 1 and 2, and another one for each number of a block: an exchange shows.
+                        let weight = 1.0 + (numbers as f64 * 0.618_033_988_749_894_9).fract();
+                        sum += weight * number;
+                        magnitude += weight * number.abs();
+                        numbers += 1;
+                    }
+                    None => hash.update(token.text),
+                }
+            }
+            hash.update("\n");
+        }
+        let structure = hash.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect();
+        Self { first_line, structure, numbers, sum, magnitude }
+    }
+}

@@ -1,0 +1,84 @@
+//! Baseline: the output of the program as it was stored in `tests/data/baseline/`, so that a change of its structure
+//! can be compared with it. It uses the built program, its files, HTTP and Modbus, and nothing of the library.
+//!
+//! ```text
+//! cargo test --test baseline                             compares
+//! TRUED_WRITE_BASELINE=1 cargo test --test baseline      writes; a commit names each changed field and why
+//! ```
+//!
+//! Text and structure are equal, integers are equal, other numbers are equal within 1e-9 relative (1e-12 absolute).
+//! Monte Carlo figures have seeds and are no exception. `normalise.rs` lists what depends on wall time. A `.digest`
+//! stands for output that is too long to be stored, see `digest.rs`.
+
+mod capture;
+mod compare;
+mod digest;
+mod machines;
+mod normalise;
+mod plans;
+mod runs;
+mod workspace;
+
+use machines::CASES;
+
+/// The tests of one method.
+macro_rules! method_tests {
+    ($($method:ident = $case:expr),* $(,)?) => {$(
+        mod $method {
+            use super::*;
+
+            #[test]
+            fn plan() {
+                plans::plan(&$case);
+            }
+
+            #[test]
+            fn programs() {
+                plans::programs(&$case);
+            }
+
+            #[test]
+            fn run_plan() {
+                runs::plan(&$case);
+            }
+
+            #[test]
+            fn run_readings() {
+                runs::readings(&$case);
+            }
+
+            #[test]
+            fn run_estimate() {
+                runs::estimate(&$case);
+            }
+
+            #[test]
+            fn run_capture() {
+                runs::capture(&$case);
+            }
+
+            #[test]
+            fn run_report() {
+                runs::report(&$case);
+            }
+
+            #[test]
+            fn short_run() {
+                runs::short(&$case);
+            }
+
+            #[test]
+            #[ignore = "up to 30 s of CPU for the number of trials that JCGM 101, 7.9 decides"]
+            fn default_estimate() {
+                runs::default_estimate(&$case);
+            }
+        }
+    )*};
+}
+
+method_tests! {
+    self_calibration = CASES[0],
+    laser_r_test = CASES[1],
+    samba = CASES[2],
+    latch_delay = CASES[3],
+}

@@ -1,0 +1,61 @@
+//! What depends on wall time or on the computer, and what stands in its place.
+//!
+//! | output | field | in its place |
+//! |---|---|---|
+//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z` | `INSTANT` |
+//! | `trued run`, standard error | the line `captured to FILE` | left out |
+//! | `trued watch --json` | `t_s`: wall time of a sample | left out |
+//! | capture | see `capture.rs` | |
+//! | Modbus server | input register 0, `heartbeat` | 0 |
+//! | HTTP, report | SHA-256 of plan, estimate and machine file: of figures to the last bit, and of comments | `SHA256` |
+//! | HTTP `/metrics` | values: counts and seconds of the process; the order of labels | left out; sorted |
+//!
+//! Readings, plans, programs and estimates have nothing of the kind.
+
+pub const INSTANT: &str = "INSTANT";
+
+/// `text` with each RFC 3339 instant replaced.
+pub fn without_times(text: &str) -> String {
+    const PATTERN: &[u8] = b"0000-00-00T00:00:00";
+    let bytes = text.as_bytes();
+    let (mut result, mut from, mut at) = (String::new(), 0, 0);
+    while at + PATTERN.len() <= bytes.len() {
+        let is_instant = PATTERN.iter().zip(&bytes[at..]).all(|(pattern, byte)| match pattern {
+            b'0' => byte.is_ascii_digit(),
+            separator => byte == separator,
+        });
+        if !is_instant {
+            at += 1;
+            continue;
+        }
+        result += &text[from..at];
+        result += INSTANT;
+        at += PATTERN.len();
+        at += bytes[at..].iter().take_while(|&&byte| byte == b'.' || byte.is_ascii_digit()).count();
+        at += usize::from(bytes.get(at) == Some(&b'Z'));
+        from = at;
+    }
+    result + &text[from..]
+}
+
+/// `text` with each SHA-256 replaced.
+pub fn without_hashes(text: &str) -> String {
+    const DIGITS: usize = 64;
+    let is_hexadecimal =
+        |word: &str| word.len() == DIGITS && word.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let words = text.split_inclusive(|letter: char| !letter.is_ascii_alphanumeric());
+    let replaced = words.map(|word| {
+        let hash = word.trim_end_matches(|letter: char| !letter.is_ascii_alphanumeric());
+        match is_hexadecimal(hash) {
+            true => format!("SHA256{}", &word[hash.len()..]),
+            false => word.to_owned(),
+        }
+    });
+    replaced.collect()
+}
+
+/// Without the lines that begin so.
+pub fn without_lines(text: &str, beginnings: &[&str]) -> String {
+    let kept = text.lines().filter(|line| !beginnings.iter().any(|begin| line.starts_with(begin)));
+    kept.map(|line| format!("{line}\n")).collect()
+}

@@ -1,0 +1,131 @@
+//! Runs of the four methods on simulated machines in memory: plan, readings, estimate, capture, report.
+
+use std::sync::OnceLock;
+
+use serde_json::Value;
+
+use super::capture::reduced;
+use super::compare::{check_json, check_text};
+use super::digest::check_digest;
+use super::machines::{CASES, Case};
+use super::normalise::{without_hashes, without_lines, without_times};
+use super::workspace::{Workspace, stderr};
+
+/// Output of one run, as its commands and its export give it.
+pub struct Run {
+    /// Standard output of `trued run --json`.
+    estimate: Value,
+    /// Standard error of the same.
+    progress: String,
+    plan: Value,
+    readings: String,
+    capture: String,
+    report: String,
+    /// `trued show`.
+    summary: String,
+}
+
+impl Run {
+    pub fn of(method: &str, machine: &str) -> Self {
+        let workspace = Workspace::with_machine(machine);
+        let (file, capture) = (workspace.path("machine.toml"), workspace.path("run.capture"));
+        let arguments = ["run", method, "--machine", &file, "--json", "--capture", &capture];
+        let output = workspace.output(&arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
+        Self {
+            estimate: serde_json::from_slice(&output.stdout).unwrap(),
+            progress: without_lines(&stderr(&output), &["captured to "]),
+            plan: serde_json::from_str(&workspace.read("export/run-1-plan.json")).unwrap(),
+            readings: workspace.read("export/run-1-readings.csv"),
+            capture: reduced(&workspace.read("run.capture")),
+            report: without_hashes(&without_times(&workspace.read("export/run-1-report.html"))),
+            summary: without_times(&workspace.stdout(&["show", "1"])),
+        }
+    }
+
+    /// Estimate, readings and reduced capture in full.
+    pub fn check(&self, folder: &str, name: &str) {
+        check_json(&format!("{folder}/{name}-estimate.json"), &self.estimate);
+        check_text(&format!("{folder}/{name}-readings.csv"), &self.readings);
+        check_text(&format!("{folder}/{name}-capture.txt"), &self.capture);
+    }
+}
+
+/// The run on the built-in machine, once for all tests of this process.
+fn run_of(case: &Case) -> &'static Run {
+    static RUNS: [OnceLock<Run>; CASES.len()] = [const { OnceLock::new() }; CASES.len()];
+    let index = CASES.iter().position(|other| other.method == case.method).unwrap();
+    RUNS[index].get_or_init(|| Run::of(case.method, &case.run_machine()))
+}
+
+/// Of the run: it differs from the nominal plan by what the run has found.
+pub fn plan(case: &Case) {
+    let plan = serde_json::to_string_pretty(&run_of(case).plan).unwrap();
+    check_digest(&format!("runs/{}-plan.digest", case.method), &plan);
+}
+
+pub fn readings(case: &Case) {
+    let readings = &run_of(case).readings;
+    match case.is_large {
+        true => check_digest(&format!("runs/{}-readings.digest", case.method), readings),
+        false => check_text(&format!("runs/{}-readings.csv", case.method), readings),
+    }
+}
+
+pub fn estimate(case: &Case) {
+    let run = run_of(case);
+    check_json(&format!("runs/{}-estimate.json", case.method), &run.estimate);
+    check_text(&format!("runs/{}-summary.txt", case.method), &run.summary);
+    check_text(&format!("runs/{}-progress.txt", case.method), &run.progress);
+}
+
+pub fn capture(case: &Case) {
+    check_digest(&format!("runs/{}-capture.digest", case.method), &run_of(case).capture);
+}
+
+pub fn report(case: &Case) {
+    let report = &run_of(case).report;
+    check_text(&format!("runs/{}-report.txt", case.method), &visible_text(report));
+    check_digest(&format!("runs/{}-report.digest", case.method), report);
+}
+
+/// Plan, readings, estimate and capture of a short run; and the estimate from the stored plan and readings.
+pub fn short(case: &Case) {
+    let method = case.method;
+    let run = Run::of(method, &case.short_machine());
+    check_json(&format!("short/{method}-plan.json"), &run.plan);
+    run.check("short", method);
+    let workspace = Workspace::with_machine(&case.short_machine());
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/baseline/short/");
+    let (plan, readings) =
+        (format!("{data}{method}-plan.json"), format!("{data}{method}-readings.csv"));
+    let machine = workspace.path("machine.toml");
+    let arguments =
+        ["identify", method, "--machine", &machine, "--plan", &plan, "--readings", &readings];
+    let estimate = workspace.json(&[&arguments[..], &["--json"]].concat());
+    check_json(&format!("short/{method}-estimate.json"), &estimate);
+}
+
+/// With the built-in number of Monte Carlo trials.
+pub fn default_estimate(case: &Case) {
+    let workspace = Workspace::new();
+    let estimate = workspace.json(&["run", case.method, "--json"]);
+    check_json(&format!("runs/{}-default-estimate.json", case.method), &estimate);
+}
+
+/// The text between the tags of a page, a line each, without style sheets and scripts.
+fn visible_text(html: &str) -> String {
+    let (mut text, mut rest) = (String::new(), html);
+    while let Some((before, tag)) = rest.split_once('<') {
+        let line = before.split_whitespace().collect::<Vec<_>>().join(" ");
+        if !line.is_empty() {
+            text += &line;
+            text.push('\n');
+        }
+        let hidden = ["style", "script"].into_iter().find(|name| tag.starts_with(name));
+        let end = hidden.map_or(">".to_owned(), |name| format!("</{name}>"));
+        rest = tag.split_once(&end).map_or("", |(_, rest)| rest);
+    }
+    text
+}
