@@ -12,11 +12,17 @@
 
 mod capture;
 mod compare;
+mod daemon;
 mod digest;
 mod machines;
 mod normalise;
 mod plans;
 mod runs;
+mod sensors;
+#[path = "../support/served.rs"]
+#[allow(dead_code, reason = "other tests send signals to the daemon")]
+mod served;
+mod wires;
 mod workspace;
 
 use machines::CASES;
@@ -81,4 +87,35 @@ method_tests! {
     laser_r_test = CASES[1],
     samba = CASES[2],
     latch_delay = CASES[3],
+}
+
+/// Tests that call one function each.
+macro_rules! tests {
+    ($($module:ident::$function:ident),* $(,)?) => {$(
+        #[test]
+        fn $function() {
+            $module::$function();
+        }
+    )*};
+}
+
+tests! {
+    wires::grbl_in_memory,
+    wires::grbl_on_pty,
+    wires::line_window_on_tcp,
+    wires::line_window_on_pty,
+    wires::resident_program_on_tcp,
+    wires::resident_program_on_pty,
+    wires::serial_sensor_in_memory,
+    wires::frame_sensor_in_memory,
+    wires::modbus_sensor_on_tcp,
+    wires::replay_of_linuxcnc,
+    sensors::lines_of_text,
+    sensors::lines_of_text_on_request,
+    sensors::frames_of_bytes,
+    sensors::registers,
+    sensors::thermometer_registers,
+    daemon::http_description,
+    daemon::http_answers,
+    daemon::modbus_map,
 }

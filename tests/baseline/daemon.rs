@@ -1,0 +1,237 @@
+//! `trued serve`: the description of its HTTP interface, some answers, and its Modbus registers.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use serde_json::{Map, Value, json};
+
+use super::compare::{check_json, check_text};
+use super::machines::SELF_CALIBRATION;
+use super::normalise::{without_hashes, without_times};
+use super::served::Served;
+use super::workspace::Workspace;
+
+const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+/// A cycle takes a second.
+const MAX_WAIT: Duration = Duration::from_secs(60);
+
+/// The built-in machine with HTTP, Modbus and one cycle.
+const SERVE: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
+                     [method.latch-delay]\ntouches = 6\n\
+                     [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
+                     [serve]\nmin_interval_s = 0.0\n\
+                     [[serve.cycle]]\nnumber = 1\nmethod = \"latch-delay\"\n\
+                     [serve.http]\nlisten = \"127.0.0.1:0\"\n\
+                     [serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
+
+fn workspace() -> Workspace {
+    let (machine, _) = SELF_CALIBRATION.split_once("\n[serve]").unwrap();
+    Workspace::with_machine(&format!("{machine}\n{SERVE}"))
+}
+
+fn serve(workspace: &Workspace) -> Served {
+    let machine = workspace.path("machine.toml");
+    Served::start(&mut workspace.command(&["serve", "--machine", &machine]))
+}
+
+/// Status, content type and body.
+struct Answer {
+    status: u16,
+    content_type: String,
+    body: String,
+}
+
+impl Answer {
+    fn of(daemon: &Served, path: &str, body: Option<&Value>) -> Self {
+        let config = ureq::Agent::config_builder().http_status_as_error(false).max_redirects(0);
+        let agent = config.max_redirects_will_error(false).build().new_agent();
+        let url = format!("http://127.0.0.1:{}{path}", daemon.page());
+        let answer = match body {
+            Some(body) => agent.post(&url).send_json(body),
+            None => agent.get(&url).call(),
+        };
+        let mut answer = answer.unwrap();
+        let content_type = answer.headers().get("content-type");
+        Self {
+            status: answer.status().as_u16(),
+            content_type: content_type.map_or(String::new(), |it| it.to_str().unwrap().to_owned()),
+            body: answer.body_mut().read_to_string().unwrap(),
+        }
+    }
+
+    /// Without instants and hashes.
+    fn normalised(&self) -> Value {
+        let body = without_hashes(&without_times(&self.body));
+        let body = serde_json::from_str(&body).unwrap_or(Value::String(body));
+        json!({"status": self.status, "content_type": self.content_type, "body": body})
+    }
+}
+
+fn json_of(daemon: &Served, path: &str) -> Value {
+    serde_json::from_str(&Answer::of(daemon, path, None).body).unwrap()
+}
+
+pub fn http_description() {
+    let workspace = workspace();
+    let daemon = serve(&workspace);
+    check_json("http/openapi.json", &json_of(&daemon, "/api/v1/openapi.json"));
+}
+
+/// Of a daemon with two finished runs in its journal, before and after a cycle of its own.
+pub fn http_answers() {
+    let workspace = workspace();
+    let machine = workspace.path("machine.toml");
+    for _ in 0..2 {
+        workspace.stdout(&["run", "self-calibration", "--machine", &machine, "--json"]);
+    }
+    let daemon = serve(&workspace);
+    let mut answers = Map::new();
+    let mut record = |name: String, answer: Answer| {
+        answers.insert(name, answer.normalised());
+    };
+    let of_machine = ["", "/schedule", "/trends"].map(|path| format!("{MACHINE}{path}"));
+    let others = [
+        "/",
+        "/api/v1/machines",
+        "/api/v1/machines/none",
+        "/api/v1/runs",
+        "/api/v1/runs?limit=1",
+        "/api/v1/runs/1",
+        "/api/v1/runs/1/estimate",
+        "/api/v1/runs/1/readings?after=60&limit=2",
+        "/api/v1/runs/99",
+        "/api/v1/runs?wrong=1",
+        "/api/v1/compare?a=1&b=2",
+        "/api/v1/nothing",
+    ];
+    for path in of_machine.iter().map(String::as_str).chain(others) {
+        record(format!("GET {path}"), Answer::of(&daemon, path, None));
+    }
+    let metrics = Answer::of(&daemon, "/metrics", None);
+    let path = format!("{MACHINE}/start");
+    let confirmed = json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true});
+    let bodies = [
+        json!({"cycle": 1, "who": "Ada"}),
+        json!({"cycle": 1, "who": " ", "enable": true, "auto": true, "door": true}),
+        json!({"cycle": 7, "who": "Ada", "enable": true, "auto": true, "door": true}),
+        json!({"cycle": 1, "who": "Ada", "unknown": true}),
+    ];
+    for body in bodies {
+        record(format!("POST {path} {body}"), Answer::of(&daemon, &path, Some(&body)));
+    }
+    let started = Answer::of(&daemon, &path, Some(&confirmed));
+    assert_eq!(started.status, 202, "{}", started.body);
+    wait_for_end(&daemon);
+    for path in [MACHINE, "/api/v1/audit"] {
+        record(format!("GET {path} after a cycle"), Answer::of(&daemon, path, None));
+    }
+    check_json("http/answers.json", &Value::Object(answers));
+    check_text("http/metrics.txt", &metric_names(&metrics.body));
+}
+
+/// Until the machine waits again and the result of its run is read from the journal, which happens later.
+fn wait_for_end(daemon: &Served) {
+    let begun = Instant::now();
+    loop {
+        let machine = json_of(daemon, MACHINE);
+        let run = &machine["run"];
+        if machine["state"] == "waiting" && *run != 0 && machine["result"]["run"] == *run {
+            return;
+        }
+        assert!(begun.elapsed() < MAX_WAIT, "{machine}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Names, labels and comments, sorted: the order of labels changes. Values are counts and seconds of this process.
+fn metric_names(text: &str) -> String {
+    let name = |line: &str| match line.rsplit_once(' ') {
+        Some((name, _)) if !line.starts_with('#') => format!("{name}\n"),
+        _ => format!("{line}\n"),
+    };
+    let mut names: Vec<String> = text.lines().map(name).collect();
+    names.sort();
+    names.concat()
+}
+
+/// Every address of docs/modbus.md and those next to them, by hand-written requests: of a daemon that waits, and
+/// after a cycle.
+pub fn modbus_map() {
+    let workspace = workspace();
+    let daemon = serve(&workspace);
+    let mut client = Client::connect(daemon.modbus());
+    let waiting = client.dump();
+    let confirmed = json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true});
+    let started = Answer::of(&daemon, &format!("{MACHINE}/start"), Some(&confirmed));
+    assert_eq!(started.status, 202, "{}", started.body);
+    wait_for_end(&daemon);
+    let after = client.dump();
+    check_text("modbus/registers.txt", &format!("waiting\n{waiting}\nafter a cycle\n{after}"));
+}
+
+struct Client {
+    stream: TcpStream,
+}
+
+const READ_COILS: u8 = 1;
+const READ_HOLDING: u8 = 3;
+const READ_INPUT: u8 = 4;
+
+impl Client {
+    fn connect(port: u16) -> Self {
+        let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_read_timeout(Some(MAX_WAIT)).unwrap();
+        Self { stream }
+    }
+
+    /// Function and data of the reply to a request.
+    fn request(&mut self, function: u8, data: &[u8]) -> (u8, Vec<u8>) {
+        const TRANSACTION: u8 = 0x2A;
+        const UNIT: u8 = 1;
+        let length = u8::try_from(data.len() + 2).unwrap();
+        let head = [0, TRANSACTION, 0, 0, 0, length, UNIT, function];
+        self.stream.write_all(&[&head[..], data].concat()).unwrap();
+        let mut head = [0; 8];
+        self.stream.read_exact(&mut head).unwrap();
+        assert_eq!((head[1], head[6]), (TRANSACTION, UNIT));
+        let mut data = vec![0; usize::from(head[5]) - 2];
+        self.stream.read_exact(&mut data).unwrap();
+        (head[7], data)
+    }
+
+    /// A line for the reply; `heartbeat`: the first register counts and is shown as 0.
+    fn line(&mut self, function: u8, address: u16, count: u16, heartbeat: bool) -> String {
+        let request = [address.to_be_bytes(), count.to_be_bytes()].concat();
+        let (reply, mut data) = self.request(function, &request);
+        if heartbeat && reply == function {
+            data[1..3].fill(0);
+        }
+        let data: Vec<String> = data.iter().map(|byte| byte.to_string()).collect();
+        format!("function {function} {address}+{count}: {reply} {}\n", data.join(" "))
+    }
+
+    fn dump(&mut self) -> String {
+        let reads = [
+            (READ_INPUT, 0, 16),
+            (READ_INPUT, 100, 120),
+            (READ_INPUT, 16, 1),
+            (READ_INPUT, 99, 1),
+            (READ_INPUT, 220, 1),
+            (READ_INPUT, 0, 0),
+            (READ_COILS, 0, 9),
+            (READ_COILS, 11, 8),
+            (READ_COILS, 9, 1),
+            (READ_COILS, 10, 1),
+            (READ_COILS, 19, 1),
+            (READ_HOLDING, 0, 1),
+            (READ_HOLDING, 1, 1),
+            (2, 0, 1),
+            (7, 0, 0),
+        ];
+        let lines = reads.map(|(function, address, count)| {
+            self.line(function, address, count, (function, address) == (READ_INPUT, 0))
+        });
+        lines.concat()
+    }
+}

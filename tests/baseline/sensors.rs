@@ -1,0 +1,206 @@
+//! What the drivers of sensors and thermometers send over TCP to a peer with fixed replies, and what they make of
+//! the replies.
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+
+use serde_json::Value;
+
+use super::compare::check_text;
+use super::machines::{LASER, SELF_CALIBRATION, with_method};
+use super::workspace::{Workspace, replace_lines, stderr};
+
+/// Distances repeat after so many samples; the fourth one is no distance.
+const PERIOD: u32 = 8;
+/// Samples that are read of each sensor: the driver may leave out the first ones of a sensor that sends by itself.
+const SAMPLES: usize = 3 * PERIOD as usize;
+
+/// A peer on a free port of this computer, for one connection; it sends its log of requests.
+struct Peer {
+    port: u16,
+    requests: Receiver<Vec<u8>>,
+}
+
+impl Peer {
+    fn start(serve: impl FnOnce(TcpStream, &mut dyn FnMut(Vec<u8>)) + Send + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let (log, requests) = channel();
+        thread::spawn(move || {
+            let (stream, _) = listener.accept().unwrap();
+            stream.set_nodelay(true).unwrap();
+            serve(stream, &mut |request| drop(log.send(request)));
+        });
+        Self { port, requests }
+    }
+
+    /// The first `count` requests, a line each.
+    fn requests(&self, count: usize) -> String {
+        let shown = |request: Vec<u8>| format!("> {}\n", request.escape_ascii());
+        self.requests.iter().take(count).map(shown).collect()
+    }
+}
+
+/// A sensor that sends without a request until the connection ends.
+fn unsolicited(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
+    Peer::start(move |mut stream, _| {
+        for index in 0.. {
+            if stream.write_all(&sample(index)).is_err() {
+                return;
+            }
+            thread::sleep(std::time::Duration::from_millis(2));
+        }
+    })
+}
+
+/// A sensor that sends one line for each request, which ends with a carriage return.
+fn on_request(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
+    Peer::start(move |mut stream, log| {
+        let (mut request, mut byte, mut index) = (Vec::new(), [0], 0);
+        while stream.read_exact(&mut byte).is_ok() {
+            request.push(byte[0]);
+            if byte[0] == b'\r' {
+                log(std::mem::take(&mut request));
+                if stream.write_all(&sample(index)).is_err() {
+                    return;
+                }
+                index += 1;
+            }
+        }
+    })
+}
+
+/// A Modbus TCP server that answers each request for registers with the next content. In the log the transaction
+/// number is zero: it counts.
+fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
+    Peer::start(move |mut stream, log| {
+        for index in 0.. {
+            let mut request = [0; 12];
+            if stream.read_exact(&mut request).is_err() {
+                return;
+            }
+            let count = u16::from_be_bytes([request[10], request[11]]);
+            let mut words = registers(index);
+            words.resize(usize::from(count), 0);
+            let body: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
+            let length = u8::try_from(body.len()).unwrap();
+            let head =
+                [request[0], request[1], 0, 0, 0, length + 3, request[6], request[7], length];
+            let reply = [&head[..], &body].concat();
+            request[..2].fill(0);
+            log(request.to_vec());
+            if stream.write_all(&reply).is_err() {
+                return;
+            }
+        }
+    })
+}
+
+/// Samples as `trued watch` prints them, without their time, which is wall time: one period, from the sample without
+/// a distance on.
+fn watched(sensor: &str) -> String {
+    let from = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
+    let workspace = Workspace::with_machine(&replace_lines(LASER, &[(from, sensor)]));
+    let (machine, samples) = (workspace.path("machine.toml"), SAMPLES.to_string());
+    let arguments = ["watch", "laser", "--machine", &machine, "--samples", &samples, "--json"];
+    let output = workspace.output(&arguments);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let sample = |line: &str| {
+        let mut sample: Value = serde_json::from_str(line).unwrap();
+        sample.as_object_mut().unwrap().remove("t_s").unwrap();
+        sample
+    };
+    let samples: Vec<Value> =
+        String::from_utf8(output.stdout).unwrap().lines().map(sample).collect();
+    let period = samples.iter().skip_while(|sample| !sample["value_mm"].is_null());
+    period.take(PERIOD as usize).map(|sample| format!("{sample}\n")).collect()
+}
+
+/// In units of 10 nm.
+fn distance(index: u32) -> Option<i32> {
+    let index = index % PERIOD;
+    (index != 3).then_some(-12_345 + 1_111 * i32::try_from(index).unwrap())
+}
+
+fn line_of_text(index: u32) -> Vec<u8> {
+    let counter = index % 10_000;
+    match distance(index) {
+        Some(value) => format!("M0,{:+.5},{counter:04}\r\n", f64::from(value) * 1e-5).into_bytes(),
+        None => format!("M0,-FFFFFFF,{counter:04}\r\n").into_bytes(),
+    }
+}
+
+const LINE: &str = "[sensor.serial.line]\nseparator = \",\"\nprefix = \"M0\"\n\
+                    value = { column = 2, scale_mm = 1.0, codes = [{ is = \"-FFFFFFF\", means = \"no-echo\" }] }\n\
+                    counter = { column = 3, round = 10000 }\n";
+
+pub fn lines_of_text() {
+    let peer = unsolicited(line_of_text);
+    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{LINE}", peer.port);
+    check_text("sensors/serial-lines.txt", &watched(&sensor));
+}
+
+pub fn lines_of_text_on_request() {
+    let peer = on_request(line_of_text);
+    let keys = "rate_hz = 500.0\nrequest = \"M0\\r\"\n";
+    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}{LINE}", peer.port);
+    let samples = watched(&sensor);
+    check_text("sensors/serial-lines-on-request.txt", &(samples + &peer.requests(PERIOD as usize)));
+}
+
+/// Sync, distance (32 bits), counter, CRC-16/MODBUS of distance and counter, low byte first.
+fn frame(index: u32) -> Vec<u8> {
+    let value = distance(index).unwrap_or(i32::MAX).to_be_bytes();
+    let body = [&value[..], &[index as u8]].concat();
+    let crc =
+        body.iter().fold(0xFFFF_u16, |crc, byte| {
+            (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
+                if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 }
+            })
+        });
+    [&[0xAA, 0x55][..], &body, &crc.to_le_bytes()].concat()
+}
+
+pub fn frames_of_bytes() {
+    let peer = unsolicited(frame);
+    let keys = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
+                value = { byte = 0, width = 32, signed = true, scale_mm = 1e-5, \
+                codes = [{ is = 0x7FFFFFFF, means = \"no-echo\" }] }\n\
+                counter = { byte = 4, width = 8 }\nchecksum = { kind = \"crc16-modbus\", order = \"little\" }\n";
+    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
+    check_text("sensors/serial-frames.txt", &watched(&sensor));
+}
+
+pub fn registers() {
+    let peer = modbus(|index| {
+        let value = distance(index).unwrap_or_default() as u32;
+        let status = u16::from(distance(index).is_none());
+        vec![(value >> 16) as u16, value as u16, index as u16, status]
+    });
+    let keys = "rate_hz = 100.0\nvalue = { register = 0, type = \"i32\", order = \"abcd\", scale_mm = 1e-5 }\n\
+                counter = { register = 2, type = \"u16\" }\n\
+                status = [{ register = 3, bit = 0, means = \"no-echo\" }]\n";
+    let sensor = format!("[sensor.modbus]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
+    let samples = watched(&sensor);
+    check_text("sensors/modbus.txt", &(samples + &peer.requests(PERIOD as usize)));
+}
+
+/// The thermometer is polled in wall time, so of its requests the first one alone is kept. Its value stands in every
+/// reading.
+pub fn thermometer_registers() {
+    let peer = modbus(|_| vec![215]);
+    let from = "[thermometer.simulated]\n";
+    let to = format!(
+        "[thermometer.modbus]\ntcp = \"127.0.0.1:{}\"\nvalue = {{ register = 0, type = \"i16\", scale_c = 0.1 }}\n",
+        peer.port
+    );
+    let machine = replace_lines(SELF_CALIBRATION, &[(from, &to)]);
+    let workspace = Workspace::with_machine(&with_method(&machine, "latch-delay", ""));
+    let machine = workspace.path("machine.toml");
+    workspace.stdout(&["run", "latch-delay", "--machine", &machine, "--json"]);
+    workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
+    let readings = workspace.read("export/run-1-readings.csv");
+    check_text("sensors/thermometer-modbus.txt", &(readings + &peer.requests(1)));
+}
