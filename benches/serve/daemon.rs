@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::served::Served;
+use super::daemon_process::DaemonProcess;
 use super::tape::{self, Exchange};
 
 const FILE: &str = include_str!("../../config/simulated.toml");
@@ -44,7 +44,7 @@ pub fn tape() -> Vec<Exchange> {
 }
 
 pub struct Daemon {
-    served: Served,
+    served: DaemonProcess,
     pub port: u16,
     _folder: tempfile::TempDir,
 }
@@ -70,8 +70,8 @@ impl Daemon {
         std::fs::write(&machine, at_wire(wire)).unwrap();
         let machine = machine.display().to_string();
         let mut command = command(&["serve", "--machine", &machine], folder.path());
-        let served = Served::start(&mut command);
-        Self { port: served.page(), served, _folder: folder }
+        let served = DaemonProcess::start(&mut command);
+        Self { port: served.http_port(), served, _folder: folder }
     }
 
     pub fn address(&self) -> String {

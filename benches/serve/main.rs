@@ -5,10 +5,13 @@
 //! `cargo bench --bench serve`, alone on the computer.
 
 mod daemon;
-mod readers;
-#[path = "../../tests/support/served.rs"]
+#[path = "../../tests/support/daemon_process.rs"]
 #[allow(dead_code, reason = "shared with trials that use the rest of it")]
-mod served;
+mod daemon_process;
+#[path = "../../tests/support/http.rs"]
+#[allow(dead_code, reason = "shared with trials that use the rest of it")]
+mod http;
+mod readers;
 #[allow(dead_code)]
 #[path = "../overhead/tape.rs"]
 mod tape;

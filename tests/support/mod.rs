@@ -1,84 +1,11 @@
-//! Somebody else's program: plays a plan on a simulated machine, knowing only the plan.
+//! Parts that the test binaries share.
 
-use trued::base::{Axis, Position};
-use trued::methods::{Method, Next, Source};
-use trued::record::plan::{Plan, Sampling, Scan, Stage, Step};
-use trued::record::reading::{Flag, Reading};
-use trued::world::{Sensed, Speed, World};
-
-/// Play one step: over the part, down, touch, back, up.
-pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
-    let rapid = |world: &mut World, to: &Position| {
-        assert!(!world.travel(to, Speed::Rapid).touched, "touched on the way to {}", step.label);
-    };
-    let over = step.from.at(Axis::Z) + 60.0;
-    rapid(world, &Position::new().with(Axis::Z, over.max(250.0)));
-    rapid(world, &step.from.only(|axis| !axis.is_linear()));
-    rapid(world, &step.from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
-    rapid(world, &step.from.only(|axis| axis == Axis::Z));
-    let linear = step.to.only(Axis::is_linear);
-    let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
-    world.travel(&step.from.only(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
-    Reading {
-        step: step.id,
-        repeat,
-        position: contact.position,
-        value_mm: None,
-        sensor: step.sensor.clone(),
-        t_s: contact.t_s,
-        flag: Flag::None,
-        temperatures_c: Default::default(),
-    }
-}
-
-/// Look along the path of a step, sample by sample, 1000 in a second.
-fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
-    let reading = |position: Position, t_s: f64, sensed: Sensed| {
-        let (value_mm, flag) = match sensed {
-            Sensed::Distance(mm) => (Some(mm), Flag::None),
-            Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
-            Sensed::Saturated => (None, Flag::Saturated),
-        };
-        let (sensor, temperatures_c) = (step.sensor.clone(), Default::default());
-        Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }
-    };
-    let speed = Speed::Feed { mm_min: step.feed_mm_min };
-    let mut readings = Vec::new();
-    for (number, point) in scan.path.iter().enumerate() {
-        match scan.sampling {
-            Sampling::Continuous { rate_hz } if number > 0 => {
-                let passing = world.sense_on_the_way(&step.sensor, point, speed, 1.0 / rate_hz);
-                readings.extend(passing.into_iter().map(|p| reading(p.position, p.t_s, p.sensed)));
-            }
-            Sampling::Continuous { .. } => {
-                world.travel(point, speed);
-            }
-            Sampling::Dwell { dwell_s, samples } => {
-                world.travel(point, speed);
-                world.dwell(dwell_s);
-                for _ in 0..samples {
-                    let sensed = world.sense(&step.sensor, 1e-3).expect("a sensor");
-                    readings.push(reading(world.position(), world.time_s(), sensed));
-                }
-            }
-        }
-    }
-    readings
-}
-
-/// Measure a whole method on `world`; the plan grows with its stages.
-pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan, Vec<Reading>) {
-    let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
-    loop {
-        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
-        let Next::Stage { stage, new_steps } = next else { return (plan, readings) };
-        plan.steps.extend(new_steps);
-        for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            match &step.scan {
-                None => readings.push(play(world, step, stage.repeat)),
-                Some(scan) => readings.extend(look(world, step, scan, stage.repeat)),
-            }
-        }
-        done.push(stage);
-    }
-}
+pub mod daemon_process;
+pub mod grbl_control;
+pub mod harness;
+pub mod http;
+pub mod machine_shop;
+pub mod plan_player;
+pub mod population;
+pub mod pymodbus;
+pub mod recording_control;

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-pub const MISSING: &str = "pymodbus is not here: tests/peers/pymodbus/install";
+pub fn missing() -> Option<&'static str> {
+    python().is_none().then_some("pymodbus is missing: tests/peers/pymodbus/install")
+}
 
 /// A python that has it: `TRUED_PYMODBUS`, or the one that `tests/peers/pymodbus/install` has made.
 pub fn python() -> Option<PathBuf> {

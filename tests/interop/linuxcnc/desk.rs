@@ -1,0 +1,169 @@
+//! A person's desk beside the rig: a machine file, an empty journal, and the program itself.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+
+use libtest_mimic::Failed;
+use tempfile::TempDir;
+use trued::record::estimate::Estimate;
+
+use super::rig::Rig;
+use super::streams::Streams;
+
+const MACHINE: &str = include_str!("../../../config/linuxcnc-sim.toml");
+/// In the place of the part and the settings of `MACHINE`.
+const BALLS: &str = include_str!("samba.toml");
+const LASER: &str = include_str!("laser.toml");
+
+/// Fewer touches, and fast ones.
+const QUICK: [(&str, &str); 4] = [
+    ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
+    ("repeatability_um = 0.15", "repeatability_um = 1.5"),
+    ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
+];
+
+/// A person's desk: a machine file for this rig and an empty journal.
+pub struct Desk(TempDir);
+
+impl Desk {
+    /// `config/linuxcnc-sim.toml` as it is.
+    pub fn for_rig(rig: &Rig) -> Result<Self, Failed> {
+        Self::with(rig, &[])
+    }
+
+    /// A short cycle with quick touches: for what does not depend on the result.
+    pub fn in_a_hurry(rig: &Rig) -> Result<Self, Failed> {
+        Self::with(rig, &QUICK)
+    }
+
+    /// A short cycle, started from outside: the program serves at `port` of this computer.
+    pub fn serving(rig: &Rig, port: u16) -> Result<Self, Failed> {
+        let serve = format!(
+            "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
+             [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n[serve.modbus]\n\
+             listen = \"127.0.0.1:{port}\"\nallow = [\"127.0.0.1\"]\n",
+            MACHINE
+        );
+        Self::of(rig, &serve, &QUICK)
+    }
+
+    /// A short cycle with touches that are worth something.
+    pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
+        let settings = format!("heights_mm = [90.0]\npositions = {positions}\nlocate = false");
+        let short = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
+            ("heights_mm = [90.0]", &*settings),
+        ];
+        Self::with(rig, &short)
+    }
+
+    /// With balls in the place of the cylinder, and touches at twice the feed: a servo period is
+    /// 1 µm then.
+    pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
+        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let faster = [
+            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
+            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
+        ];
+        Self::of(rig, &format!("{head}{BALLS}"), &faster)
+    }
+
+    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this line more.
+    pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
+        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let ports = [
+            ("[controller.sampler]\ntcp", &*format!("[controller.sampler]\n{line}\ntcp")),
+            ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.positions)),
+            ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
+        ];
+        Self::of(rig, &format!("{head}{LASER}"), &ports)
+    }
+
+    /// The file with some of its text replaced.
+    fn with(rig: &Rig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        Self::of(rig, MACHINE, changes)
+    }
+
+    fn of(rig: &Rig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        let port = format!("127.0.0.1:{}", rig.port);
+        let directory = rig.directory.display().to_string();
+        let here = [("127.0.0.1:5007", &*port), ("/tmp/trued-linuxcnc", &*directory)];
+        let mut machine = machine.to_owned();
+        for (from, to) in changes.iter().chain(&here) {
+            if !machine.contains(from) {
+                return Err(format!("`{from}` does not stand in the machine file").into());
+            }
+            machine = machine.replace(from, to);
+        }
+        let desk = Self(TempDir::new()?);
+        std::fs::write(desk.machine(), machine)?;
+        Ok(desk)
+    }
+
+    pub fn machine(&self) -> PathBuf {
+        self.0.path().join("machine.toml")
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.0.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// What a command prints that must succeed.
+    pub fn said(&self, arguments: &[&str]) -> Result<String, Failed> {
+        let output = self.command(arguments).output()?;
+        if !output.status.success() {
+            return Err(complaint(&output).into());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Whether the journal says so of the last run.
+    pub fn is(&self, state: &str) -> Result<(), Failed> {
+        let runs = self.said(&["runs", "--json"])?;
+        let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
+        if said == state { Ok(()) } else { Err(runs.into()) }
+    }
+
+    /// How many readings of the first run are exported.
+    pub fn kept(&self) -> Result<usize, Failed> {
+        self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
+        let readings = std::fs::read_to_string(self.0.path().join("run-1-readings.csv"))?;
+        Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
+    }
+
+    /// Somebody has looked at the machine and lets the first run go on.
+    pub fn resume(&self) -> Result<Child, Failed> {
+        Ok(self.command(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
+    }
+
+    pub fn start(&self) -> Result<Child, Failed> {
+        self.run("self-calibration")
+    }
+
+    /// `trued serve`.
+    pub fn serve(&self) -> Result<Child, Failed> {
+        let machine = self.machine().display().to_string();
+        Ok(self.command(&["serve", "--machine", &machine]).spawn()?)
+    }
+
+    pub fn run(&self, method: &str) -> Result<Child, Failed> {
+        let machine = self.machine().display().to_string();
+        Ok(self.command(&["run", method, "--json", "--machine", &machine]).spawn()?)
+    }
+}
+
+pub fn complaint(output: &Output) -> String {
+    format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr))
+}
+
+/// Value and expanded uncertainty, µm.
+pub fn result(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
+}

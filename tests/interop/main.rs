@@ -1,0 +1,26 @@
+//! Interoperability with foreign programs: LinuxCNC, pymodbus, python3, the CAN of a real kernel, Chromium.
+//! A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
+
+mod linuxcnc;
+mod page;
+mod pymodbus;
+mod sensors;
+mod serve_modbus;
+mod socketcan;
+#[path = "../support/mod.rs"]
+#[allow(dead_code, reason = "each test binary uses a part of it")]
+mod support;
+
+use support::harness::{Trials, run};
+
+fn main() {
+    let suites = [
+        linuxcnc::trials(),
+        page::trials(),
+        pymodbus::trials(),
+        sensors::trials(),
+        serve_modbus::trials(),
+        socketcan::trials(),
+    ];
+    run(suites.into_iter().fold(Trials::default(), Trials::and))
+}

@@ -1,0 +1,115 @@
+//! A cycle from the page: started, watched, held on the way, resumed, watched to its verdict, signed.
+
+use super::browser::{Browser, in_browser};
+use super::look;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::HTTP;
+use crate::support::machine_shop::MachineShop;
+
+pub fn address(daemon: &DaemonProcess) -> String {
+    format!("http://127.0.0.1:{}/", daemon.http_port())
+}
+
+/// Few touches on a hasty machine: a whole run at its true pace takes less than a minute, of which half is
+/// left after the twelfth touch.
+pub fn shop() -> MachineShop {
+    let shop = MachineShop::with_serve(HTTP);
+    let faster = [
+        ("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5"),
+        ("rapid_per_min = 20000.0", "rapid_per_min = 60000.0"),
+        ("rapid_per_min = 7200.0", "rapid_per_min = 36000.0"),
+        ("rapid_per_min = 10800.0", "rapid_per_min = 36000.0"),
+        ("acceleration_per_s2 = 2000.0", "acceleration_per_s2 = 20000.0"),
+        ("acceleration_per_s2 = 400.0", "acceleration_per_s2 = 4000.0"),
+        ("acceleration_per_s2 = 1000.0", "acceleration_per_s2 = 10000.0"),
+        ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 600.0"),
+        ("search_feed_mm_min = 300.0", "search_feed_mm_min = 3000.0"),
+        ("guarded_feed_mm_min = 3000.0", "guarded_feed_mm_min = 12000.0"),
+    ];
+    faster.iter().for_each(|(from, to)| shop.change(from, to));
+    shop
+}
+
+/// Touches so far, as the page says.
+async fn measured(browser: &Browser, at_least: usize) {
+    let count = |text: &str| text.lines().last().and_then(|line| line.parse::<usize>().ok());
+    let is = |text: &str| count(text).is_some_and(|count| count >= at_least);
+    browser.until("#live .card:last-child", is).await;
+}
+
+async fn glance(browser: &Browser, words: &str) {
+    browser.until("#live .glance", |text| text.starts_with(words)).await;
+}
+
+pub fn held_and_signed() {
+    in_browser(async |browser| {
+        let shop = shop();
+        shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
+        // Time for a browser that is slow to hold it on its way.
+        shop.change("positions = 5", "positions = 8");
+        let daemon = shop.serve("real");
+        let (client, at) = (&browser.client, address(&daemon));
+        client.goto(&at).await.unwrap();
+        glance(&browser, "unknown").await;
+        look::at(&browser, "unknown").await;
+
+        browser.send("/start", &[("who", "Ada")]).await;
+        glance(&browser, "waits: a person is asked").await;
+        browser.until("#asked .question", |text| text == "part and stylus are clean").await;
+        look::at(&browser, "asked").await;
+        browser.send("/answer", &[("who", "Ada")]).await;
+        glance(&browser, "measuring").await;
+        assert_eq!(browser.text("#asked").await, "");
+        // The part is located by five touches; four references follow.
+        measured(&browser, 12).await;
+        browser.find("#live svg .mark.now").await;
+        let hold = "const box = document.querySelector('button.hold').getBoundingClientRect();
+        return box.top >= 0 && box.bottom <= innerHeight";
+        for place in ["0", "document.body.scrollHeight"] {
+            client.execute(&format!("scrollTo(0, {place})"), vec![]).await.unwrap();
+            assert_eq!(client.execute(hold, vec![]).await.unwrap(), true, "hold is out of reach");
+        }
+        browser.send("/hold", &[]).await;
+        glance(&browser, "held").await;
+        assert_eq!(shop.states(), ["held"]);
+        let before = shop.json(&["runs", "--json"])[0].clone();
+        look::at(&browser, "held").await;
+
+        browser.send("/resume", &[("who", "Grace")]).await;
+        glance(&browser, "measuring").await;
+        // Those from before count.
+        measured(&browser, 18).await;
+        look::at(&browser, "measuring").await;
+        glance(&browser, "true").await;
+        assert_eq!(shop.states(), ["finished"]);
+        assert_eq!(shop.json(&["runs", "--json"])[0]["started"], before["started"]);
+        look::at(&browser, "true").await;
+
+        browser.find("a[href='/runs/1']").await.click().await.unwrap();
+        browser.until(".glance", |text| text.contains("not signed")).await;
+        look::at(&browser, "run").await;
+        browser.send("/sign", &[("who", "Lise"), ("why", "as it was in May")]).await;
+        let signed = "signed by Lise (as it was in May) on ";
+        browser.until(".glance", |text| text.contains(signed)).await;
+        look::at(&browser, "signed").await;
+        browser.find("a[href='/runs/1/report']").await.click().await.unwrap();
+        browser.until(".under", |_| true).await;
+        assert!(browser.text("header").await.contains("Signed by Lise (as it was in May) on "));
+        assert_eq!(look::serious(&browser).await, Vec::<String>::new());
+        assert_eq!(browser.console().await, Vec::<String>::new());
+
+        assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
+        let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+        let asked = "a person was asked: part and stylus are clean";
+        for words in [
+            asked,
+            "done, said Ada",
+            "held: ",
+            "acknowledged by Grace",
+            "resumed after a gap",
+            "signed by Lise",
+        ] {
+            assert!(told.contains(words), "{words} in {told}");
+        }
+    });
+}

@@ -1,0 +1,91 @@
+//! A page that is left open for days shows what is so now, or nothing.
+
+use std::time::Duration;
+
+use super::browser::{Browser, in_browser};
+use super::cycle::{address, shop};
+use super::look;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::HTTP;
+use crate::support::machine_shop::MachineShop;
+
+const MACHINE: &str = "simulated five-axis machine";
+/// Of a page that cannot know how its machine stands.
+const GONE: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
+
+/// With a schedule beside its page.
+fn with_schedule() -> MachineShop {
+    let shop = shop();
+    let schedule = "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\n";
+    shop.change(HTTP, &format!("{schedule}{HTTP}"));
+    shop
+}
+
+/// What comes is known to the service a moment after it is ready.
+async fn planned(browser: &Browser, daemon: &DaemonProcess) {
+    let at = address(daemon);
+    browser.client.goto(&at).await.unwrap();
+    for _ in 0..100 {
+        if browser.text("main").await.contains("dawn") {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        browser.client.goto(&at).await.unwrap();
+    }
+    panic!("the schedule is not told");
+}
+
+/// Its connection stays open, and says nothing more.
+pub fn stands_still() {
+    in_browser(async |browser| {
+        let shop = with_schedule();
+        let daemon = shop.serve("real");
+        planned(&browser, &daemon).await;
+        browser.send("/start", &[("who", "Ada")]).await;
+        browser
+            .until("#live", |text| text.starts_with("measuring") && text.contains("time left"))
+            .await;
+        assert!(browser.text("main").await.contains("dawn"));
+        daemon.signal("STOP");
+        let away = |text: &str| text.contains("no connection") && !text.contains("as of");
+        let seen = browser.until("main", away).await;
+        assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
+        assert_eq!(browser.client.title().await.unwrap(), "no connection");
+        // The way to the hold is not taken away by what the page believes.
+        browser.find("button.hold").await;
+        look::at(&browser, "stands-still").await;
+        daemon.signal("CONT");
+        let back = |text: &str| {
+            !text.contains("no connection")
+                && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
+        };
+        browser.until("main", back).await;
+    });
+}
+
+/// Somebody arms a schedule elsewhere: a page that nobody touches says so after a minute. What is open on it
+/// stays open, and what was typed stays typed.
+pub fn slowly() {
+    in_browser(async |browser| {
+        let shop = with_schedule();
+        let daemon = shop.serve("fast");
+        let client = &browser.client;
+        planned(&browser, &daemon).await;
+        browser.until("#schedule", |text| text.contains("not armed")).await;
+        let touched = "document.querySelector('#arm details').open = true;
+        document.querySelector('#arm [name=until]').value = '3d';
+        window.untouched = true";
+        client.execute(touched, vec![]).await.unwrap();
+        let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
+        assert!(armed.status.success(), "{armed:?}");
+        // The minute is over at once.
+        let later = "const now = Date.now; Date.now = () => now() + 61000";
+        client.execute(later, vec![]).await.unwrap();
+        browser.until("#schedule", |text| text.contains("armed by Ada until")).await;
+        let kept = "return [window.untouched, document.querySelector('#arm details').open,
+        document.querySelector('#arm [name=until]').value]";
+        let kept = client.execute(kept, vec![]).await.unwrap();
+        assert_eq!(kept, serde_json::json!([true, true, "3d"]));
+        assert_eq!(browser.console().await, Vec::<String>::new());
+    });
+}

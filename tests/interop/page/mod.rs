@@ -1,0 +1,39 @@
+//! The page as a person uses it: headless Chromium, driven by fantoccini, against the program. The browser
+//! and its driver are Debian's `chromium` and `chromium-driver`; axe-core, which looks for what keeps people
+//! from using a page, is made by `tests/peers/axe/fetch`. Without them these trials are skipped, with the
+//! reason; with `TRUED_REQUIRE_PEERS=1` they fail. Pictures of what was seen are in `page` below the
+//! target directory.
+
+mod browser;
+mod cycle;
+mod life;
+mod look;
+mod states;
+
+use std::path::{Path, PathBuf};
+
+use crate::support::harness::{Pool, Trials, is_command, trials};
+
+const MISSING: &str = "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
+
+/// What `tests/peers/axe/fetch` has made.
+fn axe() -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let file = target.join("peers/axe-4.12.1/axe.min.js");
+    file.is_file().then_some(file)
+}
+
+fn missing() -> Option<&'static str> {
+    (!is_command("chromedriver") || axe().is_none()).then_some(MISSING)
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Browser, 30;
+        cycle::held_and_signed,
+        states::from_afar,
+        life::stands_still,
+        life::slowly,
+        states::without_script,
+    ]
+    .requires(missing)
+}

@@ -1,0 +1,195 @@
+//! pymodbus as a thermometer beside a run: what its register holds stands in the readings; what is away,
+//! silent or nonsense stands nowhere, and the run goes on.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use libtest_mimic::Failed;
+use trued::base::Position;
+use trued::link::modbus::Framing;
+use trued::record::event::Event;
+use trued::record::reading::Reading;
+use trued::setup::{self, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun, RunState};
+
+use super::server::{Server, on_a_runtime};
+
+const MACHINE: &str = include_str!("../../../config/simulated.toml");
+const STALE_S: f64 = 3.0;
+
+/// The built-in machine with a thermometer that is reached there: tenths of a degree above -5 °C.
+fn machine(server: &Server) -> MachineFile {
+    let at = super::sensor::keys(server);
+    let text = format!(
+        "{MACHINE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {STALE_S}\n[thermometer.modbus]\n{at}\n\
+         unit = 1\ntimeout_s = 1.0\n\
+         value = {{ register = 3, type = \"i16\", scale_c = 0.1, offset_c = -5.0 }}\n"
+    );
+    MachineFile::parse("machine.toml", text).unwrap()
+}
+
+/// A run on the simulated machine; `with` is told of each reading before the next touch.
+async fn run(
+    file: &MachineFile,
+    mut with: impl FnMut(usize),
+) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
+    let folder = tempfile::tempdir().unwrap();
+    let journal = Journal::open(folder.path()).unwrap();
+    let (method, plan) = setup::header(file, "self-calibration", Some(1)).unwrap();
+    let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let id = journal.begin(&new).await.unwrap();
+    let mut count = 0;
+    let mut tell = |event: &Event| {
+        if matches!(event, Event::ReadingStored { .. }) {
+            count += 1;
+            with(count);
+        }
+    };
+    let mut run = trued::run::Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
+    run.execute().await.unwrap();
+    let (plan, readings) = (run.plan.clone(), run.readings.clone());
+    let estimate = method.identify(&plan, &readings, &[]).unwrap();
+    journal.estimate(id, &estimate).await.unwrap();
+    let stored = journal.load(id).unwrap();
+    assert_eq!((stored.summary.state, &stored.readings), (RunState::Finished, &readings));
+    let told = stored.events.into_iter().filter_map(|(_, event)| match event {
+        Event::Announced { text } => Some(text),
+        _ => None,
+    });
+    let mut measured = None;
+    journal.measured(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
+    let measured = measured.unwrap();
+    (readings, told.collect(), measured.temperatures_c.into())
+}
+
+fn bed(reading: &Reading) -> Option<f64> {
+    reading.temperatures_c.get("bed")
+}
+
+/// What it is asked comes at a pace of its own: so long, and all of it has come.
+fn wait() {
+    std::thread::sleep(Duration::from_secs_f64(1.5 * STALE_S));
+}
+
+async fn carried(framing: Framing) -> Result<(), Failed> {
+    let mut server = Server::start(framing);
+    server.value(262);
+    let file = machine(&server);
+    let (readings, told, means) = run(&file, |count| {
+        if count == 30 {
+            server.value(274);
+            wait();
+        }
+    })
+    .await;
+    // 26.2 - 5.0 and 27.4 - 5.0.
+    for (number, reading) in readings.iter().enumerate() {
+        let expected = if number < 30 { 21.2 } else { 22.4 };
+        let said = bed(reading).ok_or_else(|| format!("reading {number} has none"))?;
+        assert!((said - expected).abs() < 1e-9, "reading {number}: {said}");
+    }
+    let all: Vec<f64> = readings.iter().filter_map(bed).collect();
+    assert!((means["bed"] - all.iter().sum::<f64>() / all.len() as f64).abs() < 1e-9, "{means:?}");
+    assert!(means.contains_key("spindle") && readings.len() > 60, "{means:?} {}", readings.len());
+    assert!(told.iter().all(|text| !text.contains("thermometer")), "{told:?}");
+    Ok(())
+}
+
+pub fn tcp() -> Result<(), Failed> {
+    on_a_runtime(carried(Framing::Tcp))
+}
+
+pub fn rtu() -> Result<(), Failed> {
+    on_a_runtime(carried(Framing::Rtu))
+}
+
+/// Silent, nonsense, and well again: told once, and no reading has what was true before.
+pub fn away() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Tcp);
+        server.value(262);
+        let file = machine(&server);
+        let (readings, told, means) = run(&file, |count| match count {
+            20 => {
+                server.faults(&["drop"; 500]);
+                wait();
+                wait();
+            }
+            // 850 °C.
+            30 => {
+                server.faults(&[]);
+                server.value(8550);
+                wait();
+            }
+            40 => {
+                server.value(300);
+                wait();
+            }
+            _ => {}
+        })
+        .await;
+        let numbers = |from: usize, to: usize| readings[from..to].iter().map(bed);
+        assert!(numbers(0, 20).all(|said| said.is_some_and(|c| (c - 21.2).abs() < 1e-9)));
+        assert!(numbers(20, 40).all(|said| said.is_none()));
+        let rest = readings.len() - 40;
+        assert!(numbers(40, 40 + rest).all(|said| said.is_some_and(|c| (c - 25.0).abs() < 1e-9)));
+        let mean = (20.0 * 21.2 + rest as f64 * 25.0) / (20 + rest) as f64;
+        assert!((means["bed"] - mean).abs() < 1e-9, "{means:?} {mean}");
+        let away: Vec<_> = told.iter().filter(|text| text.contains("thermometer bed")).collect();
+        let [once, end] = away[..] else { panic!("{told:?}") };
+        assert!(once.contains("says nothing: ") && once.contains("no answer within"), "{once}");
+        let counted = format!("20 of {} readings are without it", readings.len());
+        assert!(end.contains(&counted), "{end}");
+        Ok(())
+    })
+}
+
+/// One that never answers holds up no touch: the readings are those of a run without it.
+pub fn none() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Tcp);
+        server.faults(&["drop"; 2000]);
+        let file = machine(&server);
+        let (readings, told, means) = run(&file, |_| {}).await;
+        assert!(readings.iter().all(|reading| bed(reading).is_none()));
+        assert_eq!(means.keys().collect::<Vec<_>>(), ["spindle"]);
+        assert_eq!(told.iter().filter(|text| text.contains("says nothing")).count(), 1, "{told:?}");
+        let plain = MachineFile::parse("machine.toml", MACHINE.to_owned()).unwrap();
+        let (without, ..) = run(&plain, |_| {}).await;
+        let places = |all: &[Reading]| -> Vec<(u32, Position)> {
+            all.iter().map(|reading| (reading.step, reading.position.clone())).collect()
+        };
+        assert_eq!(places(&readings), places(&without));
+        Ok(())
+    })
+}
+
+/// What `trued check` finds at a register of pymodbus.
+pub fn checked() -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut server = Server::start(Framing::Tcp);
+        server.value(262);
+        let file = machine(&server);
+        let devices = setup::devices(&file, Pace::Fast, Past::default()).await?;
+        let began = Instant::now();
+        let mut said = Vec::new();
+        for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {
+            server.value(value);
+            server.faults(&[faults]);
+            let all = devices.thermometers.once().await;
+            let (entry, answer) = all.into_iter().find(|(entry, _)| entry.name == "bed").unwrap();
+            said.push(match answer {
+                Ok(celsius) => format!("{} {celsius:.1}", entry.name),
+                Err(error) => format!("{error}; {}", error.remedy()),
+            });
+        }
+        let wanted =
+            ["bed 21.2", "850.0 °C", "no answer within", "many manuals count registers from"];
+        for (said, words) in said.iter().zip(wanted) {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        println!("{:.1} s", began.elapsed().as_secs_f64());
+        Ok(())
+    })
+}

@@ -1,0 +1,88 @@
+//! A thousand samples a second while every core computes: none is lost by the program. What the script
+//! itself is late with comes in a burst, and counts.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use libtest_mimic::Failed;
+use trued::record::reading::Flag;
+use trued::sensors::{Driver, SensorError};
+
+use super::on_a_runtime;
+use super::peer::{Peer, TEXT};
+
+/// Threads that compute until dropped.
+struct Load(Arc<AtomicBool>);
+
+impl Load {
+    fn begin() -> Self {
+        let on = Arc::new(AtomicBool::new(true));
+        for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+            let on = on.clone();
+            std::thread::spawn(move || {
+                let mut number = seed as u64;
+                while on.load(Ordering::Relaxed) {
+                    number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                }
+                std::hint::black_box(number)
+            });
+        }
+        Self(on)
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}
+
+pub fn nothing_is_lost_for_10_s() -> Result<(), Failed> {
+    nothing_is_lost(10)
+}
+
+pub fn nothing_is_lost_for_60_s() -> Result<(), Failed> {
+    nothing_is_lost(60)
+}
+
+fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
+    on_a_runtime(async {
+        let mut peer = Peer::start("text");
+        let mut driver = peer.driver(TEXT).await;
+        driver.prepare().await?;
+        let _: u64 = peer.tell("quiet").await;
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        driver.forget().await?;
+        let load = Load::begin();
+        let over = AtomicBool::new(false);
+        let command = format!("steady {seconds}");
+        let script = async {
+            let sent = peer.tell::<u32>(&command).await;
+            over.store(true, Ordering::Relaxed);
+            sent
+        };
+        let listener = async {
+            let mut samples = Vec::new();
+            loop {
+                let was_over = over.load(Ordering::Relaxed);
+                let sample = driver.next().await?;
+                if was_over && sample.flag == Flag::Stale {
+                    return Ok::<_, SensorError>(samples);
+                }
+                samples.push(sample);
+            }
+        };
+        let (sent, samples) = tokio::join!(script, listener);
+        drop(load);
+        let samples = samples?;
+        let good = samples.iter().filter(|sample| sample.flag == Flag::None).count();
+        let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
+        let missing: u32 = samples.iter().map(|sample| sample.missing).sum();
+        println!("{sent} sent in {seconds} s, {good} taken, {missing} missing, {stale} silences");
+        // The first line may have begun before it was listened to. A silence is the script's.
+        assert_eq!((good, missing), (sent as usize - 1, 0));
+        assert_eq!(good + stale, samples.len());
+        Ok(())
+    })
+}

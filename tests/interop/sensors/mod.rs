@@ -1,0 +1,33 @@
+//! Sensors on a serial line against a script that knows nothing of ours (`tests/peers/sensor/sender.py`,
+//! python3 on a pseudo-terminal). Without python3 the trials are skipped, with the reason; with
+//! `TRUED_REQUIRE_PEERS=1` they fail.
+
+mod harmed;
+mod load;
+mod memory;
+mod peer;
+
+use crate::support::harness::{Pool, Trials, is_command, trials};
+
+/// Run a trial on a runtime of its own.
+fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    runtime.block_on(trial)
+}
+
+fn missing() -> Option<&'static str> {
+    (!is_command(peer::PYTHON)).then_some("python3 is missing")
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        harmed::lines,
+        harmed::frames,
+        harmed::asked,
+    ]
+    .and(trials![Pool::Alone, 12; load::nothing_is_lost_for_10_s])
+    .and(trials![Pool::Alone, 62; load::nothing_is_lost_for_60_s].ignored())
+    .requires(missing)
+    .and(trials![Pool::Alone, 5; memory::is_flat])
+}

@@ -1,0 +1,106 @@
+//! The sensor that is a script, in a process of its own, and our driver for it.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use trued::base::clock::HostClock;
+use trued::record::sensor::Sensor;
+use trued::sensors::serial::{Config, Serial};
+
+pub const TEXT: &str = r##"
+[line]
+end = "\r\n"
+prefix = "#"
+separator = " "
+columns = 2
+counter = { column = 1, round = 1000 }
+value = { column = 2, scale_mm = 0.001, codes = [{ is = "ERR", means = "no-echo" }] }
+"##;
+
+pub const FRAMES: &str = r#"
+[frame]
+sync = [0x7E, 0x81]
+length = 5
+counter = { byte = 0, width = 16, order = "little" }
+checksum = { kind = "crc16-xmodem", order = "big" }
+[frame.value]
+byte = 2
+width = 24
+order = "big"
+signed = true
+scale_mm = 0.001
+codes = [{ is = -8388608, means = "no-echo" }]
+"#;
+
+pub const PYTHON: &str = "python3";
+
+pub struct Peer {
+    child: Child,
+    stdin: ChildStdin,
+    stdout: Option<BufReader<ChildStdout>>,
+    pub path: String,
+}
+
+impl Peer {
+    pub fn start(form: &str) -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/sensor/sender.py");
+        let mut child = Command::new(PYTHON)
+            .arg(script)
+            .arg(form)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let stdin = child.stdin.take().unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        let mut path = String::new();
+        stdout.read_line(&mut path).unwrap();
+        Self { child, stdin, stdout: Some(stdout), path: path.trim().to_owned() }
+    }
+
+    pub async fn driver(&self, keys: &str) -> Serial {
+        self.waiting(0.3, keys).await
+    }
+
+    /// However slow it is.
+    pub async fn patient(&self, keys: &str) -> Serial {
+        self.waiting(30.0, keys).await
+    }
+
+    async fn waiting(&self, timeout_s: f64, keys: &str) -> Serial {
+        let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
+        let config: Config = toml::from_str(&keys).unwrap();
+        Serial::open(config, &sensor(), Arc::new(HostClock::start())).await.unwrap()
+    }
+
+    /// The answer to a command comes when it is done.
+    pub async fn tell<T: DeserializeOwned>(&mut self, command: &str) -> T {
+        writeln!(self.stdin, "{command}").unwrap();
+        let mut stdout = self.stdout.take().unwrap();
+        let read = move || {
+            let mut line = String::new();
+            stdout.read_line(&mut line).unwrap();
+            (line, stdout)
+        };
+        let (line, stdout) = tokio::task::spawn_blocking(read).await.unwrap();
+        self.stdout = Some(stdout);
+        serde_json::from_str(&line).unwrap()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+pub fn sensor() -> Sensor {
+    serde_json::from_value(serde_json::json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
+    }))
+    .unwrap()
+}

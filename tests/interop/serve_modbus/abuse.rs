@@ -1,0 +1,162 @@
+//! Whoever speaks badly, or too much, or not at all.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::Duration;
+
+use super::modbus_client::{ModbusClient, RUN, STATE};
+use crate::support::machine_shop::{MODBUS, MachineShop};
+
+/// Read all input registers, as fast as it goes.
+fn flood(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let mut answer = [0; 9 + 2 * 120];
+    while !end.load(Ordering::Relaxed) {
+        stream.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 100, 0, 120]).unwrap();
+        stream.read_exact(&mut answer).unwrap();
+        answers.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+pub fn of_all_kinds() {
+    let shop = MachineShop::with_serve(MODBUS);
+    let machine = shop.machine();
+    let calm = shop.json(&["run", "self-calibration", "--json", "--machine", &machine]);
+    let daemon = shop.serve("fast");
+    let mut client = ModbusClient::new(daemon.modbus_port());
+    let exceptions = [
+        ("discrete 0 1", 1),
+        ("input 220 1", 2),
+        ("input 200 30", 2),
+        ("holding 1 1", 2),
+        ("coil 19 1", 2),
+        ("register 1 1", 2),
+        ("registers 0 1 2", 2),
+        ("coils 18 1 1", 2),
+    ];
+    for (request, code) in exceptions {
+        assert_eq!(client.ask(request), format!("exception {code}"), "{request}");
+    }
+    raw(daemon.modbus_port());
+    assert!(!daemon.log().contains("panicked"));
+    let (end, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
+    let floods: Vec<_> = (0..4)
+        .map(|_| {
+            let stream = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
+            let (end, answers) = (end.clone(), answers.clone());
+            std::thread::spawn(move || flood(stream, &end, &answers))
+        })
+        .collect();
+    // Lines that nobody speaks on, begun requests, noise: more than there are places.
+    let address = SocketAddr::from(([127, 0, 0, 1], daemon.modbus_port()));
+    let silent: Vec<TcpStream> = (0..30)
+        .map(|number: u8| {
+            let mut stream = TcpStream::connect(address).unwrap();
+            let bytes: &[u8] = match number % 3 {
+                0 => &[],
+                1 => &[0, 1, 0, 0, 0, 6, 1],
+                _ => &[0xff; 300],
+            };
+            let _ = stream.write_all(bytes);
+            stream
+        })
+        .collect();
+    client.enable();
+    client.press(11);
+    client.until(|status| status[STATE] == 1 && status[RUN] == 2);
+    end.store(true, Ordering::Relaxed);
+    floods.into_iter().for_each(|flood| flood.join().unwrap());
+    drop(silent);
+    println!("{} requests answered beside the run", answers.load(Ordering::Relaxed));
+    assert!(answers.load(Ordering::Relaxed) > 1000);
+    let disturbed = shop.json(&["show", "2", "--json"]);
+    let text = disturbed.to_string();
+    for parameter in calm["parameters"].as_array().unwrap() {
+        assert!(text.contains(&parameter["value"].to_string()), "{parameter} is not in {text}");
+    }
+}
+
+/// What pymodbus would not send: the answer's function and exception code.
+fn raw(port: u16) {
+    let cases: [(&[u8], u8); 4] =
+        [(&[4, 0, 0, 0, 0], 3), (&[4, 0, 0, 0, 126], 3), (&[0x55, 1, 2], 1), (&[1, 0, 0, 0, 0], 3)];
+    for (pdu, code) in cases {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let mut frame = vec![0, 7, 0, 0, 0, pdu.len() as u8 + 1, 1];
+        frame.extend_from_slice(pdu);
+        stream.write_all(&frame).unwrap();
+        let mut answer = [0; 9];
+        stream.read_exact(&mut answer).unwrap();
+        assert_eq!(answer[7..], [pdu[0] | 0x80, code], "{pdu:?}");
+    }
+    // More coils than bytes for them, whole or in pieces, more registers, a coil that is neither on nor
+    // off: let go, without a word in the log.
+    let coils: &[u8] = &[0, 7, 0, 0, 0, 8, 1, 15, 0, 0, 0, 9, 1, 7];
+    let registers: &[u8] = &[0, 7, 0, 0, 0, 9, 1, 16, 0, 0, 0, 2, 2, 0, 1];
+    let half: &[u8] = &[0, 7, 0, 0, 0, 6, 1, 5, 0, 0, 0x12, 0];
+    for (spoilt, pieces) in [(coils, 14), (coils, 5), (coils, 1), (registers, 15), (half, 12)] {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        // One before it that is as it should be.
+        stream.write_all(&[0, 6, 0, 0, 0, 8, 1, 15, 0, 0, 0, 8, 1, 0]).unwrap();
+        stream.read_exact(&mut [0; 12]).unwrap();
+        for piece in spoilt.chunks(pieces) {
+            // It may be gone before the last.
+            let _ = stream.write_all(piece);
+        }
+        assert!(!matches!(stream.read(&mut [0; 12]), Ok(1..)));
+    }
+}
+
+pub fn strangers() {
+    let shop = MachineShop::with_serve(MODBUS);
+    shop.change("allow = [\"127.0.0.1\"]", "allow = [\"127.0.0.2\"]");
+    let daemon = shop.serve("fast");
+    let mut stranger = ModbusClient::new(daemon.modbus_port());
+    assert_eq!(stranger.ask("input 0 1"), "lost");
+    assert_eq!(stranger.ask("coil 11 1"), "lost");
+    let mut known = ModbusClient::from(daemon.modbus_port(), "127.0.0.2");
+    assert_eq!(known.status()[STATE], 1);
+    assert_eq!(known.numbers("bits 11 1")[0], 0);
+    assert!(daemon.log().contains("127.0.0.1 may not connect"));
+}
+
+/// A control that was switched off again and again: as many connections as there are places, each with
+/// its last request answered, none closed. The next one gets a place all the same, and who goes on
+/// asking keeps his.
+pub fn left_behind() {
+    let shop = MachineShop::with_serve(MODBUS);
+    let daemon = shop.serve("fast");
+    let mut busy = ModbusClient::new(daemon.modbus_port());
+    let left: Vec<TcpStream> = (0..15)
+        .map(|_| {
+            let mut stream = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+            stream.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]).unwrap();
+            stream.read_exact(&mut [0; 11]).unwrap();
+            stream
+        })
+        .collect();
+    // All are fresh: no place.
+    assert_eq!(busy.status()[STATE], 1);
+    let mut early = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
+    early.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    let _ = early.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]);
+    match early.read(&mut [0; 12]) {
+        Ok(0) => {}
+        Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => {}
+        other => panic!("{other:?}"),
+    }
+    for _ in 0..25 {
+        std::thread::sleep(Duration::from_millis(100));
+        assert_eq!(busy.status()[STATE], 1);
+    }
+    let mut next = ModbusClient::new(daemon.modbus_port());
+    assert_eq!(next.status()[STATE], 1);
+    assert_eq!(busy.status()[STATE], 1);
+    drop(left);
+}

@@ -1,0 +1,117 @@
+//! pymodbus at the other end.
+
+use crate::support::pymodbus::python;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// Where to find what; written down here once more, from docs/modbus.md.
+pub const STATE: usize = 1;
+pub const PROGRESS: usize = 2;
+pub const VERDICT: usize = 3;
+pub const RUN: usize = 6;
+pub const ACCEPTED: usize = 7;
+pub const REFUSED: usize = 8;
+pub const REFUSAL: usize = 9;
+const PATIENCE: Duration = Duration::from_secs(300);
+
+pub struct ModbusClient {
+    child: Child,
+    requests: ChildStdin,
+    answers: BufReader<ChildStdout>,
+    beat: u16,
+}
+
+impl Drop for ModbusClient {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl ModbusClient {
+    pub fn new(port: u16) -> Self {
+        Self::from(port, "127.0.0.1")
+    }
+
+    pub fn from(port: u16, address: &str) -> Self {
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/pymodbus/client.py");
+        let mut command = Command::new(python().unwrap());
+        command.args([script, &port.to_string(), address]);
+        let mut child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let requests = child.stdin.take().unwrap();
+        let answers = BufReader::new(child.stdout.take().unwrap());
+        let mut client = Self { child, requests, answers, beat: 0 };
+        assert_eq!(client.answer(), "ok", "no connection");
+        client
+    }
+
+    fn answer(&mut self) -> String {
+        let mut line = String::new();
+        self.answers.read_line(&mut line).unwrap();
+        line.trim().to_owned()
+    }
+
+    pub fn ask(&mut self, request: &str) -> String {
+        writeln!(self.requests, "{request}").unwrap();
+        self.answer()
+    }
+
+    pub fn numbers(&mut self, request: &str) -> Vec<u16> {
+        let said = self.ask(request);
+        let numbers = said.split_whitespace().map(str::parse).collect::<Result<_, _>>();
+        numbers.unwrap_or_else(|_| panic!("{request}: {said}"))
+    }
+
+    /// The first registers; the control lives.
+    pub fn status(&mut self) -> Vec<u16> {
+        self.beat = self.beat.wrapping_add(1);
+        let beat = self.beat;
+        assert_eq!(self.ask(&format!("register 0 {beat}")), "ok");
+        self.numbers("input 0 16")
+    }
+
+    /// Wait; all that was seen on the way.
+    pub fn until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
+        let (started, mut seen) = (Instant::now(), Vec::new());
+        loop {
+            seen.push(self.status());
+            if right(seen.last().unwrap()) {
+                return seen;
+            }
+            assert!(started.elapsed() < PATIENCE, "{:?}", seen.last());
+            sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Key, automatic mode and door as they should be, no button pressed, and alive.
+    pub fn enable(&mut self) {
+        assert_eq!(self.ask("coils 0 1 1 1 0 0"), "ok");
+        assert_eq!(self.ask("coils 11 0 0 0 0 0 0 0 0"), "ok");
+        self.until(|status| status[10] == 0b1111);
+        sleep(Duration::from_millis(60));
+    }
+
+    /// Press a button and let it go.
+    pub fn press(&mut self, coil: u16) {
+        assert_eq!(self.ask(&format!("coil {coil} 1")), "ok");
+        assert_eq!(self.ask(&format!("coil {coil} 0")), "ok");
+        sleep(Duration::from_millis(60));
+    }
+
+    /// Press a start that must be refused; why.
+    pub fn refused(&mut self, coil: u16) -> u16 {
+        let before = self.status();
+        self.press(coil);
+        let after = self.status();
+        assert_eq!(after[REFUSED], before[REFUSED] + 1, "{after:?}");
+        assert_eq!(after[ACCEPTED], before[ACCEPTED], "{after:?}");
+        after[REFUSAL]
+    }
+}

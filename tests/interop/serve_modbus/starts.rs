@@ -1,0 +1,157 @@
+//! Starts and refusals.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::modbus_client::{ACCEPTED, ModbusClient, PROGRESS, REFUSAL, RUN, STATE, VERDICT};
+use crate::support::machine_shop::{MODBUS, MachineShop};
+
+/// As `trued show` has it.
+fn stored(shop: &MachineShop, run: u16) -> Value {
+    shop.json(&["show", &run.to_string(), "--json"])
+}
+
+/// `parameters` somewhere in it.
+fn parameters(value: &Value) -> Option<&Vec<Value>> {
+    match value {
+        Value::Object(map) => match map.get("parameters") {
+            Some(Value::Array(found)) => Some(found),
+            _ => map.values().find_map(parameters),
+        },
+        Value::Array(list) => list.iter().find_map(parameters),
+        _ => None,
+    }
+}
+
+pub fn a_cycle() {
+    let shop = MachineShop::with_serve(MODBUS);
+    let daemon = shop.serve("fast");
+    let mut client = ModbusClient::new(daemon.modbus_port());
+    client.enable();
+    let before = client.status();
+    assert_eq!((before[STATE], before[VERDICT], before[RUN]), (1, 0, 0), "{before:?}");
+    assert_eq!(client.ask("coil 11 1"), "ok");
+    let started = client.status();
+    assert_eq!((started[STATE], started[ACCEPTED]), (2, 1), "{started:?}");
+    // Let go and pressed again, while the run is on.
+    client.press(11);
+    assert_eq!(client.refused(11), 1);
+    assert_eq!(client.ask("coil 11 1"), "ok");
+    let seen = client.until(|status| status[STATE] != 2);
+    let ended = seen.last().unwrap();
+    assert_eq!((ended[STATE], ended[VERDICT], ended[RUN], ended[PROGRESS]), (1, 1, 1, 100));
+    let progress: Vec<u16> = seen.iter().map(|status| status[PROGRESS]).collect();
+    assert!(progress.is_sorted() && progress.iter().any(|p| (1..100).contains(p)), "{progress:?}");
+    // The coil is still high.
+    sleep(Duration::from_millis(300));
+    assert_eq!(client.status()[ACCEPTED], 1);
+    assert_eq!(shop.states(), ["finished"]);
+    deviations(&mut client, &shop);
+    // Once more.
+    client.enable();
+    client.press(11);
+    client.until(|status| status[STATE] == 1 && status[RUN] == 2);
+    drop(client);
+    assert_eq!(daemon.terminate(), 0);
+    assert_eq!(shop.states(), ["finished", "finished"]);
+}
+
+/// What the registers say is what the journal holds.
+fn deviations(client: &mut ModbusClient, shop: &MachineShop) {
+    let run = stored(shop, 1);
+    let parameters = parameters(&run).expect("parameters");
+    assert_eq!(usize::from(client.status()[15]), parameters.len().min(12));
+    for (place, parameter) in parameters.iter().take(12).enumerate() {
+        let record = client.numbers(&format!("input {} 10", 100 + 10 * place));
+        let bytes: Vec<u8> = record[..4].iter().flat_map(|word| word.to_be_bytes()).collect();
+        let symbol = String::from_utf8(bytes).unwrap();
+        let expected: String = parameter["symbol"].as_str().unwrap().chars().take(8).collect();
+        assert_eq!(symbol.trim_end_matches('\0'), expected);
+        let unit = ["um", "urad", "um/m", "mm"][usize::from(record[4]) - 1];
+        assert_eq!(unit, parameter["unit"].as_str().unwrap());
+        let number =
+            |at: usize| f64::from((i32::from(record[at] as i16) << 16) | i32::from(record[at + 1]));
+        for (at, key) in [(5, "value"), (7, "U")] {
+            let exact = parameter[key].as_f64().unwrap() * 1000.0;
+            assert!((number(at) - exact).abs() <= 0.5, "{symbol} {key}: {} {exact}", number(at));
+        }
+    }
+}
+
+pub fn refusals() {
+    let shop = MachineShop::with_serve(MODBUS);
+    shop.change("min_interval_s = 0.0", "min_interval_s = 3600.0");
+    let daemon = shop.serve("fast");
+    let mut client = ModbusClient::new(daemon.modbus_port());
+    client.enable();
+    assert_eq!(client.refused(12), 4, "no cycle 2");
+    for (coil, why) in [(0, 5), (1, 6), (2, 7)] {
+        assert_eq!(client.ask(&format!("coil {coil} 0")), "ok");
+        assert_eq!(client.refused(11), why);
+        assert_eq!(client.ask(&format!("coil {coil} 1")), "ok");
+    }
+    assert_eq!(client.ask("coil 3 1"), "ok");
+    assert_eq!(client.refused(11), 10, "stop is held down");
+    assert_eq!(client.ask("coil 3 0"), "ok");
+    assert_eq!(client.ask("coils 11 1 1"), "ok");
+    assert_eq!(client.status()[REFUSAL], 11, "two at once");
+    assert_eq!(client.ask("coils 11 0 0"), "ok");
+    client.press(4);
+    assert_eq!(client.status()[REFUSAL], 15, "nothing to acknowledge");
+    // Nothing has begun until now.
+    assert_eq!(client.status()[ACCEPTED], 0);
+    client.press(11);
+    client.until(|status| status[STATE] == 1 && status[RUN] == 1);
+    assert_eq!(client.refused(11), 9, "too soon");
+    let log = daemon.log().clone();
+    for words in ["the external start is not enabled", "a guard is open", "only just now"] {
+        assert!(log.contains(words), "{words} in {log}");
+    }
+}
+
+pub fn stale() {
+    let shop = MachineShop::with_serve(MODBUS);
+    let daemon = shop.serve("fast");
+    let mut client = ModbusClient::new(daemon.modbus_port());
+    client.enable();
+    sleep(Duration::from_millis(1100));
+    // The beat that comes with the press is the first after a pause.
+    assert_eq!(client.ask("coil 11 1"), "ok");
+    let status = client.numbers("input 0 16");
+    assert_eq!((status[ACCEPTED], status[REFUSAL], status[10]), (0, 8, 0), "{status:?}");
+    // Alive again; the coil that rose meanwhile starts nothing.
+    client.until(|status| status[10] == 0b1111);
+    sleep(Duration::from_millis(100));
+    assert_eq!(client.status()[ACCEPTED], 0);
+    // The heartbeat goes on at two a second and more.
+    let beat = client.status()[0];
+    sleep(Duration::from_millis(1000));
+    assert!(client.status()[0].wrapping_sub(beat) >= 2);
+}
+
+/// Each run in a file of its own, from which it can be replayed.
+pub fn captures() {
+    let shop = MachineShop::with_serve(MODBUS);
+    let daemon = shop.serve_with(&["--capture", &shop.file("talk.capture")]);
+    let mut client = ModbusClient::new(daemon.modbus_port());
+    client.enable();
+    for run in 1..3 {
+        client.press(11);
+        client.until(|status| status[STATE] == 1 && status[RUN] == run);
+    }
+    drop(client);
+    assert_eq!(daemon.terminate(), 0);
+    assert!(!std::path::Path::new(&shop.file("talk-begun.capture")).exists());
+    for run in ["1", "2"] {
+        let capture = shop.file(&format!("talk-{run}.capture"));
+        let method = "self-calibration";
+        let replay = ["run", method, "--json", "--machine", &shop.machine(), "--replay", &capture];
+        let (replayed, measured) = (shop.json(&replay), shop.json(&["show", run, "--json"]));
+        assert_eq!(
+            Some(&replayed["parameters"]),
+            parameters(&measured).map(|list| Value::from(list.clone())).as_ref()
+        );
+    }
+}

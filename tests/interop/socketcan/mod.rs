@@ -1,0 +1,220 @@
+//! The program itself on a CAN bus of a real kernel, in a virtual machine (`tests/peers/socketcan/`),
+//! beside can-utils. Without the machine the trial is skipped, with the reason; with
+//! `TRUED_REQUIRE_PEERS=1` it fails.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use libtest_mimic::Failed;
+
+use crate::support::harness::{Pool, Trials, trials};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
+const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketcan");
+const MACHINE: &str = include_str!("../../../config/simulated.toml");
+const LASER: &str = include_str!("../../../config/laser.toml");
+const SCENES: &str = include_str!("scenes");
+const WITHOUT: &str = include_str!("without");
+
+const FRAMES: i64 = 10_000;
+/// At these frames the counter goes on by so much more than one.
+const LEFT_OUT: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
+
+const NO_CAN: &str = "this computer's kernel has no CAN";
+
+type Said = BTreeMap<String, String>;
+
+fn cache() -> Option<PathBuf> {
+    let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?.join("peers/socketcan");
+    cache.join("complete").exists().then_some(cache)
+}
+
+/// A machine file whose laser is reached so.
+fn machine(reached: &str) -> String {
+    format!(
+        "{MACHINE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
+         direction = [0.0, 0.0, -1.0]\nrange_mm = [-100.0, 100.0]\n{reached}"
+    )
+}
+
+/// 24 bits, two's complement, 10 nm a count; a counter of 16 bits before it and a status behind it.
+fn on(interface: &str, timeout_s: f64) -> String {
+    machine(&format!(
+        "[sensor.can]\ninterface = \"{interface}\"\nid = 0x181\ntimeout_s = {timeout_s:?}\n\
+         order = \"big\"\nlength = 6\n\
+         value = {{ byte = 2, width = 24, signed = true, scale_mm = 1e-5 }}\n\
+         counter = {{ byte = 0, width = 16 }}\n\
+         status = [{{ byte = 5, bit = 0, means = \"no-echo\" }}]\n"
+    ))
+}
+
+/// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points,
+/// as the guest is slow.
+fn scanning() -> String {
+    let memory = "speaks = \"can\"\nwire = \"memory\"\n";
+    assert!(LASER.contains(memory));
+    let text = LASER.replace(memory, "speaks = \"can\"\nwire = \"vcan0\"\n");
+    text + "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+            points = 7\nsamples = 5\nmonte_carlo_trials = 100\n"
+}
+
+/// On this computer, whatever its kernel: refused, with what to do.
+fn not_here() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("machine.toml");
+    std::fs::write(&file, on("can-none", 0.1))?;
+    for words in [&["watch", "laser"][..], &["check"]] {
+        let mut command = Command::new(PROGRAM);
+        command.args(words).arg("--machine").arg(&file).arg("--state").arg(folder.path());
+        let ended = command.output()?;
+        let said = [ended.stderr, ended.stdout].concat();
+        let said = String::from_utf8_lossy(&said);
+        let kernel = said.contains(NO_CAN) && said.contains("modprobe can can_raw");
+        let interface = said.contains("there is no CAN interface `can-none`")
+            && said.contains("ip -brief link show type can");
+        if ended.status.code() != Some(1) || !(kernel || interface) {
+            return Err(format!("{words:?}: {said}").into());
+        }
+    }
+    Ok(())
+}
+
+/// A log as candump writes it: `count` frames, so many milliseconds apart, from the least to the greatest of
+/// 24 bits.
+fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
+    let mut text = String::new();
+    for frame in 0..count {
+        let more: i64 = left_out.iter().filter(|(at, _)| *at <= frame).map(|(_, more)| more).sum();
+        let counter = (first_count + frame + more) & 0xFFFF;
+        let value = -8_388_608 + frame * 16_777_215 / (count - 1);
+        let value = value & 0xFF_FFFF;
+        let (seconds, millis) = ((frame + 1) * apart / 1000, (frame + 1) * apart % 1000);
+        writeln!(text, "({seconds:010}.{millis:03}000) vcan0 181#{counter:04X}{value:06X}00")
+            .expect("text");
+    }
+    text
+}
+
+fn missing() -> Option<&'static str> {
+    cache().is_none().then_some("the virtual machine is missing: tests/peers/socketcan/fetch")
+}
+
+fn in_the_guest() -> Result<(), Failed> {
+    let cache = cache().ok_or("no virtual machine")?;
+    let folder = tempfile::tempdir()?;
+    let data = folder.path().join("data");
+    std::fs::create_dir(&data)?;
+    let twin = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"vcan0\"\n";
+    for (name, text) in [
+        ("scenes", SCENES.to_owned()),
+        ("stream.log", log(1, FRAMES, 65_000, &LEFT_OUT)),
+        ("before.log", log(1, 200, 0, &[])),
+        ("after.log", log(1, 200, 250, &[])),
+        ("without", WITHOUT.to_owned()),
+        ("half.log", log(2, 60_000, 0, &[])),
+        ("half.toml", on("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
+        ("quick.toml", on("vcan0", 0.5)),
+        ("patient.toml", on("vcan0", 30.0)),
+        ("none.toml", on("can7", 0.5)),
+        ("lo.toml", on("lo", 0.5)),
+        ("twin.toml", machine(twin)),
+        ("run.toml", scanning()),
+    ] {
+        std::fs::write(data.join(name), text)?;
+    }
+    let image = folder.path().join("image");
+    let packed = Command::new(format!("{SCRIPTS}/pack"))
+        .args([cache.as_path(), &data, Path::new(PROGRAM), &image])
+        .output()?;
+    if !packed.status.success() {
+        return Err(String::from_utf8_lossy(&packed.stderr).into_owned().into());
+    }
+    let booted = Command::new(format!("{SCRIPTS}/boot")).args([&cache, &image]).output()?;
+    let told = String::from_utf8_lossy(&booted.stdout).into_owned();
+    print!("{told}");
+    if !booted.status.success() {
+        return Err(format!("the guest failed ({}):\n{told}", booted.status).into());
+    }
+    let line = |line: &str| {
+        let (key, value) = line.split_once(' ')?;
+        key.contains('.').then(|| (key.to_owned(), value.trim().to_owned()))
+    };
+    judge(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
+}
+
+fn judge(said: &Said, told: &str) -> Result<(), String> {
+    let missing = LEFT_OUT.iter().map(|(_, more)| more).sum::<i64>();
+    let counts = [
+        ("stream.status", 0),
+        ("stream.dumped", FRAMES),
+        ("stream.values", FRAMES),
+        ("stream.gaps", LEFT_OUT.len() as i64),
+        ("stream.missing", missing),
+        ("stream.stale", 0),
+        ("down.values", 400),
+        ("down.gaps", 1),
+        ("down.missing", 50),
+        ("down.stale", 1),
+        ("off.values", 4),
+        ("off.gaps", 1),
+        ("off.missing", 3),
+        ("off.stale", 1),
+        ("others.status", 0),
+        ("others.values", 2),
+        ("twin.status", 0),
+        ("twin.stale", 0),
+        ("twin.missing", 0),
+        ("run.status", 0),
+        ("none.status", 1),
+        ("lo.status", 1),
+    ];
+    for (key, wanted) in counts {
+        let came = said.get(key).and_then(|value| value.parse::<i64>().ok());
+        if came != Some(wanted) {
+            return Err(format!("{key} is {came:?}, not {wanted}\n{told}"));
+        }
+    }
+    for scene in ["stream", "others"] {
+        for (key, wanted) in [("least", "-83.88608"), ("greatest", "83.88607")] {
+            if said.get(&format!("{scene}.{key}")).map(String::as_str) != Some(wanted) {
+                return Err(format!("{scene}.{key} is not {wanted}\n{told}"));
+            }
+        }
+    }
+    // Paper 2, Table 5, as the simulated machine has it; what a few poses can say of it.
+    for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)]
+    {
+        let came: Option<f64> = said.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
+        if came.is_none_or(|came: f64| (came - truth).abs() > limit) {
+            return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
+        }
+    }
+    match WORDS.iter().find(|words| !told.contains(**words)) {
+        Some(words) => Err(format!("nobody said: {words}\n{told}")),
+        None => Ok(()),
+    }
+}
+
+/// What has to come up; `trued check` says what begins with the name of a scene.
+const WORDS: [&str; 11] = [
+    "there is no CAN interface `can7`; there are: vcan0",
+    "`lo` is no CAN interface; there are: vcan0",
+    "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): this computer's kernel has no CAN",
+    "without:         → load the modules as root, `modprobe can can_raw`",
+    "errors: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, and \
+     the bus has errors",
+    "errors:         → compare the bit rate (`ip -details link show vcan0`)",
+    "stranger: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, but \
+     those of others did: 182",
+    "closed: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN interface `vcan0` is down",
+    "gone: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN controller of `vcan0` has left",
+    "samples a second, where rate_hz says 1000",
+    "sound: sensors ok             laser (simulated)",
+];
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0; not_here]
+        .and(trials![Pool::Computing, 120; in_the_guest].requires(missing))
+}

@@ -1,0 +1,326 @@
+//! Balls, planned: the paper's set of balls on a machine like the one that is built in, 109
+//! measurements in 32 indexations.
+
+use trued::base::{Axis, Position};
+use trued::gcode::{Dialect, Program};
+use trued::methods::{Next, Source};
+use trued::planning::{
+    Access, Approach, BallTask, Clearance, Start, blocks, end_of, machine_time_s, touch_block, tour,
+};
+use trued::proof::{Request, Staged, prove};
+use trued::record::artefact::{Artefact, Balls};
+use trued::record::motion::{Block, Motion};
+use trued::record::plan::{Plan, Stage, Step, StepKind};
+
+/// The built-in machine with the paper's order of axes, room for its balls and a longer stylus.
+fn rumba() -> Plan {
+    let file = include_str!("../../config/simulated.toml");
+    let head = file.split("[artefact]").next().unwrap();
+    let mut text = head
+        .replace("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Z-Y-S-t")
+        .replace("tool_mm = [0.0, 0.0, -120.0]", "tool_mm = [0.0, 0.0, -220.0]")
+        .replace("min = -250.0", "min = -300.0")
+        .replace("max = 250.0", "max = 300.0")
+        .replace("max = 450.0", "max = 550.0")
+        .replace("stem_length_mm = 95.0", "stem_length_mm = 150.0")
+        .replace("body_length_mm = 25.0", "body_length_mm = 70.0");
+    text.push_str("[artefact]\nkind = \"balls\"\nuncertainty_mm = 1.0\n");
+    for (i, [x, y, z]) in BALLS.iter().enumerate() {
+        text.push_str(&format!(
+            "[[artefact.balls]]\nid = \"{}\"\ncentre_mm = [{x:?}, {y:?}, {z:?}]\nradius_mm = 9.525\n\
+             stem_radius_mm = 4.0\nstem_length_mm = {z:?}\n",
+            i + 1
+        ));
+    }
+    text.push_str(
+        "[[solid]]\nname = \"spindle nose\"\non = \"spindle\"\nfrom_mm = [0.0, 0.0, 0.0]\n\
+         to_mm = [0.0, 0.0, 150.0]\nradius_mm = 50.0\n\
+         [[solid]]\nname = \"table\"\non = \"table\"\nfrom_mm = [0.0, 0.0, -40.0]\n\
+         to_mm = [0.0, 0.0, 0.0]\nradius_mm = 230.0\n",
+    );
+    text.push_str("[simulated]\nseed = 1\n");
+    let file = trued::setup::MachineFile::parse("rumba.toml", text).unwrap();
+    trued::setup::header(&file, "samba", None).unwrap().1
+}
+
+/// Paper 4, table 1.
+const BALLS: [[f64; 3]; 6] = [
+    [-152.4, 0.0, 40.855],
+    [152.4, 0.0, 40.435],
+    [160.0, 160.0, 177.835],
+    [-160.0, 160.0, 177.695],
+    [-160.0, -160.0, 75.605],
+    [160.0, -160.0, 76.045],
+];
+
+fn balls(plan: &Plan) -> &Balls {
+    match &plan.artefact {
+        Artefact::Balls(balls) => balls,
+        Artefact::Cylinder(_) => panic!("balls"),
+    }
+}
+
+/// One measurement of each ball that is free, at most four of them: 109 in the first positions of a
+/// list as one writes it down.
+fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
+    let tilts = [0.0, 10.0, -10.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0];
+    let turns = [0.0, 90.0, 180.0, 270.0];
+    let all = tilts.into_iter().enumerate();
+    let all = all.flat_map(|(i, b)| turns.into_iter().enumerate().map(move |(k, c)| (b, c, i + k)));
+    let mut left = 109;
+    let mut visits = Vec::new();
+    for (b, c, quarter) in all {
+        let s = 90.0 * (quarter % 4) as f64;
+        let rotary: Position = [(Axis::B, b), (Axis::C, c), (Axis::S, s)]
+            .into_iter()
+            .map(|(axis, degrees)| (axis, axis.from_edge(degrees)))
+            .collect();
+        let free = |ball: &usize| access.accessible(&task(plan, *ball, &rotary, SEARCH)).is_ok();
+        // Another ball is left out each time.
+        let from = quarter % 6;
+        let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
+        let some: Vec<usize> = some.into_iter().take(4.min(left)).collect();
+        left -= some.len();
+        if !some.is_empty() {
+            visits.push((rotary, some));
+        }
+    }
+    assert_eq!(left, 0);
+    visits
+}
+
+const SEARCH: Approach = Approach::Find { uncertainty_mm: 1.0, standoff_mm: 0.5 };
+const SLOW: Approach = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+
+fn task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: Approach) -> BallTask<'a> {
+    BallTask { ball: &balls(plan).balls[ball], rotary, approach, touches: 5 }
+}
+
+/// Steps of the visits in this order.
+fn steps(
+    plan: &Plan,
+    access: &Access,
+    visits: &[(Position, Vec<usize>)],
+    passes: &[Approach],
+) -> Vec<Step> {
+    let mut steps: Vec<Step> = Vec::new();
+    for (number, (rotary, balls)) in visits.iter().enumerate() {
+        for ball in balls {
+            for approach in passes {
+                let numbers = (steps.len() as u32, 0);
+                let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
+                let task = task(plan, *ball, rotary, *approach);
+                let new = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+                steps.extend(new.unwrap());
+            }
+        }
+    }
+    steps
+}
+
+/// By tilt, C forward at one and back at the next; the balls of each on a short way.
+fn in_order(
+    plan: &Plan,
+    access: &Access,
+    visits: &[(Position, Vec<usize>)],
+) -> Vec<(Position, Vec<usize>)> {
+    let mut visits = visits.to_vec();
+    let at = |visit: &(Position, Vec<usize>), axis| visit.0.at(axis);
+    visits.sort_by(|a, b| {
+        let tilts = at(a, Axis::B).total_cmp(&at(b, Axis::B));
+        tilts.then(at(a, Axis::C).total_cmp(&at(b, Axis::C)))
+    });
+    let tilts = visits.chunk_by_mut(|a, b| at(a, Axis::B) == at(b, Axis::B));
+    tilts.skip(1).step_by(2).for_each(<[_]>::reverse);
+    let mut stands: Option<Position> = None;
+    for (rotary, list) in &mut visits {
+        let place = |ball: &usize| access.centre(&balls(plan).balls[*ball], rotary).unwrap();
+        let places: Vec<Position> = list.iter().map(place).collect();
+        let order = tour(&places, stands.as_ref(), &plan.machine);
+        stands = order.last().map(|last| places[*last].clone());
+        *list = order.iter().map(|place| list[*place]).collect();
+    }
+    visits
+}
+
+/// One touch after the other, to the upper end of Z between any two; as fast and as carefully as our
+/// own: guarded only where something is near.
+fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>) -> f64 {
+    let mut stands = Position::new();
+    let mut seconds = 0.0;
+    for (step, clearance) in steps {
+        let block = touch_block(plan, step, 0, Start::default(), clearance).unwrap();
+        assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
+        seconds += machine_time_s(&block, &stands, &plan.machine);
+        stands = end_of(&block, &stands);
+    }
+    seconds
+}
+
+fn share(name: &str, touches: usize, ours_s: f64, naive_s: f64) -> f64 {
+    let (ours, naive) = (ours_s / 60.0, naive_s / 60.0);
+    println!("{name}: {touches} touches: {ours:.1} min, naive {naive:.1} min: {:.3}", ours / naive);
+    ours / naive
+}
+
+/// A stage, and what its ways are planned about.
+struct Planned {
+    stage: Stage,
+    found: Option<Artefact>,
+    clearance: Clearance,
+}
+
+/// The built-in machine with these settings of the method: all stages from nominal positions.
+fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
+    let text = format!("{}\n[method.samba]\n{settings}\n", include_str!("../../config/samba.toml"));
+    let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
+    let (method, mut plan) = trued::setup::header(&file, "samba", None).unwrap();
+    let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal).unwrap()
+    {
+        plan.steps.extend(new_steps);
+        found = stage.found.clone().or(found);
+        let clearance = Clearance::over(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
+        stages.push(Planned { stage: stage.clone(), found: found.clone(), clearance });
+        done.push(stage);
+    }
+    (plan, stages)
+}
+
+/// As a run goes, each touch from where the last one ended; and the machine time.
+fn run<'a>(
+    plan: &Plan,
+    steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>,
+    stands: &mut Option<Position>,
+) -> (Vec<Block>, f64) {
+    let (mut blocks, mut seconds) = (Vec::new(), 0.0);
+    for (step, clearance) in steps {
+        let start = Start { stands: stands.as_ref(), first: stands.is_none() };
+        let block = touch_block(plan, step, 0, start, clearance).unwrap();
+        let here = stands.take().unwrap_or_default();
+        seconds += machine_time_s(&block, &here, &plan.machine);
+        *stands = Some(end_of(&block, &here));
+        blocks.push(block);
+    }
+    (blocks, seconds)
+}
+
+impl Planned {
+    fn steps<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (&'a Step, &'a Clearance)> {
+        self.stage.steps.iter().map(|id| (&plan.steps[*id as usize], &self.clearance))
+    }
+}
+
+/// What the program ships: its machine, its design, its stages, as `trued run samba` plans them. Naive:
+/// the same indexations as they stand in the list of positions, the balls by their numbers and the
+/// touches as in paper 4, searched for and measured at each; without our references.
+#[test]
+fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naive_order() {
+    let (plan, stages) = built_in("");
+    let all = || stages.iter().flat_map(|planned| planned.steps(&plan));
+    let (_, ours_s) = run(&plan, all(), &mut None);
+    let place = |step: &Step| {
+        let [pass, _, ball, touch] = step.label.split('/').collect::<Vec<_>>().try_into().unwrap();
+        let touches = ["+45", "-135", "-45", "+135", "pole"];
+        let touch = touches.iter().position(|name| *name == touch);
+        let degrees = |axis| step.from.at(axis).to_degrees().round() as i32;
+        ([Axis::B, Axis::C, Axis::S].map(degrees), pass.to_owned(), ball.to_owned(), touch)
+    };
+    let mut list: Vec<_> = all().filter(|(step, _)| step.kind == StepKind::Touch).collect();
+    list.sort_by_key(|(step, _)| place(step));
+    assert_eq!(list.len(), 2 * 5 * 109);
+    let naive_s = naive_s(&plan, list);
+    assert!(share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.45);
+}
+
+/// What the design calls accessible is proven, stage by stage, as a run proves it before it moves.
+#[test]
+fn every_named_design_of_the_built_in_machine_is_proven() {
+    for settings in
+        ["", "criterion = \"A\"", "design = \"paper\"", "design = \"paper\"\nfind = \"once\""]
+    {
+        let (plan, stages) = built_in(settings);
+        let mut stands = None;
+        for planned in &stages {
+            let begins = stands.clone();
+            let (blocks, _) = run(&plan, planned.steps(&plan), &mut stands);
+            let Planned { stage, found, .. } = planned;
+            let staged = Staged { steps: &stage.steps, found: found.as_ref() };
+            proven(&plan, &[staged], begins.as_ref(), &blocks)
+                .unwrap_or_else(|why| panic!("{settings}, {}: {why}", stage.name));
+        }
+    }
+}
+
+/// Touching and backing off, which no order changes; from ball to ball; from touch to touch of one ball.
+fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
+    let mut stands = Position::new();
+    let (mut touching, mut balls, mut round) = (0.0, 0.0, 0.0);
+    for (block, step) in blocks.iter().zip(&plan.steps) {
+        let touch =
+            |motion: &&Motion| matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. });
+        let motions = block.motions.iter().filter(touch).cloned().collect();
+        let touch_s = machine_time_s(&Block { motions, ..*block }, &step.from, &plan.machine);
+        let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
+        touching += touch_s / 60.0;
+        *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
+        stands = end_of(block, &stands);
+    }
+    println!(
+        "touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min"
+    );
+}
+
+/// A slower touch (30 mm/min), a lower Z and other balls. Slow touches alone just hold it: of 39.3 minutes
+/// of the naive order 15.0 are touching, which no order changes.
+#[test]
+fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
+    let mut plan = rumba();
+    let access = Access::new(&plan, &plan.artefact).unwrap();
+    let visits = design(&plan, &access);
+    let ordered = in_order(&plan, &access, &visits);
+    // Slow touches know where the balls stand, as in a run.
+    let found = Artefact::Balls(Balls { uncertainty_mm: 0.25, ..balls(&plan).clone() });
+    let [searched, known] =
+        [&plan.artefact, &found].map(|artefact| Clearance::over(&plan, artefact).unwrap());
+    let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
+    for (name, passes) in [("find and slow", &[SEARCH, SLOW][..]), ("slow", &[SLOW])] {
+        let list = steps(&plan, &access, &visits, passes);
+        let naive_s = naive_s(&plan, list.iter().map(|step| (step, about(step))));
+        plan.steps = steps(&plan, &access, &ordered, passes);
+        let with = plan.steps.iter().map(|step| (step, about(step)));
+        let (blocks, seconds) = run(&plan, with, &mut None);
+        say_where_the_time_goes(&plan, &blocks);
+        assert!(share(name, list.len(), seconds, naive_s) <= 0.6);
+    }
+}
+
+#[test]
+fn regress_the_motions_are_proven() {
+    let mut plan = rumba();
+    let access = Access::new(&plan, &plan.artefact).unwrap();
+    let ordered = in_order(&plan, &access, &design(&plan, &access));
+    plan.steps = steps(&plan, &access, &ordered, &[SEARCH]);
+    let (blocks, _) = blocks(&plan, &Clearance::above(&plan).unwrap()).unwrap();
+    let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
+    proven(&plan, &[Staged { steps: &ids, found: None }], None, &blocks).unwrap();
+}
+
+/// `Err`: the refusal, and the lines about it.
+fn proven(
+    plan: &Plan,
+    stages: &[Staged<'_>],
+    stands: Option<&Position>,
+    blocks: &[Block],
+) -> Result<(), String> {
+    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+    let dialect = Dialect::named("linuxcnc").unwrap();
+    let text = dialect.program(&Program { title: "t", axes: &axes, log: None }, blocks).unwrap();
+    let (first, dialect) = (stands.is_none(), &dialect);
+    let proof = prove(&Request { plan, stages, stands, first, dialect, text: &text });
+    let refused = |refusal: trued::proof::Refusal| {
+        let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
+        format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))
+    };
+    proof.map(drop).map_err(refused)
+}

@@ -1,0 +1,122 @@
+//! Five axes and the spindle's orientation over the grbl wire: what the simulated control executes is
+//! what the same moves do to the world itself.
+
+use glam::DVec3;
+use trued::base::{Axis, Point, Position};
+use trued::kinematics::Chain;
+use trued::record::artefact::Artefact;
+use trued::record::motion::{Block, Motion};
+use trued::setup::{self, MachineFile, Pace, Past};
+use trued::world::{Speed, World};
+
+/// B, C, S in degrees, and the ball (counted from 0) that is touched on top.
+const TOUCHES: [([f64; 3], usize); 5] = [
+    ([0.0, 0.0, 0.0], 0),
+    ([-30.0, 90.0, 90.0], 2),
+    ([60.0, -180.0, 270.0], 3),
+    ([90.0, 0.0, 180.0], 2),
+    ([-90.0, 270.0, 90.0], 3),
+];
+const FEED: f64 = 3000.0;
+
+fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Block {
+    let Artefact::Balls(balls) = &file.artefact else { panic!("no balls") };
+    let turned = Position::new().with(Axis::B, b.to_radians()).with(Axis::C, c.to_radians());
+    let oriented = turned.clone().with(Axis::S, s.to_radians());
+    let chain = Chain::new(&file.machine).unwrap();
+    let up = chain.machine_from_table(&turned, &[]).matrix3.transpose() * DVec3::Z;
+    let tip = Point::from_vec(DVec3::from_array(file.machine.tool_mm));
+    let over = |off: f64| {
+        let target = DVec3::from_array(balls.balls[ball].centre_mm) + up * off;
+        chain.linear_axes_for(Point::from_vec(target), tip, &oriented, &[]).unwrap()
+    };
+    let height = |off: f64| over(off).only(|axis| axis == Axis::Z);
+    let motions = vec![
+        Motion::Rapid { to: Position::new().with(Axis::Z, 750.0) },
+        Motion::Rapid { to: turned },
+        Motion::Orient { s: s.to_radians() },
+        Motion::Rapid { to: over(12.0).only(|axis| axis != Axis::Z) },
+        Motion::Guarded { to: height(12.0), feed_mm_min: FEED },
+        Motion::Probe { to: height(7.0), feed_mm_min: 60.0 },
+        Motion::BackOff { to: height(12.0), feed_mm_min: 300.0 },
+    ];
+    Block { step, repeat: 0, motions }
+}
+
+/// The moves of a block, without any control.
+fn direct(world: &mut World, block: &Block) -> Position {
+    let mut found = None;
+    for motion in &block.motions {
+        match motion {
+            Motion::Rapid { to } => assert!(!world.travel(to, Speed::Rapid).touched),
+            Motion::Orient { s } => world.orient(*s),
+            Motion::Guarded { to, feed_mm_min } => {
+                assert_eq!(world.probe(to, *feed_mm_min, block.step).contact, None);
+            }
+            Motion::Probe { to, feed_mm_min } => {
+                found = world.probe(to, *feed_mm_min, block.step).contact;
+            }
+            Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => {
+                world.travel(to, Speed::Feed { mm_min: *feed_mm_min });
+            }
+            Motion::Dwell { seconds } => world.dwell(*seconds),
+        }
+    }
+    found.expect("contact").position
+}
+
+#[test]
+fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
+    let file = MachineFile::embedded_for("samba").unwrap();
+    let mut world = setup::world(&file).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+        devices.controller.prepare().await.unwrap();
+        for (step, (pose, ball)) in TOUCHES.into_iter().enumerate() {
+            let block = block(&file, step as u32, pose, ball);
+            let expected = direct(&mut world, &block);
+            let outcome = devices.controller.execute(block).await.unwrap();
+            let found = outcome.touch.unwrap();
+            for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
+                // Moves are written to 0.1 µm, contacts told to the micrometre that Z moves in.
+                let off = axis.to_edge(found.at(axis) - expected.at(axis)).abs();
+                assert!(off <= 1.001e-3, "{axis} at {pose:?}: {off}");
+            }
+        }
+        devices.controller.finish().await.unwrap();
+    });
+}
+
+/// An orientation that never reached the spindle would go unseen above: a stylus that is 1 mm off
+/// its axis stands elsewhere after half a turn.
+#[test]
+fn the_spindle_turns_the_stylus() {
+    let text = include_str!("../../config/samba.toml")
+        .replace("tool_offset_um = [0.0, 0.0, -17.0]", "tool_offset_um = [1000.0, 0.0, 0.0]");
+    let file = MachineFile::parse("off.toml", text).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+        devices.controller.prepare().await.unwrap();
+        let mut heights = Vec::new();
+        for (step, s) in [0.0, 180.0].into_iter().enumerate() {
+            // 3 mm aside of the pole the ball falls off by 3/9.35 of what the stylus is off.
+            let mut block = block(&file, step as u32, [0.0, 0.0, s], 0);
+            for motion in &mut block.motions {
+                if let Motion::Rapid { to } = motion
+                    && let Some(x) = to.get(Axis::X)
+                {
+                    to.set(Axis::X, x + 3.0);
+                }
+            }
+            let found = devices.controller.execute(block).await.unwrap().touch.unwrap();
+            heights.push(found.at(Axis::Z));
+        }
+        let sphere = |off: f64| (9.35_f64.powi(2) - off * off).sqrt();
+        // The bed of the balls stands 0.3 mm off, and each ball some tenths more.
+        let expected = sphere(2.7 + 1.0) - sphere(2.7 - 1.0);
+        let found = heights[0] - heights[1];
+        assert!((found - expected).abs() < 0.2, "{found} instead of {expected}");
+    });
+}

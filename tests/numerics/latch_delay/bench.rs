@@ -1,0 +1,81 @@
+//! The built-in machine, changed, and what is measured on it.
+
+use toml::{Table, Value};
+use trued::methods::{IdentifyError, Method};
+use trued::record::estimate::{Estimate, Parameter};
+use trued::record::plan::Plan;
+use trued::record::reading::Reading;
+use trued::setup::{self, MachineFile};
+
+use crate::support::plan_player;
+
+/// The machine file as a table.
+#[derive(Clone)]
+pub struct World(Table);
+
+impl World {
+    pub fn with_a_round_part() -> Self {
+        Self(include_str!("../../../config/simulated.toml").parse().unwrap())
+    }
+
+    pub fn with_balls() -> Self {
+        Self(include_str!("../../../config/samba.toml").parse().unwrap())
+    }
+
+    /// `path`: keys with dots between; tables that are missing are made.
+    pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
+        let (tables, key) = path.rsplit_once('.').unwrap();
+        let table = tables.split('.').fold(&mut self.0, |table, key| {
+            let inner = table.entry(key).or_insert_with(|| Value::Table(Table::new()));
+            inner.as_table_mut().unwrap()
+        });
+        table.insert(key.to_owned(), value.into());
+        self
+    }
+
+    pub fn latched(self, delay_ms: f64, scan_ms: f64) -> Self {
+        self.with("simulated.latch.delay_ms", delay_ms).with("simulated.latch.scan_ms", scan_ms)
+    }
+
+    pub fn file(&self, seed: u64) -> MachineFile {
+        let seeded = self.clone().with("simulated.seed", seed as i64);
+        MachineFile::parse("world.toml", toml::to_string(&seeded.0).unwrap()).unwrap()
+    }
+
+    pub fn header(&self) -> (Box<dyn Method>, Plan) {
+        setup::header(&self.file(1), "latch-delay", None).unwrap()
+    }
+
+    /// Plan and readings of somebody who plays the plan on the world itself.
+    pub fn played(&self, seed: u64) -> (Plan, Vec<Reading>) {
+        let file = self.file(seed);
+        let (method, header) = setup::header(&file, "latch-delay", None).unwrap();
+        let mut world = setup::world(&file).unwrap();
+        plan_player::measure(&mut world, method.as_ref(), header)
+    }
+
+    pub fn estimate(&self, seed: u64) -> Estimate {
+        let (plan, readings) = self.played(seed);
+        identified(&plan, &readings).unwrap_or_else(|error| panic!("seed {seed}: {error}"))
+    }
+}
+
+pub fn identified(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+    let method = trued::methods::configure("latch-delay", plan.settings.clone()).unwrap();
+    method.identify(plan, readings, &[])
+}
+
+pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.unwrap_or_else(|| panic!("no {symbol}"))
+}
+
+/// Whether the parameter's interval holds the truth.
+pub fn covers(estimate: &Estimate, symbol: &str, truth: f64) -> bool {
+    let parameter = parameter(estimate, symbol);
+    (parameter.value - truth).abs() <= parameter.expanded
+}
+
+pub fn says(lines: &[String], words: &str) -> bool {
+    lines.iter().any(|line| line.contains(words))
+}

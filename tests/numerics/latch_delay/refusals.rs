@@ -1,0 +1,92 @@
+//! What is refused before anything moves, and when the part is found.
+
+use trued::methods::{self, Next, Refused, Source};
+use trued::record::plan::{Plan, Stage};
+
+use super::bench::World;
+
+/// The whole plan from nominal positions.
+fn planned(world: &World) -> Result<(Plan, Vec<Stage>), Refused> {
+    let (method, plan) = world.header();
+    methods::nominal(method.as_ref(), plan)
+}
+
+fn refused(world: &World, words: &str) {
+    let refused = planned(world).unwrap_err();
+    assert!(refused.why.contains(words), "{}", refused.why);
+    assert!(!refused.instead.is_empty());
+}
+
+fn with(key: &str, value: impl Into<toml::Value>) -> World {
+    World::with_a_round_part().with(key, value)
+}
+
+#[test]
+fn settings_that_measure_nothing_are_refused() {
+    refused(&with("method.latch-delay.touches", 2), "2 touches at each feed");
+    refused(&with("method.latch-delay.direction_deg", 400.0), "no angle");
+    refused(&with("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times that");
+    refused(&with("method.latch-delay.fast_feed_mm_min", -1.0), "at least 2 times that");
+    refused(&with("method.latch-delay.fast_feed_mm_min", 1e9), "at most the 20000 mm/min");
+    refused(&with("probe.search_feed_mm_min", 40.0), "at least 2 times that");
+    refused(&with("artefact.axis", vec![1.0, 0.0, 0.0]), "upright");
+    refused(&with("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
+}
+
+/// The way on which a fast touch comes to its feed belongs to the touch, which is no longer than the
+/// overtravel: a fast feed that is named is refused, one that is not is lowered.
+#[test]
+fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
+    let weak = || with("axes.Y.acceleration_per_s2", 20.0);
+    refused(&weak().with("method.latch-delay.fast_feed_mm_min", 300.0), "overtravel");
+    let (plan, _) = planned(&weak()).unwrap();
+    let fast = plan.steps.iter().map(|step| step.feed_mm_min).skip(1).fold(0.0, f64::max);
+    assert!((60.0..300.0).contains(&fast), "{fast}");
+    // With 20 mm/s² and the part 2 mm nearer than stated, the feed is reached before contact.
+    let run_up = (fast / 60.0_f64).powi(2) / 40.0;
+    let step = &plan.steps[2];
+    let out = step.from.at(trued::base::Axis::X) - (45.0 + 3.0) - 2.0;
+    assert!(out > run_up, "{out} {run_up}");
+}
+
+#[test]
+fn both_feeds_touch_one_place_in_turns() {
+    let (plan, stages) = planned(&World::with_a_round_part()).unwrap();
+    assert_eq!(stages.iter().map(|stage| stage.steps.len()).collect::<Vec<_>>(), [1, 24]);
+    assert!(
+        plan.steps
+            .iter()
+            .all(|step| step.from == plan.steps[0].from && step.to == plan.steps[0].to)
+    );
+    let feeds: Vec<f64> = plan.steps.iter().map(|step| step.feed_mm_min).collect();
+    assert_eq!(feeds[..6], [300.0, 30.0, 300.0, 300.0, 30.0, 30.0]);
+}
+
+/// Nearer than its touches can begin.
+#[test]
+fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
+    let (method, mut plan) = World::with_a_round_part().header();
+    let Next::Stage { stage, new_steps } = method.next(&plan, &[], Source::Nominal).unwrap() else {
+        panic!("a search")
+    };
+    plan.steps.extend(new_steps);
+    let reading = |x_mm: f64| {
+        let from = &plan.steps[0].from;
+        trued::record::reading::Reading {
+            step: 0,
+            repeat: 0,
+            position: from.clone().with(trued::base::Axis::X, from.at(trued::base::Axis::X) - x_mm),
+            value_mm: None,
+            sensor: "probe".to_owned(),
+            t_s: 1.0,
+            flag: Default::default(),
+            temperatures_c: Default::default(),
+        }
+    };
+    let next =
+        |x_mm| method.next(&plan, std::slice::from_ref(&stage), Source::Measured(&[reading(x_mm)]));
+    assert!(next(2.0).is_ok());
+    for x_mm in [0.001, 5.3, f64::NAN] {
+        assert!(next(x_mm).unwrap_err().why.contains("the part was met after"), "{x_mm}");
+    }
+}

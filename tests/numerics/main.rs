@@ -1,0 +1,19 @@
+//! Numerical results of the library: no trial runs the program. Each submodule stands for itself.
+
+mod ball_motions;
+mod five_axes;
+mod kinematics_g0;
+mod laser;
+mod latch_delay;
+mod nist_strd;
+mod proof_sabotage;
+mod proof_sweep;
+mod round_fits;
+mod samba;
+mod worlds;
+
+#[path = "../support"]
+mod support {
+    pub mod plan_player;
+    pub mod population;
+}

@@ -1,0 +1,144 @@
+//! A program that measures balls on stems, and ways to spoil it that a round part does not know.
+
+use trued::base::{Axis, Position};
+use trued::planning::{Access, Approach, BallTask};
+use trued::record::artefact::{Artefact, Balls};
+use trued::record::plan::{Plan, Stage, Step, StepKind};
+use trued::setup::{MachineFile, header};
+
+use super::program::{Place, Rendered};
+use super::sabotage::{Act, Lines, Window, changed};
+
+pub const SAMBA: &str = include_str!("../../../config/samba.toml");
+/// B, C, S in degrees.
+const INDEXATIONS: [[f64; 3]; 6] = [
+    [0.0, 0.0, 0.0],
+    [30.0, 90.0, 90.0],
+    [-30.0, 180.0, 180.0],
+    [60.0, 270.0, 270.0],
+    [-90.0, 0.0, 0.0],
+    [90.0, 90.0, 90.0],
+];
+/// Where the slow touches expect the balls, mm.
+const FOUND_WITHIN: f64 = 0.25;
+
+/// At each indexation two stages: every ball that can be reached is searched for, then measured.
+pub fn rendered(dialect: &str) -> Rendered {
+    let file = MachineFile::parse("samba.toml", SAMBA.to_owned()).unwrap();
+    let (_, mut plan) = header(&file, "samba", None).unwrap();
+    let Artefact::Balls(balls) = plan.artefact.clone() else { panic!("balls") };
+    let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_WITHIN, ..balls.clone() });
+    let search = Approach::Find { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
+    let slow = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+    let mut stages = Vec::new();
+    for degrees in INDEXATIONS {
+        let axes = [Axis::B, Axis::C, Axis::S].into_iter().zip(degrees);
+        let rotary: Position = axes.map(|(axis, at)| (axis, axis.from_edge(at))).collect();
+        add(&mut plan, &mut stages, &balls, &rotary, (search, None));
+        add(&mut plan, &mut stages, &balls, &rotary, (slow, Some(found.clone())));
+    }
+    assert!(plan.steps.len() > 200, "{}", plan.steps.len());
+    Rendered::of(plan, stages, dialect)
+}
+
+fn add(
+    plan: &mut Plan,
+    stages: &mut Vec<Stage>,
+    balls: &Balls,
+    rotary: &Position,
+    (approach, found): (Approach, Option<Artefact>),
+) {
+    let access = Access::new(plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
+    let (first, stage) = (plan.steps.len(), stages.len() as u32);
+    for ball in &balls.balls {
+        let task = BallTask { ball, rotary, approach, touches: 5 };
+        let label = |touch: &str| format!("t/{stage:03}/{}/{touch}", ball.id);
+        let numbers = (plan.steps.len() as u32, stage);
+        let steps = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
+        plan.steps.extend(steps.unwrap_or_default());
+    }
+    let steps = (first..plan.steps.len()).map(|id| id as u32).collect();
+    stages.push(Stage { id: stage, name: format!("stage {stage}"), repeat: 0, steps, found });
+}
+
+pub const BALLS: [(&str, Act); 6] = [
+    ("another ball's touch", another_ball),
+    ("straight through the ball", |p, l, id| {
+        let (_, opposite) = facing(p, id)?;
+        Some(after_back(p, l, id, &[opposite]))
+    }),
+    ("across under the ball, through its stem", |p, l, id| {
+        let (here, opposite) = facing(p, id)?;
+        let upright = step(p, id)?.from.at(Axis::B) == 0.0;
+        let out = |from: [f64; 3], to: [f64; 3], by: f64, z: f64| {
+            let way = (to[0] - from[0]).hypot(to[1] - from[1]);
+            let along = |k: usize| from[k] + by * (to[k] - from[k]) / way;
+            [along(0), along(1), from[2] + z]
+        };
+        let beside = out(here, opposite, -8.0, 0.0);
+        let below = out(here, opposite, -8.0, -15.0);
+        let behind = out(opposite, here, -8.0, -15.0);
+        upright.then(|| after_back(p, l, id, &[beside, below, behind]))
+    }),
+    ("no lift on the way to the next ball", |p, l, id| {
+        let next = step(p, id + 5)?;
+        let same = ball_of(next) != ball_of(step(p, id)?) && next.stage == step(p, id)?.stage;
+        let inside = [Axis::X, Axis::Y, Axis::Z].map(|axis| next.to.at(axis));
+        same.then(|| after_back(p, l, id, &[inside]))
+    }),
+    ("S a quarter on", |p, l, id| {
+        let Place { orient, touch, .. } = oriented(p, id)?;
+        changed(l, orient?, &['R'], |r| (r + 90.0) % 360.0).then_some((orient?, touch))
+    }),
+    ("S left out", |p, l, id| {
+        let Place { orient, touch, .. } = oriented(p, id)?;
+        l.remove(orient?);
+        Some((orient? - 1, touch - 1))
+    }),
+];
+
+/// The first step of the indexation of this one: there the spindle turns.
+fn oriented(p: &Rendered, id: u32) -> Option<Place> {
+    (0..=id).rev().map(|id| p.place(id)).find(|place| place.orient.is_some())
+}
+
+fn step(p: &Rendered, id: u32) -> Option<&Step> {
+    p.plan.steps.iter().find(|step| step.id == id)
+}
+
+fn ball_of(step: &Step) -> Option<&str> {
+    step.label.split('/').nth(2)
+}
+
+/// The whole of it in this step's name.
+fn another_ball(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
+    let other = step(p, id + 5).filter(|other| other.stage == step(p, id).unwrap().stage)?;
+    let differs = ball_of(other) != ball_of(step(p, id)?);
+    let (own, theirs) = (p.place(id), p.place(id + 5));
+    let renamed = |line: &String| line.replacen(&format!("N{} ", id + 5), &format!("N{id} "), 1);
+    let lines: Lines = l[theirs.first..=theirs.last].iter().map(renamed).collect();
+    let count = lines.len();
+    l.splice(own.first..=own.last, lines);
+    differs.then_some((own.first, own.first + count - 1))
+}
+
+/// Where two touches begin that face each other across the ball, at one height: this one and the
+/// next but one.
+fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
+    let (one, other) = (step(p, id)?, step(p, id + 2)?);
+    let along = (0..3).map(|i| one.normal[i] * other.normal[i]).sum::<f64>();
+    let level = one.normal[2].abs() < 1e-9;
+    let place = |step: &Step| [Axis::X, Axis::Y, Axis::Z].map(|axis| step.from.at(axis));
+    let faces = ball_of(one) == ball_of(other) && level && along < -0.999;
+    faces.then(|| (place(one), place(other)))
+}
+
+/// Guarded moves through these places after the way back; the last must be refused, if not one
+/// before.
+fn after_back(p: &Rendered, l: &mut Lines, id: u32, places: &[[f64; 3]]) -> Window {
+    let at = p.place(id).back + 1;
+    for (k, [x, y, z]) in places.iter().enumerate() {
+        l.insert(at + k, format!("N{id} G38.3 X{x:.4} Y{y:.4} Z{z:.4} F300"));
+    }
+    (at, at + places.len() - 1)
+}

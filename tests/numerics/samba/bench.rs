@@ -1,0 +1,289 @@
+//! One machine, its control behind a grbl wire, and what is measured with it.
+
+use std::collections::BTreeSet;
+
+use toml::{Table, Value};
+use trued::methods::{IdentifyError, Method, Next, Refused, Source};
+use trued::planning::{Clearance, Start, end_of, touch_block};
+use trued::record::artefact::Artefact;
+use trued::record::estimate::{Estimate, Parameter};
+use trued::record::event::Event;
+use trued::record::plan::{Plan, Stage};
+use trued::record::reading::{Flag, Reading};
+use trued::run::{Run, RunError};
+use trued::setup::{self, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun};
+
+/// The built-in machine of the method, changed.
+#[derive(Clone)]
+pub struct World(Table);
+
+impl World {
+    pub fn as_built_in() -> Self {
+        Self(include_str!("../../../config/samba.toml").parse().unwrap())
+    }
+
+    /// Nothing but what the model and the declared noise of a touch explain.
+    pub fn inside_the_model() -> Self {
+        let mut world = Self::as_built_in();
+        for axis in ["X", "Y", "Z", "B", "C"] {
+            world = world.with(&format!("axes.{axis}.error_motion_um"), 0.0);
+        }
+        world
+            .with("machine.drift_um_per_h", 0.0)
+            .with("probe.lobing_um", 0.0)
+            .with("simulated.ball_form_um", 0.0)
+            .with("method.samba.monte_carlo_trials", 100)
+    }
+
+    /// `path`: keys with dots between; tables that are missing are made.
+    pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
+        let (tables, key) = path.rsplit_once('.').unwrap();
+        self.table(tables).insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// A key of the scale bar.
+    pub fn with_bar(mut self, key: &str, value: f64) -> Self {
+        let lengths = self.table("artefact")["lengths"].as_array_mut().unwrap();
+        lengths[0].as_table_mut().unwrap().insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// One more entry of `[[simulated.NAME]]`.
+    pub fn and(mut self, name: &str, entry: &str) -> Self {
+        let list = self.table("simulated").entry(name).or_insert_with(|| Value::Array(Vec::new()));
+        list.as_array_mut().unwrap().push(Value::Table(entry.parse().unwrap()));
+        self
+    }
+
+    pub fn table(&mut self, path: &str) -> &mut Table {
+        path.split('.').fold(&mut self.0, |table, key| {
+            let inner = table.entry(key).or_insert_with(|| Value::Table(Table::new()));
+            inner.as_table_mut().unwrap()
+        })
+    }
+
+    pub fn file(&self, seed: u64) -> MachineFile {
+        let seeded = self.clone().with("simulated.seed", seed as i64);
+        MachineFile::parse("world.toml", toml::to_string(&seeded.0).unwrap()).unwrap()
+    }
+}
+
+pub struct Measured {
+    pub plan: Plan,
+    pub readings: Vec<Reading>,
+    pub estimate: Estimate,
+    errors: Table,
+    /// How far the table had crept in the middle of the measurement, mm, and the stylus.
+    crept: [f64; 3],
+    pub stylus_mm: [f64; 3],
+}
+
+impl Measured {
+    pub fn of(
+        file: &MachineFile,
+        method: &dyn Method,
+        plan: Plan,
+        readings: Vec<Reading>,
+    ) -> Result<Self, Failed> {
+        let estimate = method
+            .identify(&plan, &readings, &[])
+            .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
+        let text: Table = file.text().parse().unwrap();
+        let errors = text["simulated"]["errors"].as_table().unwrap().clone();
+        let world = setup::world(file).unwrap();
+        let crept = world.true_drift_mm(mid_run(&plan, &readings));
+        let stylus_mm = world.true_stylus_mm();
+        Ok(Self { plan, readings, estimate, errors, crept, stylus_mm })
+    }
+
+    pub fn parameter(&self, symbol: &str) -> &Parameter {
+        let found = self.estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+        found.unwrap_or_else(|| panic!("no {symbol}"))
+    }
+
+    /// Estimate less truth in the middle of the measurement, in the unit of both; `key` as in
+    /// `[simulated.errors]`. That the table crept one way is that the spindle stands off the other.
+    pub fn error(&self, symbol: &str, key: &str) -> f64 {
+        let [x, y, _] = self.crept;
+        let since = match symbol {
+            "EX0S" => -1e3 * x,
+            "EY0S" => -1e3 * y,
+            _ => 0.0,
+        };
+        self.parameter(symbol).value - self.errors[key].as_float().unwrap() - since
+    }
+
+    /// The same of the stylus, mm.
+    pub fn stylus_error_mm(&self) -> [f64; 3] {
+        let value = |k: usize| self.parameter(["tool_x", "tool_y", "tool_z"][k]).value;
+        let since = |k: usize| if k == 2 { -self.crept[2] } else { 0.0 };
+        std::array::from_fn(|k| value(k) - self.stylus_mm[k] - since(k))
+    }
+}
+
+/// Mean time of the touches that the estimate is made of.
+fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
+    let fast: BTreeSet<u32> =
+        plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
+    let slow = readings.iter().filter(|reading| !fast.contains(&reading.step));
+    let times: Vec<f64> = slow.map(|reading| reading.t_s).collect();
+    times.iter().sum::<f64>() / times.len() as f64
+}
+
+/// A run that did not come to its end, in words.
+pub struct Failed(pub String);
+
+pub struct Bench {
+    journal: Journal,
+    _folder: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        let memory = std::path::Path::new("/dev/shm");
+        let folder =
+            if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let folder = folder.unwrap();
+        Self { journal: Journal::open(folder.path()).unwrap(), _folder: folder }
+    }
+
+    pub fn measure(&self, seed: u64, world: &World) -> Measured {
+        self.try_measure(seed, world).unwrap_or_else(|Failed(why)| panic!("seed {seed}: {why}"))
+    }
+
+    pub fn try_measure(&self, seed: u64, world: &World) -> Result<Measured, Failed> {
+        let file = world.file(seed);
+        let (method, header) =
+            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
+        Measured::of(&file, method.as_ref(), plan, readings)
+    }
+
+    /// The first stages only.
+    pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
+        let file = world.file(seed);
+        let (method, header) =
+            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let method = Beginning { method, stages };
+        Ok(runtime.block_on(self.run(&file, &method, header))?.1)
+    }
+
+    async fn run(
+        &self,
+        file: &MachineFile,
+        method: &dyn Method,
+        plan: Plan,
+    ) -> Result<(Plan, Vec<Reading>), Failed> {
+        let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+        let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+        let id = self.journal.begin(&new).await.unwrap();
+        let mut tell = |_: &Event| {};
+        let mut run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
+        let ended = run.execute().await;
+        let Run { plan, readings, .. } = run;
+        let why = |error: RunError| Failed(format!("{error}; {}", error.remedy()));
+        ended.map(|()| (plan, readings)).map_err(why)
+    }
+}
+
+/// A method that ends after so many stages.
+struct Beginning {
+    method: Box<dyn Method>,
+    stages: usize,
+}
+
+impl Method for Beginning {
+    fn settings(&self) -> serde_json::Value {
+        self.method.settings()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        if done.len() < self.stages { self.method.next(plan, done, source) } else { Ok(Next::Done) }
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.method.identify(plan, readings, priors)
+    }
+}
+
+/// One method for many worlds that differ in their truth only: its design is made once.
+pub struct Series {
+    world: World,
+    method: Box<dyn Method>,
+    header: Plan,
+}
+
+impl Series {
+    pub fn of(world: World) -> Self {
+        let (method, header) = setup::header(&world.file(0), "samba", None).unwrap();
+        Self { world, method, header }
+    }
+
+    /// The plan knows nothing of the world's drift: what is declared is inside the model.
+    pub fn without_declared_drift(mut self) -> Self {
+        self.header.machine.drift_um_per_h = 0.0;
+        self
+    }
+
+    /// As a run measures, over the same wire, without its proof and its journal.
+    pub fn measure(&self, seed: u64) -> Result<Measured, Failed> {
+        let file = self.world.file(seed);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let touched = touch_all(&file, self.method.as_ref(), self.header.clone());
+        let (plan, readings) = runtime.block_on(touched)?;
+        Measured::of(&file, self.method.as_ref(), plan, readings)
+    }
+}
+
+async fn touch_all(
+    file: &MachineFile,
+    method: &dyn Method,
+    mut plan: Plan,
+) -> Result<(Plan, Vec<Reading>), Failed> {
+    let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+    let mut stands = devices.controller.prepare().await.unwrap().stands;
+    let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
+    loop {
+        let next = method.next(&plan, &done, Source::Measured(&readings));
+        let next = next.map_err(|refused| Failed(format!("{refused}; {}", refused.instead)))?;
+        let Next::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
+        plan.steps.extend(new_steps);
+        let clearance = match &stage.found {
+            Some(balls @ Artefact::Balls(_)) => Clearance::over(&plan, balls).unwrap(),
+            _ => Clearance::above(&plan).unwrap(),
+        };
+        for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+            let start = Start { stands: Some(&stands), first: false };
+            let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
+            stands = end_of(&block, &stands);
+            let outcome = devices.controller.execute(block).await;
+            let outcome = outcome.map_err(|error| Failed(error.to_string()))?;
+            readings.push(Reading {
+                step: step.id,
+                repeat: stage.repeat,
+                position: outcome.touch.unwrap(),
+                value_mm: None,
+                sensor: step.sensor.clone(),
+                t_s: outcome.t_s.unwrap_or(0.0),
+                flag: Flag::None,
+                temperatures_c: Default::default(),
+            });
+        }
+        done.push(stage);
+    }
+}
+
+/// `matrix`⁻¹·`right`.
+pub fn solve(matrix: &faer::Mat<f64>, right: &faer::Col<f64>) -> faer::Col<f64> {
+    use faer::linalg::solvers::Solve;
+    matrix.partial_piv_lu().solve(right)
+}

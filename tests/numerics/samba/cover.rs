@@ -1,0 +1,139 @@
+//! Whether the stated uncertainty is true (METHODS section 6), with sources outside the model that are
+//! declared by their size: thirteen parameters and the stylus, against the truth in the middle of the
+//! measurement as the world has it.
+
+use super::bench::{self, Measured, World};
+use super::played::Played;
+use super::{SYMBOLS, small_budget};
+
+const STYLUS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
+
+/// Name and deviation from the truth, each in the unit of its parameter.
+fn deviations(measured: &Measured) -> Vec<(&'static str, f64)> {
+    let machine = SYMBOLS.iter().map(|(symbol, key)| (*symbol, measured.error(symbol, key)));
+    machine.chain(STYLUS.into_iter().zip(measured.stylus_error_mm())).collect()
+}
+
+/// χ² of the deviations by the stated covariance.
+fn chi2(measured: &Measured) -> f64 {
+    let off = deviations(measured);
+    let covariance = &measured.estimate.covariance;
+    let at = |name| covariance.symbols.iter().position(|symbol| symbol == name).unwrap();
+    let places: Vec<usize> = off.iter().map(|(name, _)| at(*name)).collect();
+    let u: Vec<f64> = places.iter().map(|i| covariance.rows[*i][*i].sqrt()).collect();
+    let scaled = faer::Col::from_fn(off.len(), |i| off[i].1 / u[i]);
+    let matrix = faer::Mat::from_fn(off.len(), off.len(), |i, j| {
+        covariance.rows[places[i]][places[j]] / (u[i] * u[j])
+    });
+    let solved = bench::solve(&matrix, &scaled);
+    scaled.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
+}
+
+/// All that is drawn is normal, save the rounding of single touches: the sum over the worlds has the
+/// distribution of χ². Hardly a world may be called a misfit, in either direction.
+fn covers(name: &str, world: World) {
+    const SEEDS: u64 = 200;
+    let worlds = Played::of(world).measure(0..SEEDS);
+    let dof = (16 * SEEDS) as f64;
+    let mean = worlds.iter().map(chi2).sum::<f64>() / dof;
+    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
+    let (low, high) = (low / dof, high / dof);
+    let told = |what: &str| {
+        let says = |m: &&Measured| m.estimate.warnings.iter().any(|line| line.contains(what));
+        worlds.iter().filter(says).count()
+    };
+    let (above, below) = (told("does not explain"), told("scatter less"));
+    let left = worlds.iter().map(|m| m.estimate.chi2_per_dof).sum::<f64>() / SEEDS as f64;
+    println!("{name}: mean of χ²/16 {mean:.3}, within [{low:.3}, {high:.3}]; residuals {left:.3}");
+    println!("{name}: {above} called a misfit, {below} too good, of {SEEDS}");
+    for (k, (name, _)) in deviations(&worlds[0]).into_iter().enumerate() {
+        let square = |m: &Measured| (deviations(m)[k].1 / m.parameter(name).u).powi(2);
+        let mean = worlds.iter().map(square).sum::<f64>() / SEEDS as f64;
+        println!("  {name}: {:.3} u", mean.sqrt());
+    }
+    assert!((low..high).contains(&mean), "{name}: {mean}");
+    assert!(above <= 3 && below <= 3, "{name}: {above} above, {below} below");
+}
+
+#[test]
+fn u_is_true_on_the_built_in_machine_with_all_its_sources() {
+    covers("as shipped", World::as_built_in());
+}
+
+#[test]
+fn u_is_true_on_a_poor_machine() {
+    let mut world = small_budget(World::as_built_in())
+        .with("machine.drift_um_per_h", 10.0)
+        .with("probe.lobing_um", 1.5);
+    for axis in ["X", "Y", "Z"] {
+        world = world.with(&format!("axes.{axis}.error_motion_um"), 1.5);
+    }
+    for axis in ["B", "C"] {
+        world = world.with(&format!("axes.{axis}.error_motion_um"), 1.0);
+    }
+    covers("poor", world);
+}
+
+type Change = fn(World, bool) -> World;
+
+fn axes(world: World, key: &str, axes: &[&str], value: f64) -> World {
+    axes.iter().fold(world, |world, axis| world.with(&format!("axes.{axis}.{key}"), value))
+}
+
+/// The sources that can be declared, by their name in the budget, each to be switched on and off; a
+/// declared repeatability and a certificate without any uncertainty are none.
+const SOURCES: [(&str, Change); 8] = [
+    ("repeatability of a touch", |w, on| {
+        w.with("probe.repeatability_um", if on { 1.0 } else { 0.05 })
+    }),
+    ("resolution", |w, on| axes(w, "resolution_um", &["X", "Y", "Z"], if on { 3.0 } else { 0.0 })),
+    ("probe lobing", |w, on| w.with("probe.lobing_um", if on { 3.0 } else { 0.0 })),
+    ("error motions of X, Y and Z", |w, on| {
+        axes(w, "error_motion_um", &["X", "Y", "Z"], if on { 1.0 } else { 0.0 })
+    }),
+    ("error motions of rotary axes", |w, on| {
+        axes(w, "error_motion_um", &["B", "C"], if on { 1.0 } else { 0.0 })
+    }),
+    ("thermal drift", |w, on| w.with("machine.drift_um_per_h", if on { 10.0 } else { 0.0 })),
+    ("certified length", |w, on| w.with_bar("u_mm", if on { 0.002 } else { 1e-7 })),
+    ("temperature of the certified length", |w, on| {
+        w.with_bar("u_temperature_k", if on { 5.0 } else { 0.0 })
+    }),
+];
+
+/// One source alone: its budget line is what is seen to scatter, of all parameters for which it is
+/// prominent together, and not far off for each of them.
+#[test]
+fn each_budget_line_is_the_scatter_of_its_source_alone() {
+    const SEEDS: u64 = 60;
+    let all = small_budget(World::as_built_in()).with("simulated.ball_form_um", 0.0);
+    let usual = Played::of(all.clone()).measure(0..1).remove(0);
+    for line in &usual.parameter("EX0C").budget {
+        let listed = SOURCES.iter().any(|(name, _)| *name == line.source);
+        assert!(listed, "{} is not looked at", line.source);
+    }
+    for (name, _) in SOURCES {
+        let alone = SOURCES.iter().fold(all.clone(), |w, (other, set)| set(w, *other == name));
+        let worlds = Played::of(alone).measure(0..SEEDS);
+        let line = |m: &Measured, symbol: &str| {
+            let lines = &m.parameter(symbol).budget;
+            lines.iter().find(|line| line.source == name).map_or(0.0, |line| line.u)
+        };
+        let weight = |symbol: &str| line(&worlds[0], symbol) / usual.parameter(symbol).u;
+        let most = deviations(&usual).iter().map(|(s, _)| weight(s)).fold(0.0, f64::max);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (k, (symbol, _)) in deviations(&usual).into_iter().enumerate() {
+            if weight(symbol) < 0.3 * most {
+                continue;
+            }
+            let square = |m: &Measured| (deviations(m)[k].1 / line(m, symbol)).powi(2);
+            let mean = worlds.iter().map(square).sum::<f64>() / SEEDS as f64;
+            println!("{name}: {symbol} seen {:.3} of its line", mean.sqrt());
+            assert!((0.7..=1.3).contains(&mean.sqrt()), "{name}, {symbol}: {}", mean.sqrt());
+            (sum, count) = (sum + mean, count + 1.0);
+        }
+        let ratio = f64::sqrt(sum / count);
+        println!("{name}: seen {ratio:.3} of stated");
+        assert!((0.8..=1.2).contains(&ratio), "{name}: {ratio}");
+    }
+}

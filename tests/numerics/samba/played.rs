@@ -1,0 +1,73 @@
+//! The printed plan, played on the world itself by somebody who knows nothing but the plan: without the
+//! wire and without searching, so that many seeds take little time.
+
+use rayon::prelude::*;
+use trued::base::{Axis, Position};
+use trued::methods::{self, Method};
+use trued::record::plan::{Plan, Step};
+use trued::record::reading::{Flag, Reading};
+use trued::setup::{self, MachineFile};
+use trued::world::{Speed, World};
+
+use super::bench::{self, Measured};
+
+/// Beside the ways that are played, so that a touch takes as long as in a run with its search.
+const ON_THE_WAY_S: f64 = 2.2;
+/// Up and away from everything before X, Y or a rotary axis moves.
+const AWAY_MM: f64 = 40.0;
+
+/// One plan for many worlds that differ in their truth only.
+pub struct Played {
+    world: bench::World,
+    method: Box<dyn Method>,
+    plan: Plan,
+}
+
+impl Played {
+    pub fn of(world: bench::World) -> Self {
+        // The balls stand where the plan has them, to what a touch without a search still finds.
+        let world = world
+            .with("simulated.centre_offset_mm", vec![0.0, 0.0])
+            .with("simulated.ball_offset_mm", 0.05)
+            .with("method.samba.monte_carlo_trials", 100);
+        let (method, plan) = setup::header(&world.file(0), "samba", None).unwrap();
+        let (plan, _) = methods::nominal(method.as_ref(), plan).unwrap();
+        Self { world, method, plan }
+    }
+
+    /// In the order of the seeds.
+    pub fn measure(&self, seeds: std::ops::Range<u64>) -> Vec<Measured> {
+        seeds.into_par_iter().map(|seed| self.one(&self.world.file(seed))).collect()
+    }
+
+    fn one(&self, file: &MachineFile) -> Measured {
+        let mut world = setup::world(file).unwrap();
+        let slow = self.plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
+        let readings = slow.map(|step| touch(&mut world, step)).collect();
+        let measured = Measured::of(file, self.method.as_ref(), self.plan.clone(), readings);
+        measured.unwrap_or_else(|failed| panic!("{}", failed.0))
+    }
+}
+
+fn touch(world: &mut World, step: &Step) -> Reading {
+    let linear = |position: &Position| position.only(Axis::is_linear);
+    let high = |z: f64| Position::new().with(Axis::Z, z + AWAY_MM);
+    world.dwell(ON_THE_WAY_S);
+    world.travel(&high(world.position().at(Axis::Z)), Speed::Rapid);
+    world.travel(&step.from.only(|axis| axis != Axis::Z), Speed::Rapid);
+    world.travel(&high(step.from.at(Axis::Z)), Speed::Rapid);
+    world.travel(&linear(&step.from), Speed::Rapid);
+    let probed = world.probe(&linear(&step.to), step.feed_mm_min, step.id);
+    let contact = probed.contact.unwrap_or_else(|| panic!("no contact: {}", step.label));
+    world.travel(&linear(&step.from), Speed::Feed { mm_min: 300.0 });
+    Reading {
+        step: step.id,
+        repeat: 0,
+        position: contact.position,
+        value_mm: None,
+        sensor: step.sensor.clone(),
+        t_s: contact.t_s,
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    }
+}

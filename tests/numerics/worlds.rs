@@ -1,0 +1,229 @@
+//! Whether the stated uncertainty is true: worlds whose sources are declared by magnitude only.
+
+use trued::base::Axis;
+use trued::methods::{Next, Source};
+use trued::record::estimate::Estimate;
+use trued::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
+use trued::setup::{self, MachineFile};
+
+use crate::support::plan_player;
+
+const WORLDS: u64 = 200;
+
+/// The built-in machine with other keys (each replaces the value of the named key).
+fn machine(changes: &[(&str, &str)]) -> MachineFile {
+    let mut text = include_str!("../../config/simulated.toml").to_owned();
+    for (key, value) in changes {
+        let before = text.clone();
+        let lines = text.lines().map(|line| match line.split_once('=') {
+            Some((name, _)) if name.trim() == *key => format!("{key} = {value}\n"),
+            _ => format!("{line}\n"),
+        });
+        text = lines.collect();
+        assert_ne!(text, before, "{key} changes nothing");
+    }
+    text.push_str("\n[method.self-calibration]\nmonte_carlo_trials = 100\n");
+    MachineFile::parse("world.toml", text).expect("a sound machine file")
+}
+
+/// Estimate and truth (um, um, um/m, urad) of one world.
+fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
+    let (method, header) = setup::header(file, "self-calibration", None).expect("settings");
+    let mut world = setup::world(file).expect("a world");
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
+    let cycle: Vec<f64> = readings.iter().skip(5).map(|reading| reading.t_s).collect();
+    let middle = (cycle[0] + cycle[cycle.len() - 1]) / 2.0;
+    let [x, y] = world.true_axis_mm(Axis::C, 50.0, middle);
+    (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
+}
+
+/// χ² of the four parameters against the truth, by the stated covariance.
+fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
+    let symbols = ["EX0C", "EY0C", "EYY1-EXX1", "EC0Y"];
+    assert_eq!(estimate.covariance.symbols, symbols);
+    let off: Vec<f64> =
+        estimate.parameters.iter().zip(truth).take(4).map(|(p, t)| p.value - t).collect();
+    let rows = &estimate.covariance.rows;
+    let matrix = glam::DMat4::from_cols_array_2d(&std::array::from_fn(|i| {
+        std::array::from_fn(|j| rows[j][i])
+    }));
+    let off = glam::DVec4::from_slice(&off);
+    off.dot(matrix.inverse() * off)
+}
+
+/// Mean over the worlds of χ²/4; its 99 % bounds follow from χ² with 4·200 degrees of freedom.
+fn mean_normalised_chi2(changes: &[(&str, &str)]) -> f64 {
+    let mut sum = 0.0;
+    for seed in 0..WORLDS {
+        let seed = (1000 + seed).to_string();
+        let mut all = vec![("seed", seed.as_str())];
+        all.extend_from_slice(changes);
+        let (estimate, truth) = estimate(&machine(&all));
+        sum += chi2(&estimate, truth) / 4.0;
+    }
+    sum / WORLDS as f64
+}
+
+fn bounds() -> (f64, f64) {
+    let dof = 4.0 * WORLDS as f64;
+    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
+    (low / dof, high / dof)
+}
+
+#[test]
+fn regress_u_is_true_with_all_sources() {
+    let (low, high) = bounds();
+    let mean = mean_normalised_chi2(&[]);
+    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
+}
+
+#[test]
+fn regress_u_is_true_on_a_machine_with_poor_axes() {
+    let (low, high) = bounds();
+    let mean = mean_normalised_chi2(&[
+        ("error_motion_um", "3.0"),
+        ("error_wavelength_mm", "60.0"),
+        ("drift_um_per_h", "60.0"),
+        ("lobing_um", "1.5"),
+        ("stylus_offset_um", "1.0"),
+    ]);
+    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
+}
+
+/// The sources that can be declared, by their name in the budget and their key; a declared
+/// repeatability cannot be zero.
+const SOURCES: [(&str, &str, &str, &str); 6] = [
+    ("repeatability of a touch", "repeatability_um", "1.0", "0.001"),
+    ("resolution", "resolution_um", "3.0", "0.0"),
+    ("stylus offset", "stylus_offset_um", "1.0", "0.0"),
+    ("probe lobing", "lobing_um", "1.0", "0.0"),
+    ("error motions of X and Y", "error_motion_um", "1.0", "0.0"),
+    ("thermal drift", "drift_um_per_h", "60.0", "0.0"),
+];
+
+/// One source alone (METHODS section 6): what its budget line says is what is seen to scatter.
+#[test]
+fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
+    for (name, key, on, _) in SOURCES {
+        let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
+        for world in 0..100 {
+            let seed = (5000 + world).to_string();
+            // Rounding is chance only where the part stands elsewhere each time.
+            let offset = |step: f64| (f64::from(world) * step).fract() - 0.5;
+            let place = format!("[{:.5}, {:.5}]", offset(0.618034), offset(0.754878));
+            let mut changes = vec![("seed", seed.as_str()), ("centre_offset_mm", place.as_str())];
+            // A short wavelength lets the error motions act within the part.
+            changes.push(("error_wavelength_mm", "40.0"));
+            for (_, other, _, off) in SOURCES {
+                changes.push((other, if other == key { on } else { off }));
+            }
+            // Drift that is not fitted has to stand in the budget.
+            let order = i32::from(key != "drift_um_per_h");
+            let text = format!("{}drift_order = {order}\n", machine(&changes).text());
+            let file = MachineFile::parse("alone.toml", text).expect("a sound machine file");
+            let (estimate, truth) = estimate(&file);
+            for (parameter, truth) in estimate.parameters.iter().zip(truth).take(2) {
+                squares += (parameter.value - truth).powi(2);
+                let line = parameter.budget.iter().find(|line| line.source == name);
+                stated += line.unwrap_or_else(|| panic!("no line for {name}")).u.powi(2);
+                count += 1.0;
+            }
+        }
+        let (seen, stated) = ((squares / count).sqrt(), (stated / count).sqrt());
+        let ratio = seen / stated;
+        assert!((0.8..=1.2).contains(&ratio), "{name}: seen {seen} um, stated {stated} um");
+    }
+}
+
+/// With the spindle following the probe angle neither stylus offset nor lobing reaches the axis
+/// position; with a fixed spindle they do.
+#[test]
+fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
+    let found = |spindle: &str| {
+        let changes = [("seed", "77"), ("stylus_offset_um", "20.0"), ("lobing_um", "8.0")];
+        let text = machine(&changes).text().replace(
+            "[method.self-calibration]\n",
+            &format!("[method.self-calibration]\nspindle = \"{spindle}\"\n"),
+        );
+        let (estimate, truth) =
+            estimate(&MachineFile::parse("follow.toml", text).expect("a sound machine file"));
+        let off = |i: usize| estimate.parameters[i].value - truth[i];
+        (off(0).hypot(off(1)), estimate.parameters[0].u)
+    };
+    let (fixed, u_fixed) = found("fixed");
+    let (following, u_following) = found("follow");
+    assert!(fixed > 5.0 && u_fixed > 15.0, "fixed: {fixed} um, u {u_fixed} um");
+    assert!(following < 2.0 && u_following < 0.6, "following: {following} um, u {u_following} um");
+}
+
+/// Interrupted for ten minutes after `kept` touches of the cycle; meanwhile something moves by 3 µm in
+/// X: the table, or the part on it by this share. The references are measured again, then the rest.
+fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
+    const STEP_UM: f64 = 3.0;
+    const GAP_S: f64 = 600.0;
+    let seed = seed.to_string();
+    let changes = [("seed", seed.as_str()), ("drift_um_per_h", "20.0")];
+    let (before, after) = (machine(&changes), {
+        let mut moved = changes.to_vec();
+        let table = format!("{}", 50.0 + STEP_UM * (1.0 - share));
+        let part = format!("[{}, -0.5]", 0.8 + 1e-3 * STEP_UM * share);
+        moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
+        machine(&moved)
+    });
+    let (method, mut plan) = setup::header(&before, "self-calibration", None).expect("settings");
+    let mut world = setup::world(&before).expect("a world");
+    let mut readings = Vec::new();
+    let mut done = Vec::new();
+    for (pass, count) in [5, kept].into_iter().enumerate() {
+        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
+        let Next::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
+        let played = new_steps.iter().take(count);
+        readings.extend(played.map(|step| plan_player::play(&mut world, step, 0)));
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    let last = world.time_s();
+    plan.gaps_s = vec![readings[readings.len() - 1].t_s];
+    let mut later = setup::world(&after).expect("a world");
+    later.pass(last + GAP_S, readings.iter().map(|reading| reading.step));
+    let cycle = plan.steps[5..].to_vec();
+    let newest = |place: &str| -> &Step {
+        let here = |step: &&Step| step.kind == StepKind::Reference && step.label.ends_with(place);
+        cycle[..kept].iter().rev().find(here).expect("a reference")
+    };
+    for place in ["P000", "P090", "P180"] {
+        readings.push(plan_player::play(&mut later, newest(place), REPEAT_AFTER_STOP));
+    }
+    readings.extend(cycle[kept..].iter().map(|step| plan_player::play(&mut later, step, 0)));
+    let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
+
+    // The middle of the time in which somebody measured.
+    let (first, end) = (readings[5].t_s, readings[readings.len() - 1].t_s);
+    let begun = readings[5 + kept].t_s;
+    let middle = first + (end - first - (begun - plan.gaps_s[0])) / 2.0;
+    let [x, y] = if middle <= plan.gaps_s[0] {
+        world.true_axis_mm(Axis::C, 50.0, middle)
+    } else {
+        later.true_axis_mm(Axis::C, 50.0, middle + begun - plan.gaps_s[0])
+    };
+    (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
+}
+
+/// A machine that moved within an interruption: the step is fitted, and U stays true wherever the
+/// cycle was interrupted. Without the gap in the plan this fails by far.
+#[test]
+fn regress_u_is_true_across_an_interruption() {
+    let (worlds, mut sum) = (120, 0.0);
+    for world in 0..worlds {
+        let kept = 8 + (world as usize * 7) % 52;
+        let share = ((world + 1) as f64 * 0.618034).fract();
+        let (estimate, truth) = interrupted(9000 + world, kept, share);
+        sum += chi2(&estimate, truth) / 4.0;
+    }
+    let mean = sum / worlds as f64;
+    let dof = 4.0 * worlds as f64;
+    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
+    let (low, high) = (low / dof, high / dof);
+    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
+}

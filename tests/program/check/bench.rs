@@ -1,0 +1,72 @@
+//! A check of a machine, without anybody at it.
+
+use trued::commissioning::{Check, Finding, Person, Stop, Summary, Verdict};
+use trued::setup::{MachineFile, Pace, Rehearsal, Site};
+use trued::store::Journal;
+
+const MACHINE: &str = include_str!("../../../config/simulated.toml");
+const CONTROLLER: &str = "kind = \"simulated\"\n";
+const WIRE: &str = "wire = \"memory\"\n";
+
+/// The built-in machine, changed.
+#[track_caller]
+pub fn machine(changes: &[(&str, &str)]) -> String {
+    let change = |text: String, (old, new): &(&str, &str)| {
+        assert!(text.contains(old), "{old}");
+        text.replacen(old, new, 1)
+    };
+    changes.iter().fold(MACHINE.to_owned(), change)
+}
+
+/// With more lines in `[simulated]`, and whatever sections follow.
+pub fn with_truth(lines: &str) -> String {
+    machine(&[]) + "\n" + lines
+}
+
+pub fn with_control(keys: &str, text: &str) -> String {
+    assert!(text.contains(WIRE));
+    text.replacen(WIRE, &format!("{keys}\n"), 1)
+}
+
+/// Checked with the bystander of the simulated machine.
+pub fn checked(text: &str) -> Summary {
+    let file = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
+    runtime().block_on(async {
+        let site = Site::new(&file).unwrap();
+        let mut bystander = site.bystander().unwrap();
+        through(&file, &site, &mut bystander).await
+    })
+}
+
+/// The machine file `told` against a simulated control that is as `true_to` says; `keys` makes the
+/// `[controller]` of the one from where the other is served.
+pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
+    let truth = MachineFile::parse("truth.toml", true_to.to_owned()).unwrap();
+    runtime().block_on(async {
+        let rehearsal = Rehearsal::of(&truth).unwrap();
+        let served = rehearsal.serve(pace).unwrap();
+        let controller = keys(served.keys());
+        let text = told.replacen(CONTROLLER, &format!("{controller}\n"), 1).replacen(WIRE, "", 1);
+        let file = MachineFile::parse("machine.toml", text).unwrap();
+        let site = Site::new(&file).unwrap();
+        through(&file, &site, &mut rehearsal.bystander()).await
+    })
+}
+
+pub async fn through(file: &MachineFile, site: &Site<'_>, person: &mut dyn Person) -> Summary {
+    let folder = tempfile::tempdir().unwrap();
+    let journal = Journal::open(folder.path()).unwrap();
+    let mut tell = |_: &Finding| {};
+    let at = (file, site, Pace::Fast);
+    Check::new(at, &journal, person, Stop::default(), &mut tell).through().await
+}
+
+pub fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
+}
+
+/// What failed, with its remedies.
+pub fn failures(summary: &Summary) -> String {
+    let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
+    failed.map(|finding| format!("{finding}\n")).collect()
+}

@@ -1,0 +1,155 @@
+//! `trued check` names the mistake: each that is planted, in words that come up for no other.
+
+mod bench;
+mod links;
+mod mistakes;
+mod people;
+mod program;
+mod sensor_mistakes;
+mod sensors;
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::sync::Mutex;
+use std::thread;
+
+use bench::{against, checked, failures, machine, with_control};
+use mistakes::{MISTAKES, Mistake};
+use trued::commissioning::{Summary, Verdict};
+use trued::setup::Pace;
+
+/// The longest first: those of the links wait for what does not answer.
+fn all() -> impl Iterator<Item = &'static Mistake> {
+    links::MISTAKES.iter().chain(sensor_mistakes::MISTAKES).chain(MISTAKES)
+}
+
+/// At a time. Most of them wait; more would be late on a small computer, and late is a finding of its own.
+const WORKERS: usize = 6;
+
+/// Each with what the check said of it.
+fn each() -> Vec<(&'static Mistake, Summary)> {
+    let (rows, done) = (Mutex::new(all()), Mutex::new(Vec::new()));
+    let next = || rows.lock().unwrap().next();
+    thread::scope(|scope| {
+        for _ in 0..WORKERS {
+            scope.spawn(|| {
+                while let Some(row) = next() {
+                    let summary = (row.check)();
+                    done.lock().unwrap().push((row, summary));
+                }
+            });
+        }
+    });
+    done.into_inner().unwrap()
+}
+
+fn each_planted_mistake_is_named_and_no_other() {
+    let mut wrong = Vec::new();
+    for (row, summary) in each() {
+        let failed = failures(&summary);
+        println!("--- {}\n{failed}", row.name);
+        if !failed.contains(row.phrase) {
+            wrong.push(format!("{}: not named (`{}`):\n{summary}", row.name, row.phrase));
+        }
+        for other in all().filter(|other| other.phrase != row.phrase) {
+            if failed.contains(other.phrase) {
+                wrong.push(format!("{}: `{}` is said:\n{summary}", row.name, other.phrase));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n\n"));
+}
+
+fn a_sound_machine_passes_whatever_it_speaks() {
+    let controls = [
+        "wire = \"memory\"",
+        "wire = \"pty\"",
+        "speaks = \"modbus\"\nwire = \"tcp\"",
+        "speaks = \"modbus\"\nwire = \"pty\"",
+        "speaks = \"modbus-program\"",
+    ];
+    thread::scope(|scope| {
+        let check = |keys| scope.spawn(move || (keys, checked(&with_control(keys, &machine(&[])))));
+        let all: Vec<_> = controls.into_iter().map(check).collect();
+        for one in all {
+            let (keys, summary) = one.join().unwrap();
+            assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
+            let told = summary.to_string();
+            for words in [
+                "open at rest, closed while deflected",
+                "held on its way",
+                "latched in the control",
+            ] {
+                assert!(told.contains(words), "{keys}: {words}\n{summary}");
+            }
+            for axis in ["X ", "Y ", "Z ", "B ", "C "] {
+                let seen = |line: &str| {
+                    line.starts_with("axes    ok")
+                        && line.contains(axis)
+                        && line.contains("as it should")
+                };
+                assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
+            }
+            let open = summary.findings.iter();
+            let open = open.filter(|finding| finding.verdict == Verdict::NotLookedAt);
+            let open: Vec<_> = open.map(|finding| finding.what.as_str()).collect();
+            assert!(matches!(open[..], [what] if what.starts_with("S: ")), "{keys}\n{summary}");
+        }
+    });
+}
+
+/// As a person's own machine file has it: nothing simulated in the program itself.
+fn a_sound_control_elsewhere_passes() {
+    for keys in ["wire = \"pty\"", "speaks = \"modbus\""] {
+        let truth = with_control(keys, &machine(&[]));
+        let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
+        let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
+        assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
+    }
+}
+
+/// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe that scatters so at any feed, and
+/// is declared to, is no PLC.
+fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
+    let poor = machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
+    let summary = checked(&poor);
+    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    assert!(summary.to_string().contains("latched in the control"), "{summary}");
+}
+
+/// A check's touches are a run like any other, and say so.
+fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
+    let folder = tempfile::tempdir().unwrap();
+    let trued = |arguments: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_trued"));
+        let ran = command.arg("--state").arg(folder.path()).args(arguments).output().unwrap();
+        (ran.status.code(), String::from_utf8(ran.stdout).unwrap())
+    };
+    let (code, told) = trued(&["check"]);
+    assert_eq!(code, Some(0), "{told}");
+    let (_, runs) = trued(&["runs"]);
+    assert_eq!(runs.lines().filter(|line| line.contains("latch-delay")).count(), 1, "{runs}");
+    let (_, shown) = trued(&["show", "1"]);
+    assert!(shown.contains("t_latch"), "{shown}");
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        each_planted_mistake_is_named_and_no_other,
+        a_sound_machine_passes_whatever_it_speaks,
+        a_sound_control_elsewhere_passes,
+        a_probe_that_scatters_as_a_scan_does_is_no_scan,
+        its_touches_stand_in_the_journal_as_a_run_of_latch_delay,
+        people::without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at,
+        people::whoever_says_no_sees_nothing_move,
+        people::with_a_probe_that_nobody_deflects_nothing_may_move,
+        people::where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for,
+        people::whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back,
+        people::a_machine_that_was_moved_by_hand_is_not_jogged,
+        program::without_a_machine_file_the_simulated_machine_is_checked_by_itself,
+        program::a_mistake_ends_it_with_1_and_json_tells_it_as_data,
+        program::with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang,
+        program::ctrl_c_holds_the_machine_and_ends_it_with_5,
+        sensors::sound_sensors_are_called_sound,
+        sensors::a_thermometer_that_answers_passes,
+    ]
+}

@@ -1,0 +1,271 @@
+//! Displacement sensors to plant mistakes at. Frames, lines and registers are those of a data sheet that
+//! stands here alone.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::io::AsyncWriteExt as _;
+use tokio::sync::mpsc;
+use trued::base::Clock;
+use trued::commissioning::{Nobody, Summary};
+use trued::link;
+use trued::link::can::{Can, CanError, Frame, Heard, Id};
+use trued::record::sensor;
+use trued::sensors::modbus::simulated::{Measures, serve_on_tcp};
+use trued::sensors::{Named, Opening, Reached, can};
+use trued::setup::{MachineFile, Site};
+use trued::world::Sensed;
+
+use super::bench::{machine, runtime, through};
+
+const NOISE_UM: f64 = 0.5;
+pub const RATE_HZ: f64 = 1000.0;
+const COUNTS_PER_MM: f64 = 1e5;
+
+/// The built-in machine with a laser that is reached so.
+pub fn file(reached: &str) -> MachineFile {
+    let text = format!(
+        "{}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\ndirection = [0.0, 0.0, -1.0]\n\
+         range_mm = [-10.0, 10.0]\nnoise_um = {NOISE_UM:?}\n{reached}",
+        machine(&[])
+    );
+    MachineFile::parse("machine.toml", text).unwrap()
+}
+
+/// Nothing moves: nobody is there.
+pub async fn looked_at(file: &MachineFile) -> Summary {
+    through(file, &Site::new(file).unwrap(), &mut Nobody).await
+}
+
+/// Counts of a sample, `mm` away, with 0.3 µm of noise.
+pub fn counts(number: u64, mm: f64) -> i32 {
+    (mm * COUNTS_PER_MM) as i32 + (number * 37 % 101) as i32 - 50
+}
+
+// CAN: counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
+
+const SHEET: &str = r#"
+interface = "can0"
+id = 0x181
+order = "big"
+length = 6
+value = { byte = 2, width = 24, signed = true, scale_mm = 1e-5 }
+counter = { byte = 0, width = 16 }
+status = [{ byte = 5, bit = 0, means = "no-echo" }]
+"#;
+
+pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> Frame {
+    let [.., high, low] = count.to_be_bytes();
+    let [_, first, second, third] = counts.to_be_bytes();
+    let data = [high, low, first, second, third, 0];
+    let t_s = number as f64 / rate_hz;
+    Frame::new(t_s, Id::new(0x181, false).unwrap(), &data)
+}
+
+/// A bus in this process, and what a machine file says of the sensor's frames.
+#[derive(Debug)]
+struct Bus {
+    sheet: String,
+    hears: fn() -> Result<Can, CanError>,
+}
+
+impl Named for Bus {
+    fn at(&self) -> String {
+        "frames 181 on CAN interface can0".to_owned()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let config: can::Config = toml::from_str(&self.sheet).unwrap();
+            Ok(config.over((self.hears)()?, sensor, clock, None))
+        })
+    }
+}
+
+pub fn on_can(told: &[(&str, &str)], hears: fn() -> Result<Can, CanError>) -> Summary {
+    let change = |text: String, (old, new): &(&str, &str)| {
+        assert!(text.contains(old), "{old}");
+        text.replacen(old, new, 1)
+    };
+    let sheet = told.iter().fold(SHEET.to_owned(), change);
+    let mut file = file(&format!("rate_hz = {RATE_HZ:?}\n[sensor.simulated]\n"));
+    file.sensors[0].reached = Reached::Real(Arc::new(Bus { sheet, hears }));
+    runtime().block_on(looked_at(&file))
+}
+
+/// These frames, each with its number from 0 on, as soon as somebody takes them.
+pub fn frames(frame: fn(u64) -> Frame) -> Result<Can, CanError> {
+    let mut number = 0;
+    let next = move || {
+        number += 1;
+        Some(frame(number - 1))
+    };
+    Ok(Can::on_demand("can0", next))
+}
+
+pub fn sound_frame(number: u64) -> Frame {
+    frame(number, RATE_HZ, number, counts(number, 1.2345))
+}
+
+pub fn near_frame(number: u64) -> Frame {
+    frame(number, RATE_HZ, number, counts(number, 0.1))
+}
+
+pub fn sound() -> Result<Can, CanError> {
+    frames(sound_frame)
+}
+
+/// A bus on which this is heard, and nothing else.
+pub fn hearing(said: Vec<Heard>) -> Result<Can, CanError> {
+    let (say, heard) = mpsc::channel(8);
+    for heard in said {
+        say.try_send(heard).unwrap();
+    }
+    // The bus lives on.
+    std::mem::forget(say);
+    Ok(Can::over("can0", heard))
+}
+
+// A serial line: `M0,` the distance in mm and a counter of four digits.
+
+pub const LINE: &str = "[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\ncolumns = 3\n\
+                    value = { column = 2, scale_mm = 1.0 }\ncounter = { column = 3, round = 10000 }\n";
+pub const BYTES: &str = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
+                     value = { byte = 0, width = 24, signed = true, scale_mm = 1e-5 }\n\
+                     counter = { byte = 3, width = 16 }\n";
+
+pub fn line(number: u64) -> Vec<u8> {
+    let mm = f64::from(counts(number, 1.2345)) / COUNTS_PER_MM;
+    format!("M0,{mm:+09.5},{:04}\r\n", number % 10_000).into_bytes()
+}
+
+pub fn bytes(number: u64) -> Vec<u8> {
+    let [_, first, second, third] = counts(number, 1.2345).to_be_bytes();
+    let [.., high, low] = number.to_be_bytes();
+    vec![0xAA, 0x55, first, second, third, high, low]
+}
+
+/// So long between two of what is said.
+const PERIOD: Duration = Duration::from_millis(2);
+
+/// A device on a pseudo-terminal that says this by itself, and what a machine file says of it.
+pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
+    runtime().block_on(async {
+        let mut pty = link::pty().unwrap();
+        let at =
+            format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
+        let file = file(&(at + keys));
+        let device = async {
+            for number in 0.. {
+                let said = says(number);
+                // Nobody takes it any more.
+                if pty.device.write_all(&said).await.is_err() {
+                    break;
+                }
+                tokio::time::sleep(PERIOD).await;
+            }
+            std::future::pending::<()>().await;
+        };
+        tokio::select! {
+            summary = looked_at(&file) => summary,
+            () = device => unreachable!("it ends with the check"),
+        }
+    })
+}
+
+/// As the program's side at 9600 baud hears who speaks at 115 200.
+pub fn too_fast(said: Vec<u8>) -> Vec<u8> {
+    link::heard(&said.repeat(12), 115_200, 9600)
+}
+
+// Modbus: the simulated sensor. Input registers 0 status, 1 counter, 2 and 3 the distance in 10 nm, the low
+// word first.
+
+pub const MAP: &str = "counter = { register = 1, type = \"u16\" }\n\
+                   value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 1e-5 }\n";
+
+pub fn on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
+    let mut number = 0;
+    let sense = move || {
+        number += 1;
+        Sensed::Distance(f64::from(counts(number, 1.2345)) / COUNTS_PER_MM)
+    };
+    let measures = Measures::AtItsRate;
+    let (at, _) = serve_on_tcp(measures, Box::new(sense), rate_hz).unwrap();
+    let map = told.iter().fold(MAP.to_owned(), |map, (old, new)| {
+        assert!(map.contains(old), "{old}");
+        map.replacen(old, new, 1)
+    });
+    runtime().block_on(looked_at(&file(&format!("[sensor.modbus]\ntcp = \"{at}\"\n{map}"))))
+}
+
+/// The built-in machine with one thermometer more, at `at`.
+pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
+    let text = format!(
+        "{}\n[[thermometer]]\nname = \"bed\"\n[thermometer.modbus]\ntcp = \"{at}\"\n\
+         value = {{ register = 2, type = \"i32\", order = \"cdab\", scale_c = {scale_c} }}\n",
+        machine(&[])
+    );
+    MachineFile::parse("machine.toml", text).unwrap()
+}
+
+/// Something that says 21.5 in hundred thousandths.
+pub fn at_a_thermometer(scale_c: &str) -> Summary {
+    let sense = Box::new(|| Sensed::Distance(21.5));
+    let (at, _) = serve_on_tcp(Measures::AtItsRate, sense, 10.0).unwrap();
+    runtime().block_on(looked_at(&with_thermometer(&at.to_string(), scale_c)))
+}
+
+/// A port where somebody takes connections and says nothing.
+pub fn with_a_deaf_port(check: impl Fn(&str) -> MachineFile) -> Summary {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let file = check(&listener.local_addr().unwrap().to_string());
+    let summary = runtime().block_on(looked_at(&file));
+    drop(listener);
+    summary
+}
+
+/// LinuxCNC, and nobody where the positions of its axes are to be had.
+pub fn without_sampler() -> Summary {
+    let folder = tempfile::tempdir().unwrap();
+    with_a_deaf_port(|address| {
+        let control = format!(
+            "kind = \"linuxcnc\"\ntcp = \"{address}\"\nprogram_dir = {:?}\n\
+             sampler = {{ tcp = \"127.0.0.1:1\" }}\n",
+            folder.path()
+        );
+        let changes = [("kind = \"simulated\"\n", control.as_str()), ("wire = \"memory\"\n", "")];
+        MachineFile::parse("machine.toml", machine(&changes)).unwrap()
+    })
+}
+
+/// However they are reached.
+pub fn sound_sensors_are_called_sound() {
+    let slow = "rate_hz = 500.0\n";
+    for (name, summary) in [
+        ("CAN", on_can(&[], sound)),
+        ("text", on_a_line(LINE, line)),
+        ("bytes", on_a_line(BYTES, bytes)),
+        ("Modbus", on_modbus(&[], 200.0)),
+        (
+            "in memory",
+            runtime().block_on(looked_at(&file(&format!(
+                "{slow}[sensor.simulated]\nrate_hz = 500.0\n"
+            )))),
+        ),
+    ] {
+        let failed = super::bench::failures(&summary);
+        assert!(failed.is_empty(), "{name}: {failed}");
+        let told = summary.to_string();
+        assert!(told.contains("sensors ok             laser ("), "{name}: {told}");
+    }
+}
+
+pub fn a_thermometer_that_answers_passes() {
+    let summary = at_a_thermometer("1e-5");
+    assert!(super::bench::failures(&summary).is_empty(), "{summary}");
+    let told = summary.to_string();
+    assert!(told.contains("thermometer bed (127.0.0.1:") && told.contains("): 21.50 °C"), "{told}");
+    // The built-in one, which feels the simulated machine.
+    assert!(told.contains("thermometer spindle (simulated): "), "{told}");
+}

@@ -1,0 +1,160 @@
+//! What a person gets wrong: each is refused with what to do, and nothing moves.
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+fn trued(state: &TempDir, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trued"))
+        .args(arguments)
+        .arg("--state")
+        .arg(state.path())
+        .output()
+        .expect("the program starts")
+}
+
+const MACHINE: &str = include_str!("../../config/simulated.toml");
+
+/// Run with a changed machine file; the exit code and what was said.
+fn refused(machine: &str) -> (Option<i32>, String) {
+    let state = TempDir::new().unwrap();
+    let file = state.path().join("shop.toml");
+    std::fs::write(&file, machine).unwrap();
+    let output = trued(
+        &state,
+        &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"],
+    );
+    assert!(output.stdout.is_empty(), "an estimate in spite of everything");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn line_of(text: &str, key: &str) -> usize {
+    text.lines().position(|line| line.starts_with(key)).expect("the key") + 1
+}
+
+fn regress_an_unknown_key_names_file_line_key_and_the_nearest() {
+    let machine = MACHINE.replace("ball_radius_mm", "ball_radus_mm");
+    let (code, said) = refused(&machine);
+    assert_eq!(code, Some(1), "{said}");
+    let line = line_of(&machine, "ball_radus_mm");
+    assert!(said.contains(&format!("shop.toml:{line}")), "{said}");
+    assert!(said.contains("ball_radus_mm") && said.contains("`ball_radius_mm`"), "{said}");
+}
+
+fn regress_a_wrong_unit_names_the_right_one() {
+    let (code, said) = refused(&MACHINE.replace("\nradius_mm", "\nradius_um"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("radius_um") && said.contains("`radius_mm`"), "{said}");
+}
+
+fn regress_a_rank_deficient_design_names_a_better_one() {
+    let machine = format!(
+        "{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n"
+    );
+    let (code, said) = refused(&machine);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("[0, 22.5]"), "{said}");
+}
+
+fn with_controller(lines: &str) -> String {
+    MACHINE
+        .replace("kind = \"simulated\"\n", &format!("{lines}\n"))
+        .replace("wire = \"memory\"\n", "")
+}
+
+fn regress_a_missing_port_says_so() {
+    let (code, said) =
+        refused(&with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
+}
+
+fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
+    for (answer, named) in [(None, "no answer"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "speed")] {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let server = std::thread::spawn(move || {
+            use std::io::{Read, Write};
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut buffer = [0; 256];
+            // Answer every request until the other side gives up.
+            while stream.read(&mut buffer).is_ok_and(|count| count > 0) {
+                if let Some(bytes) = answer {
+                    let _ = stream.write_all(bytes);
+                }
+            }
+        });
+        let (code, said) =
+            refused(&with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
+        assert_eq!(code, Some(1), "{said}");
+        assert!(said.contains(named), "{said}");
+        server.join().unwrap();
+    }
+}
+
+fn regress_usage_errors_end_with_2() {
+    let state = TempDir::new().unwrap();
+    assert_eq!(trued(&state, &["run"]).status.code(), Some(2));
+    assert_eq!(trued(&state, &["nonsense"]).status.code(), Some(2));
+    let unknown = trued(&state, &["run", "self-calibrate"]);
+    assert_eq!(unknown.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
+}
+
+fn regress_a_part_that_lies_down_is_refused() {
+    let (code, said) =
+        refused(&MACHINE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
+}
+
+fn regress_a_limit_that_nothing_answers_to_is_named() {
+    let state = TempDir::new().unwrap();
+    let file = state.path().join("shop.toml");
+    let machine = format!(
+        "{MACHINE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n"
+    );
+    std::fs::write(&file, machine).unwrap();
+    let run = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
+    assert_eq!(run.status.code(), Some(4));
+    let said = String::from_utf8_lossy(&run.stdout);
+    assert!(said.contains("limit for EX0Q in µm matches no parameter"), "{said}");
+}
+
+/// Settings that would fail on the way are refused before the first move, with what to choose.
+fn regress_settings_that_cannot_work_are_refused_before_motion() {
+    for (setting, named) in [
+        ("standoff_mm = 0.0", "greater than 0"),
+        ("search_mm = -1.0", "greater than 0"),
+        ("locate = false", "it may be 2 mm away"),
+        ("heights_mm = [150.0]", "off the flank"),
+        ("heights_mm = [2.0]", "off the flank"),
+        ("heights_mm = [20.0, 20.1]", "nearly the same"),
+        ("repeats = 0", "at least 1"),
+        ("drift_order = 100000", "at most 3"),
+        ("positions = 5\nreferences = false\ndrift_order = 3", "cannot tell its unknowns apart"),
+        ("probe_angles_deg = [0, 45, 45]", "stands twice"),
+        ("monte_carlo_trials = 1", "no scatter"),
+        ("positions = 4", "choose positions = 8"),
+        ("probe_angles_deg = [0, 50]", "no multiple"),
+    ] {
+        let (code, said) = refused(&format!("{MACHINE}\n[method.self-calibration]\n{setting}\n"));
+        assert_eq!(code, Some(1), "{setting}: {said}");
+        assert!(said.contains(named) && said.contains("nothing has moved"), "{setting}: {said}");
+    }
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        regress_an_unknown_key_names_file_line_key_and_the_nearest,
+        regress_a_wrong_unit_names_the_right_one,
+        regress_a_rank_deficient_design_names_a_better_one,
+        regress_a_missing_port_says_so,
+        regress_a_port_that_answers_nothing_or_nonsense_is_told_apart,
+        regress_usage_errors_end_with_2,
+        regress_a_part_that_lies_down_is_refused,
+        regress_a_limit_that_nothing_answers_to_is_named,
+        regress_settings_that_cannot_work_are_refused_before_motion,
+    ]
+}

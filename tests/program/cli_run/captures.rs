@@ -1,0 +1,123 @@
+//! A run captured, and replayed without its machine.
+
+use serde_json::Value;
+
+use super::{MachineShop, changed, estimate, machine, stderr};
+
+/// `trued run` with these, and its standard output as JSON.
+fn run(shop: &MachineShop, more: &[&str]) -> std::process::Output {
+    let file = shop.file("machine.toml");
+    let arguments = ["run", "self-calibration", "--json", "--machine", &file];
+    shop.command(&[&arguments[..], more].concat()).output().unwrap()
+}
+
+pub fn a_captured_run_replays_to_the_same_bytes_without_the_machine() {
+    for wire in ["wire = \"memory\"", "wire = \"pty\""] {
+        let shop = MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", wire)]));
+        let capture = shop.file("a.capture");
+        let measured = run(&shop, &["--capture", &capture]);
+        assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
+        // The machine is another one now: what comes out is what was captured.
+        let text = std::fs::read_to_string(shop.file("machine.toml")).unwrap();
+        let other = text.replace("seed = 1", "seed = 2");
+        assert_ne!(text, other);
+        std::fs::write(shop.file("machine.toml"), other).unwrap();
+        let unlike = run(&shop, &[]);
+        assert!(unlike.stdout != measured.stdout, "the test could not fail");
+        let replayed = run(&shop, &["--replay", &capture]);
+        assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
+        assert!(replayed.stdout == measured.stdout, "{wire}: a replay gives something else");
+        assert!(estimate(&replayed)["parameters"].is_array());
+        // The journal holds the two measured runs.
+        let runs = shop.command(&["runs", "--json"]).output().unwrap();
+        let runs: serde_json::Value = serde_json::from_slice(&runs.stdout).unwrap();
+        assert_eq!(runs.as_array().map(Vec::len), Some(2), "{runs}");
+    }
+}
+
+pub fn a_capture_that_does_not_fit_is_told_in_words() {
+    let shop = MachineShop::new(&machine());
+    let capture = shop.file("a.capture");
+    let measured = run(&shop, &["--capture", &capture]);
+    assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
+    let again = run(&shop, &["--capture", &capture]);
+    assert!(stderr(&again).contains("a capture is never overwritten"), "{}", stderr(&again));
+
+    let text = std::fs::read_to_string(&capture).unwrap();
+    let refused = |spoilt: &str, words: &[&str]| {
+        std::fs::write(shop.file("b.capture"), spoilt).unwrap();
+        let replayed = run(&shop, &["--replay", &shop.file("b.capture")]);
+        assert_eq!(replayed.status.code(), Some(1), "{}", stderr(&replayed));
+        for word in words {
+            assert!(stderr(&replayed).contains(word), "{word}: {}", stderr(&replayed));
+        }
+    };
+    // The fortieth touch goes elsewhere.
+    let (at, line) = text
+        .match_indices('\n')
+        .filter_map(|(at, _)| {
+            let line = text[at + 1..].lines().next()?;
+            line.contains(" G38.").then_some((at + 1, line))
+        })
+        .nth(40)
+        .unwrap();
+    let command = line.split_once("> ").unwrap().1.trim_end_matches("\\n");
+    let elsewhere =
+        [&text[..at], &line.replacen("G38", "G39", 1), &text[at + line.len()..]].concat();
+    refused(&elsewhere, &["the replay ended", "the capture does not know", command, "G39"]);
+    refused(&text[..at], &["the replay ended", "the capture does not know", command, "nothing"]);
+    refused(&text[..text.len() / 2], &["b.capture, line", "the line does not end"]);
+    refused(&text.replacen(" 1 < ok", " 1 < \\ok", 1), &["b.capture, line", "unknown escape"]);
+    let none = run(&shop, &["--replay", &shop.file("none")]);
+    assert!(stderr(&none).contains("No such file"), "{}", stderr(&none));
+}
+
+/// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of
+/// `tests/peers/linuxcnc`, its estimate as it was printed then, and the machine file. The true axis stood at
+/// 50 and -30 µm.
+pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
+    let data = |name: &str| {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
+        std::fs::read_to_string(format!("{folder}{name}")).unwrap()
+    };
+    let shop = MachineShop::new(&data("machine.toml"));
+    let replay = |talk: &str| {
+        let capture = shop.file("a.capture");
+        std::fs::write(&capture, talk).unwrap();
+        run(&shop, &["--replay", &capture])
+    };
+    let talk = data("self-calibration.capture");
+    let replayed = replay(&talk);
+    assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
+    let parameters = |estimate: &Value| -> Vec<(String, f64)> {
+        let all = estimate["parameters"].as_array().unwrap().iter();
+        let one = |one: &Value| {
+            (one["symbol"].as_str().unwrap().to_owned(), one["value"].as_f64().unwrap())
+        };
+        all.map(one).collect()
+    };
+    let (then, now) = (serde_json::from_str(&data("estimate.json")).unwrap(), estimate(&replayed));
+    let (then, now) = (parameters(&then), parameters(&now));
+    assert_eq!(then.len(), now.len());
+    for ((symbol, then), (same, now)) in then.iter().zip(&now) {
+        assert_eq!(symbol, same);
+        // The touches carry the time of the capture instead of the computer's: the drift is another, by
+        // milliseconds.
+        assert!((then - now).abs() < 1e-4, "{symbol}: {then}, now {now}");
+    }
+    assert_eq!((&*then[0].0, &*then[1].0), ("EX0C", "EY0C"));
+    assert!((then[0].1 - 50.0).abs() < 1.0 && (then[1].1 + 30.0).abs() < 1.0, "{then:?}");
+
+    // A program or an answer that is another one is seen.
+    let refused = |from: &str, to: &str, words: &str| {
+        let spoilt = talk.replacen(from, to, 1);
+        assert_ne!(spoilt, talk, "{from}");
+        let ended = replay(&spoilt);
+        assert_eq!(ended.status.code(), Some(1), "{}", stderr(&ended));
+        assert!(stderr(&ended).contains(words), "{words}: {}", stderr(&ended));
+    };
+    refused("(step 3 repeat 0)", "(step 3 repeat 1)", "then it was `(step 3 repeat 1)`");
+    refused("set run", "set walk", "then it was `set walk`");
+    refused("PROBE_VALUE 0", "PROBE_VALUE 1", "step");
+    refused("ntouch 3 2 1.000000", "ntouch 3 2 0.000000", "step");
+}

@@ -1,0 +1,69 @@
+//! Faults, rehearsed by hand: in the machine file, and on a bad wire.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+
+use trued::link::faults::{BadWire, Direction, Harm};
+
+use super::{MachineShop, machine, stderr, with_control};
+
+fn with_fault(fault: &str) -> MachineShop {
+    MachineShop::new(&format!("{}\n[[simulated.fault]]\n{fault}\n", machine()))
+}
+
+pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
+    let shop = with_fault("kind = \"hold\"\nat_line = 40\n");
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
+    let told = "error: held at the machine: the control says Hold:0\n  → nothing more is sent";
+    assert!(stderr(&run).contains(told), "{}", stderr(&run));
+    assert_eq!(shop.states(), ["held"]);
+    let kept = shop.exported_steps();
+    assert!(!kept.is_empty() && kept.iter().copied().eq(0..kept.len() as u32), "{kept:?}");
+}
+
+pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
+    for (fault, known) in [("kind = \"hodl\"", "hold"), ("kind = \"hold\"\nline = 3", "at_line")] {
+        let shop = with_fault(fault);
+        let refused = shop.run();
+        assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+        let told = stderr(&refused);
+        assert!(told.contains("simulated.fault") && told.contains(known), "{told}");
+        assert!(told.contains("machine.toml:"), "{told}");
+    }
+}
+
+/// A seed whose first harm is a cut in the middle of the run, after `from` lines.
+fn cut_after(from: u64) -> u64 {
+    let first = |seed: u64, direction: Direction| {
+        BadWire::to_rehearse(seed).schedule(direction).next().expect("it never ends")
+    };
+    let cuts = |seed: &u64| {
+        let (to, back) = (first(*seed, Direction::ToDevice), first(*seed, Direction::FromDevice));
+        to.harm == Harm::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
+    };
+    (0..).find(cuts).expect("one of them")
+}
+
+pub fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
+    let shop = MachineShop::new(&machine());
+    let seed = cut_after(60).to_string();
+    let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))
+        .args(["simulate", "--machine", &shop.file("machine.toml"), "--faults", &seed])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut path = String::new();
+    BufReader::new(simulator.stdout.take().unwrap()).read_line(&mut path).unwrap();
+    let control = format!("kind = \"grbl\"\nserial = \"{}\"", path.trim());
+    let client = MachineShop::new(&with_control(&machine(), &control));
+    let run = client.run();
+    simulator.kill().unwrap();
+    let told = String::from_utf8(simulator.wait_with_output().unwrap().stderr).unwrap();
+    assert_eq!(run.status.code(), Some(5), "{}{told}", stderr(&run));
+    assert!(stderr(&run).contains("is lost"), "{}", stderr(&run));
+    assert_eq!(client.states(), ["held"]);
+    assert!(!client.exported_steps().is_empty());
+    assert!(told.contains("ToDevice, line ") && told.contains(": Cut"), "{told}");
+}

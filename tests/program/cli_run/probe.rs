@@ -1,0 +1,106 @@
+//! The probe before and during a run: does it live, is it switched on, are the clamps closed.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, ChildStderr, Command, Stdio};
+
+use trued::gcode::Dialect;
+use trued::setup::MachineFile;
+use trued::setup::Pace;
+
+use super::firmware::Control;
+use super::{MachineShop, changed, machine, stderr, with_control};
+
+fn over(control: &Control, file: &str) -> MachineShop {
+    let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
+    MachineShop::new(&with_control(file, &address))
+}
+
+/// The run waits for a person's hand.
+fn waiting(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
+    let mut run = shop.run_command();
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.starts_with("deflect the stylus by hand") {
+        line.clear();
+        assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it asked");
+    }
+    (run, told)
+}
+
+fn by_hand() -> String {
+    changed(&machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
+}
+
+pub fn nothing_moves_before_a_person_has_deflected_the_stylus() {
+    let mut control = Control::at(&machine(), Pace::Fast);
+    let shop = over(&control, &by_hand());
+    let (mut run, mut told) = waiting(&shop);
+    control.wait_for_queries(20);
+    assert!(!control.has_moved(), "moved before the stylus was deflected");
+    control.world.lock().unwrap().deflect(true);
+    control.wait_for_queries(20);
+    assert!(!control.has_moved(), "moved while the stylus was deflected");
+    control.world.lock().unwrap().deflect(false);
+    let mut rest = String::new();
+    told.read_to_string(&mut rest).unwrap();
+    assert_eq!(run.wait().unwrap().code(), Some(0), "{rest}");
+    assert!(rest.contains("the probe lives\n"), "{rest}");
+    assert_eq!(shop.states(), ["finished"]);
+}
+
+pub fn a_stop_is_heard_while_a_person_is_waited_for() {
+    let mut control = Control::at(&machine(), Pace::Fast);
+    let shop = over(&control, &by_hand());
+    let (run, _told) = waiting(&shop);
+    let kill = format!("kill -TERM {}", run.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    let ended = run.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(5));
+    assert!(!control.has_moved(), "moved without a live probe");
+    assert_eq!(shop.states(), ["held"]);
+}
+
+pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
+    let far = changed(&machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
+    let run = MachineShop::new(&far).run();
+    assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
+    assert!(stderr(&run).contains("the first touch met nothing"), "{}", stderr(&run));
+    assert!(stderr(&run).contains("the probe may be dead"), "{}", stderr(&run));
+}
+
+pub fn probe_and_clamps_are_switched_as_declared() {
+    let clamp = "clamp = { close = \"M65 P3\", open = \"M64 P3\", wait_s = 0.1 }";
+    let file = changed(
+        &machine(),
+        &[
+            ("ball_radius_mm", "on = \"M64 P1\"\noff = \"M65 P1\"\nsettle_s = 0.2\nball_radius_mm"),
+            ("[axes.C]", &format!("[axes.C]\n{clamp}")),
+        ],
+    );
+    let control = Control::at(&machine(), Pace::Fast);
+    let shop = over(&control, &file);
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let (bytes, _) = control.end();
+    let heard = String::from_utf8(bytes).unwrap().replace('?', "");
+    let program: Vec<&str> = heard.lines().filter(|line| !line.starts_with('$')).collect();
+    let file = MachineFile::parse("machine.toml", file).unwrap();
+    let dialect = Dialect::named("grbl").unwrap().with(&file.machine, &file.probe).unwrap();
+    // The reader refuses a probing move with the probe off or a clamp open, and C while it is closed.
+    let motions = dialect.read_back(&program.join("\n")).unwrap();
+    assert!(motions.len() > 62 * 4, "{} motions", motions.len());
+    let touches = shop.exported_steps().len();
+    assert_eq!(heard.matches("G4 P0.200").count(), touches, "a rest before each touch");
+    let last = heard.rfind("G38").unwrap();
+    assert!(heard[last..].contains("\nM65 P1\n"), "the probe stays on");
+}
+
+pub fn a_word_that_cannot_switch_a_probe_is_refused_before_anything_is_opened() {
+    let file = changed(&machine(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
+    let shop = MachineShop::new(&file);
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
+    assert!(stderr(&run).contains("[probe] on = \"M3 S500\""), "{}", stderr(&run));
+    assert_eq!(shop.states(), [] as [String; 0]);
+}

@@ -1,0 +1,64 @@
+//! Nothing moves unproven: what a person sees of it.
+
+use serde_json::Value;
+
+use super::{MachineShop, changed, estimate, machine, stderr, tells};
+
+/// A clamp on the table, in the way of the first approach and lower than the part.
+const CLAMP: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
+                     from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
+
+pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
+    let shop = MachineShop::new(&machine());
+    let file = shop.file("machine.toml");
+    let plan = ["plan", "self-calibration", "--machine", &file];
+    let program = shop.trued(&[&plan[..], &["--gcode", "grbl"]].concat());
+    assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
+    // The ball's radius less the stem's, less what the ball goes on after contact.
+    let proven = "motions; nothing comes nearer than 1.35 mm: stylus stem and artefact, line 12, \
+                  step 0 (locate/P000)";
+    assert!(stderr(&program).contains(proven), "{}", stderr(&program));
+    assert!(stderr(&program).contains("not looked at: the way of lines 7 to 9"));
+    let text = String::from_utf8(program.stdout).unwrap();
+    assert!(text.starts_with('(') && !text.contains("proven"));
+    let touch = text.lines().nth(11).unwrap();
+    assert!(touch.starts_with("N0 G38.3 X"), "{touch}");
+    let words = shop.trued(&plan);
+    assert!(String::from_utf8_lossy(&words.stdout).contains(proven));
+}
+
+pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
+    let shop = MachineShop::new(&(machine() + CLAMP));
+    let file = shop.file("machine.toml");
+    let plan = shop.trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
+    assert_eq!(plan.status.code(), Some(1));
+    assert!(plan.stdout.is_empty());
+    let why = "step 0 (locate/P000), line 11: stylus ball would come within 0.000 mm of clamp";
+    assert!(stderr(&plan).contains(why), "{}", stderr(&plan));
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
+    let stage = "stage `locate the part` is not proven: step 0 (locate/P000), line 11: stylus ball";
+    tells(&run, &[stage, "nothing has moved", "[[solid]]"]);
+    assert_eq!(shop.states(), ["failed"]);
+    assert!(shop.exported_steps().is_empty());
+}
+
+/// The machine's own file says nothing of stylus and solids: measured all the same, and told.
+pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at() {
+    let bare = changed(&machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
+    let shop = MachineShop::new(&bare);
+    assert!(estimate(&shop.run())["parameters"].is_array());
+    let report = shop.file("report.html");
+    let shown = shop.trued(&["show", "1", "--report", &report]);
+    assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
+    let page = std::fs::read_to_string(report).unwrap();
+    let (_, proven) = page.split_once("Proven before it moved").expect("the section");
+    let (proven, _) = proven.split_once("</section>").unwrap();
+    for words in ["<svg", "clearance / mm", "<li>stylus stem</li>", "touch"] {
+        assert!(proven.contains(words), "{words}");
+    }
+    let touches = shop.exported_steps().len();
+    assert_eq!(proven.matches("<circle").count(), touches, "a mark for each touch");
+    let events = shop.trued(&["show", "1", "--json"]);
+    assert!(serde_json::from_slice::<Value>(&events.stdout).is_ok());
+}

@@ -1,0 +1,81 @@
+//! What comes out of a run, and comes out again.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::{MachineShop, estimate, machine, stderr, tells, with_control};
+use crate::support::grbl_control::Bench;
+
+pub fn regress_exported_readings_identify_to_the_stored_bytes() {
+    let shop = MachineShop::new(&machine());
+    let run = shop.run();
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    assert_eq!(shop.exported_steps().len(), 69);
+    let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
+    let again = shop.trued(&[
+        "identify",
+        "self-calibration",
+        "--json",
+        "--machine",
+        &file("machine.toml"),
+        "--plan",
+        &file("plan.json"),
+        "--readings",
+        &file("readings.csv"),
+    ]);
+    assert_eq!(again.status.code(), Some(0), "{}", stderr(&again));
+    let stored = std::fs::read_to_string(file("estimate.json")).unwrap();
+    let run = String::from_utf8(run.stdout).unwrap();
+    assert_eq!(stored.trim(), run.trim(), "the stored estimate is not what was printed");
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), run);
+    let shown = shop.trued(&["show", "1", "--json"]);
+    assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
+}
+
+pub fn regress_two_heights_find_the_tilts_of_the_axis() {
+    let settings = "positions = 12\nheights_mm = [20, 80]\n";
+    let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
+    let file = machine().replace("[simulated.errors]", errors) + settings;
+    let estimate = estimate(&MachineShop::new(&file).run());
+    for (symbol, truth) in [("EA0C", 40.0), ("EB0C", -25.0)] {
+        let found = estimate["parameters"].as_array().unwrap();
+        let found = found.iter().find(|p| p["symbol"] == symbol).unwrap();
+        let number = |key: &str| found[key].as_f64().unwrap();
+        assert_eq!(found["unit"], Value::from("urad"));
+        let (off, expanded) = (number("value") - truth, number("U"));
+        assert!(off.abs() < expanded && expanded < 25.0, "{symbol}: off by {off}, U {expanded}");
+    }
+}
+
+pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
+    let follows = machine() + "spindle = \"follow\"\n";
+    let bench = Bench::start(&follows);
+    // A plain grbl has no word that orients the spindle.
+    let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
+    let shop = MachineShop::new(&with_control(&follows, &control));
+    let refused = shop.run();
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    tells(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
+    assert_eq!(shop.states(), ["failed"]);
+    assert!(shop.exported_steps().is_empty());
+}
+
+pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
+    let shop = MachineShop::new(&machine());
+    let first = shop.run();
+    let tight = machine() + "[tolerance]\nEX0C_um = 1.0\n";
+    std::fs::write(shop.file("tight.toml"), tight).unwrap();
+    let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    assert_eq!(again.stdout, first.stdout, "{}", stderr(&again));
+    let tight = shop.file("tight.toml");
+    let judged =
+        shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
+    // The axis stands 50 um off: far outside 1 um.
+    assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
+    let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
+    let stored = journal.load(trued::store::RunId(1)).unwrap();
+    let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
+    use trued::record::estimate::Verdict;
+    assert_eq!(verdicts, [Verdict::None, Verdict::None, Verdict::Fail]);
+}

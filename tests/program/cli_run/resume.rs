@@ -1,0 +1,313 @@
+//! A run that goes on after a stop, or must not.
+//!
+//! Steps of the built-in machine's cycle: 0–4 locate the part; 5–8 are the references R0 (0°, 90°,
+//! 180°, Z); then Tests 1a (9–16), R1 (17–20), 1b (21–28), R2, 1c, R3, 2 (45–52), R4, 3 (57–64), R5.
+
+use std::process::{Output, Stdio};
+
+use serde_json::Value;
+
+use super::stops::signal;
+use super::{MachineShop, changed, estimate, machine, stderr, tells, with_control};
+use crate::support::grbl_control::Bench;
+
+/// Where the C axis of the built-in machine truly stands, µm (drift moves it by less than 0.5 µm).
+const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
+
+/// A run on `bench`, stopped when it sends `words` (several in their order, with commas): by a signal, or by `KILL`.
+fn stopped(bench: &Bench, command: std::process::Command, words: &str, name: &str) -> Output {
+    ended(bench, command, words, name).0
+}
+
+/// The same, with all that it has sent.
+pub fn ended(
+    bench: &Bench,
+    mut command: std::process::Command,
+    words: &str,
+    name: &str,
+) -> (Output, String) {
+    bench.stop_at(&words.split(", ").collect::<Vec<_>>());
+    let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    bench.wait(&mut run);
+    signal(&run, name);
+    let (ended, heard) = (run.wait_with_output().unwrap(), bench.heard());
+    // What was held stays held until a person resets it; a killed run held nothing.
+    bench.reset();
+    (ended, heard)
+}
+
+fn shop(bench: &Bench) -> MachineShop {
+    MachineShop::new(&with_control(
+        &machine(),
+        &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address),
+    ))
+}
+
+pub fn resume_command(shop: &MachineShop) -> std::process::Command {
+    shop.command(&["resume", "1", "--acknowledge", "Ada", "--json"])
+}
+
+pub fn resume(shop: &MachineShop) -> Output {
+    resume_command(shop).output().unwrap()
+}
+
+/// Value and U of a parameter.
+pub fn found(estimate: &Value, symbol: &str) -> (f64, f64) {
+    let all = estimate["parameters"].as_array().unwrap();
+    let one = all.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
+    (one["value"].as_f64().unwrap(), one["U"].as_f64().unwrap())
+}
+
+/// The resumed estimate against the truth and against the same machine measured in one go.
+fn agrees(resumed: &Value) {
+    let whole = estimate(&MachineShop::new(&machine()).run());
+    for (symbol, truth) in TRUTH_UM {
+        let (value, expanded) = found(resumed, symbol);
+        let (uninterrupted, u_whole) = found(&whole, symbol);
+        assert!((value - truth).abs() < expanded, "{symbol}: {value} ± {expanded}");
+        let apart = (value - uninterrupted).abs();
+        assert!(apart < expanded, "{symbol}: {value} and {uninterrupted} ± {expanded}");
+        // A step that is fitted costs something, but not much.
+        assert!(expanded >= u_whole && expanded < 1.6 * u_whole, "{symbol}: {expanded} {u_whole}");
+    }
+}
+
+/// The steps that were sent to touch something, in order, once each.
+pub fn touched(heard: &str) -> Vec<u32> {
+    let lines = heard.lines().filter(|line| line.contains("G38.3"));
+    let steps = lines.filter_map(|line| line.split_once('N')?.1.split(' ').next()?.parse().ok());
+    let mut steps: Vec<u32> = steps.collect();
+    steps.dedup();
+    steps
+}
+
+pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    let held = stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
+    assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
+    assert!(stderr(&held).contains("`trued resume 1`"), "{}", stderr(&held));
+    assert_eq!(shop.states(), ["held"]);
+    let listed = shop.trued(&["runs"]);
+    assert!(String::from_utf8_lossy(&listed.stdout).contains("`trued resume 1`"));
+
+    // Nobody has acknowledged it: the machine does not hear of it.
+    let refused = shop.command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    tells(&refused, &["held on request", "nothing has moved", "--acknowledge"]);
+    assert_eq!((bench.heard(), shop.exported_steps().len()), (String::new(), 25));
+
+    let resumed = resume(&shop);
+    agrees(&estimate(&resumed));
+    assert_eq!(shop.states(), ["finished"]);
+    let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
+    let heard = bench.heard();
+    assert_eq!(touched(&heard), rest);
+    // The first approach after the stop is as slow as a search, the next is not.
+    let down = |step: &str| heard.lines().find(|line| line.contains(step)).unwrap();
+    assert!(
+        down("N17 G38.3 Z").ends_with("F300.000") && down("N18 G38.3 Z").ends_with("F3000.000")
+    );
+    assert_eq!(shop.exported_steps().len(), 69 + 4);
+    let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    for words in ["held: held on request", "acknowledged by Ada", "resumed after a gap at t = "] {
+        assert!(told.contains(words), "{words} in {told}");
+    }
+    // The gap travels with the plan: the same estimate from the journal, and from files.
+    let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
+    let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
+    let (plan, readings, machine) = (file("plan.json"), file("readings.csv"), file("machine.toml"));
+    let again = shop.trued(&[
+        "identify",
+        "self-calibration",
+        "--json",
+        "--plan",
+        &plan,
+        "--readings",
+        &readings,
+        "--machine",
+        &machine,
+    ]);
+    assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
+
+    let twice = resume(&shop);
+    assert_eq!(twice.status.code(), Some(1), "{}", stderr(&twice));
+    assert!(stderr(&twice).contains("nothing to resume"), "{}", stderr(&twice));
+}
+
+/// Killed in a test, killed again while the references are measured, stopped in another test.
+pub fn a_run_survives_any_number_of_ends() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N12 G38.3", "KILL");
+    stopped(&bench, resume_command(&shop), "N7 G38.3", "KILL");
+    assert_eq!(shop.states(), ["running"]);
+    let held = stopped(&bench, resume_command(&shop), "N47 G38.3", "TERM");
+    assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
+    let resumed = resume(&shop);
+    agrees(&estimate(&resumed));
+    let warnings = estimate(&resumed)["warnings"].to_string();
+    assert_eq!(warnings.matches("a step was fitted").count(), 2, "{warnings}");
+    assert!(warnings.contains("2 readings stand between interruptions"), "{warnings}");
+    // 69 of the cycle, two references, then four twice.
+    assert_eq!(shop.exported_steps().len(), 69 + 2 + 4 + 4);
+    let plan = std::fs::read_to_string(shop.file("export/run-1-plan.json")).unwrap();
+    let plan: Value = serde_json::from_str(&plan).unwrap();
+    assert_eq!(plan["gaps_s"].as_array().unwrap().len(), 3);
+}
+
+/// The control is still held: no move, and the run stays resumable.
+pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    bench.stop_at(&["N25 G38.3"]);
+    let mut run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    bench.wait(&mut run);
+    signal(&run, "INT");
+    run.wait_with_output().unwrap();
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(5), "{}", stderr(&refused));
+    tells(&refused, &["not ready: Hold", "nothing has moved", "`trued resume 1`"]);
+    assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
+    assert_eq!(shop.states(), ["held"]);
+    bench.reset();
+    assert_eq!(resume(&shop).status.code(), Some(0));
+}
+
+/// The built-in machine with its part pushed by 20 µm along Y.
+fn pushed() -> String {
+    changed(&machine(), &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")])
+}
+
+pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N62 G38.3", "INT");
+    bench.become_another(&pushed());
+    // Killed after the moved reference was read, before it was judged: it is judged all the same.
+    stopped(&bench, resume_command(&shop), "N56 G38.3", "KILL");
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    tells(&refused, &["(limit 3.5 µm)", "closed", "`trued identify"]);
+    let told = stderr(&refused);
+    let (_, moved) = told.split_once("R4/P090 moved by +").expect("the reference is named");
+    let moved: f64 = moved.split(' ').next().unwrap().parse().unwrap();
+    assert!((moved - 20.0).abs() < 3.5, "{moved}");
+    for innocent in ["P000 moved", "P180 moved", "/Z moved"] {
+        assert!(!stderr(&refused).contains(innocent), "{}", stderr(&refused));
+    }
+    assert_eq!(shop.states(), ["closed"]);
+    assert_eq!(touched(&bench.heard()), [53, 54, 55, 56]);
+    assert_eq!(shop.exported_steps().len(), 62 + 3 + 4);
+    let again = resume(&shop);
+    assert_eq!(again.status.code(), Some(1), "{}", stderr(&again));
+    assert!(stderr(&again).contains("run 1 is closed"), "{}", stderr(&again));
+
+    // Test 3 lacks three touches: enough is known without them.
+    let identified = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    let known = estimate(&identified);
+    for (symbol, truth) in TRUTH_UM {
+        let (value, expanded) = found(&known, symbol);
+        assert!((value - truth).abs() < expanded && expanded < 3.0, "{value} ± {expanded}");
+    }
+    let warnings = known["warnings"].to_string();
+    assert!(warnings.contains("7 of 69 steps were never measured"), "{warnings}");
+    assert_eq!(shop.states(), ["closed"]);
+}
+
+pub fn what_too_few_readings_cannot_tell_is_named() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
+    let identified = shop.trued(&["identify", "self-calibration", "--run", "1"]);
+    assert_eq!(identified.status.code(), Some(1), "{}", stderr(&identified));
+    tells(&identified, &["rank 17 of 36", "EYC_total(90°)", "measure what is missing"]);
+    assert_eq!(shop.states(), ["held"]);
+}
+
+pub fn without_references_a_run_is_closed() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    tells(&refused, &["not all references were measured before the stop", "start a new run"]);
+    assert_eq!(shop.states(), ["closed"]);
+    assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
+}
+
+pub fn another_machine_file_is_another_run() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
+    std::fs::write(shop.file("other.toml"), pushed()).unwrap();
+    let other = shop.file("other.toml");
+    let refused = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--machine", &other]);
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("is not the machine file"), "{}", stderr(&refused));
+    assert!(bench.heard().is_empty());
+    assert_eq!(shop.states(), ["held"]);
+}
+
+/// The cycle is measured twice; the second pass is interrupted. Its steps are told from those of the
+/// first, and from the references after the stop.
+pub fn a_later_pass_goes_on_as_well() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    let mut run = shop.run_command();
+    run.args(["--repeat", "2"]);
+    stopped(&bench, run, "N68 G38.3, N25 G38.3", "INT");
+    let resumed = resume(&shop);
+    let known = estimate(&resumed);
+    for (symbol, truth) in TRUTH_UM {
+        let (value, expanded) = found(&known, symbol);
+        assert!((value - truth).abs() < expanded, "{symbol}: {value} ± {expanded}");
+    }
+    let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
+    assert_eq!(touched(&bench.heard()), rest);
+    // Located once, twice the cycle, the references.
+    assert_eq!(shop.exported_steps().len(), 5 + 2 * 64 + 4);
+}
+
+/// X and Z were seen, Y was not: a part that moved in Y would not be found out.
+pub fn some_of_the_references_are_not_enough() {
+    let bench = Bench::start(&machine());
+    let shop = shop(&bench);
+    stopped(&bench, shop.run_command(), "N6 G38.3", "INT");
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("not all references were measured"), "{}", stderr(&refused));
+    assert_eq!(shop.states(), ["closed"]);
+}
+
+/// Nobody has said how touches repeat, and only one reference was touched twice before the stop: the
+/// references are touched twice after it, and 20 µm are found out all the same.
+pub fn references_tell_themselves_how_they_repeat() {
+    let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
+    for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
+    {
+        let bench = Bench::start(&machine());
+        let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
+        let shop = MachineShop::new(&with_control(&unknown(&machine()), &control));
+        stopped(&bench, shop.run_command(), "N18 G38.3", "INT");
+        bench.become_another(&after);
+        let resumed = resume(&shop);
+        assert_eq!(shop.states(), [state], "{}", stderr(&resumed));
+        assert_eq!(shop.exported_steps().len(), readings);
+    }
+}
+
+pub fn a_control_that_lost_its_position_must_be_homed() {
+    let fault = "\n[[simulated.fault]]\nkind = \"alarm\"\ncode = 1\nat_line = 150\n";
+    let shop = MachineShop::new(&(machine() + fault));
+    assert_eq!(shop.run().status.code(), Some(5));
+    let refused = resume(&shop);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    tells(
+        &refused,
+        &["the position is lost", "nobody has said that all axes are homed", "--homed"],
+    );
+    let homed = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--homed"]);
+    assert_ne!(homed.status.code(), Some(2), "{}", stderr(&homed));
+}

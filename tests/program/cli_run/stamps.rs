@@ -1,0 +1,15 @@
+//! Scans in motion on a control that does not stamp where its axes stand.
+
+use super::{MachineShop, tells};
+
+pub fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stamped() {
+    let file = include_str!("../../../config/laser.toml");
+    let settings = "sampling = \"continuous\"\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]";
+    let shop = MachineShop::new(&format!("{file}\n[method.laser-r-test]\n{settings}\n"));
+    let machine = shop.file("machine.toml");
+    let run = shop.trued(&["run", "laser-r-test", "--json", "--machine", &machine]);
+    assert_eq!(run.status.code(), Some(1), "{run:?}");
+    tells(&run, &["does not stamp where its axes stand", "dwell points", "[controller.sampler]"]);
+    // Refused, and not held on the way.
+    assert_eq!(shop.states(), ["failed"]);
+}

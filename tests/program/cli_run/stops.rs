@@ -1,0 +1,112 @@
+//! A run that does not come to its end: by Ctrl-C, SIGTERM, kill -9.
+
+use std::process::{Child, Command, Stdio};
+
+use super::firmware::Control;
+use super::{MachineShop, machine, stderr, with_control};
+
+pub fn signal(process: &Child, name: &str) {
+    let kill = format!("kill -{name} {}", process.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// A run over `control`, in the middle of its second touch: the first reading is acknowledged.
+fn in_mid_touch(control: &mut Control) -> (MachineShop, Child) {
+    let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
+    let shop = MachineShop::new(&with_control(&machine(), &address));
+    let mut run = shop.run_command();
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    control.wait_for("N1 G38.3 Y");
+    (shop, run)
+}
+
+/// A step is sent when the reading before it is durable. How many readings are there.
+fn all_kept(shop: &MachineShop, sent: &[u8]) -> u32 {
+    let steps = shop.exported_steps();
+    let count = steps.len() as u32;
+    assert!(count > 0 && steps.iter().copied().eq(0..count), "{steps:?}");
+    let sent = String::from_utf8_lossy(sent);
+    assert!(!sent.contains(&format!("N{} ", count + 1)), "step {count} was sent, but is not kept");
+    count
+}
+
+fn held_by(name: &str) {
+    let mut control = Control::start(&machine());
+    let (shop, run) = in_mid_touch(&mut control);
+    signal(&run, name);
+    let ended = run.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(5), "{}", stderr(&ended));
+    assert!(stderr(&ended).contains("error: held on request\n  → "), "{}", stderr(&ended));
+    assert!(ended.stdout.is_empty(), "an estimate in spite of everything");
+
+    let (bytes, status) = control.end();
+    assert!(status.contains("<Hold:0"), "the machine says {status}");
+    let hold = bytes.iter().position(|byte| *byte == b'!').expect("a feed hold");
+    let after: Vec<u8> = bytes[hold..].iter().copied().filter(|b| !b"!?".contains(b)).collect();
+    assert!(after.is_empty(), "sent after the hold: {}", String::from_utf8_lossy(&after));
+
+    assert_eq!(shop.states(), ["held"]);
+    let kept = all_kept(&shop, &bytes);
+    let shown = shop.trued(&["show", "1"]);
+    assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
+    assert!(String::from_utf8_lossy(&shown.stdout).contains(&format!("held, {kept} readings")));
+}
+
+pub fn regress_sigint_holds_and_keeps() {
+    held_by("INT");
+}
+
+pub fn regress_sigterm_holds_and_keeps() {
+    held_by("TERM");
+}
+
+pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
+    let mut control = Control::start(&machine());
+    let (shop, mut run) = in_mid_touch(&mut control);
+
+    // While it lives, it alone has the machine.
+    let second = shop.run();
+    assert_eq!(second.status.code(), Some(1), "{}", stderr(&second));
+    let holder = format!("in use by process {}", run.id());
+    assert!(stderr(&second).contains(&holder), "{}", stderr(&second));
+    assert_eq!(shop.states(), ["running"]);
+
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let (bytes, _) = control.end();
+    // The next start on the same machine, whatever comes of it.
+    std::fs::write(shop.file("machine.toml"), machine()).unwrap();
+    let next = shop.run();
+    assert_eq!(next.status.code(), Some(0), "{}", stderr(&next));
+    assert_eq!(shop.states(), ["interrupted", "finished"]);
+    all_kept(&shop, &bytes);
+}
+
+pub fn regress_a_stop_is_heard_while_the_identification_computes() {
+    use std::io::{BufRead as _, BufReader, Read as _};
+    let endless = machine().replace("trials = 1000\n", "trials = 2000000000\n");
+    let shop = MachineShop::new(&endless);
+    let mut run = shop.run_command();
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.starts_with("identifying from 69 readings") {
+        line.clear();
+        assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it identified");
+    }
+    signal(&run, "TERM");
+    let mut rest = String::new();
+    told.read_to_string(&mut rest).unwrap();
+    assert_eq!(run.wait().unwrap().code(), Some(5), "{rest}");
+    assert!(rest.contains("trued identify self-calibration --run 1"), "{rest}");
+    assert_eq!(shop.exported_steps().len(), 69);
+}
+
+pub fn regress_a_run_goes_on_when_nobody_reads_what_it_tells() {
+    let shop = MachineShop::new(&machine());
+    let mut run = shop.run_command();
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(run.stderr.take());
+    assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
+    assert_eq!(shop.states(), ["finished"]);
+}

@@ -1,0 +1,73 @@
+//! The same simulated machine behind different wires.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
+use trued::link::{self, Address};
+
+use super::{MachineShop, changed, estimate, machine, stderr, with_control};
+
+/// `trued simulate`, ended with the test.
+struct Simulator {
+    process: Child,
+    path: String,
+}
+
+impl Simulator {
+    fn start(shop: &MachineShop) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_trued"))
+            .args(["simulate", "--machine", &shop.file("machine.toml")])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut path = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut path).unwrap();
+        Self { process, path: path.trim().to_owned() }
+    }
+
+    fn client(&self) -> MachineShop {
+        MachineShop::new(&with_control(
+            &machine(),
+            &format!("kind = \"grbl\"\nserial = \"{}\"", self.path),
+        ))
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+pub fn regress_memory_pty_and_another_process_give_the_same_bytes() {
+    let shop = MachineShop::new(&machine());
+    let memory = shop.run();
+    assert!(estimate(&memory)["parameters"].is_array());
+
+    let pty =
+        MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run();
+    assert_eq!(pty.status.code(), Some(0), "{}", stderr(&pty));
+    assert!(pty.stdout == memory.stdout, "a pty in this process gives something else");
+
+    let simulator = Simulator::start(&shop);
+    let process = simulator.client().run();
+    assert_eq!(process.status.code(), Some(0), "{}", stderr(&process));
+    assert!(process.stdout == memory.stdout, "a simulator of its own gives something else");
+}
+
+pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
+    let simulator = Simulator::start(&MachineShop::new(&machine()));
+    let client = simulator.client();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let address = Address::Serial { path: simulator.path.clone(), baud: 115_200 };
+    let holder = runtime.block_on(link::open(&address)).unwrap();
+
+    let refused = client.run();
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+    let busy = format!("{} is in use by another program", simulator.path);
+    assert!(stderr(&refused).contains(&busy), "{}", stderr(&refused));
+    assert_eq!(client.states(), [] as [String; 0]);
+    drop(holder);
+}

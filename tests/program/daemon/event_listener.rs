@@ -1,0 +1,71 @@
+//! A client that reads the event stream.
+
+use std::io::{BufRead, BufReader, Write};
+use std::sync::{Arc, Mutex};
+use std::thread::{JoinHandle, sleep};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::support::http::{HttpClient, MACHINE};
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a listener was told at most.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Heard {
+    pub run: u64,
+    /// Of that run.
+    pub measured: u64,
+}
+
+impl Heard {
+    fn takes(&mut self, standing: &Value) {
+        let number = |key: &str| standing[key].as_u64().unwrap();
+        if number("run") > self.run {
+            (self.run, self.measured) = (number("run"), 0);
+        }
+        if number("run") == self.run {
+            self.measured = self.measured.max(number("measured"));
+        }
+    }
+}
+
+/// Somebody who reads the events.
+pub struct Listener {
+    heard: Arc<Mutex<Heard>>,
+    reader: JoinHandle<()>,
+}
+
+impl Listener {
+    pub fn connect(http: HttpClient) -> Self {
+        let mut stream = http.connect();
+        write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{}\r\n\r\n", http.port)
+            .unwrap();
+        let heard = Arc::<Mutex<Heard>>::default();
+        let (lines, keeps) = (BufReader::new(stream), heard.clone());
+        let reader = std::thread::spawn(move || {
+            for line in lines.lines().map_while(Result::ok) {
+                let Some(data) = line.strip_prefix("data: ") else { continue };
+                let machine: Value = serde_json::from_str(data).unwrap();
+                keeps.lock().unwrap().takes(&machine);
+            }
+        });
+        Self { heard, reader }
+    }
+
+    /// Sooner or later.
+    pub fn has_heard_of(&self, run: u64) {
+        let began = Instant::now();
+        while self.heard.lock().unwrap().run < run {
+            assert!(began.elapsed() < PATIENCE, "{:?}", self.heard.lock().unwrap());
+            sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Everything that came, once the other end is gone.
+    pub fn end(self) -> Heard {
+        self.reader.join().unwrap();
+        *self.heard.lock().unwrap()
+    }
+}

@@ -1,0 +1,131 @@
+//! A copy while the daemon measures, a check before it begins, what is counted, and what may go.
+
+use std::process::Output;
+
+use super::served_machine::served_machine;
+use crate::support::machine_shop::MachineShop;
+use rusqlite::Connection;
+use serde_json::json;
+use trued::store::{Journal, RunId};
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Taken in mid-run: whole, up to what was measured by then; as a journal it serves.
+pub fn a_copy_is_taken_in_mid_run() {
+    let shop = MachineShop::new(&served_machine(""));
+    let daemon = shop.serve("real");
+    assert_eq!(daemon.http().start(1), 202);
+    let before = daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
+    let elsewhere = shop.path("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    let copy = elsewhere.join("journal.sqlite");
+    let copied = shop.trued(&["backup", copy.to_str().unwrap()]);
+    assert_eq!(copied.status.code(), Some(0), "{}", said(&copied));
+    assert_eq!(daemon.http().machine()["state"], "running");
+    let again = shop.trued(&["backup", copy.to_str().unwrap()]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(said(&again).contains("choose another name"), "{}", said(&again));
+    assert_eq!(daemon.terminate(), 5);
+    let journal = Journal::open(&elsewhere).unwrap();
+    let run = journal.load(journal.runs().unwrap()[0].id).unwrap();
+    assert!(run.readings.len() as u64 >= before["measured"].as_u64().unwrap());
+    let now = Journal::open(&shop.state()).unwrap().load(run.summary.id).unwrap();
+    assert_eq!(now.readings[..run.readings.len()], run.readings[..]);
+    let missing = shop.path("no-journal");
+    let nothing = std::process::Command::new(env!("CARGO_BIN_EXE_trued"))
+        .args(["backup", "copy.sqlite", "--state", missing.to_str().unwrap()])
+        .output()
+        .unwrap();
+    assert_eq!(nothing.status.code(), Some(1));
+    assert!(said(&nothing).contains("there is none"), "{}", said(&nothing));
+}
+
+/// What `ExecStartPre` asks: nothing is opened, nothing is made, and the daemon may live meanwhile.
+pub fn a_configuration_is_checked_before_it_serves() {
+    let shop = MachineShop::new(&served_machine(""));
+    let machine = shop.path("machine.toml").display().to_string();
+    let check = || shop.trued(&["serve", "--machine", &machine, "--check"]);
+    let sound = check();
+    assert_eq!(sound.status.code(), Some(0), "{}", said(&sound));
+    assert!(said(&sound).contains("cycle 1 takes the machine about"), "{}", said(&sound));
+    assert!(!shop.state().exists());
+    let daemon = shop.serve("fast");
+    assert_eq!(check().status.code(), Some(0));
+    assert_eq!(daemon.terminate(), 0);
+    shop.replace_machine(&served_machine("").replace("positions = 5", "positions = 2"));
+    let unsound = check();
+    assert_eq!(unsound.status.code(), Some(1));
+    assert!(said(&unsound).contains("cycle 1 cannot be measured"), "{}", said(&unsound));
+}
+
+fn value(metrics: &str, name: &str) -> f64 {
+    let line = metrics.lines().find_map(|line| line.strip_prefix(name));
+    line.unwrap_or_else(|| panic!("no {name} in {metrics}")).trim().parse().unwrap()
+}
+
+pub fn what_happens_is_counted() {
+    const OF: &str = "machine=\"simulated five-axis machine\"";
+    let shop = MachineShop::new(&served_machine(""));
+    let daemon = shop.serve("fast");
+    let metrics = daemon.http().text("/metrics");
+    assert_eq!(value(&metrics, &format!("trued_runs_total{{{OF},outcome=\"none\"}}")), 0.0);
+    let lines = metrics.lines().count();
+    assert_eq!(daemon.http().start(1), 202);
+    let ended = daemon.http().wait_for_state("waiting");
+    assert_eq!(daemon.http().start(7), 409);
+    assert_eq!(daemon.http().post("acknowledge", &json!({"who": "Ada"})).0, 409);
+    let metrics = daemon.http().text("/metrics");
+    let told = |name: &str, more: &str| value(&metrics, &format!("trued_{name}{{{OF}{more}}}"));
+    assert_eq!(told("runs_total", ",outcome=\"none\""), 1.0);
+    assert_eq!(told("runs_total", ",outcome=\"held\""), 0.0);
+    assert_eq!(Some(told("readings_total", "")), ended["measured"].as_f64());
+    assert_eq!(told("refusals_total", ",reason=\"NoSuchCycle\""), 1.0);
+    assert_eq!(told("refusals_total", ",reason=\"NothingToAcknowledge\""), 1.0);
+    assert_eq!(told("link_errors_total", ""), 0.0);
+    assert_eq!(told("state", ",state=\"waiting\""), 1.0);
+    assert_eq!(told("state", ",state=\"running\""), 0.0);
+    assert!(told("progress_age_seconds", "") < 60.0);
+    // Each reading is a job of the writer at least.
+    let jobs = value(&metrics, "trued_journal_write_seconds_count");
+    assert!(jobs > told("readings_total", ""), "{jobs}");
+    let version = format!("trued_build_info{{version=\"{}\"}}", env!("CARGO_PKG_VERSION"));
+    assert_eq!(value(&metrics, &version), 1.0);
+    // Two reasons more with their heading, and nothing else, however many runs there were.
+    assert_eq!(metrics.lines().count(), lines + 4);
+    assert!(metrics.ends_with("# EOF\n"));
+}
+
+/// By the journal's own dates: of a run of long ago the samples go, while the daemon waits.
+pub fn samples_go_when_their_time_is_over_and_nothing_else() {
+    let shop = MachineShop::new(served_machine("").split("[serve.http]").next().unwrap());
+    let file = shop.path("trued.toml");
+    let page = "[http]\nlisten = \"127.0.0.1:0\"\n[[machine]]\nfile = \"machine.toml\"\n";
+    std::fs::write(&file, page).unwrap();
+    let arguments = ["--config", file.to_str().unwrap()];
+    let daemon = shop.serve_as(&arguments, |_| {});
+    for run in 1..=2 {
+        assert_eq!(daemon.http().start(2), 202);
+        daemon.http().wait_until(|now| now["state"] == "waiting" && now["run"] == run);
+    }
+    assert_eq!(daemon.terminate(), 0);
+    let journal = Journal::open(&shop.state()).unwrap();
+    let runs = [RunId(1), RunId(2)];
+    for run in runs {
+        let mut sample = journal.load(run).unwrap().readings[0].clone();
+        (sample.step, sample.value_mm) = (10_000, Some(0.1));
+        journal.scan(run, &[sample.clone(), sample]).wait().unwrap();
+    }
+    let [old, young] = runs.map(|run| journal.load(run).unwrap());
+    let database = Connection::open(shop.state().join("journal.sqlite")).unwrap();
+    database.execute("UPDATE runs SET ended = '2020-02-02T02:02:02Z' WHERE id = 1", []).unwrap();
+    std::fs::write(&file, format!("{page}[retention]\nkeep_days = 100\n")).unwrap();
+    let daemon = shop.serve_as(&arguments, |_| {});
+    daemon.wait_for_log("run 1: the samples of 1 scans are removed");
+    assert_eq!(daemon.terminate(), 0);
+    let [now, still] = runs.map(|run| journal.load(run).unwrap());
+    assert_eq!(now.readings[..], old.readings[..old.readings.len() - 2]);
+    assert_eq!((&now.estimates, &now.plan), (&old.estimates, &old.plan));
+    assert_eq!(still, young);
+}

@@ -1,0 +1,158 @@
+//! SIGKILL at any moment of a cycle that the daemon measures. The simulated control lives in this process
+//! and sees every line: what is durable, and that nothing moves before a person has acknowledged.
+
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rand::RngExt;
+use rusqlite::Connection;
+use serde_json::json;
+use trued::base::random;
+use trued::record::reading::Reading;
+use trued::store::{Journal, RunId, RunState};
+
+use super::event_listener::{Heard, Listener};
+use super::served_machine::served_machine;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::machine_shop::MachineShop;
+use crate::support::recording_control::{Record, Witness};
+
+pub fn twenty_kills_lose_nothing_and_move_nothing() {
+    kills(20, 1);
+}
+
+pub fn two_hundred_kills_lose_nothing_and_move_nothing() {
+    kills(200, 2);
+}
+
+fn machine(witness: &Witness) -> String {
+    let wire = "kind = \"simulated\"";
+    let machine = served_machine("");
+    assert!(machine.contains(wire) && machine.contains("\nwire = \"memory\""));
+    let tcp = format!("kind = \"grbl\"\ntcp = \"{}\"", witness.address());
+    machine.replacen(wire, &tcp, 1).replacen("\nwire = \"memory\"", "", 1)
+}
+
+/// Four journals at once, each with its share: most of the time nothing must happen.
+fn kills(count: u64, seed: u64) {
+    const SHOPS: u64 = 4;
+    let share = |shop: u64| move || in_one_shop((shop..count).step_by(SHOPS as usize), seed);
+    let (known, in_mid_run) = std::thread::scope(|scope| {
+        let shops: Vec<_> = (0..SHOPS).map(|shop| scope.spawn(share(shop))).collect();
+        let ended = shops.into_iter().map(|shop| shop.join().unwrap());
+        ended.fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1))
+    });
+    println!("{count} kills, {known} runs, {in_mid_run} of them dead between touches");
+    assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
+}
+
+/// All in one journal, so that each daemon finds what the dead have left. How many runs it holds then,
+/// and how many of them died in their midst.
+fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
+    let shop = MachineShop::new("");
+    let (witness, daemon) = serve(&shop);
+    assert_eq!(daemon.http().start(1), 202);
+    daemon.http().wait_for_state("waiting");
+    assert_eq!(daemon.terminate(), 0);
+    let whole = witness.end().bytes();
+    let (mut known, mut in_mid_run) = (1, 0);
+    let (mut witness, mut daemon) = serve(&shop);
+    for kill in kills {
+        let mut random = random::stream(seed, &[kill]);
+        let bytes = random.random_range(0..=whole);
+        let pause = Duration::from_micros(random.random_range(0..5_000));
+        let (heard, record) = killed(witness, daemon, bytes, pause);
+        // It waits for a person where a run is unfinished.
+        (witness, daemon) = serve(&shop);
+        stays_silent(&witness);
+        in_mid_run += u64::from(examine(&shop, &daemon, (heard, &record), &mut known));
+        stays_silent(&witness);
+    }
+    assert_eq!(daemon.terminate(), 0);
+    assert_eq!(witness.end().bytes(), 0);
+    (known, in_mid_run)
+}
+
+/// Neither by itself nor by an acknowledgement.
+fn stays_silent(witness: &Witness) {
+    const LONG: Duration = Duration::from_secs(1);
+    let (began, mut silent) = (Instant::now(), false);
+    witness.wait_for(1, || {
+        silent = began.elapsed() >= LONG;
+        silent
+    });
+    assert!(silent, "the control was spoken to before anybody started a cycle");
+}
+
+fn serve(shop: &MachineShop) -> (Witness, DaemonProcess) {
+    let witness = Witness::start();
+    shop.replace_machine(&machine(&witness));
+    let daemon = shop.serve("fast");
+    (witness, daemon)
+}
+
+/// One cycle, killed after `bytes` went over the wire and `pause`.
+fn killed(
+    witness: Witness,
+    mut daemon: DaemonProcess,
+    bytes: usize,
+    pause: Duration,
+) -> (Heard, Record) {
+    let listener = Listener::connect(daemon.http());
+    assert_eq!(daemon.http().start(1), 202);
+    // All of it may have gone over the wire: then the daemon dies while it computes, or waits again.
+    let (client, began) = (daemon.http(), Instant::now());
+    witness.wait_for(bytes, || {
+        began.elapsed() > Duration::from_secs(1) && client.machine()["state"] == "waiting"
+    });
+    sleep(pause);
+    daemon.kill();
+    (listener.end(), witness.end())
+}
+
+/// What the dead has left, as the next daemon finds it; whether it died in mid-run.
+fn examine(
+    shop: &MachineShop,
+    daemon: &DaemonProcess,
+    (heard, record): (Heard, &Record),
+    known: &mut usize,
+) -> bool {
+    let journal = Journal::open(&shop.state()).unwrap();
+    let database = Connection::open(shop.state().join("journal.sqlite")).unwrap();
+    let whole: String = database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    assert_eq!(whole, "ok");
+    let runs = journal.runs().unwrap();
+    let new = runs.len() - *known;
+    *known = runs.len();
+    assert!(new <= 1 && runs.iter().all(|run| run.state != RunState::Running), "{runs:?}");
+    let state = daemon.http().machine()["state"].clone();
+    let Some(run) = runs.last().filter(|_| new == 1) else {
+        assert_eq!((record.begun(), record.touches().len()), (0, 0), "moved without a run");
+        assert_eq!((heard.measured, &state), (0, &json!("waiting")));
+        return false;
+    };
+    assert_kept(run.id, &journal.load(run.id).unwrap().readings, heard, record);
+    if run.state == RunState::Finished {
+        assert_eq!(state, "waiting");
+        return false;
+    }
+    assert_eq!((run.state, &state), (RunState::Interrupted, &json!("held")));
+    assert_eq!(daemon.http().start(1), 409);
+    assert_eq!(daemon.http().post("acknowledge", &json!({"who": "Ada", "why": "looked"})).0, 202);
+    daemon.http().wait_for_state("waiting");
+    !record.touches().is_empty()
+}
+
+/// Nothing lost: neither what the control was asked for after it, nor what was shown to somebody.
+fn assert_kept(run: RunId, readings: &[Reading], heard: Heard, record: &Record) {
+    let (count, touches) = (readings.len(), record.touches());
+    if i64::try_from(heard.run) == Ok(run.0) {
+        assert!(count as u64 >= heard.measured, "{count} kept, {heard:?} were shown");
+    }
+    assert!(count >= record.begun(), "{count} kept, but step {} was begun", record.begun());
+    assert!(count <= touches.len() && count + 1 >= touches.len(), "{count}, {}", touches.len());
+    for (reading, touch) in readings.iter().zip(touches) {
+        let at = reading.position.iter().map(|(axis, value)| axis.to_edge(value));
+        assert_eq!(at.take(touch.len()).collect::<Vec<_>>(), touch, "step {}", reading.step);
+    }
+}

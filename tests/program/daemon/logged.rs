@@ -1,0 +1,171 @@
+//! What journald would hear: a socket in its place, in a mount namespace of the daemon's own, read by the words of
+//! systemd's "Native Journal Protocol". Without the right to mount (root) this is skipped; with
+//! `TRUED_REQUIRE_PEERS=1` it fails.
+
+use std::collections::BTreeSet;
+use std::os::unix::net::UnixDatagram;
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use super::served_machine::served_machine;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::machine_shop::MachineShop;
+use serde_json::json;
+use trued::store::{Journal, RunId};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+/// As systemd does it: standard error is the journal's, and the program is told which file that is.
+const SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
+                      mount --bind \"$0\" /run/systemd/journal && \
+                      export JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) && exec \"$@\"";
+
+/// The simulated control restarts on the way.
+const RESET: &str = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n";
+
+/// Name and value of each field.
+type Entry = Vec<(String, String)>;
+
+/// `NAME=value`, or the name, the value's length in eight bytes, and the value; a line each.
+fn entry(mut bytes: &[u8]) -> Entry {
+    let mut fields = Vec::new();
+    while let Some(end) = bytes.iter().position(|byte| *byte == b'\n') {
+        let (line, rest) = (String::from_utf8(bytes[..end].to_vec()).unwrap(), &bytes[end + 1..]);
+        if let Some((name, value)) = line.split_once('=') {
+            fields.push((name.to_owned(), value.to_owned()));
+            bytes = rest;
+            continue;
+        }
+        let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;
+        fields.push((line, String::from_utf8(rest[8..8 + length].to_vec()).unwrap()));
+        bytes = &rest[8 + length + 1..];
+    }
+    fields
+}
+
+fn field<'a>(entry: &'a [(String, String)], name: &str) -> Option<&'a str> {
+    entry.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
+}
+
+#[derive(Clone)]
+struct Journald(Arc<Mutex<Vec<Entry>>>);
+
+impl Journald {
+    fn at(socket: UnixDatagram) -> Self {
+        let heard = Self(Arc::default());
+        let keeps = heard.clone();
+        std::thread::spawn(move || {
+            let mut buffer = vec![0; 1 << 16];
+            while let Ok(count) = socket.recv(&mut buffer) {
+                keeps.0.lock().unwrap().push(entry(&buffer[..count]));
+            }
+        });
+        heard
+    }
+
+    /// The entry whose message begins so, once it has come.
+    fn until(&self, words: &str) -> Entry {
+        let began = Instant::now();
+        loop {
+            let all = self.0.lock().unwrap().clone();
+            let begins = |entry: &&Entry| {
+                field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words))
+            };
+            if let Some(entry) = all.iter().find(begins) {
+                return entry.clone();
+            }
+            assert!(began.elapsed() < PATIENCE, "no {words} in {all:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+fn may_mount() -> bool {
+    let mounts = Command::new("unshare")
+        .args(["--mount", "sh", "-c", "mount -t tmpfs none /run"])
+        .stderr(Stdio::null())
+        .status();
+    let may = mounts.is_ok_and(|status| status.success());
+    let required = std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1");
+    assert!(may || !required, "no mount namespace: run this as root");
+    may
+}
+
+/// With a journald of its own.
+fn serve(shop: &MachineShop, speed: &str) -> (DaemonProcess, Journald) {
+    let folder = shop.path("journald");
+    std::fs::create_dir(&folder).unwrap();
+    let journald = Journald::at(UnixDatagram::bind(folder.join("socket")).unwrap());
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
+    command.args(["serve", "--speed", speed, "--machine"]).arg(shop.path("machine.toml"));
+    let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
+    let daemon = DaemonProcess { child, log: Arc::default() };
+    let page = journald.until("the page is at http://127.0.0.1:");
+    // Standard error is not written where journald listens.
+    let message = field(&page, "MESSAGE").unwrap();
+    daemon.log.lock().unwrap().push_str(&format!("{message}\n"));
+    journald.until("ready");
+    (daemon, journald)
+}
+
+/// Each step that the journal knows stands there with its run's number, and as what it is.
+pub fn each_step_is_found_by_its_run() {
+    if !may_mount() {
+        println!("skipped, for this is not root");
+        return;
+    }
+    let shop = MachineShop::new(&served_machine(""));
+    let (daemon, journald) = serve(&shop, "fast");
+    assert_eq!(daemon.http().start(1), 202);
+    daemon.http().wait_for_state("waiting");
+    assert_eq!(daemon.terminate(), 0);
+    let readings = Journal::open(&shop.state()).unwrap().load(RunId(1)).unwrap().readings;
+    let measured: BTreeSet<String> = readings.iter().map(|one| one.step.to_string()).collect();
+    assert!(measured.len() > 10);
+    let all = journald.0.lock().unwrap().clone();
+    let steps = all.iter().filter(|entry| field(entry, "TRUED_RUN") == Some("1"));
+    let steps = steps.filter_map(|entry| Some((field(entry, "TRUED_STEP")?, entry)));
+    let mut told = BTreeSet::new();
+    for (step, entry) in steps {
+        assert_eq!(field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
+        // Informational: beneath what the daemon says to everybody.
+        assert_eq!(field(entry, "PRIORITY"), Some("6"), "{entry:?}");
+        told.insert(step.to_owned());
+    }
+    assert!(told.is_superset(&measured), "{told:?} {measured:?}");
+}
+
+/// Priorities of syslog.
+const ERR: Option<&str> = Some("3");
+const NOTICE: Option<&str> = Some("5");
+
+/// A hold comes from the page's thread, and is found by the run that it held; it is no fault.
+pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
+    if !may_mount() {
+        println!("skipped, for this is not root");
+        return;
+    }
+    let told = |entry: &Entry| {
+        let [run, priority] = ["TRUED_RUN", "PRIORITY"].map(|name| field(entry, name));
+        (run.map(str::to_owned), priority.map(str::to_owned))
+    };
+    let is = |run: Option<&str>, priority: Option<&str>| {
+        (run.map(str::to_owned), priority.map(str::to_owned))
+    };
+    let shop = MachineShop::new(&served_machine(""));
+    let (daemon, journald) = serve(&shop, "real");
+    assert_eq!(daemon.http().start(1), 202);
+    daemon.http().wait_until(|standing| standing["measured"].as_u64().unwrap() > 0);
+    assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
+    assert_eq!(told(&journald.until("stopped by somebody at the page")), is(Some("1"), NOTICE));
+    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), NOTICE));
+    assert_eq!(told(&journald.until("ready")), is(None, NOTICE));
+    let shop =
+        MachineShop::new(&served_machine("").replacen("[serve]", &format!("{RESET}[serve]"), 1));
+    let (daemon, journald) = serve(&shop, "fast");
+    assert_eq!(daemon.http().start(1), 202);
+    daemon.http().wait_for_state("held");
+    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), ERR));
+    assert_eq!(told(&journald.until("run 1 begins")), is(Some("1"), NOTICE));
+}

@@ -1,0 +1,13 @@
+//! The machine file of the daemon suite.
+
+const SERVE: &str = "[serve]\nmin_interval_s = 0.0\n\
+                     [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+                     [[serve.cycle]]\nnumber = 2\nmethod = \"latch-delay\"\n\
+                     [serve.http]\nlisten = \"127.0.0.1:0\"\n";
+const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositions = 5\n";
+
+/// The built-in machine with few touches, and what may be started; `before`: other keys of [serve].
+pub fn served_machine(before: &str) -> String {
+    let machine = include_str!("../../../config/simulated.toml").split("\n[serve]").next().unwrap();
+    format!("{machine}\n{SHORT}{}", SERVE.replacen("[serve]\n", &format!("[serve]\n{before}"), 1))
+}

@@ -1,0 +1,77 @@
+//! Run after run, with somebody reading all the while: what it needs does not grow.
+
+use super::event_listener::Listener;
+use super::served_machine::served_machine;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::HttpClient;
+use crate::support::machine_shop::MachineShop;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// After the first tenth of the runs.
+const GROWTH_KIB: u64 = 5 * 1024;
+const IDLE_KIB: u64 = 40 * 1024;
+/// Of a core.
+const IDLE_LOAD: f64 = 0.01;
+
+pub fn fifty_runs_need_no_more_than_five() {
+    soak(50, 5);
+}
+
+pub fn five_hundred_runs_need_no_more_than_fifty() {
+    soak(500, 20);
+}
+
+fn soak(runs: u64, readers: usize) {
+    let shop = MachineShop::new(&served_machine(""));
+    let daemon = shop.serve("fast");
+    let listeners: Vec<Listener> = (0..readers).map(|_| Listener::connect(daemon.http())).collect();
+    let mut resident = Vec::new();
+    for run in 1..=runs {
+        one(daemon.http(), run);
+        resident.push(daemon.memory_kib("VmRSS"));
+    }
+    for listener in &listeners {
+        listener.has_heard_of(runs);
+    }
+    let (first, rest) = resident.split_at(resident.len() / 10);
+    let (before, after) = (first.iter().max().unwrap(), rest.iter().max().unwrap());
+    println!("{runs} runs, {readers} readers: at most {before} KiB at first, then {after}");
+    assert!(*after <= before + GROWTH_KIB, "{resident:?}");
+    // Idle is what it is after all of that, with its readers and its journal.
+    let load = idle_load(&daemon, Duration::from_secs(10));
+    let idle = daemon.memory_kib("VmRSS");
+    println!("idle for 10 s: {idle} KiB, {:.2} % of a core", load * 100.0);
+    assert!(idle < IDLE_KIB, "{idle} KiB while it waits");
+    assert!(load < IDLE_LOAD, "{load}");
+    assert_eq!(daemon.http().machine()["state"], "waiting");
+}
+
+/// To its end; and what a page would ask for then.
+fn one(client: HttpClient, run: u64) {
+    let cycle = if run % 5 == 1 { 1 } else { 2 };
+    // Who asks as often as this is told to wait.
+    while client.start(cycle) == 429 {
+        sleep(Duration::from_millis(100));
+    }
+    let ended = client.wait_until(|standing| standing["state"] != "running");
+    assert_eq!((&ended["state"], ended["run"].as_u64()), (&"waiting".into(), Some(run)));
+    client.get(&format!("/api/v1/runs/{run}/readings?limit=10"));
+    client.text("/machines/simulated%20five-axis%20machine");
+    client.text("/metrics");
+}
+
+/// User and system time of the process over `time`, of /proc/PID/stat.
+fn idle_load(daemon: &DaemonProcess, time: Duration) -> f64 {
+    /// `sysconf(_SC_CLK_TCK)` on every Linux that this runs on.
+    const TICKS_PER_S: f64 = 100.0;
+    let ticks = || -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", daemon.child.id())).unwrap();
+        let after_name = stat.rsplit_once(')').unwrap().1;
+        let fields: Vec<&str> = after_name.split_whitespace().collect();
+        fields[11..13].iter().map(|field| field.parse::<f64>().unwrap()).sum()
+    };
+    let (before, began) = (ticks(), Instant::now());
+    sleep(time);
+    (ticks() - before) / TICKS_PER_S / began.elapsed().as_secs_f64()
+}

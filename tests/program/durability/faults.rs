@@ -1,0 +1,176 @@
+//! Disks that fill up, fail, come up short or are slow: `tests/peers/faulty_disk/shim.c` stands
+//! between the program and its journal.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use super::{Bench, assert_kept, assert_whole, said};
+use crate::support::recording_control::Record;
+
+/// The shim, compiled into `folder`.
+pub fn shim(folder: &Path) -> PathBuf {
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/faulty_disk/shim.c");
+    let library = folder.join("faulty_disk.so");
+    let compiled = Command::new("cc")
+        .args(["-Wall", "-Werror", "-shared", "-fPIC", "-O1", "-o"])
+        .arg(&library)
+        .args([source, "-ldl"])
+        .output()
+        .unwrap();
+    assert!(compiled.status.success(), "{}", said(&compiled));
+    library
+}
+
+/// A whole run on a disk as `faults` say.
+fn run(bench: &Bench, faults: &[(&str, String)]) -> (Output, Record) {
+    let (shim, disk) = (shim(bench.folder.path()), bench.disk());
+    bench.run_whole(|command| {
+        command.env("LD_PRELOAD", shim).env("FAULTY_DISK", disk);
+        command.envs(faults.iter().map(|(name, value)| (name, value)));
+    })
+}
+
+/// Bytes written, writes and syncs of a whole run, as the shim logs them.
+struct Effort {
+    bytes: u64,
+    writes: u64,
+    syncs: u64,
+    touches: usize,
+}
+
+fn effort() -> (Effort, Vec<u8>) {
+    let bench = Bench::new();
+    let log = bench.path("disk.log");
+    let (output, record) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert_kept(&bench.readings(1), &record);
+    let mut effort = Effort { bytes: 0, writes: 0, syncs: 0, touches: record.touches().len() };
+    for event in super::image::events(&log) {
+        match event {
+            super::image::Event::Write { data, .. } => {
+                effort.bytes += data.len() as u64;
+                effort.writes += 1;
+            }
+            super::image::Event::Sync { .. } | super::image::Event::SyncFolder { .. } => {
+                effort.syncs += 1;
+            }
+            _ => {}
+        }
+    }
+    (effort, output.stdout)
+}
+
+/// The run ends with `code` and `words`; everything acknowledged is there, nothing moves afterwards,
+/// the next start finds the run held or interrupted.
+fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
+    let bench = Bench::new();
+    let (output, record) = run(&bench, &[(fault, at.to_string())]);
+    let (moved, told) = (!record.touches().is_empty(), said(&output));
+    println!(
+        "{fault}={at}: {:?}, {} touches, {told}",
+        output.status.code(),
+        record.touches().len()
+    );
+    let code = output.status.code();
+    // All was measured, and what came of it cannot be kept: nothing was stopped.
+    let unkept = record.touches().len() == whole.touches && code == Some(1);
+    assert!(unkept || code == Some(if moved { 5 } else { 1 }), "{fault}={at}: {code:?} {told}");
+    assert!(output.stdout.is_empty(), "{fault}={at}: an estimate in spite of everything");
+    assert!(words.iter().any(|word| told.contains(word)), "{fault}={at}: {told}");
+    assert!(told.contains("\n  → "), "{fault}={at}: {told}");
+    assert!(moved || record.begun() == 0);
+    if !bench.state().join("journal.sqlite").exists() {
+        return;
+    }
+    assert_whole(&bench.state());
+    bench.next_start();
+    match bench.states().as_slice() {
+        [] => assert!(!moved, "moved without a run in the journal"),
+        [state] => {
+            // All was measured, and the last word could not be written.
+            let complete = state == "finished" && bench.readings(1).len() == whole.touches;
+            let states = if moved { ["held", "interrupted"] } else { ["failed", "interrupted"] };
+            assert!(complete || states.contains(&state.as_str()), "{fault}={at}: {state}");
+            assert_kept(&bench.readings(1), &record);
+        }
+        more => panic!("{more:?}"),
+    }
+}
+
+pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
+    let (whole, _) = effort();
+    let full = ["the disk is full", "No space left on device", "the disk reports an error"];
+    let failing = ["the disk reports an error", "Input/output error"];
+    for eighth in 0..8 {
+        let part = |all: u64| all * eighth / 8;
+        stops_cleanly(&whole, "FAULTY_FULL_AFTER", part(whole.bytes), &full);
+        stops_cleanly(&whole, "FAULTY_WRITE_AFTER", part(whole.writes), &failing);
+        stops_cleanly(&whole, "FAULTY_SYNC_AFTER", part(whole.syncs), &failing);
+        stops_cleanly(&whole, "FAULTY_SYNC_ONCE", part(whole.syncs), &failing);
+    }
+}
+
+/// Bytes written when the transaction that keeps the estimate of a whole run is half done: another run may write a
+/// page more or less before it.
+fn amid_the_estimate() -> u64 {
+    let bench = Bench::new();
+    let log = bench.path("disk.log");
+    let (output, _) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let (mut bytes, mut synced, mut is_it) = (0, 0, false);
+    for event in super::image::events(&log) {
+        match event {
+            super::image::Event::Write { data, .. } => {
+                is_it |= data.windows(ESTIMATE.len()).any(|some| some == ESTIMATE);
+                bytes += data.len() as u64;
+            }
+            super::image::Event::Sync { .. } if is_it => return (synced + bytes) / 2,
+            super::image::Event::Sync { .. } => synced = bytes,
+            _ => {}
+        }
+    }
+    panic!("no estimate was written");
+}
+
+/// As each estimate begins.
+const ESTIMATE: &[u8] = b"{\"trued_estimate\":";
+
+/// All is measured and kept, but for what was found: that is told, nothing is stopped, and it is found again once
+/// there is room.
+pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
+    let (whole, found) = effort();
+    let full = amid_the_estimate();
+    assert!(full < whole.bytes);
+    let bench = Bench::new();
+    let (output, record) = run(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
+    let told = said(&output);
+    assert_eq!((output.status.code(), record.touches().len()), (Some(1), whole.touches), "{told}");
+    assert!(
+        output.stdout.is_empty() && told.contains("what was found could not be kept"),
+        "{told}"
+    );
+    for words in ["make room on the journal's disk", "`trued identify self-calibration --run 1`"] {
+        assert!(told.contains(words), "{words} in {told}");
+    }
+    assert_whole(&bench.state());
+    assert_eq!(bench.states(), ["finished"]);
+    assert_eq!(bench.readings(1).len(), whole.touches);
+    assert_kept(&bench.readings(1), &record);
+    let again = ["identify", "self-calibration", "--run", "1", "--json"];
+    let again = bench.command(&again).output().unwrap();
+    assert!(again.status.success() && again.stdout == found, "{}", said(&again));
+}
+
+pub fn a_disk_that_writes_in_pieces_or_slowly_changes_nothing() {
+    let (whole, estimate) = effort();
+    for (fault, value) in [("FAULTY_SHORT", "1"), ("FAULTY_SLOW_MS", "100")] {
+        let bench = Bench::new();
+        let (output, record) = run(&bench, &[(fault, value.to_owned())]);
+        assert_eq!(output.status.code(), Some(0), "{fault}: {}", said(&output));
+        assert!(output.stdout == estimate, "{fault} changed the estimate");
+        assert_whole(&bench.state());
+        assert_eq!(bench.states(), ["finished"]);
+        assert_kept(&bench.readings(1), &record);
+        assert_eq!(record.touches().len(), whole.touches);
+    }
+}

@@ -1,0 +1,66 @@
+//! SIGKILL at any moment of a run.
+
+use std::time::Duration;
+
+use rand::RngExt;
+use trued::base::random;
+
+use super::{Bench, assert_kept, assert_whole};
+use crate::support::recording_control::Witness;
+
+pub fn twenty_kills_lose_nothing_that_was_acknowledged() {
+    kills(20, 1);
+}
+
+pub fn two_hundred_kills_lose_nothing_that_was_acknowledged() {
+    kills(200, 2);
+}
+
+/// All in one journal, so that each run finds what the dead have left.
+fn kills(count: usize, seed: u64) {
+    let (whole, record) = Bench::new().run_whole(|_| {});
+    assert_eq!(whole.status.code(), Some(0), "{}", super::said(&whole));
+    let bench = Bench::new();
+    let (mut begun, mut in_mid_run) = (0, 0);
+    for kill in 0..count {
+        let mut random = random::stream(seed, &[kill as u64]);
+        let bytes = random.random_range(0..=record.bytes());
+        let pause = Duration::from_micros(random.random_range(0..5_000));
+        let (ended, touches) = killed(&bench, bytes, pause, &mut begun);
+        in_mid_run += usize::from(ended == "interrupted" && touches > 0);
+    }
+    println!("{count} kills, {begun} runs begun, {in_mid_run} of them dead between touches");
+    assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
+}
+
+/// One run, killed after `bytes` went over the wire and `pause`. How it ended, and its touches.
+fn killed(bench: &Bench, bytes: usize, pause: Duration, begun: &mut usize) -> (String, usize) {
+    let witness = Witness::start();
+    let mut run = bench.run(&witness.address()).spawn().unwrap();
+    witness.wait_for(bytes, || run.try_wait().unwrap().is_some());
+    std::thread::sleep(pause);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let record = witness.end();
+    if bench.state().join("journal.sqlite").exists() {
+        assert_whole(&bench.state());
+    }
+
+    bench.next_start();
+    let states = bench.states();
+    let new = states.len() - *begun;
+    *begun = states.len();
+    assert!(new <= 1 && states.iter().all(|state| state != "running"), "{states:?}");
+    let touches = record.touches().len();
+    match states.last().filter(|_| new == 1) {
+        None => {
+            assert_eq!((record.begun(), touches), (0, 0), "moved without a run in the journal");
+            ("none".to_owned(), 0)
+        }
+        Some(state) => {
+            assert!(["interrupted", "finished"].contains(&state.as_str()), "{state}");
+            assert_kept(&bench.readings(*begun), &record);
+            (state.clone(), touches)
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! What was acknowledged stays: the real program, killed at any moment, on disks that fill up and
+//! fail, and after a cut of the power. The independent witness is the simulated control, which runs
+//! in this process: a touch that it was asked for proves that the one before is durable.
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use trued::record::reading::Reading;
+use trued::report::readings_csv;
+
+mod faults;
+mod image;
+mod kills;
+mod power;
+
+use crate::support::recording_control::{self as witness, Record, Witness};
+
+/// A folder with a journal and a machine file.
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The disk of the journal.
+    fn disk(&self) -> PathBuf {
+        let disk = self.path("disk");
+        std::fs::create_dir_all(&disk).unwrap();
+        disk
+    }
+
+    fn state(&self) -> PathBuf {
+        self.disk().join("state")
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.state());
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// A run over the control at `address`.
+    fn run(&self, address: &str) -> Command {
+        let machine = self.path("machine.toml");
+        std::fs::write(&machine, witness::machine(address)).unwrap();
+        self.command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
+    }
+
+    /// A run to its end, whatever that is.
+    fn run_whole(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
+        let witness = Witness::start();
+        let mut command = self.run(&witness.address());
+        prepare(&mut command);
+        let output = command.output().unwrap();
+        (output, witness.end())
+    }
+
+    /// The next command that takes the machine's lock. Nobody is at its control.
+    fn next_start(&self) {
+        let refused = self.run("127.0.0.1:1").output().unwrap();
+        assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    }
+
+    /// States of all runs, oldest first.
+    fn states(&self) -> Vec<String> {
+        let listed = self.command(&["runs", "--json"]).output().unwrap();
+        assert_eq!(listed.status.code(), Some(0), "{}", said(&listed));
+        let runs: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
+        let state = |run: &serde_json::Value| run["state"].as_str().unwrap().to_owned();
+        runs.as_array().unwrap().iter().map(state).collect()
+    }
+
+    fn readings(&self, run: usize) -> Vec<Reading> {
+        let to = self.path("export");
+        let arguments = ["export", &run.to_string(), "--to", to.to_str().unwrap()];
+        let exported = self.command(&arguments).output().unwrap();
+        assert_eq!(exported.status.code(), Some(0), "{}", said(&exported));
+        let csv = std::fs::read(to.join(format!("run-{run}-readings.csv"))).unwrap();
+        readings_csv::read(&csv).unwrap()
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// What SQLite itself says of a copy of the journal.
+fn assert_whole(state: &Path) {
+    let copy = tempfile::tempdir().unwrap();
+    for end in ["", "-wal", "-journal"] {
+        let name = format!("journal.sqlite{end}");
+        if state.join(&name).exists() {
+            std::fs::copy(state.join(&name), copy.path().join(&name)).unwrap();
+        }
+    }
+    let database = rusqlite::Connection::open(copy.path().join("journal.sqlite")).unwrap();
+    let verdict: String =
+        database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    assert_eq!(verdict, "ok");
+}
+
+/// Nothing lost, nothing invented: each reading is a touch that the control made, and at most the
+/// touch in hand is not kept.
+fn assert_kept(readings: &[Reading], record: &Record) {
+    let touches = record.touches();
+    let (kept, made) = (readings.len(), touches.len());
+    assert!(kept <= made, "{kept} kept of {made} touches");
+    assert!(kept >= record.begun(), "{kept} kept, but step {} was begun", record.begun());
+    assert!(kept + 1 >= made, "{kept} kept of {made} touches");
+    for ((reading, touch), step) in readings.iter().zip(touches).zip(0..) {
+        assert_eq!(reading.step, step);
+        let at: Vec<f64> =
+            reading.position.iter().map(|(axis, value)| axis.to_edge(value)).collect();
+        assert_eq!(at[..touch.len()], touch, "step {step}");
+    }
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        faults::a_full_or_failing_disk_stops_the_run_cleanly,
+        faults::a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone,
+        faults::a_disk_that_writes_in_pieces_or_slowly_changes_nothing,
+        kills::twenty_kills_lose_nothing_that_was_acknowledged,
+        power::eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged,
+    ]
+    .and(
+        trials![Pool::Waiting, 0;
+            kills::two_hundred_kills_lose_nothing_that_was_acknowledged,
+            power::a_thousand_cuts_of_the_power_lose_nothing_that_was_acknowledged,
+        ]
+        .ignored(),
+    )
+}

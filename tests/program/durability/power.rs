@@ -1,0 +1,108 @@
+//! The power goes. The shim's log says what the program wrote and synced, and in between what it
+//! sent to the machine: a line of the next step says that the reading before it is durable.
+
+use std::path::Path;
+
+use rand::RngExt;
+use trued::base::random;
+use trued::record::reading::Reading;
+use trued::store::{Journal, RunState};
+
+use super::image::{Disk, Event, events};
+use super::{Bench, assert_whole, faults, said, witness};
+
+pub fn eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged() {
+    cuts(80, 1);
+}
+
+pub fn a_thousand_cuts_of_the_power_lose_nothing_that_was_acknowledged() {
+    cuts(1000, 2);
+}
+
+/// Half of them in the first run of a journal, which makes it, half in a later one.
+fn cuts(count: usize, seed: u64) {
+    let bench = Bench::new();
+    let shim = faults::shim(bench.folder.path());
+    let mut before: Vec<Vec<Reading>> = Vec::new();
+    for run in 1..=2 {
+        let log = bench.path(&format!("disk-{run}.log"));
+        let begins = tempfile::tempdir().unwrap();
+        let disk = Disk::of(&bench.disk(), &bench.disk());
+        disk.cut(&mut random::stream(0, &[]), begins.path());
+        let (output, _) = bench.run_whole(|command| {
+            command.env("LD_PRELOAD", &shim).env("FAULTY_DISK", bench.disk());
+            command.env("FAULTY_LOG", &log);
+        });
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+        let taken = Taken {
+            events: events(&log),
+            root: bench.disk(),
+            begins: begins.path(),
+            whole: bench.readings(run),
+            before: &before,
+        };
+        let mut in_mid_run = 0;
+        for cut in 0..count / 2 {
+            let mut random = random::stream(seed, &[run as u64, cut as u64]);
+            let at = random.random_range(0..=taken.events.len());
+            in_mid_run += usize::from(taken.cut(at, &mut random) > 0);
+        }
+        println!("run {run}: {} events, {in_mid_run} cuts between touches", taken.events.len());
+        assert!(in_mid_run * 4 > count / 2, "{in_mid_run} cuts met the run");
+        before.push(taken.whole);
+    }
+}
+
+/// A run that was watched to its end.
+struct Taken<'a> {
+    events: Vec<Event>,
+    root: std::path::PathBuf,
+    /// The disk before it.
+    begins: &'a Path,
+    /// What it measured.
+    whole: Vec<Reading>,
+    /// What the runs before it measured.
+    before: &'a [Vec<Reading>],
+}
+
+impl Taken<'_> {
+    /// Cut the power before the event `at`. How many steps had been begun.
+    fn cut(&self, at: usize, random: &mut impl RngExt) -> usize {
+        let mut disk = Disk::of(self.begins, &self.root);
+        let (mut sent, mut printed) = (Vec::new(), false);
+        for event in &self.events[..at] {
+            disk.take(event);
+            match event {
+                Event::Send { data } => sent.extend(data),
+                Event::Print => printed = true,
+                _ => {}
+            }
+        }
+        let begun = witness::begun(&sent);
+        let moved = String::from_utf8_lossy(&sent).contains("N0 ");
+        let left = tempfile::tempdir().unwrap();
+        disk.cut(random, left.path());
+        let state = left.path().join("state");
+        if state.join("journal.sqlite").exists() {
+            assert_whole(&state);
+        }
+        let journal = Journal::open(&state).unwrap_or_else(|e| panic!("cut at {at}: {e}"));
+        let runs = journal.runs().unwrap();
+        for (run, readings) in runs.iter().zip(self.before) {
+            assert_eq!(run.state, RunState::Finished, "cut at {at}");
+            assert_eq!(&journal.load(run.id).unwrap().readings, readings, "cut at {at}");
+        }
+        assert!(runs.len() >= self.before.len(), "cut at {at}: earlier runs are lost");
+        let Some(run) = runs.get(self.before.len()) else {
+            assert!(!moved, "cut at {at}: the machine has moved, and no run is known");
+            return 0;
+        };
+        let stored = journal.load(run.id).unwrap();
+        let kept = stored.readings.len();
+        assert!(kept >= begun, "cut at {at}: {kept} kept, but step {begun} was begun");
+        assert_eq!(stored.readings, self.whole[..kept], "cut at {at}");
+        assert!(!moved || stored.plan.steps.len() > begun, "cut at {at}: the plan is cut off");
+        assert!(!printed || stored.estimates.len() == 1, "cut at {at}: the result is lost");
+        begun
+    }
+}

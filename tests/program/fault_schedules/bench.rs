@@ -1,0 +1,179 @@
+//! One run of the real program on a simulated machine that does wrong, behind a bad wire.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use rand::RngExt;
+use trued::base::random::stream;
+use trued::controllers::Controller;
+use trued::controllers::grbl::firmware::{Fault, FaultKind, Firmware, Options};
+use trued::controllers::grbl::{Grbl, Patience};
+use trued::gcode::Dialect;
+use trued::link::Link;
+use trued::link::faults::{BadWire, Planned};
+use trued::record::event::Event;
+use trued::run::{Run, RunError};
+use trued::setup::Pace;
+use trued::setup::{self, Devices, MachineFile};
+use trued::store::{Journal, NewRun, StoredRun};
+
+use super::tape::{Entry, Tape};
+
+const WIRE_BYTES: usize = 4096;
+/// Lines that a run sends, about.
+const LINES: u64 = 250;
+
+/// What a seed does.
+#[derive(Debug, Clone)]
+pub struct Schedule {
+    seed: u64,
+    /// Lines between two harms on the wire.
+    spacing: Option<f64>,
+    fault: Option<Fault>,
+    /// Somebody stops the run at this step.
+    halt_at: Option<u32>,
+}
+
+impl Schedule {
+    pub fn of(seed: u64) -> Self {
+        let mut draw = stream(seed, &[77]);
+        let kind = FaultKind::ALL[(seed / 3) as usize % FaultKind::ALL.len()];
+        let fault = Fault {
+            kind,
+            at_line: draw.random_range(1..LINES),
+            after_touch: draw.random_range(0..6),
+            code: (kind == FaultKind::Alarm).then(|| draw.random_range(1..10)),
+        };
+        let spacing = [150.0, 800.0, 4000.0][draw.random_range(0..3)];
+        Self {
+            seed,
+            spacing: (seed % 3 != 1).then_some(spacing),
+            fault: (!seed.is_multiple_of(3)).then_some(fault),
+            halt_at: draw.random_bool(0.05).then(|| draw.random_range(0..20)),
+        }
+    }
+}
+
+/// What came of it.
+pub struct Ended {
+    pub result: Result<(), RunError>,
+    pub moved: bool,
+    /// Steps of the whole plan as far as it was written.
+    pub readings: Vec<trued::record::reading::Reading>,
+    pub stored: StoredRun,
+    /// Between the driver and the bad wire, and between the wire and the control.
+    pub near: Vec<Entry>,
+    pub far: Vec<Entry>,
+    /// Length of `near` when the run had ended.
+    pub mark: usize,
+    pub harms: Vec<Planned>,
+    /// Faults of the control that came about.
+    pub happened: Vec<FaultKind>,
+}
+
+/// A worker's journal and machine.
+pub struct Bench {
+    file: MachineFile,
+    journal: Journal,
+    _folder: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        let text = include_str!("../../../config/simulated.toml").to_owned()
+            + "\n[method.self-calibration]\npositions = 5\n";
+        let shm = std::path::Path::new("/dev/shm");
+        let folder = if shm.is_dir() { tempfile::tempdir_in(shm) } else { tempfile::tempdir() };
+        let folder = folder.unwrap();
+        Self {
+            file: MachineFile::parse("machine.toml", text).unwrap(),
+            journal: Journal::open(folder.path()).unwrap(),
+            _folder: folder,
+        }
+    }
+
+    pub fn run(&self, schedule: &Schedule) -> Ended {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(self.measure(schedule))
+    }
+
+    async fn measure(&self, schedule: &Schedule) -> Ended {
+        let wired = self.wire(schedule);
+        let dialect = Dialect::named("grbl").unwrap();
+        let (driver, halt) = Grbl::new(wired.link, &self.file.machine, dialect.clone());
+        let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
+        let devices = Devices::new(controller, dialect);
+        let (method, plan) = setup::header(&self.file, "self-calibration", None).unwrap();
+        let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
+        let id = self.journal.begin(&new).await.unwrap();
+        let halt_at = schedule.halt_at;
+        let mut tell = |event: &Event| {
+            if matches!(event, Event::StepStarted { step, .. } if Some(*step) == halt_at) {
+                halt.now();
+            }
+        };
+        let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, plan, &mut tell);
+        let result = run.execute().await;
+        let mark = wired.near.entries().len();
+        let Run { readings, moved, .. } = run;
+        // Whatever the driver might still say.
+        tokio::time::sleep(Duration::from_millis(15)).await;
+        drop(devices);
+        tokio::time::sleep(Duration::from_millis(5)).await;
+        Ended {
+            result,
+            moved,
+            readings,
+            stored: self.journal.load(id).unwrap(),
+            near: wired.near.entries(),
+            far: wired.far.entries(),
+            mark,
+            harms: wired.harms.lock().unwrap().clone(),
+            happened: wired.happened.lock().unwrap().clone(),
+        }
+    }
+
+    /// Driver – tape – bad wire – tape – control.
+    fn wire(&self, schedule: &Schedule) -> Wired {
+        let duplex = || tokio::io::duplex(WIRE_BYTES);
+        let (driver, near_tape) = duplex();
+        let (tape_near, wire_near) = duplex();
+        let (wire_far, tape_far) = duplex();
+        let (far_tape, control) = duplex();
+        let (near, far) = (Tape::default(), Tape::default());
+        let harms: Arc<Mutex<Vec<Planned>>> = Arc::default();
+        tokio::spawn(near.clone().between(near_tape, tape_near));
+        tokio::spawn(far.clone().between(tape_far, far_tape));
+        let bad = BadWire {
+            seed: schedule.seed,
+            spacing: schedule.spacing.unwrap_or(f64::INFINITY),
+            longest_delay: Duration::from_millis(120),
+        };
+        let noted = harms.clone();
+        tokio::spawn(async move {
+            let note = move |_, planned| noted.lock().unwrap().push(planned);
+            bad.join(wire_near, wire_far, &note).await
+        });
+        let world = Arc::new(Mutex::new(setup::world(&self.file).unwrap()));
+        let faults = schedule.fault.iter().cloned().collect();
+        let options = Options { faults, ..Options::of(&self.file.machine, Pace::Fast) };
+        let mut firmware = Firmware::new(world, options);
+        let happened = firmware.happened();
+        tokio::spawn(async move { firmware.serve(control).await });
+        Wired { link: Link::over("the bench", driver), near, far, harms, happened }
+    }
+}
+
+struct Wired {
+    link: Link,
+    near: Tape,
+    far: Tape,
+    harms: Arc<Mutex<Vec<Planned>>>,
+    happened: Arc<Mutex<Vec<FaultKind>>>,
+}
+
+/// Short, so that hundreds of schedules pass quickly.
+fn patience() -> Patience {
+    let ms = Duration::from_millis;
+    Patience { answer: ms(80), poll: ms(10), aftermath: ms(20), stall: ms(300) }
+}

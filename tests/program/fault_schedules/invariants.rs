@@ -1,0 +1,184 @@
+//! What must hold whatever goes wrong.
+
+use std::collections::VecDeque;
+
+use trued::base::Axis;
+use trued::controllers::ControllerError;
+use trued::record::event::Event;
+use trued::record::reading::Reading;
+use trued::run::RunError;
+use trued::store::RunState;
+
+use super::bench::Ended;
+use super::tape::{Entry, Way, moves, step_of};
+
+/// The control's buffer, bytes.
+const RX_BUFFER: usize = 1024;
+const BANNER: &str = "GrblHAL 1.1f [";
+/// In the order of the control's reports.
+const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
+
+/// Every breach, in words.
+pub fn breaches(ended: &Ended) -> Vec<String> {
+    let mut all = Vec::new();
+    all.extend(motion_after_a_fault(ended));
+    all.extend(readings_are_what_happened(ended));
+    all.extend(nothing_acknowledged_is_lost(ended));
+    all.extend(window(&ended.near));
+    all.extend(state_is_true(ended));
+    all
+}
+
+fn is_fault(line: &str) -> bool {
+    let numbered =
+        |start: &str| line.strip_prefix(start).is_some_and(|code| code.parse::<u32>().is_ok());
+    let state = ["<Alarm", "<Hold", "<Door", "<Tool"].iter().any(|state| line.starts_with(state));
+    state || numbered("ALARM:") || numbered("error:") || line.starts_with(BANNER)
+}
+
+fn motion_after_a_fault(ended: &Ended) -> Option<String> {
+    let near = &ended.near;
+    let sent = |entry: &Entry| entry.way == Way::ToControl;
+    let first = near.iter().position(|entry| sent(entry) && moves(&entry.line))?;
+    let fault = near[first..]
+        .iter()
+        .position(|entry| if sent(entry) { entry.line == "!" } else { is_fault(&entry.line) });
+    let late = |from: usize, what: &str| {
+        let after = near[from..].iter().find(|entry| sent(entry) && moves(&entry.line));
+        after.map(|entry| format!("`{}` was sent after {what}", entry.line))
+    };
+    fault
+        .and_then(|fault| late(first + fault, &format!("`{}`", near[first + fault].line)))
+        .or_else(|| late(ended.mark, "the end of the run"))
+}
+
+/// A contact as the control itself tells it, before the wire: step, text, time.
+struct Contact {
+    line: String,
+    position: String,
+    stamp: String,
+}
+
+fn contacts(ended: &Ended) -> Vec<Contact> {
+    let mut contacts = Vec::new();
+    let mut asked = "";
+    let mut lines = ended.far.iter().peekable();
+    while let Some(entry) = lines.next() {
+        if entry.way == Way::ToControl {
+            asked = &entry.line;
+            continue;
+        }
+        let told = entry.line.strip_prefix("[PRB:").and_then(|rest| rest.strip_suffix(":1]"));
+        // `$#` tells the last contact again.
+        let Some(position) = told.filter(|_| !asked.contains('$')) else { continue };
+        let stamp = lines.find(|entry| entry.way == Way::FromControl);
+        let stamp = stamp.map_or(String::new(), |entry| entry.line.clone());
+        contacts.push(Contact { line: asked.to_owned(), position: position.to_owned(), stamp });
+    }
+    contacts
+}
+
+fn as_told(reading: &Reading) -> (String, String) {
+    let value = |axis: Axis| {
+        let text = format!("{:.3}", axis.to_edge(reading.position.at(axis)));
+        if text == "-0.000" { "0.000".to_owned() } else { text }
+    };
+    (AXES.map(value).join(","), format!("[T:{}]", reading.t_s))
+}
+
+/// None doubled, none invented, each of its own step.
+fn readings_are_what_happened(ended: &Ended) -> Option<String> {
+    let mut contacts = contacts(ended).into_iter();
+    for (place, reading) in ended.stored.readings.iter().enumerate() {
+        if (reading.step, reading.repeat) != (place as u32, 0) {
+            return Some(format!("reading {place} is of step {}", reading.step));
+        }
+        // In the order in which they happened, each at most once.
+        let told = as_told(reading);
+        let Some(contact) =
+            contacts.find(|contact| (&contact.position, &contact.stamp) == (&told.0, &told.1))
+        else {
+            return Some(format!("the control never told {told:?}, step {}", reading.step));
+        };
+        let as_sent = ended
+            .near
+            .iter()
+            .any(|entry| entry.way == Way::ToControl && entry.line == contact.line);
+        if as_sent && step_of(&contact.line) != Some(reading.step) {
+            return Some(format!("step {} got the touch of `{}`", reading.step, contact.line));
+        }
+    }
+    None
+}
+
+/// A step's first motion is sent only when all steps before it are stored.
+fn nothing_acknowledged_is_lost(ended: &Ended) -> Option<String> {
+    if ended.readings != ended.stored.readings {
+        return Some("the run's readings are not the journal's".to_owned());
+    }
+    let sent = ended.near.iter().filter(|entry| entry.way == Way::ToControl);
+    let last = sent.filter(|entry| moves(&entry.line)).filter_map(|entry| step_of(&entry.line));
+    let begun = last.max().map_or(0, |last| last as usize + 1);
+    let stored = ended.stored.readings.len();
+    (stored + 1 < begun || stored > begun)
+        .then(|| format!("{begun} steps begun, {stored} readings stored"))
+}
+
+/// Lines that are not answered yet: each answer belongs to the oldest of them.
+fn window(near: &[Entry]) -> Option<String> {
+    let mut open = VecDeque::new();
+    for entry in near {
+        match entry.way {
+            Way::ToControl if entry.line == "!" => {}
+            Way::ToControl => open.push_back(entry.line.len() + 1),
+            // It has forgotten what it had.
+            Way::FromControl if entry.line.starts_with(BANNER) => open.clear(),
+            Way::FromControl if entry.line == "ok" || entry.line.starts_with("error:") => {
+                open.pop_front();
+            }
+            Way::FromControl => {}
+        }
+        let (lines, bytes) = (open.len(), open.iter().sum::<usize>());
+        // The very first line only wakes the control: if its answer is lost, that is no fault.
+        if bytes > RX_BUFFER || lines > 2 {
+            return Some(format!("{lines} lines, {bytes} bytes are not answered"));
+        }
+    }
+    None
+}
+
+fn state_is_true(ended: &Ended) -> Option<String> {
+    let (state, events) = (ended.stored.summary.state, &ended.stored.events);
+    let last = events.last().map(|(_, event)| event);
+    let all = ended.stored.stages.iter().map(|stage| stage.steps.len()).sum::<usize>();
+    let measured = ended.stored.readings.len();
+    let fits = match &ended.result {
+        Ok(()) => state == RunState::Finished && last == Some(&Event::Finished) && measured == all,
+        Err(RunError::Controller(ControllerError::Halted)) => {
+            state == RunState::Held && matches!(last, Some(Event::Held { .. }))
+        }
+        Err(error) => {
+            let expected = if ended.moved { RunState::Held } else { RunState::Failed };
+            state == expected
+                && matches!(last, Some(Event::Faulted { what, remedy, .. })
+                    if *what == error.to_string() && !remedy.is_empty())
+        }
+    };
+    let moved = ended.near.iter().any(|e| e.way == Way::ToControl && moves(&e.line));
+    (!fits || moved && !ended.moved)
+        .then(|| format!("{:?} is told as {state:?}, {last:?}, {measured} of {all}", ended.result))
+}
+
+pub fn a_breach_of_the_window_and_a_fault_in_a_report_are_seen() {
+    let entry = |way, line: &str| Entry { way, line: line.to_owned() };
+    let sent = |line| entry(Way::ToControl, line);
+    let ok = || entry(Way::FromControl, "ok");
+    let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), ok(), sent("G59")];
+    assert_eq!(window(&lines), None);
+    let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), sent("G59")];
+    assert!(window(&lines).unwrap().starts_with("3 lines"));
+    for line in ["<Alarm|", "<Hold:1|", "<Door:0|", "<Tool|", "ALARM:1", "error:9"] {
+        assert!(is_fault(line), "{line}");
+    }
+    assert!(!is_fault("<Idle|") && !is_fault("ok"));
+}

@@ -1,0 +1,169 @@
+//! A halt reaches the wire within 20 ms of its request, measured at the port, while the driver asks
+//! for the status in mid-job, its runtime computes, and another thread renders templates. Where the computer is
+//! loaded with other things as well a part of one rendering is allowed: so long as a rendering takes there.
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use trued::base::{Axis, Position};
+use trued::controllers::grbl::{Grbl, Patience};
+use trued::controllers::{Controller, ControllerError, Halt};
+use trued::gcode::{Dialect, Program};
+use trued::link::{self, Address};
+use trued::record::motion::{Block, Motion};
+use trued::setup;
+
+const HALTS: usize = 50;
+
+/// What happened at the port.
+enum Seen {
+    Path(String),
+    /// The first status request after the motion was sent: the scan is under way.
+    Polled,
+    Halted(Instant),
+}
+
+/// A control that never comes to the end of a motion, at a pty, on a thread of its own.
+fn peer(tell: Sender<Seen>) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut pty = link::pty().unwrap();
+        tell.send(Seen::Path(pty.path.clone())).unwrap();
+        let (mut line, mut state) = (String::new(), "Idle");
+        loop {
+            // Serve until nobody asks any more.
+            let silence = Duration::from_secs(if state == "Hold:0" { 1 } else { 60 });
+            let byte = tokio::time::timeout(silence, pty.device.read_u8()).await;
+            let Ok(Ok(byte)) = byte else { return };
+            let answer = match byte {
+                b'!' => {
+                    tell.send(Seen::Halted(Instant::now())).unwrap();
+                    state = "Hold:0";
+                    continue;
+                }
+                b'?' => {
+                    if state == "Run" {
+                        let _ = tell.send(Seen::Polled);
+                    }
+                    format!("<{state}|MPos:0.000,0.000,0.000,0.000,0.000>\r\n")
+                }
+                b'\n' => match std::mem::take(&mut line).as_str() {
+                    "$I" => "[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n".to_owned(),
+                    "$G" => "[GC:G0 G59 G17 G21 G90 G94]\r\nok\r\n".to_owned(),
+                    "$#" => "[G59:0.000,0.000]\r\n[G92:0.000,0.000]\r\nok\r\n".to_owned(),
+                    moves if moves.contains("G53") => {
+                        state = "Run";
+                        continue;
+                    }
+                    _ => "ok\r\n".to_owned(),
+                },
+                byte => {
+                    line.push(char::from(byte));
+                    continue;
+                }
+            };
+            pty.device.write_all(answer.as_bytes()).await.unwrap();
+        }
+    });
+}
+
+fn block(motions: usize) -> Block {
+    let to = |i: usize| Position::new().with(Axis::X, i as f64).with(Axis::C, 0.1);
+    let motions = (0..motions).map(|i| Motion::Rapid { to: to(i) }).collect();
+    Block { step: 1, repeat: 0, motions }
+}
+
+/// A long stage as text, as the run does it before it moves: it takes some 50 ms.
+fn render(dialect: &Dialect) {
+    let blocks = [(); 10].map(|()| block(500));
+    let program = Program { title: "busy", axes: &[Axis::X, Axis::C], log: None };
+    let text = dialect.program(&program, &blocks).unwrap();
+    dialect.proves(&text, &blocks).unwrap();
+}
+
+fn patience() -> Patience {
+    let ms = Duration::from_millis;
+    Patience { answer: ms(10_000), poll: ms(5), aftermath: ms(50), stall: ms(60_000) }
+}
+
+/// The run's runtime: the driver works on it, and in between it renders without a pause.
+fn drive(path: String, give: Sender<Halt>) {
+    let file = setup::load(None, "self-calibration").unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let link = link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+        let dialect = Dialect::named("grbl").unwrap();
+        let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
+        let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
+        controller.prepare().await.unwrap();
+        let ended = Arc::new(AtomicBool::new(false));
+        let end = ended.clone();
+        let moving = tokio::spawn(async move {
+            let outcome = controller.execute(block(1)).await;
+            end.store(true, Ordering::SeqCst);
+            outcome
+        });
+        give.send(halt).unwrap();
+        while !ended.load(Ordering::SeqCst) {
+            render(&dialect);
+            // The driver's turn.
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        let outcome = moving.await.unwrap();
+        assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
+    });
+}
+
+/// From the request to the arrival of the hold.
+fn halt_once(wait: Duration) -> Duration {
+    let (tell, seen): (_, Receiver<Seen>) = channel();
+    std::thread::spawn(move || peer(tell));
+    let Ok(Seen::Path(path)) = seen.recv() else { panic!("no port") };
+    let (give, halt) = channel();
+    let run = std::thread::spawn(move || drive(path, give));
+    let halt = halt.recv().unwrap();
+    assert!(matches!(seen.recv(), Ok(Seen::Polled)), "the driver asks for the status");
+    std::thread::sleep(wait);
+    let asked = Instant::now();
+    halt.now();
+    let arrived = seen.iter().find_map(|seen| match seen {
+        Seen::Halted(at) => Some(at),
+        _ => None,
+    });
+    run.join().unwrap();
+    arrived.expect("a hold").duration_since(asked)
+}
+
+fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
+    let busy = Arc::new(AtomicBool::new(true));
+    let rendering = busy.clone();
+    let renderer = std::thread::spawn(move || {
+        let dialect = Dialect::named("grbl").unwrap();
+        let (begun, mut count) = (Instant::now(), 0);
+        while rendering.load(Ordering::SeqCst) {
+            render(&dialect);
+            count += 1;
+        }
+        begun.elapsed() / count
+    });
+    let mut took: Vec<Duration> =
+        (0..HALTS).map(|i| halt_once(Duration::from_micros(3_700 * (i as u64 % 8)))).collect();
+    busy.store(false, Ordering::SeqCst);
+    let one = renderer.join().unwrap();
+    took.sort();
+    println!("one rendering: {one:?}");
+    let (median, worst) = (took[HALTS / 2], took[HALTS - 1]);
+    println!("halt to port: median {median:?}, 48th {:?}, worst {worst:?}", took[47]);
+    assert!(median <= (one / 5).max(Duration::from_millis(5)), "median {median:?}");
+    assert!(took[47] <= (one / 3).max(Duration::from_millis(20)), "48th of 50: {:?}", took[47]);
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        a_halt_is_at_the_port_within_20_ms_whatever_computes,
+    ]
+}

@@ -1,0 +1,110 @@
+//! `trued init` against `trued simulate`, both as programs: what it writes, the reader takes, and a plan
+//! can be made of it.
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+use trued::base::Axis;
+use trued::setup::MachineFile;
+
+const TRUED: &str = env!("CARGO_BIN_EXE_trued");
+const MACHINE: &str = include_str!("../../config/simulated.toml");
+
+/// `trued simulate`, ended with the test.
+struct Simulator {
+    process: Child,
+    at: String,
+}
+
+impl Simulator {
+    /// With other lines in place of `wire`.
+    fn start(folder: &Path, wire: &str) -> Self {
+        let file = folder.join("truth.toml");
+        assert!(MACHINE.contains("wire = \"memory\"\n"));
+        std::fs::write(&file, MACHINE.replace("wire = \"memory\"\n", wire)).unwrap();
+        let mut process = Command::new(TRUED)
+            .args(["simulate", "--machine"])
+            .arg(&file)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut at = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut at).unwrap();
+        Self { process, at: at.trim().to_owned() }
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn trued(arguments: &[&str]) -> Output {
+    Command::new(TRUED).args(arguments).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn a_grbl_writes_most_of_its_machine_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulator = Simulator::start(folder.path(), "wire = \"pty\"\nbaud = 57600\n");
+    let file = folder.path().join("mine.toml");
+    let to = file.to_str().unwrap();
+    let at = ["init", "--kind", "grbl", "--serial", simulator.at.as_str(), "--to", to];
+
+    let wrong = trued(&at);
+    assert_eq!(wrong.status.code(), Some(1), "{}", said(&wrong));
+    assert!(said(&wrong).contains("wrong speed (115200 baud)"), "{}", said(&wrong));
+    assert!(!file.exists());
+    let search = trued(&[&at[..], &["--search"]].concat());
+    assert!(said(&search).contains("speaks at 57600 baud"), "{}", said(&search));
+
+    let init = trued(&[&at[..], &["--baud", "57600"]].concat());
+    assert_eq!(init.status.code(), Some(0), "{}", said(&init));
+    let drafted = MachineFile::read(&file).unwrap();
+    let truth = MachineFile::parse("truth.toml", MACHINE.to_owned()).unwrap().machine;
+    for axis in [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C] {
+        let (drafted, truth) = (&drafted.machine.axes[&axis], &truth.axes[&axis]);
+        assert_eq!(drafted.rapid_per_min, truth.rapid_per_min, "{axis}");
+        assert_eq!(drafted.acceleration_per_s2, truth.acceleration_per_s2, "{axis}");
+        assert_eq!(drafted.max - drafted.min, truth.max - truth.min, "{axis}");
+    }
+    assert_eq!(drafted.machine.topology, truth.topology);
+    let plan = trued(&["plan", "self-calibration", "--machine", to]);
+    assert_eq!(plan.status.code(), Some(0), "{}", said(&plan));
+
+    let text = std::fs::read_to_string(&file).unwrap();
+    let again = trued(&[&at[..], &["--baud", "57600"]].concat());
+    assert_eq!(again.status.code(), Some(1));
+    assert!(said(&again).contains("is there already"), "{}", said(&again));
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), text);
+}
+
+fn a_window_of_registers_tells_less_and_that_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulator = Simulator::start(folder.path(), "speaks = \"modbus\"\n");
+    let init = trued(&["init", "--kind", "modbus", "--tcp", &simulator.at, "--name", "a \"mill\""]);
+    assert_eq!(init.status.code(), Some(0), "{}", said(&init));
+    let text = String::from_utf8(init.stdout).unwrap();
+    let drafted = MachineFile::parse("drafted.toml", text.clone()).unwrap();
+    assert_eq!(drafted.machine.name, "a \"mill\"");
+    assert_eq!(drafted.machine.axes[&Axis::X].resolution_um, 1.0);
+    assert!(
+        text.contains("YOURS: its travel in machine coordinates; the control does not tell it")
+    );
+    assert!(text.contains(&format!("tcp = \"{}\"", simulator.at)));
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        a_grbl_writes_most_of_its_machine_file,
+        a_window_of_registers_tells_less_and_that_is_said,
+    ]
+}

@@ -1,0 +1,162 @@
+//! The commands `run`, `identify`, `plan` and `simulate` with the laser R-test: the same result twice, replay of a
+//! capture, the touch probe in place of the laser.
+
+use std::fs::OpenOptions;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::process::{Command, Stdio};
+
+use trued::record::estimate::Estimate;
+
+use super::laser_shop::{TRUTH, assert_near_truth, parameter};
+
+const METHOD: &str = "laser-r-test";
+/// Few poses, so that a run is short.
+const SHORT: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+                     monte_carlo_trials = 100\n";
+
+/// A folder with a machine file of these settings, and the program run there.
+struct Desk(tempfile::TempDir);
+
+impl Desk {
+    fn new(settings: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = include_str!("../../../config/laser.toml").to_owned() + settings;
+        std::fs::write(folder.path().join("laser.toml"), text).expect("written");
+        Self(folder)
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).display().to_string()
+    }
+
+    fn output(&self, arguments: &[&str]) -> std::process::Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).output().expect("started")
+    }
+
+    fn says(&self, arguments: &[&str]) -> Vec<u8> {
+        let output = self.output(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
+        output.stdout
+    }
+}
+
+/// Through the program: control, sensor, proof, journal.
+pub fn a_run_says_the_same_twice_and_assert_near_truth() {
+    let desk = Desk::new(SHORT);
+    let (file, first) = (desk.path("laser.toml"), desk.path("first"));
+    let run = |state| desk.says(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
+    let said = run(&first);
+    assert_eq!(said, run(&desk.path("second")));
+    let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
+    assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
+    assert_near_truth(&estimate, 4.0);
+    // By its readings alone: where the axes stood counts, not where a plan of today would send them.
+    desk.says(&["export", "1", "--state", &first, "--to", &desk.path("")]);
+    let readings = desk.path("run-1-readings.csv");
+    let again =
+        desk.says(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
+    let again: Estimate = serde_json::from_slice(&again).expect("an estimate");
+    for (symbol, _) in TRUTH {
+        let (one, other) = (parameter(&estimate, symbol), parameter(&again, symbol));
+        assert!((one.value - other.value).abs() < 0.01 * one.u, "{} {}", one.value, other.value);
+    }
+}
+
+/// Control and sensor, without either.
+pub fn a_captured_run_replays_to_the_same_bytes() {
+    let desk = Desk::new(SHORT);
+    let (file, state, capture) =
+        (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
+    let run = |how: &[&str]| {
+        desk.says(
+            &[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat(),
+        )
+    };
+    let measured = run(&["--capture", &capture]);
+    // The machine is another one now: what comes out is what was captured.
+    let text = std::fs::read_to_string(&file).expect("read");
+    std::fs::write(&file, text.replace("\nseed = 1\n", "\nseed = 2\n")).expect("written");
+    assert!(run(&[]) != measured, "the test could not fail");
+    assert!(run(&["--replay", &capture]) == measured, "a replay gives something else");
+    // One sample is another one.
+    let text = std::fs::read_to_string(&capture).expect("read");
+    let (before, rest) = text.rsplit_once(" - 0\\n").expect("a sample");
+    let (before, value) = before.rsplit_once(' ').expect("its value");
+    let off: f64 = value.parse::<f64>().expect("a number") + 1.0;
+    std::fs::write(&capture, format!("{before} {off} - 0\\n{rest}")).expect("written");
+    assert!(run(&["--replay", &capture]) != measured, "the samples are not those of the capture");
+}
+
+pub fn the_same_machine_may_be_touched_instead() {
+    let desk = Desk::new(&format!("{SHORT}by = \"probe\"\n"));
+    let file = desk.path("laser.toml");
+    let state = desk.path("state");
+    let said = desk.says(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
+    let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
+    assert_near_truth(&estimate, 4.0);
+}
+
+/// No stylus is there that could be freed.
+pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
+    let desk = Desk::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
+    let (file, state) = (desk.path("laser.toml"), desk.path("state"));
+    let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("the probe reads closed; yet `laser` sits in the probe's place"),
+        "{said}"
+    );
+    assert!(said.contains("must read open while a sensor sits in the spindle"), "{said}");
+    assert!(!said.contains("free the stylus"), "{said}");
+}
+
+pub fn a_printed_program_says_what_happens_where_it_rests() {
+    let desk = Desk::new(SHORT);
+    for dialect in ["grbl-m19", "linuxcnc"] {
+        let file = desk.path("laser.toml");
+        let program = desk.says(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
+        let program = String::from_utf8(program).expect("text");
+        let title = "(laser-r-test, at each G4 trued takes 20 samples of laser)";
+        assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
+    }
+}
+
+/// What the simulated control of `method` reports when the spindle stands where the probe's stylus would be
+/// pressed into the sphere's pole by 3 mm.
+fn over_the_pole(desk: &Desk, method: &str) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
+    let mut simulator =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
+    let mut address = String::new();
+    let mut said = BufReader::new(simulator.stdout.take().expect("its output"));
+    said.read_line(&mut address).expect("where it is");
+    let device = OpenOptions::new().read(true).write(true).open(address.trim());
+    let mut control = device.expect("a pseudo-terminal");
+    control.write_all(b"G21 G90\nG53 G0 X80.3 Y-0.2\nG53 G0 Z270\nG4 P0.01\n").expect("sent");
+    let mut answers = BufReader::new(control.try_clone().expect("its answers")).lines();
+    let mut answer = || answers.next().expect("an answer").expect("a line");
+    let mut acknowledged = 0;
+    while acknowledged < 4 {
+        acknowledged += usize::from(answer() == "ok");
+    }
+    control.write_all(b"?").expect("sent");
+    let report = std::iter::repeat_with(&mut answer).find(|line| line.starts_with('<'));
+    simulator.kill().expect("killed");
+    simulator.wait().expect("ended");
+    report.expect("a report")
+}
+
+/// The rehearsal of a method that looks with a sensor has no stylus that could meet anything.
+pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
+    let desk = Desk::new("");
+    let (looks, touches) = (over_the_pole(&desk, METHOD), over_the_pole(&desk, "self-calibration"));
+    assert!(
+        looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"),
+        "{looks}"
+    );
+    assert!(touches.contains("|Pn:P"), "{touches}");
+}

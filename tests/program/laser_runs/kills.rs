@@ -1,0 +1,61 @@
+//! The program is killed in mid-run. What it had measured is still there, and the run goes on, unless the
+//! sphere was moved meanwhile.
+
+use super::laser_shop::{LaserShop, REFERENCE, SOUND, assert_near_truth, estimate};
+use crate::support::grbl_control::Bench;
+use crate::support::machine_shop::stderr;
+
+/// A run that was killed on its way from point to point of a pose.
+fn killed() -> LaserShop {
+    let shop = LaserShop::over(SOUND, Bench::start(&SOUND.file()));
+    let way = format!("N{} G53 G1", REFERENCE + 2);
+    shop.bench.stop_at(&[&way, &way, &way, &way]);
+    let mut run = shop.starts();
+    shop.bench.wait(&mut run);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    shop.bench.reset();
+    shop
+}
+
+pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
+    let shop = killed();
+    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).collect::<Vec<_>>());
+    let resumed = shop.resume();
+    let found = estimate(&resumed);
+    assert!(stderr(&resumed).contains("the references agree"), "{}", stderr(&resumed));
+    let whole = LaserShop::over(SOUND, Bench::start(&SOUND.file()));
+    let undisturbed = estimate(&whole.starts().wait_with_output().unwrap());
+    assert_near_truth(&found, 5.0);
+    for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
+        assert_eq!(one.symbol, other.symbol);
+        // E_n of two measurements; what they have in common makes it small.
+        let apart = (one.value - other.value).abs() / one.expanded.hypot(other.expanded);
+        println!("{}: {:.3} and {:.3}, E_n {apart:.2}", one.symbol, one.value, other.value);
+        assert!(apart < 1.0, "{}: {} {}, {apart}", one.symbol, one.value, other.value);
+    }
+    let again = [REFERENCE; 2].into_iter().chain(REFERENCE + 2..SOUND.steps);
+    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).chain(again).collect::<Vec<_>>());
+}
+
+/// Across the beam it is the flanks of the sphere that see it.
+pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
+    // By 20 µm, along X and between X and Y, which both lines of the cross see.
+    for (moved, told) in
+        [("[0.32, -0.2]", "one touch repeats"), ("[0.314, -0.186]", " more; one touch")]
+    {
+        let shop = killed();
+        shop.bench.become_another(&SOUND.file().replacen("[0.3, -0.2]", moved, 1));
+        let refused = shop.resume();
+        assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+        for words in ["does not stand as it stood", told, "start a new run"] {
+            assert!(
+                stderr(&refused).contains(words),
+                "{moved}: no {words} in {}",
+                stderr(&refused)
+            );
+        }
+        assert_eq!(shop.state(), "closed");
+        assert!(refused.stdout.is_empty());
+    }
+}

@@ -1,0 +1,189 @@
+//! A machine with a laser in its spindle, a journal, and the program that measures with both.
+
+use std::io::Read as _;
+use std::path::Path;
+use std::process::{Child, Output, Stdio};
+use std::time::Duration;
+
+use trued::base::Axis;
+use trued::record::estimate::{Estimate, Parameter};
+use trued::record::reading::Reading;
+
+use super::sender::{self, Sender};
+use crate::support::grbl_control::Bench;
+use crate::support::machine_shop::{MachineShop, stderr};
+
+/// The sphere is searched for (0), the beam's direction found at three heights (1 to 3), the reference
+/// looked at (4); then follow the poses and the reference again.
+pub const REFERENCE: u32 = 4;
+
+/// What is measured.
+pub struct Design {
+    settings: &'static str,
+    /// Dwell points of a scan, and samples at each.
+    pub points: usize,
+    pub samples: usize,
+    pub steps: u32,
+}
+
+/// As few poses and points as can be.
+pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 11 };
+/// Enough for a sound estimate.
+pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 14 };
+
+const FEW: &str = "
+[method.laser-r-test]
+tilt_deg = [60.0]
+turn_deg = [120.0, 240.0]
+points = 5
+samples = 60
+dwell_s = 0.02
+feed_mm_min = 2400.0
+monte_carlo_trials = 100
+";
+
+const ENOUGH: &str = "
+[method.laser-r-test]
+tilt_deg = [-60.0, 60.0]
+turn_deg = [120.0, 240.0]
+monte_carlo_trials = 100
+";
+
+impl Design {
+    /// The built-in machine, to be measured so.
+    pub fn file(&self) -> String {
+        include_str!("../../../config/laser.toml").to_owned() + self.settings
+    }
+}
+
+pub struct LaserShop {
+    shop: MachineShop,
+    design: Design,
+    pub bench: Bench,
+    pub sender: Sender,
+}
+
+impl LaserShop {
+    /// `bench` has the machine of `design`.
+    pub fn over(design: Design, bench: Bench) -> Self {
+        let sender = Sender::start(bench.world.clone());
+        let file = file(
+            &design.file(),
+            &format!("tcp = \"{}\"", bench.address),
+            &sender::table(sender.address),
+        );
+        Self { shop: MachineShop::new(&file), design, bench, sender }
+    }
+
+    pub fn trued(&self, arguments: &[&str]) -> Output {
+        self.shop.trued(arguments)
+    }
+
+    /// A run that is under way.
+    pub fn starts(&self) -> Child {
+        let machine = self.shop.machine();
+        let run = ["run", "laser-r-test", "--json", "--machine", &machine];
+        let mut command = self.shop.command(&run);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    }
+
+    pub fn resume(&self) -> Output {
+        self.trued(&["resume", "1", "--acknowledge", "Ada", "--json"])
+    }
+
+    /// Until `count` lines with these words have come to the control.
+    pub fn wait_for(&self, words: &str, count: usize, client: &mut Child) {
+        while self.bench.heard().matches(words).count() < count {
+            if client.try_wait().unwrap().is_some() {
+                let mut told = String::new();
+                let _ = client.stderr.take().unwrap().read_to_string(&mut told);
+                panic!("it ended before `{words}`: {told}");
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    pub fn state(&self) -> String {
+        self.shop.states()[0].clone()
+    }
+
+    pub fn readings(&self) -> Vec<Reading> {
+        let to = self.shop.path("export");
+        let exported = self.trued(&["export", "1", "--to", &to.display().to_string()]);
+        assert!(exported.status.success(), "{}", stderr(&exported));
+        read(&to.join("run-1-readings.csv"))
+    }
+
+    /// Each step that was measured has all of its samples; each was said by the sensor, in this order, at
+    /// a point one behind the other, and with the machine where the reading says.
+    pub fn all_is_true(&self) -> Vec<u32> {
+        let (readings, said) = (self.readings(), self.sender.said());
+        let Design { points, samples, .. } = self.design;
+        let same =
+            |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+        let mut behind = 0;
+        let mut steps = Vec::new();
+        for scan in readings.chunk_by(same) {
+            assert_eq!(scan.len(), points * samples, "step {}", scan[0].step);
+            steps.push(scan[0].step);
+            for taken in scan.chunks(samples) {
+                let was_said = |at: &usize| {
+                    let there = said[*at..].iter().zip(taken);
+                    said.len() >= at + samples
+                        && there.into_iter().all(|(said, taken)| is(said, taken))
+                };
+                let found = (behind..said.len()).find(was_said);
+                let made_up = || panic!("not said: {:?} and what follows", taken[0]);
+                behind = found.unwrap_or_else(made_up) + samples;
+            }
+        }
+        steps
+    }
+}
+
+/// `text` with another control and another sensor.
+pub fn file(text: &str, control: &str, sensor: &str) -> String {
+    let changes = [
+        ("kind = \"simulated\"\nwire = \"memory\"\n", format!("kind = \"grbl\"\n{control}\n")),
+        ("[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n", sensor.to_owned()),
+    ];
+    changes.iter().fold(text.to_owned(), |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    })
+}
+
+fn read(csv: &Path) -> Vec<Reading> {
+    trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
+}
+
+/// The control shows where it stands to a micrometre and a thousandth of a degree; what was commanded is known
+/// to a tenth of that.
+fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
+    let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 2e-4;
+    reading.value_mm == Some(*value_mm)
+        && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
+}
+
+pub fn estimate(output: &Output) -> Estimate {
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Errors of the built-in machine (paper 2, Table 5), um and urad.
+pub const TRUTH: [(&str, f64); 5] =
+    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+
+pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
+    let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
+    found.unwrap_or_else(|| panic!("no {symbol}"))
+}
+
+/// Each deviation from [`TRUTH`] is below so many standard uncertainties.
+pub fn assert_near_truth(estimate: &Estimate, limit_u: f64) {
+    for (symbol, truth) in TRUTH {
+        let Parameter { value, u, .. } = parameter(estimate, symbol);
+        assert!((value - truth).abs() < limit_u * u, "{symbol}: {value}, u {u}");
+    }
+}

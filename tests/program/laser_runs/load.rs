@@ -1,0 +1,206 @@
+//! A thousand samples a second beside a running cycle, while every core computes: the program loses none.
+//! The sensor is the script that knows nothing of ours; what it sees it is told.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use trued::record::reading::Flag;
+use trued::setup::Pace;
+use trued::store::{Journal, RunId};
+use trued::world::{Sensed, World};
+
+use super::laser_shop::file;
+use crate::support::grbl_control::Bench;
+
+const PYTHON: &str = "python3";
+
+/// The script's frames: 10 nm, counter round at 65536. The kernel may be late with what stands in a
+/// pseudo-terminal when all cores compute: that is no silence of the sensor.
+const FRAMES: &str = r#"
+timeout_s = 10.0
+[sensor.serial.frame]
+sync = [0x7E, 0x81]
+length = 5
+counter = { byte = 0, width = 16, order = "little" }
+checksum = { kind = "crc16-xmodem", order = "big" }
+value = { byte = 2, width = 24, order = "big", signed = true, scale_mm = 1e-5, codes = [
+    { is = -8388608, means = "no-echo" } ] }
+"#;
+
+const COUNTS_PER_MM: f64 = 1e5;
+/// A run of more than a minute.
+const SETTINGS: &str = "
+[method.laser-r-test]
+tilt_deg = [-60.0, 60.0]
+turn_deg = [120.0, 240.0]
+monte_carlo_trials = 100
+";
+const LEAST: Duration = Duration::from_secs(60);
+
+/// Threads that go on until dropped.
+struct Beside(Arc<AtomicBool>);
+
+impl Beside {
+    fn begin() -> Self {
+        Self(Arc::new(AtomicBool::new(true)))
+    }
+
+    fn each(&self, mut act: impl FnMut() + Send + 'static) {
+        let on = self.0.clone();
+        std::thread::spawn(move || {
+            while on.load(Ordering::Relaxed) {
+                act();
+            }
+        });
+    }
+}
+
+impl Drop for Beside {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}
+
+/// The script, in a process of its own.
+struct Script {
+    child: Child,
+    stdin: Arc<Mutex<ChildStdin>>,
+    stdout: BufReader<ChildStdout>,
+    path: String,
+}
+
+impl Script {
+    fn start() -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/sensor/sender.py");
+        let mut command = Command::new(PYTHON);
+        command.arg(script).arg("frames").stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        let stdin = Arc::new(Mutex::new(child.stdin.take().unwrap()));
+        let mut path = String::new();
+        stdout.read_line(&mut path).unwrap();
+        Self { child, stdin, stdout, path: path.trim().to_owned() }
+    }
+
+    /// It is told each millisecond what it sees.
+    fn sees(&self, world: Arc<Mutex<World>>, beside: &Beside) {
+        let stdin = self.stdin.clone();
+        writeln!(stdin.lock().unwrap(), "follow").unwrap();
+        let mut last = Instant::now();
+        beside.each(move || {
+            std::thread::sleep(Duration::from_millis(1));
+            let passed = last.elapsed();
+            last = Instant::now();
+            let seen = match world.lock().unwrap().sense("laser", passed.as_secs_f64()) {
+                Some(Sensed::Distance(mm)) => format!("{:.0}", mm * COUNTS_PER_MM),
+                _ => "none".to_owned(),
+            };
+            let _ = writeln!(stdin.lock().unwrap(), "{seen}");
+        });
+    }
+
+    /// How many samples it has sent up to now.
+    fn count(&mut self) -> u64 {
+        writeln!(self.stdin.lock().unwrap(), "count").unwrap();
+        let mut line = String::new();
+        self.stdout.read_line(&mut line).unwrap();
+        line.trim().parse().unwrap()
+    }
+}
+
+impl Drop for Script {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What the program says of its samples at the end of a run.
+#[derive(Debug)]
+struct Told {
+    came: u64,
+    missing: u64,
+    silences: u64,
+    passed_over: u64,
+}
+
+impl Told {
+    fn of(line: &str) -> Option<Self> {
+        let numbers = line.trim().strip_prefix("laser: ")?.split(", ");
+        let numbers = numbers.map(|part| part.split(' ').next()?.parse().ok());
+        let numbers: Vec<u64> = numbers.collect::<Option<_>>()?;
+        let [came, missing, silences, passed_over] = numbers[..] else { return None };
+        Some(Self { came, missing, silences, passed_over })
+    }
+}
+
+/// Every core computes.
+fn load(beside: &Beside) {
+    for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+        let mut number = seed as u64;
+        beside.each(move || {
+            for _ in 0..10_000 {
+                number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            }
+            std::hint::black_box(number);
+        });
+    }
+}
+
+/// Samples that may have been on their way when the script was asked for its count.
+const ON_THE_WAY: u64 = 5000;
+
+pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
+    let is_there = Command::new(PYTHON).arg("--version").output().is_ok();
+    assert!(is_there, "{PYTHON} is not here");
+    let text = include_str!("../../../config/laser.toml").to_owned() + SETTINGS;
+    let bench = Bench::at(&text, Pace::Real);
+    let (beside, mut script) = (Beside::begin(), Script::start());
+    script.sees(bench.world.clone(), &beside);
+    load(&beside);
+
+    let control = format!("tcp = \"{}\"", bench.address);
+    let sensor = format!("[sensor.serial]\nserial = \"{}\"\n{FRAMES}", script.path);
+    let folder = tempfile::tempdir().unwrap();
+    let machine = folder.path().join("machine.toml");
+    std::fs::write(&machine, file(&text, &control, &sensor)).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(["run", "laser-r-test", "--json", "--machine"]).arg(machine);
+    command.arg("--state").arg(folder.path()).stdin(Stdio::null());
+    let begun = Instant::now();
+    let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let (mut said, mut told, mut sent) = (String::new(), None, Vec::new());
+    for line in BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap) {
+        // The sensor is ready; all that is to be measured was measured.
+        if line.contains("laser: serial sensor") || told.is_none() && Told::of(&line).is_some() {
+            sent.push(script.count());
+            told = told.or(Told::of(&line));
+        }
+        said += &(line + "\n");
+    }
+    let ended = run.wait_with_output().unwrap();
+    let seconds = begun.elapsed();
+    drop(beside);
+
+    assert_eq!(ended.status.code(), Some(0), "{said}");
+    let told = told.unwrap_or_else(|| panic!("it says nothing of its samples: {said}"));
+    let readings = Journal::open(folder.path()).unwrap().load(RunId(1)).unwrap().readings;
+    let flagged = readings.iter().filter(|reading| reading.flag != Flag::None).count();
+    println!(
+        "{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged",
+        readings.len()
+    );
+    assert!(seconds > LEAST, "{seconds:?}");
+    assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
+    assert_eq!(readings.len() % 20, 0);
+    // It listens while the machine moves or rests, which is nearly always; and what it listened to and what
+    // it passed over on purpose is all that was sent.
+    assert!(told.came > 20 * told.passed_over, "{told:?}");
+    let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
+    let accounted = told.came + told.passed_over;
+    assert!(accounted.abs_diff(measured - ready) < ON_THE_WAY, "{accounted} {sent:?}");
+}

@@ -1,0 +1,208 @@
+//! What a person gets wrong with a laser, told by the program itself: what it is, and what to do.
+
+use std::io::Write as _;
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use trued::base::Axis;
+use trued::record::plan::{Plan, Step};
+use trued::record::reading::{Flag, Reading};
+use trued::report::readings_csv;
+use trued::setup::{self, MachineFile};
+
+use crate::support::machine_shop::stderr;
+use crate::support::plan_player;
+
+const METHOD: &str = "laser-r-test";
+const LASER: &str = include_str!("../../../config/laser.toml");
+const SIMULATED: &str = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
+
+/// The built-in machine, changed.
+#[track_caller]
+fn machine(changes: &[(&str, &str)], settings: &str) -> String {
+    let change = |text: String, (old, new): &(&str, &str)| {
+        assert!(text.contains(old), "{old}");
+        text.replacen(old, new, 1)
+    };
+    let text = changes.iter().fold(LASER.to_owned(), change);
+    format!("{text}\n[method.laser-r-test]\nmonte_carlo_trials = 100\n{settings}\n")
+}
+
+/// In an empty folder, with this machine file.
+fn trued(folder: &Path, file: &str, arguments: &[&str]) -> Output {
+    let machine = folder.join("laser.toml");
+    std::fs::write(&machine, file).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+    command.args(arguments).arg("--machine").arg(machine).stdin(Stdio::null());
+    command.arg("--state").arg(folder.join("state"));
+    command.output().unwrap()
+}
+
+#[track_caller]
+fn refused(file: &str, arguments: &[&str], told: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = trued(folder.path(), file, arguments);
+    names(&output, told);
+}
+
+#[track_caller]
+fn names(output: &Output, told: &[&str]) {
+    let words = stderr(output);
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(output.stdout.is_empty(), "a result in spite of everything");
+    for words_told in told {
+        assert!(words.contains(words_told), "no `{words_told}` in: {words}");
+    }
+}
+
+/// `[sensor.can]` with this in place of its value and counter.
+fn frames(layout: &str) -> String {
+    let table = format!(
+        "[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n"
+    );
+    machine(&[(SIMULATED, &table)], "")
+}
+
+pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
+    let value = "value = { byte = 2, width = 24, signed = true, scale_mm = 1e-5 }";
+    let counter = "counter = { byte = 0, width = 16 }";
+    let line = "laser.toml:";
+    for (layout, told) in [
+        (
+            format!("{value}\ncounter = {{ byte = 1, width = 16 }}"),
+            [line, "`value` and `counter` overlap at byte 2, bit 0", "the sensor's manual"],
+        ),
+        (
+            format!("{}\n{counter}", value.replace("1e-5", "0.0")),
+            [line, "every reading would be the same", "it is the mm of one count"],
+        ),
+        (
+            format!("{}\n{counter}", value.replace("1e-5", "\"10 nm\"")),
+            [line, "`scale_mm` in [sensor.can.value]", "must be a number, not string \"10 nm\""],
+        ),
+        (
+            format!("{value}\n{}", counter.replace("16", "160")),
+            [line, "`counter.width` is 160", "a number has 1 to 64 bits"],
+        ),
+    ] {
+        refused(&frames(&layout), &["run", METHOD], &told);
+    }
+}
+
+/// A sensor at a port that says this again and again.
+fn saying(bytes: Vec<u8>) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let at = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        while let Ok((mut stream, _)) = listener.accept() {
+            while stream.write_all(&bytes).is_ok() {
+                std::thread::sleep(std::time::Duration::from_millis(2));
+            }
+        }
+    });
+    let line = format!(
+        "[sensor.serial]\ntcp = \"{at}\"\n[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\n\
+         columns = 3\nvalue = {{ column = 2, scale_mm = 1.0 }}\n"
+    );
+    machine(&[(SIMULATED, &line)], "")
+}
+
+pub fn what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves() {
+    let line = b"M0,+01.23450,0001\r\n".repeat(12);
+    let noise = trued::link::heard(&line, 115_200, 9600);
+    let speed = ["mostly noise comes where lines should", "another bit rate than the sensor"];
+    refused(&saying(noise), &["run", METHOD], &speed);
+    let text = b"M0,STANDBY,0001\r\n".to_vec();
+    let columns = ["lines come as `M0,STANDBY", "a number where the value is"];
+    refused(&saying(text), &["run", METHOD], &columns);
+}
+
+pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike() {
+    for sampling in ["dwell", "continuous"] {
+        let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
+        let two = machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
+        refused(&two, &["plan", METHOD], &["heights_mm names 2 heights", "name three heights"]);
+        // At some pose the sphere is beyond what an axis reaches.
+        let far = machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
+        refused(
+            &far,
+            &["plan", METHOD],
+            &["at B -90°, C 0° Z would have to go to", "take the position out of tilt_deg"],
+        );
+    }
+    // Known once the sphere was seen.
+    let high = machine(&[], "heights_mm = [-5.0, 0.0, 9.5]");
+    let told = ["may be out of the sensor's range", "choose heights_mm nearer to the middle"];
+    refused(&high, &["run", METHOD], &told);
+}
+
+/// What a run on the simulated machine measures, by `sampling`.
+fn measured(sampling: &str) -> (String, Plan, Vec<Reading>) {
+    let settings = format!(
+        "tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0"
+    );
+    let text = machine(&[], &settings);
+    let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
+    let (method, header) = setup::header(&file, METHOD, None).unwrap();
+    let mut world = setup::world(&file).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    (text, plan, readings)
+}
+
+fn identify((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (plan_at, csv) = (at("plan.json"), at("readings.csv"));
+    std::fs::write(&plan_at, serde_json::to_string(plan).unwrap()).unwrap();
+    readings_csv::write(readings, &[], std::fs::File::create(&csv).unwrap()).unwrap();
+    trued(folder.path(), text, &["identify", METHOD, "--plan", &plan_at, "--readings", &csv])
+}
+
+/// With the samples that `lost` names out of range.
+fn without(
+    (plan, readings): (&Plan, &[Reading]),
+    lost: impl Fn(&Step, &[Reading], &Reading) -> bool,
+) -> Vec<Reading> {
+    let same = |one: &Reading, other: &Reading| one.step == other.step;
+    let scans = readings.chunk_by(same);
+    let mut spoilt = Vec::new();
+    for scan in scans {
+        let step = plan.steps.iter().find(|step| step.id == scan[0].step).unwrap();
+        for reading in scan {
+            let mut reading = reading.clone();
+            if lost(step, scan, &reading) {
+                (reading.value_mm, reading.flag) = (None, Flag::Range);
+            }
+            spoilt.push(reading);
+        }
+    }
+    spoilt
+}
+
+/// Off the line of a cross that goes along X.
+fn off_the_first_line(scan: &[Reading], reading: &Reading) -> bool {
+    let mut all: Vec<f64> = scan.iter().map(|reading| reading.position.at(Axis::Y)).collect();
+    all.sort_by(f64::total_cmp);
+    (reading.position.at(Axis::Y) - all[all.len() / 2]).abs() > 0.05
+}
+
+pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alike() {
+    for sampling in ["dwell", "continuous"] {
+        let (text, plan, readings) = measured(sampling);
+        let whole = identify((&text, &plan, &readings));
+        assert_eq!(whole.status.code(), Some(0), "{sampling}: {}", stderr(&whole));
+
+        let one = without((&plan, &readings), |step, _, _| {
+            step.label.starts_with("height/1") || step.label.starts_with("height/2")
+        });
+        let told = ["needs scans at three heights, there are 1", "three heights_mm well apart"];
+        names(&identify((&text, &plan, &one)), &told);
+
+        // What tells the latency stays as it is.
+        let flat = without((&plan, &readings), |step, scan, reading| {
+            !step.label.starts_with("latency") && off_the_first_line(scan, reading)
+        });
+        names(&identify((&text, &plan, &flat)), &["great circle", "two lines that cross"]);
+    }
+}

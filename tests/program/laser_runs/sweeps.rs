@@ -1,0 +1,296 @@
+//! Something happens in the middle of a scan in motion: the machine is held where it is, the error says what
+//! to do, nothing of the scan is kept and all that went before is; and a person lets the run go on.
+
+use trued::base::{Axis, Position};
+use trued::controllers::Halt;
+use trued::methods::{IdentifyError, Method, Next, Refused, Source};
+use trued::record::estimate::Estimate;
+use trued::record::event::Event as Told;
+use trued::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
+use trued::record::reading::{Flag, Reading};
+use trued::run::{Interrupted, Run, RunError};
+use trued::sensors::Reached;
+use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
+
+use super::played::{self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, Shared};
+
+/// A reference at rest (0), and two scans there and back.
+const STEPS: u32 = 3;
+const POINTS: [f64; 3] = [-2.0, 0.0, 2.0];
+const SAMPLES: u32 = 5;
+const REACH_MM: f64 = 4.0;
+const FEED_MM_MIN: f64 = 600.0;
+/// Of a scan: one way there, one back, a sample a period.
+const WAY: usize = (2.0 * REACH_MM / (FEED_MM_MIN / 60.0) / PERIOD_S) as usize;
+/// In the middle of the way there, and of the way back, of the second scan.
+const THERE: (u32, usize) = (2, WAY / 2);
+/// What is so from the beginning meets the first.
+const FIRST: (u32, usize) = (1, 1);
+const BACK: (u32, usize) = (2, WAY + WAY / 2);
+
+fn over(by: f64) -> Position {
+    let at = Position::new().with(Axis::X, MIDDLE_MM + by).with(Axis::Y, 0.0);
+    at.with(Axis::Z, 220.0).with(Axis::B, 0.0).with(Axis::C, 0.0)
+}
+
+fn step(id: u32) -> Step {
+    let (kind, label, path, sampling) = match id {
+        0 => {
+            let sampling = Sampling::Dwell { dwell_s: 0.01, samples: SAMPLES };
+            (StepKind::Reference, "reference".to_owned(), POINTS.to_vec(), sampling)
+        }
+        id => {
+            let path = vec![-REACH_MM, REACH_MM, -REACH_MM];
+            let sampling = Sampling::Continuous { rate_hz: 1.0 / PERIOD_S };
+            (StepKind::Scan, format!("pass/{id}"), path, sampling)
+        }
+    };
+    let path: Vec<Position> = path.into_iter().map(over).collect();
+    Step {
+        id,
+        stage: 0,
+        kind,
+        label,
+        from: path[0].clone(),
+        to: path[path.len() - 1].clone(),
+        feed_mm_min: FEED_MM_MIN,
+        sensor: "laser".to_owned(),
+        normal: [0.0, 0.0, 1.0],
+        scan: Some(Scan { path, sampling }),
+        text: None,
+    }
+}
+
+struct Passes;
+
+impl Method for Passes {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::json!({})
+    }
+
+    fn next(&self, _: &Plan, done: &[Stage], _: Source<'_>) -> Result<Next, Refused> {
+        if !done.is_empty() {
+            return Ok(Next::Done);
+        }
+        let (steps, new_steps) = ((0..STEPS).collect(), (0..STEPS).map(step).collect());
+        let stage = Stage { id: 0, name: "passes".to_owned(), repeat: 0, steps, found: None };
+        Ok(Next::Stage { stage, new_steps })
+    }
+
+    fn identify(&self, _: &Plan, _: &[Reading], _: &[Estimate]) -> Result<Estimate, IdentifyError> {
+        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+    }
+}
+
+/// A machine with control and sensor of [`played`], and its journal.
+struct Shop {
+    folder: tempfile::TempDir,
+    file: MachineFile,
+    scene: Shared,
+}
+
+impl Shop {
+    fn new() -> Self {
+        let text = include_str!("../../../config/laser.toml").to_owned();
+        let mut file = MachineFile::parse("laser.toml", text).unwrap();
+        let scene = played::shared(over(0.0).with(Axis::Z, 400.0));
+        file.sensors[0].reached = Reached::Real(std::sync::Arc::new(Eye(scene.clone())));
+        Self { folder: tempfile::tempdir().unwrap(), file, scene }
+    }
+
+    async fn devices(&self, plot: Plot) -> (Devices, Halt) {
+        let mut devices = setup::devices(&self.file, Pace::Fast, Past::default()).await.unwrap();
+        devices.controller = played::control(&self.scene, plot);
+        devices.clock = std::sync::Arc::new(Hands(self.scene.clone()));
+        let halt = devices.controller.halt();
+        (devices, halt)
+    }
+
+    fn plan(&self) -> Plan {
+        let mut plan = setup::without_steps(&self.file, "laser-r-test", serde_json::json!({}));
+        plan.sensors = self.file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+        plan
+    }
+
+    /// A run to which `plot` happens.
+    async fn runs(&self, plot: Plot) -> (Result<(), RunError>, StoredRun, Halt) {
+        let (devices, halt) = self.devices(plot).await;
+        let journal = Journal::open(self.folder.path()).unwrap();
+        let plan = self.plan();
+        let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
+        let id = journal.begin(&new).await.unwrap();
+        let mut tell = |_: &Told| {};
+        let mut run = Run::new(id, &Passes, &devices, &journal, plan, &mut tell);
+        let ended = run.execute().await;
+        (ended, journal.load(id).unwrap(), halt)
+    }
+
+    /// A person lets it go on; nothing happens any more.
+    async fn goes_on(&self, stored: StoredRun) -> StoredRun {
+        let id: RunId = stored.summary.id;
+        let (devices, _) = self.devices(None).await;
+        let journal = Journal::open(self.folder.path()).unwrap();
+        let mut tell = |_: &Told| {};
+        let mut run = Run::new(id, &Passes, &devices, &journal, stored.plan, &mut tell);
+        let (stages, readings) = (stored.stages, stored.readings);
+        let answered = Vec::new();
+        run.resume(Interrupted { stages, readings, answered, elapsed_s: 60.0 }).await.unwrap();
+        journal.load(id).unwrap()
+    }
+
+    /// Each reading was said by the sensor, and stands where X was then.
+    fn is_true(&self, readings: &[Reading], label: &str) {
+        let said = &self.scene.lock().unwrap().said;
+        let mut said = said.iter();
+        for reading in readings.iter() {
+            let value = reading.value_mm.unwrap_or_else(|| panic!("{label}: no value"));
+            let off = reading.position.at(Axis::X) - MIDDLE_MM - value;
+            assert!(off.abs() < 1e-9, "{label}: {reading:?}");
+            assert!(said.any(|one| *one == value), "{label}: nobody said {reading:?}");
+        }
+    }
+}
+
+fn trial<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
+}
+
+/// Samples of each step, in the order of the readings.
+fn counts(readings: &[Reading]) -> Vec<(u32, usize)> {
+    let same =
+        |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+    readings.chunk_by(same).map(|step| (step[0].step, step.len())).collect()
+}
+
+/// These steps, each whole.
+fn whole(steps: impl IntoIterator<Item = u32>) -> Vec<(u32, usize)> {
+    let rests = POINTS.len() * SAMPLES as usize;
+    steps.into_iter().map(|step| (step, if step == 0 { rests } else { 2 * WAY })).collect()
+}
+
+/// Whether the machine has to be held in mid-pass, or stands at the end of the scan anyway.
+#[derive(Clone, Copy, PartialEq)]
+enum Then {
+    Held,
+    Over,
+}
+
+async fn fails((at, event, then): ((u32, usize), Event, Then), words: &[&str]) {
+    let label = format!("{event:?}");
+    let shop = Shop::new();
+    let (ended, stored, halt) = shop.runs(Some((at.0, at.1, event))).await;
+    let error = ended.expect_err(&label);
+    let said = format!("{error}\n  -> {}", error.remedy());
+    println!("{label}: {said}");
+    for words in words {
+        assert!(said.contains(words), "{label}: no {words} in {said}");
+    }
+    {
+        let scene = shop.scene.lock().unwrap();
+        // It stands where it stood, and nothing was begun after this scan.
+        if then == Then::Held {
+            assert_eq!(Some(&scene.stands), scene.stood.as_ref(), "{label}: it moved on");
+        }
+        assert_eq!(scene.begun.last(), Some(&at.0), "{label}: something followed");
+    }
+    // The control has stopped by itself where it is its own fault.
+    let holds = then == Then::Held && event != Event::ControlGone;
+    assert_eq!(halt.is_halted(), holds, "{label}");
+    assert_eq!(stored.summary.state, RunState::Held, "{label}");
+    assert_eq!(counts(&stored.readings), whole(0..at.0), "{label}");
+    shop.is_true(&stored.readings, &label);
+    let told = |(_, event): &(_, Told)| match event {
+        Told::Held { .. } => error.is_stop(),
+        Told::Faulted { what, remedy, .. } => {
+            (what, remedy) == (&error.to_string(), &error.remedy())
+        }
+        _ => false,
+    };
+    assert!(stored.events.iter().any(told), "{label}: the journal does not say so");
+
+    let stored = shop.goes_on(stored).await;
+    assert_eq!(stored.summary.state, RunState::Finished, "{label}");
+    // Nobody has declared how its means repeat: the reference tells it, twice.
+    let steps = (0..at.0).chain([0, 0]).chain(at.0..STEPS);
+    assert_eq!(counts(&stored.readings), whole(steps), "{label}");
+    shop.is_true(&stored.readings, &label);
+}
+
+pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
+    use Then::{Held, Over};
+    type Case = ((u32, usize), Event, Then);
+    let on_step = "pass/2, step 2";
+    let resume = "`trued resume` measures it anew";
+    let cases: [(Case, &[&str]); 12] = [
+        (
+            (THERE, Event::Says(Flag::Stale), Held),
+            &[on_step, "(stale)", "has fallen silent: see to its cable"],
+        ),
+        (
+            (BACK, Event::Says(Flag::Range), Held),
+            &[on_step, "(range)", "see that the beam meets the sphere"],
+        ),
+        (
+            (BACK, Event::Says(Flag::Saturated), Held),
+            &[on_step, "(saturated)", "lower the sensor's exposure"],
+        ),
+        ((THERE, Event::SensorGone, Held), &["`laser`", "is lost", "the sensor's power and cable"]),
+        ((BACK, Event::ControlGone, Held), &["the link to the control is lost"]),
+        ((THERE, Event::Hold, Held), &["held on request", "until a person starts a run again"]),
+        (
+            (THERE, Event::NoTrack, Over),
+            &["does not stamp where its axes stand", "[controller.sampler]"],
+        ),
+        ((BACK, Event::TrackEnds, Over), &[on_step, "2 of the 3 points", resume]),
+        ((THERE, Event::TrackBegins, Over), &[on_step, "1 of the 3 points", resume]),
+        ((BACK, Event::StampsJump, Over), &[on_step, "2 of the 3 points", resume]),
+        (
+            (FIRST, Event::OtherClock, Over),
+            &["pass/1, step 1", "no sample was taken at a time at which the control says", resume],
+        ),
+        (
+            (FIRST, Event::Mute, Over),
+            &["pass/1, step 1", "the sensor said nothing on the way", resume],
+        ),
+    ];
+    std::thread::scope(|scope| {
+        for (case, words) in &cases {
+            scope.spawn(move || trial(fails(*case, words)));
+        }
+    });
+}
+
+/// Samples that the sensor has lost, and stamps that the control has: what is left is kept, flagged and told.
+pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
+    let measured = |at: (u32, usize), event| {
+        let shop = Shop::new();
+        let (ended, stored, _) = trial(shop.runs(Some((at.0, at.1, event))));
+        ended.unwrap();
+        shop.is_true(&stored.readings, &format!("{event:?}"));
+        let of_step = stored.readings.iter().filter(|reading| reading.step == at.0);
+        let scan: Vec<Reading> = of_step.cloned().collect();
+        let told = stored.events.into_iter().filter_map(|(_, event)| match event {
+            Told::Announced { text } => Some(text),
+            _ => None,
+        });
+        (scan, told.collect::<Vec<String>>().join("\n"))
+    };
+    let longest = |scan: &[Reading]| {
+        scan.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(0.0, f64::max)
+    };
+    let gaps = |scan: &[Reading]| scan.iter().filter(|reading| reading.flag == Flag::Gap).count();
+
+    let (scan, _) = measured(THERE, Event::Loses(30));
+    assert_eq!((scan.len(), gaps(&scan)), (2 * WAY - 30, 1));
+    assert!((longest(&scan) - 31.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
+
+    // The counter alone has jumped.
+    let (scan, _) = measured(THERE, Event::CountsAnew(60_000));
+    assert_eq!((scan.len(), gaps(&scan)), (2 * WAY, 1));
+
+    let (scan, told) = measured(BACK, Event::TrackGap);
+    assert_eq!(scan.len(), 2 * WAY - 50, "{told}");
+    assert!(told.contains("pass/2: 50 of 1600 samples are left out: in 1 places"), "{told}");
+    assert!((longest(&scan) - 51.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
+}

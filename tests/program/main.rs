@@ -1,0 +1,57 @@
+//! Runs the program as a child process, or waits for simulated devices most of the time. Each trial is named by
+//! its path: `cargo test --test program serve::` runs one suite.
+
+mod check;
+mod cli_bad_input;
+mod cli_run;
+mod contract_files;
+mod contract_play;
+mod daemon;
+mod durability;
+mod fault_schedules;
+mod halt_latency;
+mod init;
+mod laser_runs;
+mod latch_delay;
+mod modbus_run;
+mod samba_machines;
+mod schedule;
+mod serve;
+mod store_kill;
+#[path = "../support/mod.rs"]
+#[allow(dead_code, reason = "each test binary uses a part of it")]
+mod support;
+
+use support::harness::{Trials, run};
+
+fn main() {
+    if let Some((port, token)) = serve::crowd::asked_for() {
+        return serve::crowd::be(port, &token);
+    }
+    if let Some((port, from)) = serve::crowd::asked_to_connect() {
+        return serve::crowd::only_connect(port, from);
+    }
+    if store_kill::is_child() {
+        return store_kill::child();
+    }
+    let suites = [
+        check::trials(),
+        cli_bad_input::trials(),
+        cli_run::trials(),
+        contract_files::trials(),
+        contract_play::trials(),
+        daemon::trials(),
+        durability::trials(),
+        fault_schedules::trials(),
+        halt_latency::trials(),
+        init::trials(),
+        laser_runs::trials(),
+        latch_delay::trials(),
+        modbus_run::trials(),
+        samba_machines::trials(),
+        schedule::trials(),
+        serve::trials(),
+        store_kill::trials(),
+    ];
+    run(suites.into_iter().fold(Trials::default(), Trials::and))
+}

@@ -1,0 +1,89 @@
+//! A run of the real program on a simulated machine.
+
+use trued::methods::Method;
+use trued::record::estimate::Estimate;
+use trued::record::event::Event;
+use trued::record::plan::Plan;
+use trued::record::reading::Reading;
+use trued::run::{Run, RunError};
+use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun};
+
+pub const MACHINE: &str = include_str!("../../../config/simulated.toml");
+const METHOD: &str = "self-calibration";
+
+pub struct Bench {
+    file: MachineFile,
+}
+
+/// A run that has ended.
+pub struct Measured {
+    pub result: Result<(), RunError>,
+    method: Box<dyn Method>,
+    plan: Plan,
+    readings: Vec<Reading>,
+}
+
+impl Measured {
+    pub fn readings(&self) -> &[Reading] {
+        self.result.as_ref().unwrap();
+        &self.readings
+    }
+
+    /// However it ended.
+    pub fn all_readings(&self) -> &[Reading] {
+        &self.readings
+    }
+
+    pub fn estimate(&self) -> Estimate {
+        self.method.identify(&self.plan, &self.readings, &[]).unwrap()
+    }
+}
+
+/// The built-in machine behind another control.
+pub fn machine(controller: &str) -> String {
+    assert!(MACHINE.contains("wire = \"memory\"\n"));
+    match controller {
+        "" => MACHINE.to_owned(),
+        keys => MACHINE.replace("wire = \"memory\"\n", &format!("{keys}\n")),
+    }
+}
+
+/// In memory where there is such a folder: what is measured here is no disk.
+pub fn folder() -> tempfile::TempDir {
+    let shm = std::path::Path::new("/dev/shm");
+    let folder = if shm.is_dir() { tempfile::tempdir_in(shm) } else { tempfile::tempdir() };
+    folder.unwrap()
+}
+
+impl Bench {
+    /// The whole method.
+    pub fn whole(controller: &str) -> Self {
+        Self::of(machine(controller))
+    }
+
+    pub fn of(text: String) -> Self {
+        Self { file: MachineFile::parse("machine.toml", text).unwrap() }
+    }
+
+    pub fn measure(&self) -> Measured {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let devices = setup::devices(&self.file, Pace::Fast, Past::default()).await.unwrap();
+            self.measure_with(&devices).await
+        })
+    }
+
+    pub async fn measure_with(&self, devices: &Devices) -> Measured {
+        let folder = folder();
+        let journal = Journal::open(folder.path()).unwrap();
+        let (method, plan) = setup::header(&self.file, METHOD, None).unwrap();
+        let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
+        let id = journal.begin(&new).await.unwrap();
+        let mut tell = |_: &Event| {};
+        let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut tell);
+        let result = run.execute().await;
+        let Run { plan, readings, .. } = run;
+        Measured { result, method, plan, readings }
+    }
+}

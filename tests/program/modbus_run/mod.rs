@@ -1,0 +1,62 @@
+//! Self-calibration through a window of Modbus registers, over TCP and over RTU on a pseudo-terminal,
+//! as lines and by a resident program: the real run, with proof and journal, against the simulated
+//! control. The reference is the same run over the grbl wire, whose protocol shares nothing with these:
+//! what the control makes of the same lines, or of the same numbers, must come back the same.
+
+mod bench;
+mod schedules;
+
+use crate::support::harness::{Pool, Trials, trials};
+use bench::Bench;
+use trued::setup::{self, MachineFile, Pace, Past, Rehearsal};
+
+/// `[controller]` of the built-in machine.
+const CONTROLS: [(&str, &str); 4] = [
+    ("Modbus TCP", "speaks = \"modbus\"\nwire = \"tcp\""),
+    ("Modbus RTU", "speaks = \"modbus\"\nwire = \"pty\""),
+    ("a resident program, TCP", "speaks = \"modbus-program\"\nwire = \"tcp\""),
+    ("a resident program, RTU", "speaks = \"modbus-program\"\nwire = \"pty\""),
+];
+
+fn the_estimate_over_modbus_is_that_over_grbl() {
+    let grbl = Bench::whole("").measure();
+    let expected = serde_json::to_string(&grbl.estimate()).unwrap();
+    assert!(grbl.readings().len() > 30);
+    std::thread::scope(|scope| {
+        for (name, keys) in CONTROLS {
+            let (grbl, expected) = (&grbl, &expected);
+            scope.spawn(move || {
+                let modbus = Bench::whole(keys).measure();
+                assert_eq!(modbus.readings(), grbl.readings(), "{name}");
+                let found = serde_json::to_string(&modbus.estimate()).unwrap();
+                assert_eq!(found, *expected, "{name}");
+            });
+        }
+    });
+}
+
+fn what_is_served_is_opened_by_the_keys_that_it_tells() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    for (name, keys) in CONTROLS {
+        runtime.block_on(async {
+            let simulated = MachineFile::parse("machine.toml", bench::machine(keys)).unwrap();
+            let served = Rehearsal::of(&simulated).unwrap().serve(Pace::Fast).unwrap();
+            let text = bench::machine(&served.keys()).replace("kind = \"simulated\"\n", "");
+            let file = MachineFile::parse("machine.toml", text).unwrap();
+            let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+            let said = devices.controller.prepare().await.unwrap().identity;
+            assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
+        });
+    }
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        the_estimate_over_modbus_is_that_over_grbl,
+        what_is_served_is_opened_by_the_keys_that_it_tells,
+        schedules::whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it,
+        schedules::nor_over_rtu,
+        schedules::whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice,
+        schedules::no_program_starts_twice_over_rtu,
+    ]
+}

@@ -1,0 +1,355 @@
+//! Schedules of faults: short runs on a control that does wrong behind a wire that does wrong. Never a
+//! reading that the control did not make, never a line or a program twice, never a motion after a fault.
+//! `TRUED_FAULT_SEED=17` shows one alone.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use rand::RngExt;
+use tokio::net::TcpListener;
+use trued::base::Axis;
+use trued::base::random::stream;
+use trued::controllers::Controller;
+use trued::controllers::modbus::firmware::{
+    Entry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
+};
+use trued::controllers::modbus::{Config, ModbusControl, Patience};
+use trued::gcode::Dialect;
+use trued::link::{Pty, pty};
+use trued::record::reading::Reading;
+use trued::setup::{self, Devices, MachineFile, Pace};
+
+use super::bench::{Bench, Measured, machine};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wire {
+    Tcp,
+    Rtu,
+}
+
+/// What is behind the window, and how it is reached.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    wire: Wire,
+    resident: bool,
+    schedules: u64,
+    /// Chunks and requests of a short run, about.
+    chunks: u64,
+    requests: u64,
+}
+
+const LINES: Way =
+    Way { wire: Wire::Tcp, resident: false, schedules: 80, chunks: 200, requests: 700 };
+/// Over RTU the silences between the frames make a run slower.
+const LINES_RTU: Way = Way { wire: Wire::Rtu, schedules: 38, ..LINES };
+const PROGRAM: Way =
+    Way { wire: Wire::Tcp, resident: true, schedules: 72, chunks: 20, requests: 350 };
+const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, schedules: 46, ..PROGRAM };
+
+impl Way {
+    /// All that can go wrong. A serial line has no connection that could be cut.
+    fn kinds(&self) -> Vec<FaultKind> {
+        let besides = self.resident.then_some(FaultKind::OF_PROGRAM).into_iter().flatten();
+        let kinds = FaultKind::ALL.into_iter().chain(besides);
+        kinds.filter(|kind| self.wire == Wire::Tcp || *kind != FaultKind::Cut).collect()
+    }
+}
+
+/// A fault of the wire that a run survives, and one of any kind.
+fn faults(way: &Way, seed: u64) -> Vec<Fault> {
+    let mut draw = stream(seed, &[78, u64::from(way.resident)]);
+    let kinds = way.kinds();
+    let kind = kinds[seed as usize % kinds.len()];
+    let fault = |kind, at_request, at_line, after_touch| Fault {
+        kind,
+        at_request,
+        at_line,
+        after_touch,
+        code: None,
+        late_s: Some(0.15),
+        scan_s: None,
+    };
+    let passing: Vec<_> = kinds.iter().filter(|kind| PASSING.contains(kind)).collect();
+    let passing = *passing[draw.random_range(0..passing.len())];
+    let at_line = draw.random_range(1..way.chunks);
+    vec![
+        fault(passing, draw.random_range(1..way.requests), 0, 0),
+        fault(kind, draw.random_range(0..way.requests / 2), at_line, draw.random_range(0..6)),
+    ]
+}
+
+/// Nothing is lost by them but time.
+const PASSING: [FaultKind; 9] = [
+    FaultKind::Late,
+    FaultKind::Unanswered,
+    FaultKind::Lost,
+    FaultKind::Exception,
+    FaultKind::Torn,
+    FaultKind::Stale,
+    FaultKind::HalfWritten,
+    FaultKind::StaleResult,
+    FaultKind::RepeatedResult,
+];
+/// The control takes nothing any more.
+const FATAL: [FaultKind; 9] = [
+    FaultKind::Silence,
+    FaultKind::Frozen,
+    FaultKind::Reset,
+    FaultKind::Alarm,
+    FaultKind::EStop,
+    FaultKind::Hold,
+    FaultKind::LostStart,
+    FaultKind::SkippedResult,
+    FaultKind::StartedTwice,
+];
+/// What the machine does is other than it would have been.
+const OTHER_WORLD: [FaultKind; 5] = [
+    FaultKind::ProbeStuck,
+    FaultKind::ProbeDead,
+    FaultKind::ForeignBody,
+    FaultKind::RapidContact,
+    FaultKind::SlowLatch,
+];
+
+struct Ended {
+    measured: Measured,
+    readings: Vec<Reading>,
+    diary: Vec<Entry>,
+    /// Length of the diary when the run had ended.
+    mark: usize,
+}
+
+fn file() -> String {
+    machine("") + "\n[method.self-calibration]\npositions = 5\n"
+}
+
+/// Short, so that many schedules pass quickly.
+fn patience(wire: Wire) -> Patience {
+    let ms = Duration::from_millis;
+    // On a serial line a lost reply is waited for, and then asked whether it still comes.
+    let answer = if wire == Wire::Tcp { ms(1200) } else { ms(3000) };
+    Patience { answer, poll: ms(10), stall: ms(1200), heartbeat: ms(1000) }
+}
+
+/// Serve it; where it is, as `[controller]` names it.
+async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHandle<()>) {
+    match wire {
+        Wire::Tcp => {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let at = format!("tcp = \"{}\"", listener.local_addr().unwrap());
+            (at, tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() }))
+        }
+        Wire::Rtu => {
+            let Pty { device, path, client_side } = pty().unwrap();
+            let at = format!("serial = \"{path}\"\nbaud = 115200\nparity = \"none\"");
+            let served = async move {
+                let _client_side = client_side;
+                let _ = serve_rtu(firmware, device).await;
+            };
+            (at, tokio::spawn(served))
+        }
+    }
+}
+
+fn run(way: &Way, faults: Vec<Fault>) -> Ended {
+    let Way { wire, resident, .. } = *way;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let file = MachineFile::parse("machine.toml", self::file()).unwrap();
+        let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+        let options = Options { faults, resident, ..Options::of(&file.machine, Pace::Fast) };
+        let firmware = Firmware::new(world, options);
+        let diary = firmware.diary();
+        let (at, served) = serve(firmware, wire).await;
+        let program = if resident { "[program]" } else { "" };
+        let keys = format!("{at}\ntimeout_s = 0.1\n{program}");
+        let config: Config = toml::from_str(&keys).unwrap();
+        let dialect = Dialect::named("grbl-m19").unwrap();
+        let opened = ModbusControl::open(&config, &file.machine, dialect.clone()).await;
+        let (driver, halt) = opened.unwrap();
+        let controller = Controller::spawn(driver.with_patience(patience(wire)), halt);
+        let devices = Devices::new(controller, dialect);
+        let measured = Bench::of(self::file()).measure_with(&devices).await;
+        let mark = diary.lock().unwrap().len();
+        // Whatever the driver might still say.
+        tokio::time::sleep(Duration::from_millis(30)).await;
+        drop(devices);
+        tokio::time::sleep(Duration::from_millis(10)).await;
+        served.abort();
+        let diary = diary.lock().unwrap().clone();
+        Ended { readings: measured.all_readings().to_vec(), measured, diary, mark }
+    })
+}
+
+fn wrong(ended: &Ended) -> Vec<FaultKind> {
+    let kinds = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Wrong(kind) => Some(*kind),
+        _ => None,
+    });
+    kinds.collect()
+}
+
+fn taken(ended: &Ended) -> Vec<&str> {
+    let taken = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Took { text, .. } => Some(text.as_str()),
+        _ => None,
+    });
+    taken.collect()
+}
+
+/// Every breach, in words.
+fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
+    let kinds = wrong(ended);
+    let mut all = Vec::new();
+    all.extend(invented(ended));
+    all.extend(asked_after_a_hold(ended));
+    all.extend(taken_after_a_fault(ended));
+    all.extend(asked_again(ended));
+    if !kinds.iter().any(|kind| OTHER_WORLD.contains(kind)) {
+        if !taken(clean).starts_with(&taken(ended)) {
+            all.push("the control took other chunks than in a clean run".to_owned());
+        }
+        if !clean.readings.starts_with(&ended.readings) {
+            all.push("readings are not those of a clean run".to_owned());
+        }
+        let ended_well = ended.measured.result.is_ok();
+        if kinds.iter().all(|kind| PASSING.contains(kind)) && !ended_well {
+            all.push(format!("{kinds:?} ended it: {:?}", ended.measured.result));
+        }
+    }
+    all
+}
+
+/// Each reading is a contact of the control's, in their order, each at most once.
+fn invented(ended: &Ended) -> Option<String> {
+    const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+    let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
+        Entry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
+        _ => None,
+    });
+    let told = |reading: &Reading| {
+        let step = |axis: Axis| (axis.to_edge(reading.position.at(axis)) * 1e3).round() as i32;
+        (AXES.map(step).to_vec(), reading.t_s)
+    };
+    let made_up = ended.readings.iter().find(|reading| {
+        let told = told(reading);
+        !contacts.any(|contact| contact == told)
+    });
+    made_up.map(|reading| format!("the control never made {reading:?}"))
+}
+
+/// No chunk is offered once hold was written, or when the run is over.
+fn asked_after_a_hold(ended: &Ended) -> Option<String> {
+    let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
+    let from = hold.unwrap_or(ended.mark).min(ended.mark);
+    let late = ended.diary[from..].iter().any(|entry| matches!(entry, Entry::Asked { .. }));
+    late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
+}
+
+/// One chunk may be on its way when the control fails; it is not taken.
+fn taken_after_a_fault(ended: &Ended) -> Option<String> {
+    let fatal = |entry: &Entry| matches!(entry, Entry::Wrong(kind) if FATAL.contains(kind));
+    let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
+    let (mut asked, mut took) = (0, 0);
+    for entry in after {
+        asked += u32::from(matches!(entry, Entry::Asked { .. }));
+        took += u32::from(matches!(entry, Entry::Took { .. }));
+    }
+    // What was asked for again, because nobody answered, has the same sequence.
+    (took > 0 || asked > 4)
+        .then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
+}
+
+/// What the control has taken it is not asked for once more.
+fn asked_again(ended: &Ended) -> Option<String> {
+    let mut last = None;
+    ended.diary.iter().find_map(|entry| match entry {
+        Entry::Took { sequence, .. } => {
+            last = Some(*sequence);
+            None
+        }
+        Entry::Asked { sequence } if last == Some(*sequence) => {
+            Some(format!("sequence {sequence} was written again"))
+        }
+        _ => None,
+    })
+}
+
+fn name(value: impl std::fmt::Debug) -> String {
+    let text = format!("{value:?}");
+    text.trim_start_matches("Err(").split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned()
+}
+
+fn ending(ended: &Ended) -> String {
+    match &ended.measured.result {
+        Ok(()) => "Finished".to_owned(),
+        Err(error) => error.of_control().map_or_else(|| name(error), name),
+    }
+}
+
+const ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"];
+
+pub fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
+    all_schedules(&LINES, "NoAnswer");
+}
+
+pub fn nor_over_rtu() {
+    all_schedules(&LINES_RTU, "NoAnswer");
+}
+
+pub fn whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice() {
+    all_schedules(&PROGRAM, "OutOfStep");
+}
+
+pub fn no_program_starts_twice_over_rtu() {
+    all_schedules(&PROGRAM_RTU, "OutOfStep");
+}
+
+/// `besides`: as some run ends that can do so this way alone.
+fn all_schedules(way: &Way, besides: &str) {
+    let clean = run(way, Vec::new());
+    assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
+    if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
+        let ended = run(way, faults(way, seed.parse().unwrap()));
+        ended.diary.iter().for_each(|entry| println!("{entry:?}"));
+        println!("{:?}", ended.measured.result);
+        assert_eq!(breaches(&ended, &clean), Vec::<String>::new());
+        return;
+    }
+    let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        // Most of the time a run waits for an answer that does not come.
+        for _ in 0..6 {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::SeqCst);
+                    if seed >= way.schedules {
+                        return;
+                    }
+                    let ended = run(way, faults(way, seed));
+                    let breaches = breaches(&ended, &clean);
+                    all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
+                }
+            });
+        }
+    });
+    let all = all.into_inner().unwrap();
+    let mut endings = BTreeMap::<&str, u32>::new();
+    let mut kinds = BTreeMap::<FaultKind, u32>::new();
+    for (_, ending, wrong, _) in &all {
+        *endings.entry(ending).or_default() += 1;
+        wrong.iter().for_each(|kind| *kinds.entry(*kind).or_default() += 1);
+    }
+    println!("{way:?}: endings {endings:?}\nfaults {kinds:?}");
+    let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
+    assert!(breached.is_empty(), "{breached:#?}");
+    // The mix is what it claims to be: each of them came about.
+    let missing: Vec<_> =
+        way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+    for ending in ENDINGS.into_iter().chain([besides]) {
+        assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");
+    }
+}

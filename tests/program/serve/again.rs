@@ -1,0 +1,74 @@
+//! A held run goes on from the page, and a result is signed: what is refused, and what it takes.
+
+use crate::support::http::{HTTP, error_code, start_request};
+use crate::support::machine_shop::MachineShop;
+use serde_json::{Value, json};
+
+/// The control restarts on the way, after the references: the axes must be homed, and somebody must say so.
+pub fn resumed() {
+    let shop = MachineShop::with_serve(HTTP);
+    shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
+    let fault = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 14\n[serve]";
+    shop.change("[serve]", fault);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let word = |change: &dyn Fn(&mut Value)| {
+        let mut word = json!({"run": 1, "who": "Ada", "free": true, "whole": true, "homed": true});
+        change(&mut word);
+        word
+    };
+    assert_eq!(error_code(&http.post("resume", &word(&|_| ()))), (404, "not-found"));
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["state"] == "held");
+    let readings = || http.get("/api/v1/runs/1")["readings"].as_u64().unwrap();
+    let before = readings();
+    let refused: [(&str, Value, (u16, &str)); 5] = [
+        ("nobody", word(&|word| word["who"] = json!(" ")), (400, "nameless")),
+        ("the way", word(&|word| word["free"] = json!(false)), (409, "not-vouched")),
+        ("the probe", word(&|word| word["whole"] = json!(false)), (409, "not-vouched")),
+        ("not homed", word(&|word| word["homed"] = json!(false)), (409, "not-homed")),
+        ("another run", word(&|word| word["run"] = json!(7)), (404, "not-found")),
+    ];
+    for (what, word, wanted) in &refused {
+        assert_eq!(error_code(&http.post("resume", word)), *wanted, "{what}");
+    }
+    assert_eq!((shop.states(), readings()), (vec!["held".to_owned()], before));
+    let because = word(&|word| word["why"] = json!("the plug sat loose"));
+    assert_eq!(http.post("resume", &because).0, 202);
+    let audits = http.get("/api/v1/audit");
+    let (what, why) = (&audits[0]["what"], &audits[0]["why"]);
+    assert_eq!((what, why), (&json!("resume of run 1"), &json!("the plug sat loose")));
+    // The same fault again: held, but farther on, and the same run.
+    http.wait_until(|standing| standing["state"] == "held" && readings() > before);
+    assert_eq!(shop.states(), ["held"]);
+    let story = http.get("/api/v1/runs/1")["story"].to_string();
+    assert!(story.contains("acknowledged by Ada") && story.contains("resumed after"), "{story}");
+}
+
+/// Bound to the estimate that was read; by name.
+pub fn signed() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["state"] == "waiting");
+    let path = "/api/v1/runs/1/sign";
+    let sign = |who: &str, estimate: &str| {
+        http.post_path(path, &json!({"who": who, "why": "as ever", "estimate": estimate}))
+    };
+    let (_, page) = http.request("GET", "/runs/1", "", "");
+    let (_, rest) = page.split_once("name=\"estimate\" value=\"").unwrap();
+    let hash = &rest[..64];
+    assert_eq!(error_code(&sign("Lise", "0")), (409, "other-estimate"));
+    assert_eq!(error_code(&sign("", hash)), (400, "nameless"));
+    assert_eq!(http.get("/api/v1/runs")[0]["signed"], Value::Null);
+    assert_eq!(sign("Lise", hash).0, 201);
+    assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
+    let audit = &http.get("/api/v1/audit")[0];
+    assert_eq!((&audit["who"], &audit["what"]), (&json!("Lise"), &json!("signature under run 1")));
+    // Identified again from the same readings it is the same estimate.
+    shop.json(&["identify", "self-calibration", "--run", "1", "--json"]);
+    assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
+    let other = json!({"who": "Ada", "estimate": hash});
+    assert_eq!(http.post_path("/api/v1/runs/7/sign", &other).0, 404);
+}

@@ -1,0 +1,65 @@
+//! The command, while a daemon has the machine.
+
+use crate::support::http::HTTP;
+use crate::support::machine_shop::MachineShop;
+
+/// It asks the daemon for its cycle, and ends as if it had measured itself.
+pub fn a_cycle() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let machine = shop.machine();
+    let run = |method: &str, more: &[&str]| {
+        let output = shop.trued(&[&["run", method, "--machine", &machine], more].concat());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), told, String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let (code, told, _) = run("self-calibration", &[]);
+    assert!(code == Some(2) && told.contains("nobody vouches"), "{code:?} {told}");
+    let (code, told, _) = run("latch-delay", &["--acknowledge", "Ada"]);
+    assert!(code == Some(1) && told.contains("none of its cycles is latch-delay"), "{told}");
+    let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--repeat", "2"]);
+    assert!(code == Some(1) && told.contains("--repeat"), "{told}");
+    let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--speed", "fast"]);
+    assert!(code == Some(1) && told.contains("--speed"), "{told}");
+    assert!(shop.states().is_empty());
+    let (code, told, said) = run("self-calibration", &["--acknowledge", "Ada", "--json"]);
+    assert_eq!(code, Some(0), "{told}");
+    let estimate: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(estimate, shop.json(&["show", "1", "--json"]));
+    assert_eq!(shop.states(), ["finished"]);
+    assert!(daemon.log().contains("cycle 1 is started by Ada"));
+}
+
+/// Another machine file than the daemon's is not passed over, be it another one or its own, changed since; a copy
+/// says the same.
+pub fn another_file() {
+    let shop = MachineShop::with_serve(HTTP);
+    let _daemon = shop.serve("fast");
+    let run = |machine: &str| {
+        let measure = ["run", "self-calibration", "--acknowledge", "Ada", "--machine", machine];
+        let output = shop.trued(&measure);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (own, copy) = (shop.machine(), shop.file("copy.toml"));
+    std::fs::copy(&own, &copy).unwrap();
+    shop.change("EX0C_um = 500.0", "EX0C_um = 5.0");
+    let (code, told) = run(&own);
+    assert!(code == Some(1) && told.contains("is not what it has read"), "{told}");
+    assert!(told.contains(&own) && told.contains("let the daemon begin anew"), "{told}");
+    let built_in = shop.trued(&["run", "self-calibration", "--acknowledge", "Ada"]);
+    let told = String::from_utf8_lossy(&built_in.stderr);
+    assert!(built_in.status.code() == Some(1) && told.contains("the built-in machine"), "{told}");
+    assert!(shop.states().is_empty());
+    let (code, told) = run(&copy);
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(shop.states(), ["finished"]);
+}
+
+/// Without a page nobody can be asked: who has the machine is told.
+pub fn no_page() {
+    let shop = MachineShop::with_serve("[serve.line]\ntcp = \"127.0.0.1:9\"\n");
+    let daemon = shop.serve("fast");
+    let output = shop.trued(&["run", "self-calibration", "--machine", &shop.machine()]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains(&format!("in use by process {}", daemon.child.id())), "{told}");
+}

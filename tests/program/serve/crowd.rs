@@ -1,0 +1,253 @@
+//! A thousand connections at once: silent ones, slow heads, slow bodies, readers who take nothing, listeners.
+//! They are other processes: this one may have too few files, and is not to be measured with them.
+
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::time::sleep;
+
+use super::hostile::{Guarded, bearer};
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::{MACHINE, start_request};
+
+const ASKED: &str = "TRUED_TEST_CROWD";
+const CONNECTS: &str = "TRUED_TEST_CONNECTS";
+const CROWDS: usize = 2;
+const EACH: usize = 500;
+/// A crowd may cost the daemon so much memory, KiB: the bounds of docs/page.md, and room.
+const MOST_KIB: u64 = 32 * 1024;
+
+/// The port that this process is to crowd, and the token that it has.
+pub fn asked_for() -> Option<(u16, String)> {
+    let asked = std::env::var(ASKED).ok()?;
+    let (port, token) = asked.split_once(' ')?;
+    Some((port.parse().ok()?, token.to_owned()))
+}
+
+/// Until it is killed; says so once each has been connected.
+pub fn be(port: u16, token: &str) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let (tell, mut told) = tokio::sync::mpsc::channel(EACH);
+        for number in 0..EACH {
+            tokio::spawn(one(port, token.to_owned(), number, tell.clone()));
+        }
+        for _ in 0..EACH {
+            told.recv().await.unwrap();
+        }
+        println!("crowded");
+        sleep(Duration::from_secs(3600)).await;
+    });
+}
+
+/// The port that this process is to connect to and nothing else, and from which address.
+pub fn asked_to_connect() -> Option<(u16, Ipv4Addr)> {
+    let asked = std::env::var(CONNECTS).ok()?;
+    let (port, from) = asked.split_once(' ')?;
+    Some((port.parse().ok()?, from.parse().ok()?))
+}
+
+/// As fast as it goes, until it is killed; says nothing there.
+pub fn only_connect(port: u16, from: Ipv4Addr) {
+    const KEPT: usize = 200;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut kept = VecDeque::new();
+        println!("crowded");
+        loop {
+            let socket = TcpSocket::new_v4().unwrap();
+            socket.set_zero_linger().unwrap();
+            let connected = match socket.bind(SocketAddr::from((from, 0))) {
+                Ok(()) => socket.connect(SocketAddr::from(([127, 0, 0, 1], port))).await,
+                Err(error) => Err(error),
+            };
+            match connected {
+                Ok(stream) => kept.push_back(stream),
+                Err(_) => sleep(Duration::from_millis(1)).await,
+            }
+            kept.drain(..kept.len().saturating_sub(KEPT));
+        }
+    });
+}
+
+/// Comes again whenever it is shown out.
+async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
+    let mut first = Some(tell);
+    loop {
+        if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)).await {
+            if let Some(tell) = first.take() {
+                tell.send(()).await.unwrap();
+            }
+            // Whatever ends it.
+            let _ = misbehave(stream, port, &token, number % 6).await;
+        }
+        sleep(Duration::from_secs(3)).await;
+    }
+}
+
+async fn misbehave(
+    mut stream: TcpStream,
+    port: u16,
+    token: &str,
+    kind: usize,
+) -> std::io::Result<()> {
+    let host = format!("Host: localhost:{port}\r\nAuthorization: Bearer {token}\r\n");
+    let mut answer = [0; 4096];
+    match kind {
+        0 => {}
+        1 => stream.write_all(format!("GET / HTTP/1.1\r\n{host}X-Half: ").as_bytes()).await?,
+        2 => {
+            for byte in
+                format!("GET /runs HTTP/1.1\r\n{host}X-Slow: {}", "s".repeat(10_000)).bytes()
+            {
+                stream.write_all(&[byte]).await?;
+                sleep(Duration::from_millis(200)).await;
+            }
+        }
+        3 => {
+            let head = "Content-Type: application/json\r\nContent-Length: 10000\r\n\r\n";
+            let head = format!("POST {MACHINE}/acknowledge HTTP/1.1\r\n{host}{head}");
+            stream.write_all(head.as_bytes()).await?;
+            for _ in 0..10_000 {
+                stream.write_all(b" ").await?;
+                sleep(Duration::from_millis(200)).await;
+            }
+        }
+        // Asks on and on, and takes no answer.
+        4 => {
+            let request = format!("GET /runs/1 HTTP/1.1\r\n{host}\r\n").repeat(20);
+            stream.write_all(request.as_bytes()).await?;
+            sleep(Duration::from_secs(60)).await;
+        }
+        _ => {
+            let request = format!("GET {MACHINE}/events HTTP/1.1\r\n{host}\r\n");
+            stream.write_all(request.as_bytes()).await?;
+        }
+    }
+    while stream.read(&mut answer).await? > 0 {}
+    Ok(())
+}
+
+/// Killed with this value.
+struct Crowd(Child);
+
+impl Drop for Crowd {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Crowd {
+    fn at(guarded: &Guarded) -> Self {
+        Self::asked(ASKED, &format!("{} {}", guarded.port, guarded.metrologist))
+    }
+
+    fn asked(what: &str, words: &str) -> Self {
+        let mut command = Command::new("sh");
+        command.args(["-c", "ulimit -n 4096 2>/dev/null; exec \"$0\""]);
+        command.arg(std::env::current_exe().unwrap()).env(what, words);
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        let mut told = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+        assert_eq!(told, "crowded\n");
+        Self(child)
+    }
+}
+
+/// The most memory that the daemon has had in it at once, KiB.
+fn high_water(daemon: &DaemonProcess) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", daemon.child.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().strip_suffix(" kB").unwrap().parse().unwrap()
+}
+
+/// The figures of the next run.
+fn measure(guarded: &Guarded) -> Value {
+    let before = guarded.standing()["run"].as_u64().unwrap();
+    assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
+    let ended = |now: &Value| now["state"] == "waiting" && now["run"].as_u64().unwrap() > before;
+    guarded.until(ended)["parameters"].clone()
+}
+
+pub fn beside_a_run() {
+    let guarded = Guarded::new("fast");
+    let wanted = measure(&guarded);
+    let calm_kib = high_water(&guarded.daemon);
+    let crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
+    // What was measured among them is what was measured without them, to the last digit.
+    assert_eq!(measure(&guarded), wanted);
+    assert!(wanted.as_array().unwrap().len() > 5);
+    let crowd_kib = high_water(&guarded.daemon);
+    println!("memory: {calm_kib} KiB at most without a crowd, {crowd_kib} KiB with it");
+    assert!(crowd_kib < calm_kib + MOST_KIB, "{calm_kib} KiB, with a crowd {crowd_kib} KiB");
+    drop(crowds);
+    assert!(!guarded.daemon.log().contains("panicked"));
+}
+
+/// And it is held, whoever else is there.
+pub fn and_a_hold() {
+    let guarded = Guarded::new("real");
+    let _crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
+    assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
+    guarded.until(|now| now["measured"].as_u64().unwrap() > 0);
+    assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
+    guarded.until(|now| now["state"] == "held");
+    assert_eq!(guarded.shop.states(), ["held"]);
+}
+
+/// Three processes that do nothing but connect, again and again, from other addresses: no hold is lost.
+pub fn who_only_connect() {
+    let guarded = Guarded::new("fast");
+    let crowds = [2, 3, 4].map(|last| {
+        Crowd::asked(CONNECTS, &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last)))
+    });
+    std::thread::sleep(Duration::from_secs(1));
+    for _ in 0..300 {
+        assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
+    }
+    drop(crowds);
+}
+
+/// The 65th listener of one caller takes the place of his own oldest.
+pub fn listeners() {
+    let guarded = Guarded::new("fast");
+    let listen = |token: &str| {
+        let mut stream = std::net::TcpStream::connect(("127.0.0.1", guarded.port)).unwrap();
+        let host = format!("Host: localhost:{}\r\n", guarded.port);
+        let request = format!("GET {MACHINE}/events HTTP/1.1\r\n{host}{}\r\n", bearer(token));
+        stream.write_all(request.as_bytes()).unwrap();
+        // The head, and with it the first event.
+        assert!(stream.read(&mut [0; 4096]).unwrap() > 0);
+        stream
+    };
+    let mut tablet = listen(&guarded.viewer);
+    let mut crowd: Vec<_> = (0..70).map(|_| listen(&guarded.operator)).collect();
+    let mut gone = 0;
+    let is_closed = |stream: &mut std::net::TcpStream| {
+        stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+        loop {
+            match stream.read(&mut [0; 4096]) {
+                Ok(0) => return true,
+                Ok(_) => {}
+                Err(error) => return error.kind() != ErrorKind::WouldBlock,
+            }
+        }
+    };
+    // The task of one that is shown out ends in its turn.
+    for _ in 0..100 {
+        let closed = crowd.extract_if(.., |stream| is_closed(stream)).count();
+        gone += closed;
+        if gone >= 7 {
+            break;
+        }
+    }
+    assert_eq!(gone, 7);
+    assert!(!is_closed(&mut tablet), "the tablet");
+}

@@ -1,0 +1,281 @@
+//! Whoever should not get in, or wants the server to break: without a token, with one of somebody else's
+//! role, from another site's page, with paths that lead elsewhere.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::{FORM, HTTP, HttpClient, JSON, MACHINE, start_request};
+use crate::support::machine_shop::MachineShop;
+use serde_json::{Value, json};
+
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// With three tokens, a proxy's name, and the daemon that asks for them.
+pub struct Guarded {
+    pub shop: MachineShop,
+    pub daemon: DaemonProcess,
+    pub port: u16,
+    pub viewer: String,
+    pub operator: String,
+    pub metrologist: String,
+}
+
+pub fn token(shop: &MachineShop, name: &str, role: &str) -> String {
+    let made = shop.trued(&["token", "add", name, "--role", role]);
+    assert!(made.status.success(), "{made:?}");
+    String::from_utf8(made.stdout).unwrap().trim().to_owned()
+}
+
+pub fn bearer(token: &str) -> String {
+    format!("Authorization: Bearer {token}\r\n")
+}
+
+impl Guarded {
+    pub fn new(speed: &str) -> Self {
+        Self::with(speed, |_| {})
+    }
+
+    /// With another machine file.
+    pub fn with(speed: &str, change: impl FnOnce(&MachineShop)) -> Self {
+        let shop =
+            MachineShop::with_serve(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
+        change(&shop);
+        let [viewer, operator, metrologist] = ["viewer", "operator", "metrologist"]
+            .map(|role| token(&shop, &format!("a-{role}"), role));
+        let daemon = shop.serve(speed);
+        let http = daemon.http();
+        let port = http.port;
+        Self { shop, daemon, port, viewer, operator, metrologist }
+    }
+
+    pub fn get(&self, path: &str, headers: &str) -> u16 {
+        HttpClient::at(self.port).request("GET", path, headers, "").0
+    }
+
+    /// A program's call.
+    pub fn post(&self, what: &str, token: &str, body: &Value) -> u16 {
+        let headers = format!("{JSON}{}", bearer(token));
+        HttpClient::at(self.port)
+            .request("POST", &format!("{MACHINE}/{what}"), &headers, &body.to_string())
+            .0
+    }
+
+    pub fn standing(&self) -> Value {
+        let (status, told) =
+            HttpClient::at(self.port).request("GET", MACHINE, &bearer(&self.viewer), "");
+        assert_eq!(status, 200, "{told}");
+        serde_json::from_str(&told).unwrap()
+    }
+
+    pub fn until(&self, right: impl Fn(&Value) -> bool) -> Value {
+        let started = Instant::now();
+        loop {
+            let standing = self.standing();
+            if right(&standing) {
+                return standing;
+            }
+            assert!(started.elapsed() < PATIENCE, "{standing}");
+            sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What the daemon answers, with its head.
+    pub fn whole(&self, request: &str) -> String {
+        raw(self.port, request.as_bytes())
+    }
+
+    /// The cookie that the page sets, with what it says of it.
+    pub fn come_in(&self, token: &str, host: &str) -> String {
+        let body = format!("token={token}");
+        let answer = self.whole(&format!(
+            "POST /login HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n{FORM}Content-Length: {}\r\n\
+             Connection: close\r\n\r\n{body}",
+            body.len()
+        ));
+        let set = answer.lines().find_map(|line| line.strip_prefix("set-cookie: "));
+        set.unwrap_or_else(|| panic!("{answer}")).to_owned()
+    }
+}
+
+/// Whatever comes until the server closes.
+fn raw(port: u16, request: &[u8]) -> String {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    // It may close before all is said.
+    let _ = stream.write_all(request);
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+/// Each role gets what it may, and the log says whose token it was.
+pub fn roles() {
+    let guarded = Guarded::new("real");
+    let Guarded { viewer, operator, metrologist, .. } = &guarded;
+    let start = json!({"cycle": 1, "enable": true, "auto": true, "door": true, "who": ""});
+    let reads =
+        ["/", "/runs", "/live.js", "/api/v1/machines", "/api/v1/audit", "/api/v1/openapi.json"];
+    for path in reads {
+        assert_eq!(guarded.get(path, ""), 401, "{path}");
+        assert_eq!(guarded.get(path, &bearer("trued_0")), 401, "{path}");
+        let seen = guarded.get(path, &bearer(viewer));
+        assert!(seen == 200 || seen == 303, "{path}: {seen}");
+    }
+    let stranger = guarded.whole("GET /runs HTTP/1.1\r\nHost: true.example\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
+    assert!(
+        stranger.starts_with("HTTP/1.1 303") && stranger.contains("location: /login"),
+        "{stranger}"
+    );
+    for what in ["start", "hold", "acknowledge"] {
+        let (status, told) =
+            HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/{what}"), JSON, "{}");
+        assert_eq!(status, 401, "{what}: {told}");
+    }
+    assert_eq!(guarded.post("start", viewer, &start_request()), 403);
+    assert_eq!(guarded.post("acknowledge", viewer, &start_request()), 403);
+    assert_eq!(guarded.shop.states(), Vec::<String>::new());
+    assert_eq!(guarded.post("start", operator, &start), 202);
+    // A hold is refused to nobody who is known, whatever he says beside it.
+    let spoilt = format!("{JSON}{}", bearer(viewer));
+    assert_eq!(
+        HttpClient::at(guarded.port)
+            .request("POST", &format!("{MACHINE}/hold"), &spoilt, "{\"why\": 7")
+            .0,
+        202
+    );
+    guarded.until(|now| now["state"] == "held");
+    assert_eq!(guarded.post("acknowledge", metrologist, &json!({"who": "Ada"})), 202);
+    let audits =
+        HttpClient::at(guarded.port).request("GET", "/api/v1/audit", &bearer(viewer), "").1;
+    let audits: Vec<Value> = serde_json::from_str(&audits).unwrap();
+    let who: Vec<&str> = audits.iter().map(|audit| audit["who"].as_str().unwrap()).collect();
+    assert_eq!(who, ["a-metrologist: Ada", "a-viewer", "a-operator"]);
+    // From the moment it is revoked it opens nothing; the others do.
+    assert!(guarded.shop.trued(&["token", "revoke", "a-operator"]).status.success());
+    assert_eq!(guarded.post("start", operator, &start), 401);
+    assert_eq!(guarded.get("/runs", &bearer(operator)), 401);
+    assert_eq!(guarded.get("/runs", &bearer(metrologist)), 200);
+}
+
+/// A browser's session: a cookie that no script and no other site's page gets, and that alone is not enough.
+pub fn sessions() {
+    let guarded = Guarded::new("fast");
+    let here = format!("localhost:{}", guarded.port);
+    let set = guarded.come_in(&guarded.operator, &here);
+    for word in ["HttpOnly", "SameSite=Strict", "Max-Age=43200", "Path=/"] {
+        assert!(set.contains(word), "{word} in {set}");
+    }
+    assert!(!set.contains("Secure"));
+    assert!(guarded.come_in(&guarded.operator, "true.example").contains("Secure"));
+    assert!(!set.contains(&guarded.operator));
+    let cookie = format!("Cookie: {}\r\n", set.split(';').next().unwrap());
+    assert_eq!(guarded.get("/runs", &cookie), 200);
+    assert_eq!(guarded.get("/runs", "Cookie: trued=0123\r\n"), 401);
+    let form = "cycle=1&who=&enable=true&auto=true&door=true";
+    let start = |origin: &str| {
+        let headers = format!("{FORM}{cookie}{origin}");
+        HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/start"), &headers, form).0
+    };
+    assert_eq!(start("Origin: http://evil.example\r\n"), 403);
+    assert_eq!(start("Origin: null\r\n"), 403);
+    assert_eq!(start(""), 403);
+    assert_eq!(guarded.shop.states(), Vec::<String>::new());
+    assert_eq!(start(&format!("Origin: http://{here}\r\n")), 303);
+    guarded.until(|now| now["state"] == "waiting");
+    // Who leaves has left; whose token is revoked is out.
+    let other = guarded.come_in(&guarded.metrologist, &here);
+    let other = format!("Cookie: {}\r\n", other.split(';').next().unwrap());
+    assert_eq!(guarded.get("/runs", &other), 200);
+    let own = format!("{FORM}{other}Origin: http://{here}\r\n");
+    assert_eq!(HttpClient::at(guarded.port).request("POST", "/logout", &own, "").0, 303);
+    assert_eq!(guarded.get("/runs", &other), 401);
+    assert!(guarded.shop.trued(&["token", "revoke", "a-operator"]).status.success());
+    assert_eq!(guarded.get("/runs", &cookie), 401);
+}
+
+/// Somebody tries tokens; somebody starts and starts. Others are not held up by it, and no hold is.
+pub fn too_often() {
+    let guarded = Guarded::new("fast");
+    // However slow this computer is, so many come before the first is let through again.
+    let tries = (0..500).map(|n| guarded.get("/runs", &bearer(&format!("trued_{n}"))));
+    assert!(tries.take_while(|status| *status == 401).count() < 500);
+    assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
+    let nothing = json!({"who": "Eve"});
+    let calls = (0..2000).map(|_| guarded.post("acknowledge", &guarded.operator, &nothing));
+    let allowed = calls.take_while(|status| *status == 409).count();
+    assert!((60..2000).contains(&allowed), "{allowed}");
+    for _ in 0..70 {
+        assert_eq!(guarded.post("hold", &guarded.operator, &json!({})), 202);
+    }
+    assert_eq!(guarded.post("acknowledge", &guarded.metrologist, &nothing), 409);
+}
+
+/// Ways round the door, and requests that are none.
+pub fn paths() {
+    let guarded = Guarded::new("fast");
+    let paths = [
+        "/../../etc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "//etc/passwd",
+        "//api/v1/runs",
+        "/api/v1/runs/",
+        "/api//v1/runs",
+        "/login/../api/v1/runs",
+        "/login/..%2fapi/v1/runs",
+        "/login%2f..%2fruns",
+        "/API/V1/RUNS",
+        "/api/v1/machines/%00",
+        "/api/v1/machines/%ff%fe",
+        "/api/v1/machines/..%2f..",
+        "/api/v1/runs/-1",
+        "/api/v1/runs/99999999999999999999",
+        "/api/v1/runs?limit=-1",
+        "/api/v1/runs?before=1&before=2",
+        "/api/v1/machines/x%0d%0aSet-Cookie:%20a=b",
+        "/runs/1;a=b",
+        "http://evil.example/runs",
+        "*",
+    ];
+    let long = format!("/{}", "a".repeat(20_000));
+    let deep = "/a".repeat(4_000);
+    for path in paths.iter().copied().chain([long.as_str(), deep.as_str()]) {
+        for (who, headers) in [("a stranger", String::new()), ("somebody", bearer(&guarded.viewer))]
+        {
+            let answer = guarded.whole(&format!(
+                "GET {path} HTTP/1.1\r\nHost: localhost:{}\r\n{headers}Connection: close\r\n\r\n",
+                guarded.port
+            ));
+            let status = answer.split(' ').nth(1).unwrap_or("closed");
+            let wanted = ["400", "401", "404", "414", "421", "431", "closed"];
+            assert!(wanted.contains(&status), "{who}, {}: {status}", &path[..path.len().min(60)]);
+            let head = answer.split("\r\n\r\n").next().unwrap().to_lowercase();
+            assert!(!head.contains("set-cookie"), "{path}");
+        }
+    }
+    // With a token, so that nothing but what is wrong with them refuses them.
+    let known = bearer(&guarded.viewer);
+    let host = format!("Connection: close\r\nHost: localhost:{}\r\n", guarded.port);
+    // Too many fields, and yet no large head.
+    let flood: String = (0..500).map(|n| format!("X-{n}: {n}\r\n")).collect();
+    let large = format!("X-Large: {}\r\n", "x".repeat(1_000_000));
+    let spoilt: [Vec<u8>; 7] = [
+        format!("GET /runs HTTP/1.1\r\n{host}{known}{flood}\r\n").into(),
+        format!("GET /runs HTTP/1.1\r\n{host}{known}{large}\r\n").into(),
+        b"GET /\0/runs HTTP/1.1\r\n\r\n".into(),
+        vec![0xff; 10_000],
+        format!("GET /runs HTTP/1.1\r\n{host}{host}{known}\r\n").into(),
+        format!("POST /login HTTP/1.1\r\n{host}Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n").into(),
+        format!("POST /login HTTP/1.1\r\n{host}Content-Length: -1\r\n\r\n").into(),
+    ];
+    for request in spoilt {
+        let answer = raw(guarded.port, &request);
+        let status = answer.split(' ').nth(1).unwrap_or("closed");
+        let text = String::from_utf8_lossy(&request[..request.len().min(60)]).into_owned();
+        assert!(status == "closed" || status.starts_with('4'), "{text}: {answer}");
+    }
+    assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
+    assert!(!guarded.daemon.log().contains("panicked"));
+}

@@ -1,0 +1,167 @@
+//! What lasts beyond a service, and what is long: a verdict has its time, lists come by pages.
+
+use std::time::Duration;
+
+use crate::support::http::{HTTP, HttpClient, MACHINE, error_code, start_request};
+use crate::support::machine_shop::MachineShop;
+use rusqlite::Connection;
+use serde_json::{Value, json};
+
+const PAGE: &str = "/machines/simulated%20five-axis%20machine";
+
+fn journal(shop: &MachineShop) -> Connection {
+    Connection::open(shop.file("state/journal.sqlite")).unwrap()
+}
+
+fn shown(port: u16, path: &str) -> String {
+    let (status, text) = HttpClient::at(port).request("GET", path, "", "");
+    assert_eq!(status, 200, "{path}: {text}");
+    text
+}
+
+/// What was measured before a restart is known after it, with its time; and is not believed for ever.
+pub fn a_verdict() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let at = http.port;
+    assert_eq!(http.get(MACHINE)["result"], Value::Null);
+    assert!(shown(at, PAGE).contains("unknown: no result yet"));
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    let ended = http.wait_until(|standing| standing["result"]["run"] == 1);
+    assert_eq!(daemon.terminate(), 0);
+
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let at = http.port;
+    let standing = http.get(MACHINE);
+    assert_eq!((&standing["result"], &standing["verdict"]), (&ended["result"], &Value::Null));
+    let told = shop.json(&["runs", "--json"]);
+    assert_eq!(standing["result"]["measured"], told[0]["ended"]);
+    assert_eq!(standing["result"]["verdict"], "pass");
+    let page = shown(at, PAGE);
+    for words in ["class=\"glance true\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
+        assert!(page.contains(words), "{words}: {page}");
+    }
+    // Nobody need sign in where nobody is asked.
+    assert!(!page.contains("sign in"), "{page}");
+
+    let long_ago =
+        "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
+    journal(&shop).execute(long_ago, []).unwrap();
+    // Looked for again without being told.
+    let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
+    assert_eq!(standing["result"]["run"], 1);
+    let page = shown(at, PAGE);
+    assert!(page.contains("class=\"glance unknown\"") && !page.contains("Result of run"), "{page}");
+    assert!(page.contains("measured 2026-01-10"), "{page}");
+    assert_eq!(daemon.terminate(), 0);
+    shop.change("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
+    let refused = shop.trued(&["serve", "--machine", &shop.machine()]);
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && told.contains("verdict_h is 0.05"), "{told}");
+}
+
+/// Runs and readings come by pages, and a page leads to the next one.
+pub fn pages() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let at = http.port;
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["result"]["run"] == 1);
+    let more =
+        "WITH RECURSIVE many (n) AS (SELECT 2 UNION ALL SELECT n + 1 FROM many WHERE n < 450)
+        INSERT INTO runs (id, started, ended, method, machine, state, program_version, config,
+                          config_sha256, plan_head, plan_sha256)
+        SELECT n, started, ended, method, machine, 'failed', program_version, config,
+               config_sha256, plan_head, plan_sha256 FROM many, runs WHERE runs.id = 1";
+    journal(&shop).execute(more, []).unwrap();
+    let ids = |path: &str| -> Vec<i64> {
+        http.get(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
+    };
+    let down = |from: i64, to: i64| (to..=from).rev().collect::<Vec<_>>();
+    assert_eq!(ids("/api/v1/runs"), down(450, 251));
+    assert_eq!(ids("/api/v1/runs?before=251"), down(250, 51));
+    assert_eq!(ids("/api/v1/runs?after=50"), down(250, 51));
+    assert_eq!(ids("/api/v1/runs?after=447"), down(450, 448));
+    assert_eq!(ids("/api/v1/runs?before=9&after=6&limit=50"), [8, 7]);
+    let walk = |path: &str, word: &str| {
+        let page = shown(at, path);
+        let runs = page.matches("class=\"target\" href=\"/runs/").count();
+        let link = page.split("href=\"").find(|link| link.contains(&format!("\">{word}</a>")));
+        (runs, link.map(|link| link.split('"').next().unwrap().to_owned()))
+    };
+    let to = |path: &str| Some(path.to_owned());
+    assert_eq!(walk("/runs", "older"), (200, to("/runs?before=251")));
+    assert_eq!(walk("/runs", "newer").1, None);
+    assert_eq!(walk("/runs?before=251", "older"), (200, to("/runs?before=51")));
+    assert_eq!(walk("/runs?before=51", "older"), (50, None));
+    assert_eq!(walk("/runs?before=51", "newer").1, to("/runs?after=50"));
+    assert_eq!(walk("/runs?after=50", "newer"), (200, to("/runs?after=250")));
+    assert_eq!(walk("/runs?after=250", "newer"), (200, None));
+    assert_eq!(walk("/runs?after=250", "older").1, to("/runs?before=251"));
+    // The newest that has told something is the first of all of these.
+    assert_eq!(http.get(MACHINE)["result"]["run"], 1);
+
+    let readings = |query: &str| http.get(&format!("/api/v1/runs/1/readings{query}"));
+    let all = readings("");
+    let whole = all["readings"].as_array().unwrap();
+    assert_eq!(all["all"], whole.len());
+    let some = readings("?after=7&limit=5");
+    assert_eq!(some["readings"].as_array().unwrap().as_slice(), &whole[7..12]);
+    assert_eq!((&some["all"], &some["after"]), (&all["all"], &json!(7)));
+    assert_eq!(readings("?after=1000000")["readings"], json!([]));
+    assert_eq!(http.request("GET", "/api/v1/runs/451/readings", "", "").0, 404);
+}
+
+/// A slip in a form is told in words, a program is told in JSON; of a machine that nobody knows nothing is told.
+pub fn slips() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let at = http.port;
+    let form = format!(
+        "Origin: http://localhost:{at}\r\nContent-Type: application/x-www-form-urlencoded\r\n"
+    );
+    let slip =
+        |what: &str, body: &str| http.request("POST", &format!("{MACHINE}/{what}"), &form, body);
+    for (what, body, status) in
+        [("arm", "cycle=1&who=Ada&until=tomorrow", 400), ("disarm", "who=++", 400)]
+    {
+        let (answered, page) = slip(what, body);
+        assert_eq!(answered, status, "{what}: {page}");
+        assert!(page.contains("</html>") && page.contains("Not done"), "{what}: {page}");
+    }
+    let slip = json!({"cycle": 1, "who": "Ada", "until": "tomorrow"});
+    assert_eq!(error_code(&http.post("arm", &slip)), (400, "until"));
+    let (status, told) = http.request("GET", "/api/v1/machines/nobody/schedule", "", "");
+    assert!(status == 404 && told.starts_with('{'), "{told}");
+    let (status, told) = http.request("GET", "/api/v1/machines/nobody/trends", "", "");
+    assert!(status == 404 && told.contains("\"not-found\""), "{told}");
+    assert_eq!(http.get(&format!("{MACHINE}/trends")), json!([]));
+}
+
+/// While nothing changes, a listener hears all the same that the service lives; what lies between does not
+/// keep it back.
+pub fn signs_of_life() {
+    use std::io::{BufRead, BufReader, Write};
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let at = http.port;
+    let mut stream = std::net::TcpStream::connect(("127.0.0.1", at)).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
+    let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
+    let head: Vec<String> = lines.by_ref().take_while(|line| !line.is_empty()).collect();
+    let says = |words: &str| head.iter().any(|line| line.eq_ignore_ascii_case(words));
+    assert!(says("x-accel-buffering: no") && says("content-type: text/event-stream"), "{head:?}");
+    let data = lines.filter_map(|line| line.strip_prefix("data: ").map(str::to_owned));
+    let standings: Vec<Value> =
+        data.take(3).map(|data| serde_json::from_str(&data).unwrap()).collect();
+    let waiting = json!({"state": "waiting", "late": false});
+    for standing in &standings {
+        assert_eq!(json!({"state": standing["state"], "late": standing["late"]}), waiting);
+    }
+}

@@ -1,0 +1,62 @@
+//! `trued serve` over HTTP and over a line of text: cycles, lists, roles, hostile and slow clients.
+
+mod again;
+mod asks;
+mod audited;
+pub mod crowd;
+mod hostile;
+mod line;
+mod lists;
+mod page;
+mod people;
+mod person;
+mod prompts;
+mod refused_config;
+mod several;
+mod slow;
+mod tokens;
+
+use crate::support::harness::{Pool, Trials, trials};
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        line::starts,
+        page::a_cycle,
+        page::a_hold,
+        lists::a_verdict,
+        lists::pages,
+        lists::slips,
+        lists::signs_of_life,
+        again::resumed,
+        again::signed,
+        person::against_the_machine,
+        person::leaves_a_lost_position,
+        person::resumes_elsewhere,
+        page::strangers,
+        asks::a_cycle,
+        asks::another_file,
+        asks::no_page,
+        prompts::answered,
+        prompts::stopped,
+        prompts::at_a_terminal,
+        several::machines,
+        several::bad_files,
+        hostile::roles,
+        hostile::sessions,
+        hostile::too_often,
+        people::refused,
+        hostile::paths,
+        slow::shown_out,
+        crowd::beside_a_run,
+        crowd::and_a_hold,
+        crowd::who_only_connect,
+        crowd::listeners,
+        tokens::by_root,
+        tokens::unreadable,
+        audited::holds,
+        audited::pages,
+        audited::reasons,
+        audited::gone,
+        refused_config::bad_sections,
+    ]
+}

@@ -1,0 +1,125 @@
+//! The page and its interface, asked over plain sockets: words that a browser or a program would send.
+
+use crate::support::http::{HTTP, JSON, MACHINE, error_code, start_request};
+use crate::support::machine_shop::MachineShop;
+use serde_json::json;
+
+/// Started, measured to its verdict; the same figures as the command tells.
+pub fn a_cycle() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let mut unvouched = start_request();
+    unvouched["door"] = json!(false);
+    let mut nameless = start_request();
+    nameless["who"] = json!("  ");
+    let mut unknown = start_request();
+    unknown["cycle"] = json!(3);
+    assert_eq!(error_code(&http.post("start", &unvouched)), (409, "not-vouched"));
+    assert_eq!(error_code(&http.post("start", &nameless)), (400, "nameless"));
+    assert_eq!(error_code(&http.post("start", &unknown)), (409, "refused"));
+    assert_eq!(error_code(&http.post("acknowledge", &json!({"who": "Ada"}))), (409, "refused"));
+    assert_eq!(http.get("/api/v1/runs").as_array().unwrap().len(), 0);
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    let ended = http.wait_until(|standing| standing["state"] == "waiting");
+    assert_eq!(ended["verdict"], "pass");
+    assert_eq!(ended["run"], 1);
+    let told = shop.json(&["show", "1", "--json"]);
+    assert_eq!(ended["parameters"], told["parameters"]);
+    assert_eq!(http.get("/api/v1/runs/1/estimate"), told);
+    let readings = http.get("/api/v1/runs/1/readings?after=60&limit=5");
+    assert_eq!(readings["readings"].as_array().unwrap().len(), 5);
+    assert_eq!(readings["all"], ended["measured"]);
+    let trends = http.get(&format!("{MACHINE}/trends"));
+    assert_eq!(trends[0]["values"][0]["value"], told["parameters"][0]["value"]);
+    let all = http.get("/api/v1/runs/1/readings");
+    let felt = all["readings"].as_array().unwrap().iter();
+    let felt: Vec<f64> =
+        felt.map(|reading| reading["temperatures_c"]["spindle"].as_f64().unwrap()).collect();
+    assert_eq!(all["all"], felt.len());
+    let mean = trends[0]["values"][0]["temperatures_c"]["spindle"].as_f64().unwrap();
+    assert!((mean - felt.iter().sum::<f64>() / felt.len() as f64).abs() < 1e-9, "{mean} {felt:?}");
+    let (least, most) =
+        felt.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
+    let warmth = format!("{mean:.2} °C on average, {least:.2} to {most:.2} °C, ");
+    let (page, report) = ("/runs/1", "/runs/1/report");
+    let [page, report] = [page, report].map(|path| http.request("GET", path, "", "").1);
+    let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    for told in [page, report, shown] {
+        assert!(told.contains(&warmth) && told.contains("spindle"), "{warmth} in {told}");
+    }
+    assert_eq!(trends[0]["tolerance"], 500.0);
+    let one = http.get("/api/v1/compare?a=1&b=1");
+    assert_eq!((&one["runs"][1]["id"], &one["differences"][0]["by"]), (&json!(1), &json!(0.0)));
+    assert_eq!(http.request("GET", "/api/v1/compare?a=1&b=9", "", "").0, 404);
+    for page in ["/runs", "/runs/1", "/machines/simulated%20five-axis%20machine"] {
+        let (status, text) = http.request("GET", page, "", "");
+        assert!(status == 200 && text.contains("</html>"), "{page}: {text}");
+    }
+    assert_eq!(http.request("GET", "/runs/7", "", "").0, 404);
+}
+
+/// Held from the page: a name is not asked for; then it waits for somebody who has one.
+pub fn a_hold() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("real");
+    let http = daemon.http();
+    let port = http.port;
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["measured"].as_u64().unwrap() > 0);
+    let own = format!("Origin: http://localhost:{port}\r\n");
+    let form = "Content-Type: application/x-www-form-urlencoded\r\n";
+    let (status, _) = http.request("POST", &format!("{MACHINE}/hold"), &format!("{own}{form}"), "");
+    assert_eq!(status, 303);
+    http.wait_until(|standing| standing["state"] == "held");
+    assert_eq!(shop.states(), ["held"]);
+    assert_eq!(error_code(&http.post("start", &start_request())), (409, "refused"));
+    assert_eq!(http.post("acknowledge", &json!({"who": "Ada", "why": "nothing there"})).0, 202);
+    http.wait_until(|standing| standing["state"] == "waiting");
+    let audits: Vec<String> = http
+        .get("/api/v1/audit")
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|audit| format!("{} {}", audit["who"], audit["what"]).replace('"', ""))
+        .collect();
+    let wanted = [
+        "Ada acknowledgement",
+        "Ada start of cycle 1",
+        "somebody at the page hold",
+        "Ada start of cycle 1",
+    ];
+    assert_eq!(audits, wanted);
+}
+
+/// What another site's page, another name, a large, a slow or a broken request get.
+pub fn strangers() {
+    let shop = MachineShop::with_serve(HTTP);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let start = format!("{MACHINE}/start");
+    let form = "cycle=1&who=Eve&enable=true&auto=true&door=true";
+    let urlencoded = "Content-Type: application/x-www-form-urlencoded\r\n";
+    let from = |origin: &str| format!("{urlencoded}Origin: {origin}\r\n");
+    let large = format!("{{\"cycle\": 1, \"who\": \"{}\"}}", "e".repeat(100_000));
+    let cases = [
+        (start.as_str(), from("http://evil.example"), form, 403),
+        (start.as_str(), from("null"), form, 403),
+        (start.as_str(), urlencoded.to_owned(), form, 403),
+        (start.as_str(), "Content-Type: text/plain\r\n".to_owned(), form, 403),
+        (start.as_str(), format!("Host: evil.example\r\n{JSON}"), form, 421),
+        (start.as_str(), JSON.to_owned(), "{", 400),
+        (start.as_str(), JSON.to_owned(), "{\"cycle\": 1, \"who\": \"Eve\", \"more\": 1}", 422),
+        (start.as_str(), JSON.to_owned(), large.as_str(), 413),
+        ("/api/v1/machines/other/start", JSON.to_owned(), "{\"cycle\": 1, \"who\": \"Eve\"}", 404),
+        ("/api/v1/machines/..%2f..%2fetc/hold", JSON.to_owned(), "{}", 404),
+    ];
+    for (path, headers, body, wanted) in cases {
+        let (status, told) = http.request("POST", path, &headers, body);
+        assert_eq!(status, wanted, "{path} {headers}: {told}");
+    }
+    assert_eq!(http.request("GET", "/", "Host: evil.example\r\n", "").0, 421);
+    assert_eq!(http.request("GET", "/../../etc/passwd", "", "").0, 404);
+    assert_eq!(http.get("/api/v1/runs").as_array().unwrap().len(), 0);
+    assert!(!daemon.log().contains("panicked"));
+}

@@ -1,0 +1,108 @@
+//! A person's word at the page, against what the machine says itself, and beside what others do with it.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::process::Stdio;
+use std::time::Duration;
+
+use crate::support::http::{HTTP, error_code, start_request};
+use crate::support::machine_shop::MachineShop;
+use serde_json::{Value, json};
+
+/// As few touches as the method takes.
+fn short(trigger: &str) -> MachineShop {
+    let shop = MachineShop::with_serve(trigger);
+    shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
+    shop
+}
+
+/// Whoever vouches for a closed guard at the page does not close it.
+pub fn against_the_machine() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let at = listener.local_addr().unwrap();
+    let shop = short(&format!("[serve.line]\ntcp = \"{at}\"\n{HTTP}"));
+    let daemon = shop.serve("fast");
+    let (http, (mut line, _)) = (daemon.http(), listener.accept().unwrap());
+    line.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let mut answers = BufReader::new(line.try_clone().unwrap());
+    let mut tells = |words: &str| {
+        line.write_all(format!("TELL {words}\r\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        answers.read_line(&mut answer).unwrap();
+        assert_eq!(answer.trim(), "OK");
+    };
+    for (words, why) in [
+        ("ENABLE AUTO", "a guard is open"),
+        ("AUTO DOOR", "the external start is not enabled at the machine"),
+    ] {
+        tells(words);
+        let refused = http.post("start", &start_request());
+        assert_eq!((error_code(&refused), &refused.1["message"]), ((409, "refused"), &json!(why)));
+    }
+    assert!(shop.states().is_empty());
+    tells("ENABLE AUTO DOOR");
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["state"] == "waiting");
+}
+
+/// The control restarts before the references: the run cannot go on, and its axes must be homed by somebody who
+/// says so. Why it stopped stands on the board until then.
+pub fn leaves_a_lost_position() {
+    let shop = short(HTTP);
+    shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n[serve]");
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    let held = http.wait_until(|standing| standing["state"] == "held");
+    let failure = held["failure"]["what"].as_str().unwrap();
+    assert!(failure.starts_with("run 1: "), "{failure}");
+    let page = "/machines/simulated%20five-axis%20machine";
+    let (_, shown) = http.request("GET", page, "", "");
+    assert!(shown.contains("What to do: ") && shown.contains("name=\"homed\""), "{shown}");
+    let leave = |homed: bool| {
+        http.post("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}))
+    };
+    let refused = leave(false);
+    assert_eq!(error_code(&refused), (409, "refused"));
+    assert_eq!(
+        http.get("/api/v1/audit")[0]["outcome"].as_str().unwrap().split(':').next(),
+        Some("refused")
+    );
+    let (status, standing) = leave(true);
+    assert_eq!(
+        (status, &standing["state"], &standing["failure"]),
+        (202, &json!("waiting"), &Value::Null)
+    );
+    let story = http.get("/api/v1/runs/1")["story"].to_string();
+    assert!(story.contains("acknowledged by Ada") && story.contains("chips"), "{story}");
+    assert_eq!(http.get("/api/v1/audit")[0]["outcome"], "accepted");
+}
+
+/// The command goes on with a run that the daemon held: the board says so, no hold is promised, and what became
+/// of it is seen.
+pub fn resumes_elsewhere() {
+    let shop = short(HTTP);
+    // Farther on than what is left after it.
+    shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 30\n[serve]");
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(|standing| standing["state"] == "held");
+    let resume = |speed: &str| {
+        let words = ["resume", "1", "--acknowledge", "Ada", "--homed", "--speed", speed];
+        shop.command(&words)
+    };
+    let mut resumed = resume("real").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let standing = http.wait_until(|standing| standing["elsewhere"] == true);
+    assert_eq!(standing["state"], "held");
+    assert_eq!(error_code(&http.post("hold", &json!({}))), (409, "refused"));
+    assert_eq!(error_code(&http.post("acknowledge", &json!({"who": "Lise"}))), (409, "refused"));
+    resumed.kill().unwrap();
+    resumed.wait().unwrap();
+    let standing = http.wait_until(|standing| standing["elsewhere"] == false);
+    assert_eq!(standing["state"], "held", "nobody has seen to it");
+    let ended = resume("fast").output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    http.wait_until(|standing| standing["state"] == "waiting");
+    assert_eq!(shop.states(), ["finished"]);
+}

@@ -1,0 +1,132 @@
+//! A run that asks a person: who may answer, what, and once; and what waits meanwhile.
+
+use std::io::{Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::hostile::{Guarded, bearer};
+use crate::support::http::{HTTP, HttpClient, MACHINE, error_code, start_request};
+use crate::support::machine_shop::MachineShop;
+
+const TWO: &str =
+    "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n[serve]";
+
+fn asks(text: &'static str) -> impl Fn(&Value) -> bool {
+    move |standing| standing["asked"]["text"] == text
+}
+
+fn done(step: u32) -> Value {
+    json!({"step": step, "who": "Ada"})
+}
+
+/// Answered step by step, by whoever may; a stale or a second answer is none.
+pub fn answered() {
+    let guarded = Guarded::with("fast", |shop| shop.change("[serve]", TWO));
+    let Guarded { viewer, operator, shop, port, .. } = &guarded;
+    let answer = |token: &str, step| guarded.post("answer", token, &done(step));
+    assert_eq!(answer(operator, 0), 409, "nothing is asked yet");
+    assert_eq!(guarded.post("start", operator, &start_request()), 202);
+    let standing = guarded.until(asks("the part is clean"));
+    assert_eq!((&standing["state"], &standing["measured"]), (&json!("running"), &json!(0)));
+    assert_eq!(standing["asked"]["step"], 0);
+    // As the daemon has said when it began.
+    let left = standing["remaining_s"].as_f64().unwrap();
+    let takes = format!("cycle 1 takes the machine about {:.0} min;", left / 60.0);
+    assert!(left > 60.0 && guarded.daemon.log().contains(&takes), "{takes}");
+    let (_, page) = HttpClient::at(*port).request("GET", &MACHINE[7..], &bearer(viewer), "");
+    let shown = format!("time left<b>{:.0}:", (left / 60.0).floor());
+    assert!(page.contains(&shown), "{shown}: {page}");
+    assert!(page.contains("Done: the part is clean</button>"), "{page}");
+    assert_eq!([answer(viewer, 0), answer(operator, 1)], [403, 409]);
+    let nameless = guarded.post("answer", operator, &json!({"step": 0, "more": 1}));
+    assert_eq!(nameless, 422);
+    assert_eq!(guarded.standing()["asked"]["step"], 0);
+    assert_eq!([answer(operator, 0), answer(operator, 0)], [202, 409]);
+    guarded.until(asks("so is the stylus"));
+    assert_eq!([answer(operator, 0), answer(operator, 1)], [409, 202]);
+    let ended = guarded.until(|standing| standing["state"] == "waiting");
+    assert_eq!((&ended["verdict"], &ended["asked"]), (&json!("pass"), &Value::Null));
+    let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    for words in ["a person was asked: the part is clean", "done, said a-operator: Ada"] {
+        assert!(told.contains(words), "{words} in {told}");
+    }
+    let (_, audit) = HttpClient::at(*port).request("GET", "/api/v1/audit", &bearer(viewer), "");
+    let audit: Vec<Value> = serde_json::from_str(&audit).unwrap();
+    let answers = audit.iter().filter(|one| one["what"] == "answer to step 0, pass 1");
+    let outcomes: Vec<_> = answers.map(|one| one["outcome"].as_str().unwrap()).collect();
+    assert_eq!(outcomes.iter().filter(|outcome| **outcome == "accepted").count(), 1);
+    assert_eq!(outcomes.len(), 4, "{outcomes:?}");
+}
+
+/// While it waits: held, and killed. Whoever answers afterwards is told that nothing is asked.
+pub fn stopped() {
+    let shop = MachineShop::with_serve(HTTP);
+    shop.change("[serve]", TWO);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(asks("the part is clean"));
+    assert_eq!(http.post("hold", &json!({})).0, 202);
+    let held = http.wait_until(|standing| standing["state"] == "held");
+    assert_eq!((&held["asked"], shop.states()), (&Value::Null, vec!["held".to_owned()]));
+    assert_eq!(error_code(&http.post("answer", &done(0))), (409, "refused"));
+    assert_eq!(http.post("acknowledge", &json!({"who": "Ada"})).0, 202);
+    http.wait_until(|standing| standing["state"] == "waiting");
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    http.wait_until(asks("the part is clean"));
+    drop(daemon);
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    let standing = http.get(MACHINE);
+    assert_eq!((&standing["state"], &standing["asked"]), (&json!("held"), &Value::Null));
+    assert_eq!(shop.states(), ["held", "interrupted"]);
+    assert_eq!(error_code(&http.post("answer", &done(0))), (409, "refused"));
+    assert_eq!(http.get("/api/v1/runs/2")["readings"], 0);
+}
+
+/// By Enter: alone, and where a daemon has the machine. Without a terminal a run that asks does not begin.
+pub fn at_a_terminal() {
+    let shop = MachineShop::with_serve(HTTP);
+    shop.change("[serve]", TWO);
+    let machine = shop.machine();
+    let refused = shop.trued(&["run", "self-calibration", "--machine", &machine]);
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && told.contains("nobody is there"), "{told}");
+    assert!(told.contains("nothing has moved"), "{told}");
+    assert_eq!(shop.states(), ["failed"]);
+    let run = ["run", "self-calibration", "--machine", &machine, "--acknowledge", "Ada"];
+    entered(&shop, &run);
+    assert_eq!(shop.states(), ["failed", "finished"]);
+    let daemon = shop.serve("fast");
+    entered(&shop, &run);
+    assert_eq!(shop.states(), ["failed", "finished", "finished"]);
+    assert!(daemon.log().contains("done, says Ada"));
+    let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
+    assert!(told.contains("done, said Ada"), "{told}");
+}
+
+/// Both questions are answered by Enter at a terminal (that of `script`), and it ends well.
+fn entered(shop: &MachineShop, arguments: &[&str]) {
+    let command = shop.command(arguments);
+    let words = [command.get_program()].into_iter().chain(command.get_args());
+    let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
+    let mut script = Command::new("script");
+    script.args(["--quiet", "--return", "--command", &words.join(" "), "/dev/null"]);
+    let mut child: Child = script.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut keys = child.stdin.take().unwrap();
+    let mut shown = child.stdout.take().unwrap();
+    let (mut seen, mut answered, started) = (String::new(), 0, Instant::now());
+    let mut some = [0; 4096];
+    while let Ok(count @ 1..) = shown.read(&mut some) {
+        seen.push_str(&String::from_utf8_lossy(&some[..count]));
+        if seen.matches("press Enter").count() > answered {
+            answered += 1;
+            keys.write_all(b"\n").unwrap();
+        }
+        assert!(started.elapsed() < Duration::from_secs(120), "{seen}");
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{seen}");
+    assert_eq!(answered, 2, "{seen}");
+}

@@ -1,0 +1,33 @@
+//! `[serve]` sections that are refused before the daemon serves.
+
+use crate::support::machine_shop::{MODBUS, MachineShop};
+
+/// Nothing serves that everybody could start, or that nobody enables.
+pub fn bad_sections() {
+    let cases = [
+        ("127.0.0.1:0", "0.0.0.0:1502", "any_interface"),
+        ("allow = [\"127.0.0.1\"]", "allow = []", "modbus.allow is empty"),
+        ("min_interval_s = 0.0", "demand = [\"auto\"]", "demand must contain `enable`"),
+        ("number = 1", "number = 9", "cycle number 9"),
+        ("\"self-calibration\"\n[serve.", "\"sorcery\"\n[serve.", "no method `sorcery`"),
+        ("allow = ", "alow = ", "allow"),
+        (MODBUS, "", "nothing could start a cycle"),
+        (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "others can reach"),
+        (
+            MODBUS,
+            "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",
+            "tokens = true",
+        ),
+        // What the cycle itself is refused for is told now, not at the first start.
+        ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),
+        ("centre_mm = [0.0, 0.0, 0.0]", "centre_mm = [0.0, 0.0, 900.0]", "cycle 1 cannot be"),
+    ];
+    for (from, to, words) in cases {
+        let shop = MachineShop::with_serve(MODBUS);
+        shop.change(from, to);
+        let output = shop.trued(&["serve", "--machine", &shop.machine()]);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{to}: {told}");
+        assert!(told.contains(words), "{words} in {told}");
+    }
+}

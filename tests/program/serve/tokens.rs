@@ -1,0 +1,71 @@
+//! Tokens that somebody else than the daemon's user makes and revokes, and a list that cannot be read.
+
+use std::os::unix::fs::{MetadataExt, chown};
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use super::hostile::{Guarded, bearer, token};
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::{HTTP, start_request};
+use crate::support::machine_shop::MachineShop;
+
+/// `nobody`, as a daemon's own user.
+const DAEMON: u32 = 65_534;
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Root makes the tokens and revokes one; the daemon is another user, as under systemd.
+pub fn by_root() {
+    let shop = MachineShop::with_serve(&format!("{HTTP}tokens = true\n"));
+    let state = shop.file("state");
+    std::fs::create_dir(&state).unwrap();
+    if chown(&state, Some(DAEMON), Some(DAEMON)).is_err() {
+        println!("skipped, for this is not root");
+        return;
+    }
+    chown(Path::new(&state).parent().unwrap(), Some(DAEMON), Some(DAEMON)).unwrap();
+    let [gone, stays] = ["gone", "stays"].map(|name| token(&shop, name, "operator"));
+    // Where that user finds it.
+    let program = shop.file("trued");
+    std::fs::copy(env!("CARGO_BIN_EXE_trued"), &program).unwrap();
+    let mut command = Command::new(program);
+    command.args(["serve", "--speed", "fast", "--machine", &shop.machine(), "--state", &state]);
+    command.uid(DAEMON).gid(DAEMON);
+    let daemon = DaemonProcess::start(&mut command);
+    let http = daemon.http();
+    let reads = |token: &str| http.request("GET", "/api/v1/runs", &bearer(token), "").0;
+    assert_eq!((reads(&gone), reads(&stays)), (200, 200));
+    let revoked = shop.trued(&["token", "revoke", "gone"]);
+    assert!(revoked.status.success(), "{revoked:?}");
+    assert_eq!((reads(&gone), reads(&stays)), (401, 200));
+    let file = std::fs::metadata(Path::new(&state).join("tokens.json")).unwrap();
+    assert_eq!((file.uid(), file.mode() & 0o777), (DAEMON, 0o600));
+}
+
+/// Nobody is let in, the log says why, and a hold goes all the same.
+pub fn unreadable() {
+    let guarded = Guarded::new("fast");
+    let list = Path::new(&guarded.shop.file("state")).join("tokens.json");
+    let sound = std::fs::read(&list).unwrap();
+    let said = |words: &str| guarded.daemon.log().matches(words).count();
+    std::fs::write(&list, "{").unwrap();
+    for _ in 0..3 {
+        assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 503);
+        assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 503);
+    }
+    assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
+    assert_eq!(guarded.post("hold", "trued_0", &json!({})), 401);
+    std::fs::write(&list, sound).unwrap();
+    assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
+    let began = Instant::now();
+    while said("the tokens can be read again") == 0 {
+        assert!(began.elapsed() < PATIENCE, "{}", guarded.daemon.log());
+        sleep(Duration::from_millis(20));
+    }
+    assert_eq!((said("nobody gets in"), said("the tokens can be read again")), (1, 1));
+    assert!(guarded.shop.states().is_empty());
+}

@@ -1,0 +1,115 @@
+//! The journal and the machine lock against a process that is killed in mid-run (SIGKILL). The
+//! child is this test binary again. A kill shows what the process loses, not what a power cut
+//! would: for that the journal relies on SQLite's synced commits.
+
+use crate::support::harness::{Pool, Trials, trials};
+use std::io::{BufRead, BufReader, Lines};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Stdio};
+
+use trued::base::{Axis, Position};
+use trued::record::plan::Plan;
+use trued::record::reading::{Flag, Reading};
+use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
+
+const STATE: &str = "TRUED_TEST_STATE";
+const KILLS: usize = 3;
+/// How many acknowledgements the parent waits for before each kill.
+const PATIENCE: [usize; KILLS] = [1, 20, 57];
+
+fn reading(step: u32) -> Reading {
+    Reading {
+        step,
+        repeat: 0,
+        position: Position::new().with(Axis::X, f64::from(step).sqrt()),
+        value_mm: None,
+        sensor: "probe".to_owned(),
+        t_s: f64::from(step),
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    }
+}
+
+fn plan() -> Plan {
+    serde_json::from_value(serde_json::json!({
+        "trued_plan": 1, "method": "none", "settings": {},
+        "machine": {"name": "mill", "topology": "w-C-B-X-F-Z-Y-S-t"},
+        "probe": {"ball_radius_mm": 3.0},
+        "artefact": {"kind": "cylinder", "centre_mm": [0, 0, 0], "axis": [0, 0, 1],
+                     "radius_mm": 45.0},
+    }))
+    .unwrap()
+}
+
+/// Whether this process is the one that `killed_in_mid_run` starts and kills.
+pub fn is_child() -> bool {
+    std::env::var_os(STATE).is_some()
+}
+
+pub fn child() {
+    let state = std::env::var_os(STATE).expect("a state folder");
+    let state = Path::new(&state);
+    let lock = MachineLock::acquire(state, "mill").unwrap();
+    let journal = Journal::open(state).unwrap();
+    journal.mark_interrupted(&lock).wait().unwrap();
+    let run = journal.begin(&NewRun { config: String::new(), plan: plan() }).wait().unwrap();
+    for step in 0.. {
+        journal.reading(run, &reading(step)).wait().unwrap();
+        println!("acknowledged {step}");
+    }
+}
+
+fn start(state: &Path) -> (Child, Lines<BufReader<ChildStdout>>) {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .env(STATE, state)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    (child, lines)
+}
+
+fn acknowledgement(line: &str) -> Option<u32> {
+    line.strip_prefix("acknowledged ")?.parse().ok()
+}
+
+fn killed_in_mid_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut last = Vec::new();
+    for patience in PATIENCE {
+        let (mut child, lines) = start(dir.path());
+        let mut lines = lines.map_while(Result::ok);
+        let before = lines.by_ref().filter_map(|line| acknowledgement(&line)).nth(patience - 1);
+        assert!(before.is_some(), "the child ended by itself");
+        let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
+        let LockError::Held { holder: Some(holder), .. } = refused else { panic!("{refused}") };
+        assert_eq!(holder.pid, child.id());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        // What the child had said before it died may still stand in the pipe.
+        last.push(lines.filter_map(|line| acknowledgement(&line)).last().or(before).unwrap());
+    }
+
+    let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let dead = journal.mark_interrupted(&lock).wait().unwrap();
+    let runs = journal.runs().unwrap();
+    assert_eq!((dead.len(), runs.len()), (1, KILLS), "each start marks the run before it");
+    for (run, last) in runs.iter().zip(last) {
+        assert_eq!(run.state, RunState::Interrupted);
+        let stored = journal.load(run.id).unwrap().readings;
+        assert!(stored.len() > last as usize, "{} stored, {last} acknowledged", stored.len());
+        assert!(stored.iter().zip(0..).all(|(stored, step)| *stored == reading(step)));
+    }
+    drop(journal);
+    let database = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    let verdict: String =
+        database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    assert_eq!(verdict, "ok");
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        killed_in_mid_run,
+    ]
+}

@@ -1,0 +1,291 @@
+//! Lists trials and runs them with libtest-mimic, in pools. All trials are submitted at once; a trial starts
+//! when its pool has a free place, the longest first. Trials of `Pool::Alone` start after all others have ended.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::available_parallelism;
+use std::time::{Duration, Instant};
+
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
+
+use super::population::is_full;
+
+/// A trial that exceeds its limit is named, and the process exits.
+const GATE_LIMIT: Duration = Duration::from_secs(10 * 60);
+const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
+/// Durations from here on are printed.
+const PRINTED_DURATION: Duration = Duration::from_secs(5);
+const MAX_REPEATS: usize = 3;
+const WAITING_PLACES: usize = 8;
+
+/// What limits how many trials run at the same time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pool {
+    /// CPU-bound: one trial per core.
+    Computing,
+    /// Mostly waits for a child process, a timer or a simulated machine.
+    Waiting,
+    /// Has a browser of its own.
+    Browser,
+    /// Runs LinuxCNC, whose real-time environment exists once per computer.
+    LinuxCnc,
+    /// Measures time, load or memory: no other trial runs meanwhile.
+    Alone,
+}
+
+impl Pool {
+    fn places(self) -> usize {
+        match self {
+            Pool::Computing => available_parallelism().map_or(2, usize::from),
+            Pool::Waiting => WAITING_PLACES,
+            Pool::Browser | Pool::LinuxCnc | Pool::Alone => 1,
+        }
+    }
+}
+
+/// Why a trial cannot run on this computer, if so.
+pub type MissingPeer = fn() -> Option<&'static str>;
+
+struct Entry {
+    name: String,
+    pool: Pool,
+    typical_s: u32,
+    ignored: bool,
+    missing_peer: MissingPeer,
+    /// Failures of the peer itself: the trial is repeated.
+    repeated_if: fn(&Failed) -> bool,
+    run: fn() -> Result<(), Failed>,
+}
+
+/// Trials of a suite.
+#[derive(Default)]
+pub struct Trials(Vec<Entry>);
+
+impl Trials {
+    pub fn push(
+        &mut self,
+        (module, path): (&str, &str),
+        pool: Pool,
+        typical_s: u32,
+        run: fn() -> Result<(), Failed>,
+    ) {
+        let path = format!("{module}::{path}");
+        // Without the name of the binary.
+        let name = path.split_once("::").map_or(path.as_str(), |(_, name)| name).to_owned();
+        self.0.push(Entry {
+            name,
+            pool,
+            typical_s,
+            ignored: false,
+            missing_peer: || None,
+            repeated_if: |_| false,
+            run,
+        });
+    }
+
+    pub fn and(mut self, other: Trials) -> Self {
+        self.0.extend(other.0);
+        self
+    }
+
+    /// Run with `--ignored` only: `.ci/long`.
+    pub fn ignored(mut self) -> Self {
+        self.0.iter_mut().for_each(|entry| entry.ignored = true);
+        self
+    }
+
+    pub fn repeated_if(mut self, repeated_if: fn(&Failed) -> bool) -> Self {
+        self.0.iter_mut().for_each(|entry| entry.repeated_if = repeated_if);
+        self
+    }
+
+    /// Skipped where the peer is missing; failed with `TRUED_REQUIRE_PEERS=1`.
+    pub fn requires(mut self, missing_peer: MissingPeer) -> Self {
+        self.0.iter_mut().for_each(|entry| entry.missing_peer = missing_peer);
+        self
+    }
+}
+
+/// Whether `PATH` has this command.
+pub fn is_command(name: &str) -> bool {
+    std::env::var_os("PATH")
+        .is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
+}
+
+/// Result of a trial function: it panics, or it returns a failure.
+pub trait IntoResult {
+    fn into_result(self) -> Result<(), Failed>;
+}
+
+impl IntoResult for () {
+    fn into_result(self) -> Result<(), Failed> {
+        Ok(())
+    }
+}
+
+impl IntoResult for Result<(), Failed> {
+    fn into_result(self) -> Result<(), Failed> {
+        self
+    }
+}
+
+/// `trials![pool, typical duration in seconds; function, ...]`, named by the paths of the functions. A trial
+/// function that no list contains is dead code, which clippy refuses.
+macro_rules! trials {
+    ($pool:expr, $typical_s:expr; $($trial:path),* $(,)?) => {{
+        let mut trials = $crate::support::harness::Trials::default();
+        $(
+            trials.push((module_path!(), stringify!($trial)), $pool, $typical_s, || {
+                $crate::support::harness::IntoResult::into_result($trial())
+            });
+        )*
+        trials
+    }};
+}
+pub(crate) use trials;
+
+/// Runs what the command line selects, and exits.
+pub fn run(trials: Trials) -> ! {
+    let mut arguments = Arguments::from_args();
+    let mut entries = trials.0;
+    entries.sort_by_key(|entry| (entry.pool == Pool::Alone, Reverse(entry.typical_s)));
+    arguments.test_threads.get_or_insert(entries.len().max(2));
+    let admission = Arc::new(Admission::default());
+    let trials = entries.into_iter().enumerate();
+    let trials = trials.map(|(rank, entry)| trial(entry, rank, &admission)).collect();
+    libtest_mimic::run(&arguments, trials).exit()
+}
+
+fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
+    let Entry { name, pool, ignored, missing_peer, repeated_if, run, .. } = entry;
+    let admission = Arc::clone(admission);
+    let unfinished = (pool != Pool::Alone).then(|| Unfinished::new(&admission));
+    let limit = if ignored || is_full() { LONG_LIMIT } else { GATE_LIMIT };
+    let watched_name = name.clone();
+    let trial = Trial::ignorable_test(name, move || {
+        let _unfinished = unfinished;
+        if let Some(reason) = missing_peer() {
+            return match std::env::var("TRUED_REQUIRE_PEERS") {
+                Ok(value) if value == "1" => Err(reason.into()),
+                _ => Ok(Completion::ignored_with(reason)),
+            };
+        }
+        let _place = Admission::wait(&admission, pool, rank);
+        watched(&watched_name, limit, || repeated(run, repeated_if)).map(|()| Completion::Completed)
+    });
+    trial.with_ignored_flag(ignored)
+}
+
+fn repeated(
+    run: fn() -> Result<(), Failed>,
+    repeated_if: fn(&Failed) -> bool,
+) -> Result<(), Failed> {
+    let mut result = run();
+    for _ in 1..MAX_REPEATS {
+        match &result {
+            Err(failed) if repeated_if(failed) => {
+                println!("repeated: {}", failed.message().unwrap_or_default());
+                result = run();
+            }
+            _ => break,
+        }
+    }
+    result
+}
+
+fn watched<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
+    let (_end, ended) = channel::<()>();
+    let watched_name = name.to_owned();
+    std::thread::spawn(move || {
+        if ended.recv_timeout(limit) == Err(RecvTimeoutError::Timeout) {
+            eprintln!("{watched_name} exceeds its limit of {} s: exit", limit.as_secs());
+            std::process::exit(101);
+        }
+    });
+    let started = Instant::now();
+    let result = run();
+    let duration = started.elapsed();
+    if duration >= PRINTED_DURATION {
+        eprintln!("{name}: {:.0} s", duration.as_secs_f64());
+    }
+    result
+}
+
+/// Places that are taken, and trials that wait for one.
+#[derive(Default)]
+struct Admission {
+    state: Mutex<AdmissionState>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct AdmissionState {
+    running: BTreeMap<Pool, usize>,
+    waiting: BTreeSet<(Pool, usize)>,
+    /// Trials of the other pools than `Alone` that have not ended.
+    unfinished: usize,
+}
+
+impl AdmissionState {
+    fn admits(&self, pool: Pool, rank: usize) -> bool {
+        let first = self.waiting.iter().find(|(other, _)| *other == pool);
+        first == Some(&(pool, rank))
+            && self.running.get(&pool).copied().unwrap_or(0) < pool.places()
+            && (pool != Pool::Alone || self.unfinished == 0)
+    }
+}
+
+impl Admission {
+    fn change(&self, change: impl FnOnce(&mut AdmissionState)) {
+        change(&mut self.state());
+        self.changed.notify_all();
+    }
+
+    fn state(&self) -> MutexGuard<'_, AdmissionState> {
+        self.state.lock().expect("no panic under this lock")
+    }
+
+    /// Blocks until the pool has a place for the trial of this rank.
+    fn wait(admission: &Arc<Self>, pool: Pool, rank: usize) -> Place {
+        let mut state = admission.state();
+        state.waiting.insert((pool, rank));
+        let blocked = |state: &mut AdmissionState| !state.admits(pool, rank);
+        let mut state = admission.changed.wait_while(state, blocked).expect("no panic");
+        state.waiting.remove(&(pool, rank));
+        *state.running.entry(pool).or_default() += 1;
+        drop(state);
+        // The next of the pool may have a place as well.
+        admission.changed.notify_all();
+        Place { admission: Arc::clone(admission), pool }
+    }
+}
+
+/// A place of a pool, until dropped.
+struct Place {
+    admission: Arc<Admission>,
+    pool: Pool,
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.admission.change(|state| *state.running.entry(self.pool).or_default() -= 1);
+    }
+}
+
+/// A trial that has not ended: dropped after it ran, and also where it is filtered out or ignored.
+struct Unfinished(Arc<Admission>);
+
+impl Unfinished {
+    fn new(admission: &Arc<Admission>) -> Self {
+        admission.change(|state| state.unfinished += 1);
+        Self(Arc::clone(admission))
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        self.0.change(|state| state.unfinished -= 1);
+    }
+}

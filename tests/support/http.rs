@@ -1,0 +1,113 @@
+//! A client of the daemon's HTTP interface, over plain sockets.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+/// `[serve.http]` of a machine file.
+pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
+/// The built-in machine's resource.
+pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+pub const JSON: &str = "Content-Type: application/json\r\n";
+pub const FORM: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
+/// Limit of each wait: generous, for a computer that is busy with other things.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+#[derive(Debug, Clone, Copy)]
+pub struct HttpClient {
+    pub port: u16,
+}
+
+impl HttpClient {
+    pub fn at(port: u16) -> Self {
+        Self { port }
+    }
+
+    pub fn connect(self) -> TcpStream {
+        let stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
+    }
+
+    /// Status and body of the response. `headers`: lines with their ends; `Host` is added where it is missing.
+    pub fn request(self, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
+        let mut stream = self.connect();
+        let host = match headers.contains("Host:") {
+            true => String::new(),
+            false => format!("Host: localhost:{}\r\n", self.port),
+        };
+        let length = body.len();
+        write!(
+            stream,
+            "{method} {path} HTTP/1.1\r\n{host}{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+        )
+        .unwrap();
+        let mut response = String::new();
+        stream.read_to_string(&mut response).unwrap();
+        let status = response.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, response.split_once("\r\n\r\n").unwrap().1.to_owned())
+    }
+
+    pub fn text(self, path: &str) -> String {
+        let (status, body) = self.request("GET", path, "", "");
+        assert_eq!(status, 200, "{path}: {body}");
+        body
+    }
+
+    pub fn get(self, path: &str) -> Value {
+        serde_json::from_str(&self.text(path)).unwrap()
+    }
+
+    pub fn post_path(self, path: &str, body: &Value) -> (u16, Value) {
+        let (status, body) = self.request("POST", path, JSON, &body.to_string());
+        (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
+    }
+
+    /// `action` of the built-in machine.
+    pub fn post(self, action: &str, body: &Value) -> (u16, Value) {
+        self.post_path(&format!("{MACHINE}/{action}"), body)
+    }
+
+    /// Status of the response to a start of `cycle`.
+    pub fn start(self, cycle: u16) -> u16 {
+        self.post("start", &start_request_of(cycle)).0
+    }
+
+    /// The built-in machine as the daemon reports it.
+    pub fn machine(self) -> Value {
+        self.get(MACHINE)
+    }
+
+    pub fn wait_until(self, is_reached: impl Fn(&Value) -> bool) -> Value {
+        let started = Instant::now();
+        loop {
+            let machine = self.machine();
+            if is_reached(&machine) {
+                return machine;
+            }
+            assert!(started.elapsed() < PATIENCE, "{machine}");
+            sleep(Duration::from_millis(20));
+        }
+    }
+
+    pub fn wait_for_state(self, state: &str) -> Value {
+        self.wait_until(|machine| machine["state"] == state)
+    }
+}
+
+/// A start of cycle 1 with all confirmations.
+pub fn start_request() -> Value {
+    start_request_of(1)
+}
+
+fn start_request_of(cycle: u16) -> Value {
+    json!({"cycle": cycle, "who": "Ada", "enable": true, "auto": true, "door": true})
+}
+
+/// Status and error code of a response.
+pub fn error_code(response: &(u16, Value)) -> (u16, &str) {
+    (response.0, response.1["code"].as_str().unwrap_or(""))
+}

@@ -1,0 +1,135 @@
+//! A machine file and a state folder in a temporary folder, and the program that works with them.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::daemon_process::DaemonProcess;
+
+/// `[serve.modbus]` of a machine file.
+pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
+
+pub struct MachineShop {
+    folder: TempDir,
+    /// Environment of each program that the shop starts.
+    pub envs: Vec<(String, String)>,
+}
+
+impl MachineShop {
+    /// `machine`: text of the machine file.
+    pub fn new(machine: &str) -> Self {
+        let shop = Self { folder: tempfile::tempdir().unwrap(), envs: Vec::new() };
+        shop.replace_machine(machine);
+        shop
+    }
+
+    /// The built-in machine with cycle 1 of `[serve]`; `trigger`: the rest of `[serve]`.
+    pub fn with_serve(trigger: &str) -> Self {
+        let machine = include_str!("../../config/simulated.toml");
+        let machine = machine.split("\n[serve]").next().unwrap();
+        let cycle = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
+                     [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
+                     [serve]\nmin_interval_s = 0.0\n\
+                     [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
+        Self::new(&format!("{machine}\n{cycle}{trigger}"))
+    }
+
+    pub fn replace_machine(&self, machine: &str) {
+        std::fs::write(self.machine(), machine).unwrap();
+    }
+
+    /// Replaces text of the machine file.
+    pub fn change(&self, from: &str, to: &str) {
+        let text = std::fs::read_to_string(self.machine()).unwrap();
+        assert!(text.contains(from), "{from}");
+        self.replace_machine(&text.replace(from, to));
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn file(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// The machine file.
+    pub fn machine(&self) -> String {
+        self.file("machine.toml")
+    }
+
+    /// The state folder.
+    pub fn state(&self) -> PathBuf {
+        self.path("state")
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
+        command.args(arguments).arg("--state").arg(self.state());
+        command.envs(self.envs.clone());
+        command
+    }
+
+    pub fn trued(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// `trued run self-calibration --json` on the machine.
+    pub fn run_command(&self) -> Command {
+        self.command(&["run", "self-calibration", "--json", "--machine", &self.machine()])
+    }
+
+    pub fn run(&self) -> Output {
+        self.run_command().output().unwrap()
+    }
+
+    /// Step of each exported reading of run 1.
+    pub fn exported_steps(&self) -> Vec<u32> {
+        let to = self.file("export");
+        let exported = self.trued(&["export", "1", "--to", &to]);
+        assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
+        let csv = std::fs::read_to_string(self.path("export/run-1-readings.csv")).unwrap();
+        let first = |line: &str| line.split(',').next().unwrap().parse().ok();
+        csv.lines().filter_map(first).collect()
+    }
+
+    /// Standard output, parsed as JSON.
+    pub fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.trued(arguments);
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)))
+    }
+
+    /// State of each run, oldest first.
+    pub fn states(&self) -> Vec<String> {
+        let runs = self.json(&["runs", "--json"]);
+        let mut runs: Vec<&Value> = runs.as_array().unwrap().iter().collect();
+        runs.sort_by_key(|run| run["id"].as_i64());
+        runs.iter().map(|run| run["state"].as_str().unwrap().to_owned()).collect()
+    }
+
+    /// The daemon with the machine file, ready; `speed`: of the simulated machine.
+    pub fn serve(&self, speed: &str) -> DaemonProcess {
+        self.serve_with(&["--speed", speed])
+    }
+
+    pub fn serve_with(&self, arguments: &[&str]) -> DaemonProcess {
+        self.serve_as(&[&["--machine", &self.machine()], arguments].concat(), |_| {})
+    }
+
+    pub fn serve_as(
+        &self,
+        arguments: &[&str],
+        prepare: impl FnOnce(&mut Command),
+    ) -> DaemonProcess {
+        let mut command = self.command(&["serve"]);
+        command.args(arguments);
+        prepare(&mut command);
+        DaemonProcess::start(&mut command)
+    }
+}
+
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
