@@ -7,8 +7,9 @@ use trued::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
+use crate::support::population::{population, ratio_bounds};
 
-const WORLDS: u64 = 200;
+const FULL_WORLDS: u64 = 200;
 
 /// The built-in machine with other keys (each replaces the value of the named key).
 fn machine(changes: &[(&str, &str)]) -> MachineFile {
@@ -53,42 +54,42 @@ fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
 }
 
 /// Mean over the worlds of χ²/4; its 99 % bounds follow from χ² with 4·200 degrees of freedom.
-fn mean_normalised_chi2(changes: &[(&str, &str)]) -> f64 {
+/// Mean normalised χ² of so many worlds within its bounds.
+fn assert_chi2(changes: &[(&str, &str)]) {
+    let worlds = population(FULL_WORLDS);
     let mut sum = 0.0;
-    for seed in 0..WORLDS {
+    for seed in 0..worlds {
         let seed = (1000 + seed).to_string();
         let mut all = vec![("seed", seed.as_str())];
         all.extend_from_slice(changes);
         let (estimate, truth) = estimate(&machine(&all));
         sum += chi2(&estimate, truth) / 4.0;
     }
-    sum / WORLDS as f64
+    assert_mean(sum / worlds as f64, worlds);
 }
 
-fn bounds() -> (f64, f64) {
-    let dof = 4.0 * WORLDS as f64;
+fn assert_mean(mean: f64, worlds: u64) {
+    let dof = 4.0 * worlds as f64;
     let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
-    (low / dof, high / dof)
-}
-
-#[test]
-fn regress_u_is_true_with_all_sources() {
-    let (low, high) = bounds();
-    let mean = mean_normalised_chi2(&[]);
+    let (low, high) = (low / dof, high / dof);
+    println!("mean normalised χ² {mean:.3}, within [{low:.3}, {high:.3}]");
     assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
 }
 
 #[test]
+fn regress_u_is_true_with_all_sources() {
+    assert_chi2(&[]);
+}
+
+#[test]
 fn regress_u_is_true_on_a_machine_with_poor_axes() {
-    let (low, high) = bounds();
-    let mean = mean_normalised_chi2(&[
+    assert_chi2(&[
         ("error_motion_um", "3.0"),
         ("error_wavelength_mm", "60.0"),
         ("drift_um_per_h", "60.0"),
         ("lobing_um", "1.5"),
         ("stylus_offset_um", "1.0"),
     ]);
-    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
 }
 
 /// The sources that can be declared, by their name in the budget and their key; a declared
@@ -105,9 +106,12 @@ const SOURCES: [(&str, &str, &str, &str); 6] = [
 /// One source alone (METHODS section 6): what its budget line says is what is seen to scatter.
 #[test]
 fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
+    const FULL: u64 = 100;
+    let worlds = population(FULL);
+    let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
     for (name, key, on, _) in SOURCES {
         let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
-        for world in 0..100 {
+        for world in 0..worlds as u32 {
             let seed = (5000 + world).to_string();
             // Rounding is chance only where the part stands elsewhere each time.
             let offset = |step: f64| (f64::from(world) * step).fract() - 0.5;
@@ -132,7 +136,8 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
         }
         let (seen, stated) = ((squares / count).sqrt(), (stated / count).sqrt());
         let ratio = seen / stated;
-        assert!((0.8..=1.2).contains(&ratio), "{name}: seen {seen} um, stated {stated} um");
+        println!("{name}: seen {ratio:.3} of stated, within [{low:.3}, {high:.3}]");
+        assert!((low..=high).contains(&ratio), "{name}: seen {seen} um, stated {stated} um");
     }
 }
 
@@ -214,16 +219,12 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
 /// cycle was interrupted. Without the gap in the plan this fails by far.
 #[test]
 fn regress_u_is_true_across_an_interruption() {
-    let (worlds, mut sum) = (120, 0.0);
+    let (worlds, mut sum) = (population(120), 0.0);
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;
         let share = ((world + 1) as f64 * 0.618034).fract();
         let (estimate, truth) = interrupted(9000 + world, kept, share);
         sum += chi2(&estimate, truth) / 4.0;
     }
-    let mean = sum / worlds as f64;
-    let dof = 4.0 * worlds as f64;
-    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
-    let (low, high) = (low / dof, high / dof);
-    assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");
+    assert_mean(sum / worlds as f64, worlds);
 }

@@ -4,6 +4,8 @@ use rayon::prelude::*;
 use trued::gcode::Dialect;
 use trued::proof::{MARGIN_MM, Reason};
 
+use crate::support::population::population;
+
 use super::bodies::{Bench, Sampled, Seen, apart};
 use super::{
     Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict,
@@ -98,18 +100,17 @@ impl Move {
     }
 }
 
-const MOVES: u64 = 3_000;
-
 #[test]
 fn random_moves_among_balls_no_missed_collision() {
+    let moves = population(3_000);
     let dialect = Dialect::named("grbl").unwrap();
-    let all = (0..MOVES).into_par_iter().map(|number| Move::look(number, &dialect));
+    let all = (0..moves).into_par_iter().map(|number| Move::look(number, &dialect));
     let count = all.reduce(Count::default, Count::plus);
-    println!("{MOVES} moves among balls: {count:?}");
+    println!("{moves} moves among balls: {count:?}");
     assert_eq!(count.missed, 0);
-    assert!(u64::from(count.conservative) * 50 <= MOVES, "{count:?}");
-    assert!(u64::from(count.collisions) * 10 > MOVES, "{count:?}");
-    assert!(u64::from(count.refused) * 5 < 4 * MOVES, "{count:?}");
+    assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");
+    assert!(u64::from(count.collisions) * 10 > moves, "{count:?}");
+    assert!(u64::from(count.refused) * 5 < 4 * moves, "{count:?}");
 }
 
 /// A touch of one ball, aimed a little aside of its middle.
@@ -219,17 +220,16 @@ impl Touch {
     }
 }
 
-const TOUCHES: u64 = 1_000;
-
 #[test]
 fn random_touches_of_balls_none_that_goes_wrong() {
+    let touches = population(1_000);
     let dialect = Dialect::named("grbl").unwrap();
-    let all = (0..TOUCHES).into_par_iter().map(|number| Touch::look(number, &dialect));
+    let all = (0..touches).into_par_iter().map(|number| Touch::look(number, &dialect));
     let count = all.reduce(Count::default, Count::plus);
-    println!("{TOUCHES} touches: {count:?}");
+    println!("{touches} touches: {count:?}");
     assert_eq!(count.missed, 0);
     // Twenty-four places of a ball do not show its worst.
-    assert!(u64::from(count.conservative) * 10 <= TOUCHES, "{count:?}");
-    assert!(u64::from(count.collisions) * 10 > TOUCHES, "{count:?}");
-    assert!(u64::from(count.refused) * 5 < 4 * TOUCHES, "{count:?}");
+    assert!(u64::from(count.conservative) * 10 <= touches, "{count:?}");
+    assert!(u64::from(count.collisions) * 10 > touches, "{count:?}");
+    assert!(u64::from(count.refused) * 5 < 4 * touches, "{count:?}");
 }

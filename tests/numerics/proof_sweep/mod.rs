@@ -13,6 +13,8 @@ use trued::gcode::Dialect;
 use trued::proof::{MARGIN_MM, Reason, Request, Staged, prove};
 use trued::record::plan::Plan;
 
+use crate::support::population::population;
+
 type Matrix = [[f64; 4]; 4];
 type Point = [f64; 3];
 
@@ -386,7 +388,6 @@ struct Count {
     missed: u32,
 }
 
-const MOVES: u64 = 10_000;
 const COARSE: f64 = 6.0;
 const FINE: f64 = 0.8;
 /// What guarded moves keep from all but the artefact, mm.
@@ -428,16 +429,17 @@ fn look(number: u64, dialect: &Dialect) -> Count {
 }
 
 #[test]
-fn ten_thousand_random_moves_no_missed_collision() {
+fn random_moves_no_missed_collision() {
+    let moves = population(10_000);
     let dialect = Dialect::named("grbl").unwrap();
-    let count = (0..MOVES)
+    let count = (0..moves)
         .into_par_iter()
         .map(|number| look(number, &dialect))
         .reduce(Count::default, Count::plus);
-    println!("{MOVES} moves: {count:?}");
+    println!("{moves} moves: {count:?}");
     assert_eq!(count.missed, 0);
-    assert!(u64::from(count.conservative) * 50 <= MOVES, "{count:?}");
+    assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");
     // The moves are worth looking at: many collide, many pass.
-    assert!(u64::from(count.collisions) * 5 > MOVES, "{count:?}");
-    assert!(u64::from(count.refused) * 5 < 4 * MOVES, "{count:?}");
+    assert!(u64::from(count.collisions) * 5 > moves, "{count:?}");
+    assert!(u64::from(count.refused) * 5 < 4 * moves, "{count:?}");
 }
