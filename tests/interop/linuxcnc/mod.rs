@@ -1,6 +1,6 @@
 //! Against real LinuxCNC (Debian packages linuxcnc-uspace and linuxcnc-uspace-dev). Without it the
-//! trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs the trials
-//! that stand in the requirements, `.ci/long` the others.
+//! trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs a whole cycle, a
+//! stop with resume and the comparison of the interpreters; `.ci/long` runs all.
 
 mod cycle;
 mod desk;
@@ -50,16 +50,7 @@ pub fn trials() -> Trials {
     .and(
         trials![Pool::LinuxCnc, 0;
             cycle::finds_the_true_axis,
-            faults::emergency_stop,
-            faults::killed_task,
-            faults::stuck_probe,
             resume::after_an_emergency_stop,
-            samba::finds_the_true_axes,
-            samba::chases_the_ball,
-            sweep::latency_follows_the_sensors_delay,
-            trigger::a_hal_bit_starts_a_cycle,
-            halt::it_is_on_the_wire_at_once,
-            halt::a_lost_one_is_sent_again,
         ]
         .requires(no_rig)
         .repeated_if(is_late),
@@ -67,6 +58,15 @@ pub fn trials() -> Trials {
     .and(
         trials![Pool::LinuxCnc, 0;
             cycle::finds_the_true_axis_wherever_the_part_stands,
+            faults::emergency_stop,
+            faults::killed_task,
+            faults::stuck_probe,
+            samba::finds_the_true_axes,
+            samba::chases_the_ball,
+            sweep::latency_follows_the_sensors_delay,
+            trigger::a_hal_bit_starts_a_cycle,
+            halt::it_is_on_the_wire_at_once,
+            halt::a_lost_one_is_sent_again,
             faults::killed_linuxcncrsh,
             faults::missing_part,
             resume::not_when_the_part_has_moved,
