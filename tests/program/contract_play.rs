@@ -10,6 +10,7 @@ use serde_json::Value;
 
 /// Where the C axis truly stands, mm.
 const AXIS: [f64; 2] = [0.040, -0.025];
+const QUICK: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n";
 /// Centre of the part at C = 0, mm.
 const PART: [f64; 2] = [0.25, 0.15];
 
@@ -109,6 +110,13 @@ fn regress_another_program_plays_the_plan_and_feeds_identify() {
     }
 }
 
+/// A plan of the built-in machine with few Monte Carlo trials.
+fn quick_plan(folder: &Path) -> Output {
+    let text = include_str!("../../config/simulated.toml").to_owned() + QUICK;
+    let machine = written(folder, "quick.toml", &text);
+    trued(&["plan", "self-calibration", "--machine", &machine, "--json"])
+}
+
 fn identified(folder: &Path, plan_file: &str, csv: &str) -> (Output, Value) {
     let csv_file = written(folder, "other.csv", csv);
     let output = trued(&[
@@ -132,7 +140,7 @@ fn u_of(estimate: &Value) -> f64 {
 /// half of the times: told, never silently taken.
 fn regress_odd_but_honest_readings() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = trued(&["plan", "self-calibration", "--json"]);
+    let printed = quick_plan(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
     let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
     let good = readings(&plan);
@@ -179,7 +187,7 @@ fn regress_odd_but_honest_readings() {
 /// Each bad file: a piece of the message that names the trouble. Nothing is taken silently.
 fn regress_bad_readings_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = trued(&["plan", "self-calibration", "--json"]);
+    let printed = quick_plan(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
     let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
     let good = readings(&plan);
@@ -213,18 +221,19 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
         ("samba", "samba", 1),
         ("laser", "laser-r-test", 2),
     ] {
-        let plain = configs.join(format!("{config}.toml"));
-        let text = std::fs::read_to_string(&plain).unwrap() + prompts;
+        let quick = if method == "self-calibration" { QUICK } else { "" };
+        let text = std::fs::read_to_string(configs.join(format!("{config}.toml"))).unwrap() + quick;
         for beside in std::fs::read_dir(&configs).unwrap().map(|file| file.unwrap().path()) {
             std::fs::copy(&beside, folder.path().join(beside.file_name().unwrap())).unwrap();
         }
-        let asking = written(folder.path(), &format!("{config}.toml"), &text);
+        let plain = written(folder.path(), &format!("{config}.toml"), &text);
+        let asking = written(folder.path(), &format!("{config}-asking.toml"), &(text + prompts));
         let plan = |machine: &str| {
             let printed = trued(&["plan", method, "--machine", machine, "--json"]);
             assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
             serde_json::from_slice::<Value>(&printed.stdout).unwrap()
         };
-        let (mut without, with) = (plan(&plain.display().to_string()), plan(&asking));
+        let (mut without, with) = (plan(&plain), plan(&asking));
         let steps = with["steps"].as_array().unwrap();
         for (id, prompt) in steps[..count].iter().enumerate() {
             assert_eq!((&prompt["id"], &prompt["kind"]), (&id.into(), &"prompt".into()));
@@ -254,7 +263,6 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
             assert!(found.status.success(), "{}", String::from_utf8_lossy(&found.stderr));
             serde_json::from_slice::<Value>(&found.stdout).unwrap()
         };
-        let plain = plain.display().to_string();
         let original = identified(&plain, &plan(&plain), &[]);
         assert_eq!(original, identified(&plain, &with, &[]), "by the plan alone");
         assert_eq!(original, identified(&asking, &with, &["its machine file"]));
@@ -262,7 +270,7 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 25;
         regress_another_program_plays_the_plan_and_feeds_identify,
         regress_odd_but_honest_readings,
         regress_bad_readings_are_refused_by_name,

@@ -163,7 +163,7 @@ fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Alone, 5;
         a_halt_is_at_the_port_within_20_ms_whatever_computes,
     ]
 }

@@ -65,7 +65,7 @@ fn over_modbus_a_latch_in_the_plc_is_found() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 5;
         over_grbl_the_delay_of_the_control_is_found,
         over_modbus_a_latch_in_the_plc_is_found,
     ]

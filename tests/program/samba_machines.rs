@@ -251,7 +251,7 @@ fn regress_a_spindle_that_is_not_oriented() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 20;
         regress_a_fork_head_stands_upright_and_says_what_that_costs,
         regress_a_trunnion_of_a_and_c,
         regress_four_axes,

@@ -23,7 +23,7 @@ const WAITING_PLACES: usize = 8;
 /// What limits how many trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Pool {
-    /// CPU-bound: one trial per core.
+    /// CPU-bound, or with a team of threads of its own: one trial per core.
     Computing,
     /// Mostly waits for a child process, a timer or a simulated machine.
     Waiting,

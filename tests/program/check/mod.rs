@@ -133,8 +133,10 @@ fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 40;
         each_planted_mistake_is_named_and_no_other,
+    ]
+    .and(trials![Pool::Waiting, 0;
         a_sound_machine_passes_whatever_it_speaks,
         a_sound_control_elsewhere_passes,
         a_probe_that_scatters_as_a_scan_does_is_no_scan,
@@ -151,5 +153,5 @@ pub fn trials() -> Trials {
         program::ctrl_c_holds_the_machine_and_ends_it_with_5,
         sensors::sound_sensors_are_called_sound,
         sensors::a_thermometer_that_answers_passes,
-    ]
+    ])
 }

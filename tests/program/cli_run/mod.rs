@@ -54,16 +54,19 @@ fn estimate(output: &Output) -> Value {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
-        stops::regress_sigint_holds_and_keeps,
-        stops::regress_sigterm_holds_and_keeps,
+    trials![Pool::Waiting, 25;
         stops::regress_a_killed_run_is_interrupted_and_its_readings_kept,
+        stops::regress_sigterm_holds_and_keeps,
+        stops::regress_sigint_holds_and_keeps,
+        wires::regress_memory_pty_and_another_process_give_the_same_bytes,
+        samba::a_run_over_balls_survives_kills_and_stops,
+    ]
+    .and(trials![Pool::Waiting, 0;
         stops::regress_a_stop_is_heard_while_the_identification_computes,
         stops::regress_a_run_goes_on_when_nobody_reads_what_it_tells,
         captures::a_captured_run_replays_to_the_same_bytes_without_the_machine,
         captures::a_capture_that_does_not_fit_is_told_in_words,
         captures::a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc,
-        samba::a_run_over_balls_survives_kills_and_stops,
         samba::a_stop_before_the_references_says_that_the_run_is_over,
         samba::a_cycle_that_is_none_cannot_be_repeated,
         faults::regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason,
@@ -93,7 +96,6 @@ pub fn trials() -> Trials {
         resume::references_tell_themselves_how_they_repeat,
         resume::a_control_that_lost_its_position_must_be_homed,
         stamps::a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stamped,
-        wires::regress_memory_pty_and_another_process_give_the_same_bytes,
         wires::regress_a_busy_port_is_told_and_leaves_no_run,
-    ]
+    ])
 }

@@ -13,22 +13,26 @@ mod units;
 use crate::support::harness::{Pool, Trials, trials};
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Waiting, 60;
         kills::twenty_kills_lose_nothing_and_move_nothing,
         soak::fifty_runs_need_no_more_than_five,
+    ]
+    .and(trials![Pool::Waiting, 30;
         supervised::systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still,
-        supervised::a_worker_that_hangs_is_fed_for_by_nobody,
+        logged::a_hold_is_found_by_its_run_and_a_fault_by_its_priority,
         keeping::a_copy_is_taken_in_mid_run,
+    ])
+    .and(trials![Pool::Waiting, 0;
+        supervised::a_worker_that_hangs_is_fed_for_by_nobody,
         keeping::a_configuration_is_checked_before_it_serves,
         keeping::what_happens_is_counted,
         keeping::samples_go_when_their_time_is_over_and_nothing_else,
         logged::each_step_is_found_by_its_run,
-        logged::a_hold_is_found_by_its_run_and_a_fault_by_its_priority,
         units::the_units_are_understood,
         units::the_services_are_hardened,
         units::the_unit_calls_what_there_is,
         units::the_units_need_what_they_need_and_start_nothing_else,
-    ]
+    ])
     .and(
         trials![Pool::Waiting, 0;
             kills::two_hundred_kills_lose_nothing_and_move_nothing,

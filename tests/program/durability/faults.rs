@@ -101,13 +101,20 @@ pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
     let (whole, _) = effort();
     let full = ["the disk is full", "No space left on device", "the disk reports an error"];
     let failing = ["the disk reports an error", "Input/output error"];
-    for eighth in 0..8 {
-        let part = |all: u64| all * eighth / 8;
-        stops_cleanly(&whole, "FAULTY_FULL_AFTER", part(whole.bytes), &full);
-        stops_cleanly(&whole, "FAULTY_WRITE_AFTER", part(whole.writes), &failing);
-        stops_cleanly(&whole, "FAULTY_SYNC_AFTER", part(whole.syncs), &failing);
-        stops_cleanly(&whole, "FAULTY_SYNC_ONCE", part(whole.syncs), &failing);
-    }
+    let faults: [(&str, u64, &[&str]); 4] = [
+        ("FAULTY_FULL_AFTER", whole.bytes, &full),
+        ("FAULTY_WRITE_AFTER", whole.writes, &failing),
+        ("FAULTY_SYNC_AFTER", whole.syncs, &failing),
+        ("FAULTY_SYNC_ONCE", whole.syncs, &failing),
+    ];
+    let whole = &whole;
+    std::thread::scope(|scope| {
+        for (fault, all, words) in faults {
+            scope.spawn(move || {
+                (0..8).for_each(|eighth| stops_cleanly(whole, fault, all * eighth / 8, words));
+            });
+        }
+    });
 }
 
 /// Bytes written when the transaction that keeps the estimate of a whole run is half done: another run may write a

@@ -125,13 +125,19 @@ fn assert_kept(readings: &[Reading], record: &Record) {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 90;
         faults::a_full_or_failing_disk_stops_the_run_cleanly,
-        faults::a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone,
-        faults::a_disk_that_writes_in_pieces_or_slowly_changes_nothing,
-        kills::twenty_kills_lose_nothing_that_was_acknowledged,
-        power::eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged,
     ]
+    .and(trials![Pool::Waiting, 60;
+        kills::twenty_kills_lose_nothing_that_was_acknowledged,
+    ])
+    .and(trials![Pool::Waiting, 20;
+        faults::a_disk_that_writes_in_pieces_or_slowly_changes_nothing,
+        power::eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged,
+    ])
+    .and(trials![Pool::Waiting, 0;
+        faults::a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone,
+    ])
     .and(
         trials![Pool::Waiting, 0;
             kills::two_hundred_kills_lose_nothing_that_was_acknowledged,

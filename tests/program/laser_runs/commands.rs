@@ -43,7 +43,7 @@ impl Desk {
 }
 
 /// Through the program: control, sensor, proof, journal.
-pub fn a_run_says_the_same_twice_and_assert_near_truth() {
+pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
     let desk = Desk::new(SHORT);
     let (file, first) = (desk.path("laser.toml"), desk.path("first"));
     let run = |state| desk.says(&["run", METHOD, "--json", "--machine", &file, "--state", state]);

@@ -51,12 +51,16 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
 }
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Computing, 30;
         the_estimate_over_modbus_is_that_over_grbl,
-        what_is_served_is_opened_by_the_keys_that_it_tells,
+    ]
+    .and(trials![Pool::Computing, 15;
         schedules::whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it,
         schedules::nor_over_rtu,
         schedules::whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice,
         schedules::no_program_starts_twice_over_rtu,
-    ]
+    ])
+    .and(trials![Pool::Waiting, 0;
+        what_is_served_is_opened_by_the_keys_that_it_tells,
+    ])
 }

@@ -19,14 +19,19 @@ mod tokens;
 use crate::support::harness::{Pool, Trials, trials};
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
+    trials![Pool::Waiting, 40;
+        slow::shown_out,
+        crowd::beside_a_run,
+        crowd::and_a_hold,
+        lists::signs_of_life,
+    ]
+    .and(trials![Pool::Waiting, 0;
         line::starts,
         page::a_cycle,
         page::a_hold,
         lists::a_verdict,
         lists::pages,
         lists::slips,
-        lists::signs_of_life,
         again::resumed,
         again::signed,
         person::against_the_machine,
@@ -46,9 +51,6 @@ pub fn trials() -> Trials {
         hostile::too_often,
         people::refused,
         hostile::paths,
-        slow::shown_out,
-        crowd::beside_a_run,
-        crowd::and_a_hold,
         crowd::who_only_connect,
         crowd::listeners,
         tokens::by_root,
@@ -58,5 +60,5 @@ pub fn trials() -> Trials {
         audited::reasons,
         audited::gone,
         refused_config::bad_sections,
-    ]
+    ])
 }
