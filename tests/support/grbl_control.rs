@@ -14,7 +14,7 @@ use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 use trued::world::World;
 
-pub struct Bench {
+pub struct GrblControl {
     pub address: SocketAddr,
     /// The truth, also for whatever else looks at it.
     pub world: Arc<Mutex<World>>,
@@ -57,7 +57,7 @@ fn world(file: &MachineFile) -> World {
     world
 }
 
-impl Bench {
+impl GrblControl {
     /// The machine whose truth `file` tells, without waiting times.
     pub fn start(file: &str) -> Self {
         Self::at(file, Pace::Fast)

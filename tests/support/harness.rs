@@ -18,7 +18,7 @@ const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
 /// Durations from here on are printed.
 const PRINTED_DURATION: Duration = Duration::from_secs(5);
 const MAX_REPEATS: usize = 3;
-const WAITING_PLACES: usize = 8;
+const WAITING_PLACES: usize = 6;
 
 /// What limits how many trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

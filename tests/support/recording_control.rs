@@ -80,14 +80,14 @@ impl Shared {
     }
 }
 
-pub struct Witness {
+pub struct RecordingControl {
     address: SocketAddr,
     shared: Arc<Shared>,
     stop: tokio::sync::oneshot::Sender<()>,
     server: JoinHandle<()>,
 }
 
-impl Witness {
+impl RecordingControl {
     pub fn start() -> Self {
         let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();

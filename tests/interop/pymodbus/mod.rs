@@ -15,9 +15,13 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::pymodbus;
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
-        schedules::rtu,
-        schedules::tcp,
+    trials![Pool::Waiting, 60;
+        thermometer::tcp,
+        thermometer::rtu,
+        thermometer::away,
+        thermometer::none,
+    ]
+    .and(trials![Pool::Waiting, 0;
         words::are_pymodbus_s,
         hazard::of_a_plain_client,
         hazard::not_of_ours_rtu,
@@ -30,17 +34,18 @@ pub fn trials() -> Trials {
         faults::a_hold_overtakes,
         faults::a_server_that_goes_and_comes_back,
         window::lines,
-        window::refusals,
         window::hold,
-        window::heartbeat,
         sensor::tcp,
         sensor::rtu,
         sensor::spoilt,
-        thermometer::tcp,
-        thermometer::rtu,
-        thermometer::away,
-        thermometer::none,
         thermometer::checked,
-    ]
+    ])
+    // A share of the requests must be in time.
+    .and(trials![Pool::Alone, 10;
+        schedules::rtu,
+        schedules::tcp,
+        window::refusals,
+        window::heartbeat,
+    ])
     .requires(pymodbus::missing)
 }

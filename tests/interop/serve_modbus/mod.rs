@@ -9,20 +9,22 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::pymodbus;
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0;
-        starts::a_cycle,
+    trials![Pool::Waiting, 50;
+        stops::by_sigterm,
         starts::captures,
+        stops::by_a_coil,
+        starts::a_cycle,
+        abuse::of_all_kinds,
+    ]
+    .and(trials![Pool::Waiting, 0;
         starts::refusals,
         starts::stale,
-        abuse::of_all_kinds,
         abuse::left_behind,
         abuse::strangers,
-        stops::by_a_coil,
         stops::by_a_fault,
         stops::position_lost,
         stops::elsewhere,
         stops::at_once,
-        stops::by_sigterm,
-    ]
+    ])
     .requires(pymodbus::missing)
 }

@@ -216,5 +216,5 @@ const WORDS: [&str; 11] = [
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0; not_here]
-        .and(trials![Pool::Computing, 120; in_the_guest].requires(missing))
+        .and(trials![Pool::Alone, 120; in_the_guest].requires(missing))
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::{MachineShop, estimate, machine, stderr, tells, with_control};
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 
 pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     let shop = MachineShop::new(&machine());
@@ -50,7 +50,7 @@ pub fn regress_two_heights_find_the_tilts_of_the_axis() {
 
 pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     let follows = machine() + "spindle = \"follow\"\n";
-    let bench = Bench::start(&follows);
+    let bench = GrblControl::start(&follows);
     // A plain grbl has no word that orients the spindle.
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
     let shop = MachineShop::new(&with_control(&follows, &control));

@@ -9,19 +9,19 @@ use serde_json::Value;
 
 use super::stops::signal;
 use super::{MachineShop, changed, estimate, machine, stderr, tells, with_control};
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 
 /// Where the C axis of the built-in machine truly stands, µm (drift moves it by less than 0.5 µm).
 const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 
 /// A run on `bench`, stopped when it sends `words` (several in their order, with commas): by a signal, or by `KILL`.
-fn stopped(bench: &Bench, command: std::process::Command, words: &str, name: &str) -> Output {
+fn stopped(bench: &GrblControl, command: std::process::Command, words: &str, name: &str) -> Output {
     ended(bench, command, words, name).0
 }
 
 /// The same, with all that it has sent.
 pub fn ended(
-    bench: &Bench,
+    bench: &GrblControl,
     mut command: std::process::Command,
     words: &str,
     name: &str,
@@ -36,7 +36,7 @@ pub fn ended(
     (ended, heard)
 }
 
-fn shop(bench: &Bench) -> MachineShop {
+fn shop(bench: &GrblControl) -> MachineShop {
     MachineShop::new(&with_control(
         &machine(),
         &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address),
@@ -82,7 +82,7 @@ pub fn touched(heard: &str) -> Vec<u32> {
 }
 
 pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     let held = stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
@@ -138,7 +138,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
 
 /// Killed in a test, killed again while the references are measured, stopped in another test.
 pub fn a_run_survives_any_number_of_ends() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N12 G38.3", "KILL");
     stopped(&bench, resume_command(&shop), "N7 G38.3", "KILL");
@@ -159,7 +159,7 @@ pub fn a_run_survives_any_number_of_ends() {
 
 /// The control is still held: no move, and the run stays resumable.
 pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     bench.stop_at(&["N25 G38.3"]);
     let mut run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -181,7 +181,7 @@ fn pushed() -> String {
 }
 
 pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N62 G38.3", "INT");
     bench.become_another(&pushed());
@@ -217,7 +217,7 @@ pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
 }
 
 pub fn what_too_few_readings_cannot_tell_is_named() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
     let identified = shop.trued(&["identify", "self-calibration", "--run", "1"]);
@@ -227,7 +227,7 @@ pub fn what_too_few_readings_cannot_tell_is_named() {
 }
 
 pub fn without_references_a_run_is_closed() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
     let refused = resume(&shop);
@@ -238,7 +238,7 @@ pub fn without_references_a_run_is_closed() {
 }
 
 pub fn another_machine_file_is_another_run() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
     std::fs::write(shop.file("other.toml"), pushed()).unwrap();
@@ -253,7 +253,7 @@ pub fn another_machine_file_is_another_run() {
 /// The cycle is measured twice; the second pass is interrupted. Its steps are told from those of the
 /// first, and from the references after the stop.
 pub fn a_later_pass_goes_on_as_well() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     let mut run = shop.run_command();
     run.args(["--repeat", "2"]);
@@ -272,7 +272,7 @@ pub fn a_later_pass_goes_on_as_well() {
 
 /// X and Z were seen, Y was not: a part that moved in Y would not be found out.
 pub fn some_of_the_references_are_not_enough() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N6 G38.3", "INT");
     let refused = resume(&shop);
@@ -287,7 +287,7 @@ pub fn references_tell_themselves_how_they_repeat() {
     let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
     for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
     {
-        let bench = Bench::start(&machine());
+        let bench = GrblControl::start(&machine());
         let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
         let shop = MachineShop::new(&with_control(&unknown(&machine()), &control));
         stopped(&bench, shop.run_command(), "N18 G38.3", "INT");

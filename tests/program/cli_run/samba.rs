@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::resume::{ended, found, resume, resume_command, touched};
 use super::{MachineShop, estimate, stderr, tells, with_control};
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 
 /// The built-in machine of the method with a small budget.
 fn machine() -> String {
@@ -17,7 +17,7 @@ fn machine() -> String {
     format!("{file}\n[method.samba]\n{budget}")
 }
 
-fn shop(bench: &Bench) -> MachineShop {
+fn shop(bench: &GrblControl) -> MachineShop {
     let control = format!("kind = \"grbl\"\ndialect = \"grbl-m19\"\ntcp = \"{}\"", bench.address);
     MachineShop::new(&with_control(&machine(), &control))
 }
@@ -46,14 +46,14 @@ fn with_label(steps: &[(u32, String)], begin: &str, first: u32) -> Vec<u32> {
 }
 
 /// As [`ended`], when the program begins `step`.
-fn ended_at(bench: &Bench, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
+fn ended_at(bench: &GrblControl, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
     let (output, heard) = ended(bench, command, &format!("N{step} G38.3"), signal);
     (output, touched(&heard))
 }
 
 /// Killed in a search and in a slow measurement, stopped by Ctrl-C between the touches of a ball.
 pub fn a_run_over_balls_survives_kills_and_stops() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     let steps = steps(&shop);
     let references = with_label(&steps, "reference/001/", 0);
@@ -110,7 +110,7 @@ fn stored_run_tells_the_same(shop: &MachineShop, resumed: &Output) {
 
 /// The first searches come before the references: what is said is what is then done.
 pub fn a_stop_before_the_references_says_that_the_run_is_over() {
-    let bench = Bench::start(&machine());
+    let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
     let (held, _) = ended_at(&bench, run_command(&shop), 3, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));

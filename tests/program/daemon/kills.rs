@@ -15,7 +15,7 @@ use super::event_listener::{Heard, Listener};
 use super::served_machine::served_machine;
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::machine_shop::MachineShop;
-use crate::support::recording_control::{Record, Witness};
+use crate::support::recording_control::{Record, RecordingControl};
 
 pub fn twenty_kills_lose_nothing_and_move_nothing() {
     kills(20, 1);
@@ -25,7 +25,7 @@ pub fn two_hundred_kills_lose_nothing_and_move_nothing() {
     kills(200, 2);
 }
 
-fn machine(witness: &Witness) -> String {
+fn machine(witness: &RecordingControl) -> String {
     let wire = "kind = \"simulated\"";
     let machine = served_machine("");
     assert!(machine.contains(wire) && machine.contains("\nwire = \"memory\""));
@@ -74,7 +74,7 @@ fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
 }
 
 /// Neither by itself nor by an acknowledgement.
-fn stays_silent(witness: &Witness) {
+fn stays_silent(witness: &RecordingControl) {
     const LONG: Duration = Duration::from_secs(1);
     let (began, mut silent) = (Instant::now(), false);
     witness.wait_for(1, || {
@@ -84,8 +84,8 @@ fn stays_silent(witness: &Witness) {
     assert!(silent, "the control was spoken to before anybody started a cycle");
 }
 
-fn serve(shop: &MachineShop) -> (Witness, DaemonProcess) {
-    let witness = Witness::start();
+fn serve(shop: &MachineShop) -> (RecordingControl, DaemonProcess) {
+    let witness = RecordingControl::start();
     shop.replace_machine(&machine(&witness));
     let daemon = shop.serve("fast");
     (witness, daemon)
@@ -93,7 +93,7 @@ fn serve(shop: &MachineShop) -> (Witness, DaemonProcess) {
 
 /// One cycle, killed after `bytes` went over the wire and `pause`.
 fn killed(
-    witness: Witness,
+    witness: RecordingControl,
     mut daemon: DaemonProcess,
     bytes: usize,
     pause: Duration,

@@ -6,7 +6,7 @@ use rand::RngExt;
 use trued::base::random;
 
 use super::{Bench, assert_kept, assert_whole};
-use crate::support::recording_control::Witness;
+use crate::support::recording_control::RecordingControl;
 
 pub fn twenty_kills_lose_nothing_that_was_acknowledged() {
     kills(20, 1);
@@ -35,7 +35,7 @@ fn kills(count: usize, seed: u64) {
 
 /// One run, killed after `bytes` went over the wire and `pause`. How it ended, and its touches.
 fn killed(bench: &Bench, bytes: usize, pause: Duration, begun: &mut usize) -> (String, usize) {
-    let witness = Witness::start();
+    let witness = RecordingControl::start();
     let mut run = bench.run(&witness.address()).spawn().unwrap();
     witness.wait_for(bytes, || run.try_wait().unwrap().is_some());
     std::thread::sleep(pause);

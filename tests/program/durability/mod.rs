@@ -14,7 +14,7 @@ mod image;
 mod kills;
 mod power;
 
-use crate::support::recording_control::{self as witness, Record, Witness};
+use crate::support::recording_control::{self as witness, Record, RecordingControl};
 
 /// A folder with a journal and a machine file.
 struct Bench {
@@ -57,7 +57,7 @@ impl Bench {
 
     /// A run to its end, whatever that is.
     fn run_whole(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
-        let witness = Witness::start();
+        let witness = RecordingControl::start();
         let mut command = self.run(&witness.address());
         prepare(&mut command);
         let output = command.output().unwrap();

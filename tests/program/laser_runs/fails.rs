@@ -7,7 +7,7 @@ use trued::setup::Pace;
 
 use super::laser_shop::{LaserShop, REFERENCE, SHORT, estimate};
 use super::sender::State;
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
 /// The step in which it fails.
@@ -34,7 +34,7 @@ fn nothing_follows_the_hold(heard: &str, label: &str) {
 
 fn fails(state: State, moment: Moment, told: [&str; 2]) {
     let label = format!("{state:?}, {moment:?}");
-    let shop = LaserShop::over(SHORT, Bench::at(&SHORT.file(), Pace::Real));
+    let shop = LaserShop::over(SHORT, GrblControl::at(&SHORT.file(), Pace::Real));
     let mut run = shop.starts();
     // The way to the first point is one feed move, each point one more.
     shop.wait_for(&format!("N{STEP} G53 G1"), SHORT.points / 2, &mut run);

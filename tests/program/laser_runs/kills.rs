@@ -2,12 +2,12 @@
 //! sphere was moved meanwhile.
 
 use super::laser_shop::{LaserShop, REFERENCE, SOUND, assert_near_truth, estimate};
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
 /// A run that was killed on its way from point to point of a pose.
 fn killed() -> LaserShop {
-    let shop = LaserShop::over(SOUND, Bench::start(&SOUND.file()));
+    let shop = LaserShop::over(SOUND, GrblControl::start(&SOUND.file()));
     let way = format!("N{} G53 G1", REFERENCE + 2);
     shop.bench.stop_at(&[&way, &way, &way, &way]);
     let mut run = shop.starts();
@@ -24,7 +24,7 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
     let resumed = shop.resume();
     let found = estimate(&resumed);
     assert!(stderr(&resumed).contains("the references agree"), "{}", stderr(&resumed));
-    let whole = LaserShop::over(SOUND, Bench::start(&SOUND.file()));
+    let whole = LaserShop::over(SOUND, GrblControl::start(&SOUND.file()));
     let undisturbed = estimate(&whole.starts().wait_with_output().unwrap());
     assert_near_truth(&found, 5.0);
     for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {

@@ -10,7 +10,7 @@ use trued::record::estimate::{Estimate, Parameter};
 use trued::record::reading::Reading;
 
 use super::sender::{self, Sender};
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
 
 /// The sphere is searched for (0), the beam's direction found at three heights (1 to 3), the reference
@@ -59,13 +59,13 @@ impl Design {
 pub struct LaserShop {
     shop: MachineShop,
     design: Design,
-    pub bench: Bench,
+    pub bench: GrblControl,
     pub sender: Sender,
 }
 
 impl LaserShop {
     /// `bench` has the machine of `design`.
-    pub fn over(design: Design, bench: Bench) -> Self {
+    pub fn over(design: Design, bench: GrblControl) -> Self {
         let sender = Sender::start(bench.world.clone());
         let file = file(
             &design.file(),

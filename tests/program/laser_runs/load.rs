@@ -14,7 +14,7 @@ use trued::store::{Journal, RunId};
 use trued::world::{Sensed, World};
 
 use super::laser_shop::file;
-use crate::support::grbl_control::Bench;
+use crate::support::grbl_control::GrblControl;
 
 const PYTHON: &str = "python3";
 
@@ -158,7 +158,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let is_there = Command::new(PYTHON).arg("--version").output().is_ok();
     assert!(is_there, "{PYTHON} is not here");
     let text = include_str!("../../../config/laser.toml").to_owned() + SETTINGS;
-    let bench = Bench::at(&text, Pace::Real);
+    let bench = GrblControl::at(&text, Pace::Real);
     let (beside, mut script) = (Beside::begin(), Script::start());
     script.sees(bench.world.clone(), &beside);
     load(&beside);

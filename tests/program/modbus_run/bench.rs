@@ -57,9 +57,9 @@ pub fn folder() -> tempfile::TempDir {
 }
 
 impl Bench {
-    /// The whole method.
+    /// The whole method, with few Monte Carlo trials.
     pub fn whole(controller: &str) -> Self {
-        Self::of(machine(controller))
+        Self::of(machine(controller) + "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n")
     }
 
     pub fn of(text: String) -> Self {

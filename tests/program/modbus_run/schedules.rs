@@ -327,10 +327,12 @@ fn all_schedules(way: &Way, besides: &str) {
         for _ in 0..6 {
             scope.spawn(|| {
                 loop {
-                    let seed = next.fetch_add(1, Ordering::SeqCst);
-                    if seed >= schedules {
+                    let number = next.fetch_add(1, Ordering::SeqCst);
+                    if number >= schedules {
                         return;
                     }
+                    // Spread: the seed chooses the kind of fault.
+                    let seed = number * way.full_schedules / schedules;
                     let ended = run(way, faults(way, seed));
                     let breaches = breaches(&ended, &clean);
                     all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));

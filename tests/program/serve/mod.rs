@@ -21,8 +21,6 @@ use crate::support::harness::{Pool, Trials, trials};
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 40;
         slow::shown_out,
-        crowd::beside_a_run,
-        crowd::and_a_hold,
         lists::signs_of_life,
     ]
     .and(trials![Pool::Waiting, 0;
@@ -51,8 +49,6 @@ pub fn trials() -> Trials {
         hostile::too_often,
         people::refused,
         hostile::paths,
-        crowd::who_only_connect,
-        crowd::listeners,
         tokens::by_root,
         tokens::unreadable,
         audited::holds,
@@ -60,5 +56,12 @@ pub fn trials() -> Trials {
         audited::reasons,
         audited::gone,
         refused_config::bad_sections,
+    ])
+    // A thousand connections: the load and the daemon's memory are their own.
+    .and(trials![Pool::Alone, 10;
+        crowd::beside_a_run,
+        crowd::and_a_hold,
+        crowd::who_only_connect,
+        crowd::listeners,
     ])
 }
