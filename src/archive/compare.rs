@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::decision::difference::{Difference, differences};
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
+use methods::decision::difference::{Difference, differences};
 
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {

@@ -6,11 +6,11 @@ use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
-use crate::decision::trend::{self, Kind, Point, Told, Trend};
-use crate::record::estimate::{Limit, Parameter, Unit};
-use crate::record::reading::Temperatures;
 use crate::report::{self, Individuals};
 use crate::store::{Journal, Measured, RunId, StoreError};
+use machine::record::estimate::{Limit, Parameter, Unit};
+use machine::record::reading::Temperatures;
+use methods::decision::trend::{self, Kind, Point, Told, Trend};
 
 /// What one finished run said of one value.
 #[derive(Debug, Clone, PartialEq, Serialize)]

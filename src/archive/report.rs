@@ -1,10 +1,10 @@
 //! The report of a stored run.
 
 use super::story::{signed, story};
-use crate::record::event::Event;
-use crate::record::proof::Proof;
 use crate::report::{page, warmth};
 use crate::store::{Journal, RunId, StoreError};
+use machine::record::event::Event;
+use machine::record::proof::Proof;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {

@@ -1,7 +1,7 @@
 //! What a stored run has been through, in words.
 
-use crate::record::event::Event;
 use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
+use machine::record::event::Event;
 
 /// What happened on the way: stops, faults, who let it go on; when, and in words.
 pub fn story(stored: &StoredRun) -> Vec<(String, String)> {

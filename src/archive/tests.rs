@@ -2,9 +2,9 @@ use super::compare::{CompareError, compare};
 use super::history::{chart, history};
 use super::report::report;
 use super::story::{signed, story};
-use crate::record::estimate::{Estimate, Limit, Parameter, Unit};
-use crate::record::plan::Plan;
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
+use machine::record::estimate::{Estimate, Limit, Parameter, Unit};
+use machine::record::plan::Plan;
 
 pub fn plan(method: &str, machine: &str) -> Plan {
     serde_json::from_value(serde_json::json!({

@@ -11,12 +11,12 @@ use super::args::RunArgs;
 use super::failure::Failure;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
-use crate::controllers::Halt;
-use crate::record::estimate::Estimate;
 use crate::run::{Answers, Asked};
 use crate::service::{Whereabouts, address};
 use crate::setup::MachineFile;
 use crate::store::{Holder, Journal, LockError, RunId, sha256_text};
+use devices::controllers::Halt;
+use machine::record::estimate::Estimate;
 
 /// From one look to the next.
 const LOOK: Duration = Duration::from_millis(200);

@@ -5,14 +5,14 @@ use std::path::Path;
 
 use super::Exit;
 use crate::archive::story::goes_on;
-use crate::gcode::RenderError;
-use crate::methods::{IdentifyError, Refused};
-use crate::planning::PlanningError;
 use crate::run::{CycleError, Unidentified};
-use crate::sensors::SensorError;
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
+use devices::sensors::SensorError;
+use methods::{IdentifyError, Refused};
+use planning::PlanningError;
+use planning::gcode::RenderError;
 
 #[derive(Debug)]
 pub struct Failure {

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::failure::Failure;
-use crate::record::estimate::Estimate;
 use crate::store::state_dir;
+use machine::record::estimate::Estimate;
 
 /// Where journal and locks live.
 pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {

@@ -6,14 +6,13 @@ use super::args::IdentifyArgs;
 use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
 use super::{Exit, show};
-use crate::methods;
-use crate::record::estimate::Estimate;
-use crate::record::plan::{PLAN_VERSION, Plan, StepKind};
-use crate::record::reading::Reading;
 use crate::report::readings_csv;
 use crate::run::judged;
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{PLAN_VERSION, Plan, StepKind};
+use machine::record::reading::Reading;
 
 pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;

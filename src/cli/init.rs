@@ -8,8 +8,8 @@ use super::Exit;
 use super::args::InitArgs;
 use super::failure::Failure;
 use super::run::runtime;
-use crate::controllers::{Introduction, Leave, Named};
 use crate::setup::{Draft, SetupError};
+use devices::controllers::{Introduction, Leave, Named};
 
 pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
     if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {

@@ -42,7 +42,7 @@ use clap::Parser;
 
 use self::args::{Cli, Command};
 use self::failure::Failure;
-use crate::record::estimate::Verdict;
+use machine::record::estimate::Verdict;
 
 /// How a command ended (DESIGN, contracts).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,15 +4,13 @@ use super::Exit;
 use super::args::PlanArgs;
 use super::failure::Failure;
 use super::show;
-use crate::base::Axis;
-use crate::gcode::{Dialect, Program};
-use crate::methods;
-use crate::planning;
-use crate::proof::{Request, Staged, prove};
-use crate::record::motion::Block;
-use crate::record::plan::{Plan, Sampling, Stage};
-use crate::record::proof::Proof;
 use crate::setup;
+use machine::Axis;
+use machine::record::motion::Block;
+use machine::record::plan::{Plan, Sampling, Stage};
+use machine::record::proof::Proof;
+use planning::gcode::{Dialect, Program};
+use planning::proof::{Request, Staged, prove};
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;

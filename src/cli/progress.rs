@@ -2,7 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::record::event::Event;
+use machine::record::event::Event;
 
 pub struct Progress {
     bar: ProgressBar,

@@ -11,9 +11,9 @@ use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
 use super::wires::Wires;
-use crate::record::event::Event;
 use crate::run::{Again, AgainError, Question};
 use crate::store::{Journal, MachineLock, RunId, StoredRun};
+use machine::record::event::Event;
 
 pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     check_report_folder(&args.output)?;

@@ -12,12 +12,12 @@ use super::signals::stop_on_signals;
 use super::terminal::{by_enter, login};
 use super::wires::Wires;
 use super::{Exit, show};
-use crate::methods::Method;
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
 use crate::run::{Answers, Cycle};
 use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, RunId};
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use methods::Method;
 
 pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;

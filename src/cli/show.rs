@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::failure::Failure;
 use crate::archive::report::report;
-use crate::record::estimate::{Estimate, Unit, Verdict};
 use crate::store::{Journal, RunId};
+use machine::record::estimate::{Estimate, Unit, Verdict};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::plain)?;

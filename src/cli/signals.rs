@@ -6,7 +6,7 @@ use std::sync::mpsc::{Sender, channel};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::failure::Failure;
-use crate::controllers::Halt;
+use devices::controllers::Halt;
 
 /// From the return of this call on, and on a thread of its own: a stop does not wait until whatever
 /// the run computes is done.

@@ -7,11 +7,11 @@ use super::Exit;
 use super::args::SimulateArgs;
 use super::failure::Failure;
 use super::run::runtime;
-use crate::base::Axis;
-use crate::link::faults::{BadWire, Planned};
-use crate::record::question::{Question, Stylus};
 use crate::setup::{self, Rehearsal};
-use crate::world::Bystander;
+use machine::Axis;
+use machine::record::question::{Question, Stylus};
+use simulator::Bystander;
+use simulator::faulty_wire::{BadWire, Planned};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;

@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use tokio::time::sleep;
 
-use crate::base::Axis;
 use crate::commissioning::{Answering, Person, Stop, words_of};
-use crate::record::question::{Answer, Question, Seen};
 use crate::run::{Answers, Asked};
+use machine::Axis;
+use machine::record::question::{Answer, Question, Seen};
 
 /// How often a stop is looked for while an answer is waited for.
 const STOP_POLL: Duration = Duration::from_millis(50);

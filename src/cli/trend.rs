@@ -7,9 +7,9 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
 use crate::archive::history::{Series, history, what_changed};
-use crate::record::estimate::Limit;
 use crate::setup::MachineFile;
 use crate::store::Journal;
+use machine::record::estimate::Limit;
 
 pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;

@@ -5,9 +5,9 @@ use tokio::sync::mpsc;
 use super::Exit;
 use super::args::WatchArgs;
 use super::failure::Failure;
-use crate::record::reading::Flag;
-use crate::sensors::{Sample, Sensor};
 use crate::setup::{self, MachineFile};
+use devices::sensors::{Sample, Sensor};
+use machine::record::reading::Flag;
 
 pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
     let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;

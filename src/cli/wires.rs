@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
 use super::files::state_folder;
-use crate::link::{Capture, Replay, Wiring};
 use crate::setup::Devices;
+use link::{Capture, Replay, Wiring};
 
 pub struct Wires<'a> {
     wiring: Wiring,

@@ -5,9 +5,9 @@ use std::time::Instant;
 use super::jog::{self, JogError};
 use super::words::{amount, look_for, told, unit};
 use super::{Check, Ended, Part};
-use crate::base::Axis;
-use crate::record::machine::Sense;
-use crate::record::question::{Answer, Jog, Question, Seen};
+use machine::Axis;
+use machine::record::machine::Sense;
+use machine::record::question::{Answer, Jog, Question, Seen};
 
 /// How far an axis is jogged, mm or degrees.
 const BY: f64 = 1.0;

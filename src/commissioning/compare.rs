@@ -1,9 +1,9 @@
 //! The machine file against what the control says of itself. Where the file asks for less than the
 //! control has, nothing is wrong.
 
-use crate::base::Axis;
-use crate::controllers::{AxisSays, Introduction};
-use crate::record::machine::{AxisSpec, Machine};
+use devices::controllers::{AxisSays, Introduction};
+use machine::Axis;
+use machine::record::machine::{AxisSpec, Machine};
 
 /// What a control prints is rounded: this share more is no difference.
 const ROUNDED: f64 = 1e-3;

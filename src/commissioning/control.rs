@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use super::words::position;
 use super::{Check, Ended, Part, compare, links};
-use crate::controllers::ControllerError;
-use crate::record::question::{Answer, Question};
+use devices::controllers::ControllerError;
+use machine::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let may_move = introduce(check).await?;

@@ -8,11 +8,11 @@ use tokio::time::timeout;
 use super::axes::UNSEEN;
 use super::jog::{self, Proven};
 use super::{Check, Ended, Part};
-use crate::base::Axis;
-use crate::controllers::ControllerError;
-use crate::record::motion::Outcome;
-use crate::record::question::{Answer, Jog, Question};
 use crate::setup::{Pace, SetupError};
+use devices::controllers::ControllerError;
+use machine::Axis;
+use machine::record::motion::Outcome;
+use machine::record::question::{Answer, Jog, Question};
 
 /// Length of the way that is held, mm.
 const BY: f64 = 5.0;

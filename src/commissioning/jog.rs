@@ -1,14 +1,14 @@
 //! One small move: planned, written, read back and proven; only then sent.
 
 use super::Check;
-use crate::base::{Axis, Position};
-use crate::controllers::ControllerError;
-use crate::gcode::{Program, RenderError};
-use crate::proof::{JogRequest, Refusal, prove_jog};
-use crate::record::machine::AxisSpec;
-use crate::record::motion::{Block, Motion};
-use crate::record::question::Jog;
 use crate::setup::{self, MachineFile};
+use devices::controllers::ControllerError;
+use machine::record::machine::AxisSpec;
+use machine::record::motion::{Block, Motion};
+use machine::record::question::Jog;
+use machine::{Axis, Position};
+use planning::gcode::{Program, RenderError};
+use planning::proof::{JogRequest, Refusal, prove_jog};
 
 /// Slow enough to be watched: a millimetre, or a degree, takes a second.
 const FEED_PER_MIN: f64 = 60.0;

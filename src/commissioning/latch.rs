@@ -6,17 +6,16 @@ use std::time::Instant;
 
 use super::axes::UNSEEN;
 use super::{Check, Ended, Part};
-use crate::controllers::ControllerError;
-use crate::methods::latch_delay::{self, Found, Latch};
-use crate::methods::{self, IdentifyError, Method, Refused};
-use crate::planning;
-use crate::record::event::Event;
-use crate::record::machine::{LiveCheck, Probe};
-use crate::record::plan::Plan;
-use crate::record::question::{Answer, Question};
 use crate::run::{CycleError, Run, RunError, Unidentified, conclude};
 use crate::setup;
 use crate::store::NewRun;
+use devices::controllers::ControllerError;
+use machine::record::event::Event;
+use machine::record::machine::{LiveCheck, Probe};
+use machine::record::plan::Plan;
+use machine::record::question::{Answer, Question};
+use methods::latch_delay::{self, Found, Latch};
+use methods::{IdentifyError, Method, Refused};
 
 /// What a scan may add to a touch, as a share of the declared repeatability.
 const SHARE: f64 = 0.1;

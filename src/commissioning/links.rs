@@ -4,10 +4,10 @@
 use std::time::Instant;
 
 use super::{Check, Ended, Part, Verdict};
-use crate::controllers::{ControllerError, Leave};
-use crate::record::question::{Answer, Question};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
+use devices::controllers::{ControllerError, Leave};
+use machine::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();

@@ -28,11 +28,11 @@ pub use person::{Answering, Nobody, Person};
 pub use stop::Stop;
 pub use words::of as words_of;
 
-use crate::base::Position;
-use crate::controllers::Controller;
-use crate::record::question::{Answer, Question};
 use crate::setup::{Devices, MachineFile, Pace, SetupError, Site};
 use crate::store::Journal;
+use devices::controllers::Controller;
+use machine::Position;
+use machine::record::question::{Answer, Question};
 
 /// Why the parts that follow are not looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

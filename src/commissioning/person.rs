@@ -3,8 +3,8 @@
 use std::pin::Pin;
 use std::time::Duration;
 
-use crate::record::question::{Answer, Question};
-use crate::world::Bystander;
+use machine::record::question::{Answer, Question};
+use simulator::Bystander;
 
 pub type Answering<'a> = Pin<Box<dyn Future<Output = Answer> + 'a>>;
 

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
 use super::{Check, Ended, Part, control};
-use crate::controllers::Look;
-use crate::record::question::{Answer, Question, Stylus};
+use devices::controllers::Look;
+use machine::record::question::{Answer, Question, Stylus};
 
 const NOBODY: &str = "nobody is there to deflect the stylus";
 const POLL: Duration = Duration::from_millis(20);

@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use super::{Check, Ended, Part, thermometers};
-use crate::record::reading::Flag;
-use crate::sensors::{Entry, Prepared, Sample, SensorError};
+use crate::setup::machine_file::SensorEntry;
+use devices::sensors::{Prepared, Sample, SensorError};
+use machine::record::reading::Flag;
 
 /// It is listened to for so long, s, and for so many samples at least and at most.
 const LISTEN_S: f64 = 0.5;
@@ -49,7 +50,10 @@ async fn listen(check: &Check<'_>, name: &str) -> Result<(Prepared, Vec<Sample>)
     Ok((prepared, samples))
 }
 
-fn mistake(Entry { sensor, rate_hz, .. }: &Entry, samples: &[Sample]) -> Option<Mistake> {
+fn mistake(
+    SensorEntry { sensor, rate_hz, .. }: &SensorEntry,
+    samples: &[Sample],
+) -> Option<Mistake> {
     let values = values(samples);
     lost(samples)
         .or_else(|| scatter(sensor.noise_um?, &values))

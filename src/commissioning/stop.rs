@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::controllers::Halt;
+use devices::controllers::Halt;
 
 #[derive(Clone)]
 pub struct Stop {

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::{Check, Ended, Part};
-use crate::sensors::thermometer::ThermometerError;
+use devices::sensors::thermometer::ThermometerError;
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let devices = check.devices.as_ref().ok_or(Ended::Unsafe)?;

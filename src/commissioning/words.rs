@@ -1,9 +1,9 @@
 //! What a person is asked, in words; and what will be seen of a jog, from the machine's chain.
 
-use crate::base::{Axis, Position};
-use crate::kinematics::{Chain, Side};
-use crate::record::machine::{Carrier, Machine};
-use crate::record::question::{Jog, Question, Stylus};
+use machine::kinematics::{Chain, Side};
+use machine::record::machine::{Carrier, Machine};
+use machine::record::question::{Jog, Question, Stylus};
+use machine::{Axis, Position};
 
 /// The question, and how to answer it on a terminal.
 pub fn of(question: &Question) -> String {

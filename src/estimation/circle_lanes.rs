@@ -169,7 +169,7 @@ impl<S: Simd> Normal<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::circle::fit_circle;
+    use crate::circle::fit_circle;
 
     /// Eleven sets (not a multiple of any lane count) against the careful scalar fit.
     #[test]

@@ -154,7 +154,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::base::random;
+    use crate::random;
     use rand::RngExt;
 
     /// A cap of `half` rad about a slanted axis, far from the origin, with deviations of `noise`.

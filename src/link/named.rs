@@ -89,6 +89,15 @@ impl Named {
         }
     }
 
+    /// The keys of a machine file's table that name this address.
+    pub fn to_toml(&self) -> String {
+        match self {
+            Self::Serial { baud, .. } => format!("serial = \"{self}\"\nbaud = {baud}\n"),
+            Self::SerialId { baud, .. } => format!("serial_id = \"{self}\"\nbaud = {baud}\n"),
+            Self::Tcp(_) => format!("tcp = \"{self}\"\n"),
+        }
+    }
+
     /// From the keys of a table; a serial port without `baud` gets `usual`.
     ///
     /// # Errors

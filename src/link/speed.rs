@@ -103,7 +103,7 @@ async fn carry(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::{Address, Received, open};
+    use crate::{Address, Received, open};
     use tokio::time::{Duration, Instant};
 
     #[test]

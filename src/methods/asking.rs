@@ -2,11 +2,11 @@
 //! the plan. The method within sees neither them nor that its own steps are numbered on from them.
 
 use super::{IdentifyError, Method, Next, Refused, Source};
-use crate::base::Position;
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Stage, Step, StepKind};
-use crate::record::reading::Reading;
-use crate::record::sensor::Sensor;
+use machine::Position;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage, Step, StepKind};
+use machine::record::reading::Reading;
+use machine::record::sensor::Sensor;
 
 /// What the label of such a step begins with; a method's own prompts are called otherwise.
 const LABEL: &str = "ask/";

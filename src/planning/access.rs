@@ -7,11 +7,11 @@ use glam::{DAffine3, DMat4, DVec3, DVec4};
 
 use super::PlanningError;
 use super::surroundings::Surroundings;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::KinematicsError;
-use crate::record::artefact::{Artefact, Ball};
-use crate::record::machine::{Carrier, Machine};
-use crate::record::plan::Plan;
+use machine::kinematics::KinematicsError;
+use machine::record::artefact::{Artefact, Ball};
+use machine::record::machine::{Carrier, Machine};
+use machine::record::plan::Plan;
+use machine::{Axis, Position, frame::Point};
 
 /// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
 pub(super) const CLEAR: f64 = 0.6;

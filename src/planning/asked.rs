@@ -1,7 +1,7 @@
 //! What a person is asked before anything of a stage moves.
 
 use super::PlanningError;
-use crate::record::plan::{Plan, Step, StepKind};
+use machine::record::plan::{Plan, Step, StepKind};
 
 /// A step that asks a person, and what.
 type Question<'p> = (&'p Step, &'p str);

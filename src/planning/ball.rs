@@ -2,10 +2,10 @@
 //! pole, as seen along the spindle (paper 4, section 3), or more for a check of form.
 
 use super::access::{Access, Contact, Stand, Unreachable};
-use crate::base::{Axis, Position};
-use crate::record::artefact::Ball;
-use crate::record::machine::Probe;
-use crate::record::plan::{Step, StepKind};
+use machine::record::artefact::Ball;
+use machine::record::machine::Probe;
+use machine::record::plan::{Step, StepKind};
+use machine::{Axis, Position};
 
 /// Beyond the expected place of a ball that is searched for, mm: contact comes in any case.
 const BEYOND: f64 = 0.3;

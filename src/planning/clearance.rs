@@ -2,11 +2,11 @@
 
 use super::PlanningError;
 use super::surroundings::Surroundings;
-use crate::base::{Axis, Position};
-use crate::kinematics::KinematicsError;
-use crate::record::artefact::Artefact;
-use crate::record::machine::Machine;
-use crate::record::plan::{Plan, StepKind};
+use machine::kinematics::KinematicsError;
+use machine::record::artefact::Artefact;
+use machine::record::machine::Machine;
+use machine::record::plan::{Plan, StepKind};
+use machine::{Axis, Position};
 
 /// Free distance between the tool and what it passes over unguarded, mm.
 pub(super) const MARGIN: f64 = 10.0;

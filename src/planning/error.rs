@@ -1,7 +1,7 @@
 //! What cannot be planned, and what to change. Nothing has moved.
 
-use crate::base::Axis;
-use crate::kinematics::KinematicsError;
+use machine::Axis;
+use machine::kinematics::KinematicsError;
 
 /// Lengths in mm; `value`, `min` and `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

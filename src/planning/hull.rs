@@ -5,8 +5,8 @@ use parry3d_f64::math::Pose;
 use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex, closest_points};
 use parry3d_f64::shape::SupportMap;
 
-use crate::artefact::Shape;
-use crate::record::machine::Solid;
+use machine::artefact::Shape;
+use machine::record::machine::Solid;
 
 /// Higher than any machine, mm.
 const ENDLESS: f64 = 2000.0;

@@ -1,9 +1,9 @@
 //! First check of travel: every position named in a block lies within the limits of its axis.
 
 use super::{PlanningError, target};
-use crate::base::Position;
-use crate::record::machine::{AxisSpec, Machine};
-use crate::record::motion::Block;
+use machine::Position;
+use machine::record::machine::{AxisSpec, Machine};
+use machine::record::motion::Block;
 
 /// Rounding of a limit in degrees must not refuse a move to that very limit.
 const SLACK: f64 = 1e-9;

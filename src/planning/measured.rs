@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
 
-use crate::base::{Axis, Point, Position};
-use crate::estimation::sphere::{Sphere, SphereError, fit_sphere};
-use crate::kinematics::{Chain, KinematicsError};
-use crate::record::machine::{Machine, Probe};
+use estimation::sphere::{Sphere, SphereError, fit_sphere};
+use machine::kinematics::{Chain, KinematicsError};
+use machine::record::machine::{Machine, Probe};
+use machine::{Axis, Position, frame::Point};
 
 /// One ball at one rotary position, measured.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,8 @@
 //! same input gives the same order.
 
 use super::time::motion_s;
-use crate::base::{Axis, Position};
-use crate::record::machine::Machine;
+use machine::record::machine::Machine;
+use machine::{Axis, Position};
 
 /// Numbers of the `places` in the order in which to go through them: axis positions, X and Y count.
 /// `stands`: where the machine comes from; `None`: begin wherever is best.

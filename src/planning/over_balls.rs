@@ -9,9 +9,9 @@
 use super::clearance::MARGIN;
 use super::touch::{Path, height};
 use super::{Clearance, PlanningError, round};
-use crate::base::{Axis, Position};
-use crate::record::machine::Machine;
-use crate::record::plan::{Plan, Step};
+use machine::record::machine::Machine;
+use machine::record::plan::{Plan, Step};
+use machine::{Axis, Position};
 
 /// Free distance that guarded moves over a ball keep, and that a block ends with, mm. More than what
 /// the proof asks of rapids, so that the next block may set out fast.

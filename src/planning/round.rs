@@ -12,10 +12,10 @@ use super::hull::Body;
 use super::limits;
 use super::over_balls::LIFT;
 use super::surroundings::{Obstacle, Surroundings};
-use crate::artefact::Shape;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::KinematicsError;
-use crate::record::machine::Machine;
+use machine::artefact::Shape;
+use machine::kinematics::KinematicsError;
+use machine::record::machine::Machine;
+use machine::{Axis, Position, frame::Point};
 
 /// Further round, the corner stands out so far that over the ball is as short, rad.
 const WIDEST: f64 = 2.0 / 3.0 * PI;

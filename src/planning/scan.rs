@@ -3,9 +3,9 @@
 
 use super::touch::{Path, height};
 use super::{Clearance, PlanningError, Start, limits, touch_block};
-use crate::base::{Axis, Position};
-use crate::record::motion::{Block, Motion};
-use crate::record::plan::{Plan, Sampling, Scan, Step};
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::{Plan, Sampling, Scan, Step};
+use machine::{Axis, Position};
 
 /// So far above its first point the way down to it becomes a feed move, mm.
 const SLOW_MM: f64 = 10.0;

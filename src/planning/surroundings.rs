@@ -11,12 +11,12 @@ use parry3d_f64::shape::SupportMap;
 use super::PlanningError;
 use super::access::CLEAR;
 use super::hull::{Body, Upright, apart_by};
-use crate::artefact;
-use crate::base::{Axis, Point, Position, Spindle};
-use crate::kinematics::{Carried, Chain, Side};
-use crate::record::artefact::Artefact;
-use crate::record::machine::{Carrier, Solid};
-use crate::record::plan::Plan;
+use machine::artefact;
+use machine::kinematics::{Carried, Chain, Side};
+use machine::record::artefact::Artefact;
+use machine::record::machine::{Carrier, Solid};
+use machine::record::plan::Plan;
+use machine::{Axis, Position, frame::Point, frame::Spindle};
 
 /// Directions across which two bodies are looked at from above.
 const DIRECTIONS: u32 = 16;

@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde_json::json;
 
 use super::*;
-use crate::record::plan::{Sampling, Scan, Step, StepKind};
+use machine::record::plan::{Sampling, Scan, Step, StepKind};
 
 /// Stylus 120 mm long with a ball of 3 mm; a part 100 mm high, radius 45 mm, on the table.
 fn plan(steps: Vec<Step>) -> Plan {
@@ -202,7 +202,8 @@ fn z_must_have_room_above_the_part_and_go_up() {
         other => panic!("{other:?}"),
     }
     let mut down = plan(Vec::new());
-    down.machine.axes.get_mut(&Axis::Z).unwrap().positive = crate::record::machine::Sense::Reversed;
+    down.machine.axes.get_mut(&Axis::Z).unwrap().positive =
+        machine::record::machine::Sense::Reversed;
     assert!(matches!(Clearance::above(&down), Err(PlanningError::ZDown)));
 }
 

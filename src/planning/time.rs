@@ -1,9 +1,9 @@
 //! Machine time: trapezoidal speed along each straight motion.
 
 use super::target;
-use crate::base::{Axis, Position};
-use crate::record::machine::Machine;
-use crate::record::motion::{Block, Motion};
+use machine::record::machine::Machine;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
 
 /// Seconds that `block` takes from `begins`, every motion from rest to rest: the axes move together
 /// within the rapid speed and acceleration of each; a feed is that of the path in X, Y, Z, or of

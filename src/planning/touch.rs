@@ -1,9 +1,9 @@
 //! One touch as a safe sequence of motions.
 
 use super::{Clearance, PlanningError, limits, over_balls};
-use crate::base::{Axis, Position};
-use crate::record::motion::{Block, Motion};
-use crate::record::plan::{Plan, Step, StepKind};
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Axis, Position};
 
 /// Positions nearer than this are the same, mm or rad.
 const SAME: f64 = 1e-9;

@@ -1,6 +1,6 @@
 //! Numbers, units and symbols as a metrologist writes them.
 
-use crate::record::estimate::Unit;
+use machine::record::estimate::Unit;
 
 pub(super) fn unit(unit: Unit) -> &'static str {
     match unit {

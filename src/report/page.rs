@@ -4,9 +4,9 @@
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::{figure, number, planned, proven, related, vectors};
-use crate::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
-use crate::record::plan::Plan;
-use crate::record::proof::Proof;
+use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
+use machine::record::plan::Plan;
+use machine::record::proof::Proof;
 
 const TEMPLATE: &str = include_str!("page.html");
 /// So many results stand in large figures at the top: a method lists its most wanted first.

@@ -2,9 +2,9 @@
 
 use super::number;
 use super::page::Rows;
-use crate::record::artefact::{Artefact, Balls, Cylinder};
-use crate::record::plan::{Plan, StepKind};
-use crate::record::sensor::Sensor;
+use machine::record::artefact::{Artefact, Balls, Cylinder};
+use machine::record::plan::{Plan, StepKind};
+use machine::record::sensor::Sensor;
 
 pub fn rows(plan: &Plan) -> Rows {
     let mut rows = vec![("Topology".to_owned(), plan.machine.topology.clone())];

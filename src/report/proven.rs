@@ -1,9 +1,9 @@
 //! What was proven before anything moved: in words, and touch by touch, or scan by scan.
 
 use super::number;
-use crate::record::estimate::{FigureKind, Function, Unit};
-use crate::record::plan::Plan;
-use crate::record::proof::{Clearance, Proof};
+use machine::record::estimate::{FigureKind, Function, Unit};
+use machine::record::plan::Plan;
+use machine::record::proof::{Clearance, Proof};
 
 /// The smallest clearance of each touch or scan, in the order of the run; `None` without any.
 pub(super) fn function(proofs: &[Proof]) -> Option<Function> {

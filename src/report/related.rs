@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use crate::record::estimate::Covariance;
+use machine::record::estimate::Covariance;
 
 /// Pairs beyond this are named, the strongest of them.
 const STRONG: f64 = 0.5;

@@ -1,7 +1,7 @@
 use super::page::{Facts, render};
-use crate::record::estimate::*;
-use crate::record::plan::Plan;
-use crate::record::proof::{Clearance, Proof};
+use machine::record::estimate::*;
+use machine::record::plan::Plan;
+use machine::record::proof::{Clearance, Proof};
 
 const SOURCES: [(&str, f64); 4] =
     [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
@@ -252,7 +252,7 @@ fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
     plan.sensors.push(serde_json::from_value(laser).unwrap());
     let scan = serde_json::json!({"path": [], "dwell_s": 0.1, "samples": 8});
     let mut step = plan.steps[0].clone();
-    step.kind = crate::record::plan::StepKind::Reference;
+    step.kind = machine::record::plan::StepKind::Reference;
     step.scan = Some(serde_json::from_value(scan).unwrap());
     plan.steps = vec![step];
     let page = render(&plan, &example(), &facts()).unwrap();

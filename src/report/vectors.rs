@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure;
 use super::number;
-use crate::record::estimate::{Arrow, ArrowFigure, VectorKind};
+use machine::record::estimate::{Arrow, ArrowFigure, VectorKind};
 
 pub(super) fn vectors(figure: &ArrowFigure) -> Value {
     let common = figure::Common::of(figure);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::number::fixed;
 use super::page::Rows;
-use crate::record::reading::Reading;
+use machine::record::reading::Reading;
 
 /// No thermometer at a machine is better, °C.
 const DECIMALS: usize = 2;

@@ -8,11 +8,11 @@ use jiff::Timestamp;
 use super::asking::answered;
 use super::{Answers, CycleError, Interrupted, Run, can_resume, conclude};
 use crate::archive::story;
-use crate::methods::{self, Method};
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
 use crate::setup::{Devices, MachineFile, Past, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use methods::Method;
 
 /// An unfinished run with what it was begun with.
 pub struct Again {

@@ -8,11 +8,11 @@ use jiff::Timestamp;
 use tokio::time::sleep;
 
 use super::{Run, RunError};
-use crate::base::Position;
-use crate::controllers::ControllerError;
-use crate::planning::asked_first;
-use crate::record::event::Event;
-use crate::record::plan::{Stage, Step, StepKind};
+use devices::controllers::ControllerError;
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::plan::{Stage, Step, StepKind};
+use planning::asked_first;
 
 /// How often an answer, or a stop, is looked for.
 const POLL: Duration = Duration::from_millis(50);

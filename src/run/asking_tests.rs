@@ -3,14 +3,16 @@
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::controllers::{Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared};
-use crate::methods::{self, IdentifyError, Refused};
-use crate::planning::PlanningError;
-use crate::record::estimate::Estimate;
-use crate::record::motion::{Block, Outcome};
-use crate::record::plan::{Step, StepKind};
 use crate::setup::{self, MachineFile, Pace, Past};
 use crate::store::{NewRun, StoredRun};
+use devices::controllers::{
+    Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
+};
+use machine::record::estimate::Estimate;
+use machine::record::motion::{Block, Outcome};
+use machine::record::plan::{Step, StepKind};
+use methods::{IdentifyError, Refused};
+use planning::PlanningError;
 
 type Calls = Arc<Mutex<Vec<&'static str>>>;
 
@@ -98,7 +100,7 @@ impl Shop {
     /// `more`: of the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let text = methods::built_in("self-calibration").text;
+        let text = crate::setup::built_in("self-calibration").text;
         let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let journal = Journal::open(folder.path()).unwrap();

@@ -5,15 +5,15 @@ use std::time::Duration;
 
 use super::behind::{COMPUTING, behind};
 use super::{Answers, Run, RunError};
-use crate::controllers::Halt;
-use crate::decision;
-use crate::methods::{IdentifyError, Method};
-use crate::record::estimate::{Estimate, Limit};
-use crate::record::event::Event;
-use crate::record::plan::Plan;
-use crate::record::reading::Reading;
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
+use devices::controllers::Halt;
+use machine::record::estimate::{Estimate, Limit};
+use machine::record::event::Event;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use methods::decision;
+use methods::{IdentifyError, Method};
 
 /// How often a stop is looked for while the identification computes.
 const STOP_POLL: Duration = Duration::from_millis(50);

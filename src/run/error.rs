@@ -1,15 +1,15 @@
 //! How a run can end before its end.
 
-use crate::controllers::ControllerError;
-use crate::decision::references::{Scatter, Shift, in_words};
-use crate::gcode::RenderError;
-use crate::methods::Refused;
-use crate::planning::PlanningError;
-use crate::proof::Refusal;
-use crate::record::plan::Step;
-use crate::record::reading::Flag;
-use crate::sensors::SensorError;
 use crate::store::StoreError;
+use devices::controllers::ControllerError;
+use devices::sensors::SensorError;
+use machine::record::plan::Step;
+use machine::record::reading::Flag;
+use methods::Refused;
+use methods::decision::references::{Scatter, Shift, in_words};
+use planning::PlanningError;
+use planning::gcode::RenderError;
+use planning::proof::Refusal;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {

@@ -5,10 +5,10 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{Run, RunError};
-use crate::base::Position;
-use crate::controllers::ControllerError;
-use crate::record::event::Event;
-use crate::record::machine::LiveCheck;
+use devices::controllers::ControllerError;
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::machine::LiveCheck;
 
 /// A person needs so long to walk up to the machine.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -31,13 +31,13 @@ pub use stage::{Rehearsed, rehearse};
 use self::asking::first_question;
 use self::timeline::Timeline;
 use self::warmth::Warmth;
-use crate::base::Position;
-use crate::methods::{Method, Next, Source};
-use crate::record::event::Event;
-use crate::record::plan::{Plan, Stage};
-use crate::record::reading::Reading;
 use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+use methods::{Method, Next, Source};
 
 /// One run of one method.
 pub struct Run<'a> {

@@ -3,13 +3,13 @@
 
 use super::timeline::Timeline;
 use super::{Run, RunError};
-use crate::base::Position;
-use crate::decision::references::{Shift, in_words};
-use crate::decision::revisit::References;
-use crate::record::event::Event;
-use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
-use crate::record::reading::Reading;
 use crate::store::RunState;
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
+use machine::record::reading::Reading;
+use methods::decision::references::{Shift, in_words};
+use methods::decision::revisit::References;
 
 /// What is known of a run that did not come to its end.
 #[derive(Debug, Clone)]

@@ -6,15 +6,15 @@ use tokio::sync::mpsc;
 use super::stands::unrounded;
 use super::sweep::{self, Placed};
 use super::{Run, RunError};
-use crate::base::Position;
-use crate::controllers::ControllerError;
-use crate::planning::end_of;
-use crate::record::event::Event;
-use crate::record::motion::{Block, Outcome};
-use crate::record::plan::{Sampling, Scan, Step};
-use crate::record::reading::{Flag, Reading};
-use crate::sensors::{Sample, SensorError};
 use crate::setup::Mounted;
+use devices::controllers::ControllerError;
+use devices::sensors::{Sample, SensorError};
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::motion::{Block, Outcome};
+use machine::record::plan::{Sampling, Scan, Step};
+use machine::record::reading::{Flag, Reading};
+use planning::end_of;
 
 /// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
 const MOST_SAMPLES: usize = 1_000_000;

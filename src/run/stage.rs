@@ -5,17 +5,17 @@ use tokio::sync::oneshot;
 use super::asking::first_question;
 use super::behind::{COMPUTING, behind};
 use super::{Run, RunError};
-use crate::base::{Axis, Position};
-use crate::gcode::{Dialect, Program};
-use crate::methods::{Method, Next, Source};
-use crate::planning::{Clearance, Start, asked_first, end_of, machine_time_s, step_blocks};
-use crate::proof::{self, Request, Staged};
-use crate::record::artefact::Artefact;
-use crate::record::event::Event;
-use crate::record::motion::{Block, Outcome};
-use crate::record::plan::{Plan, Stage, Step};
-use crate::record::proof::Proof;
-use crate::record::reading::{Flag, Reading};
+use machine::record::artefact::Artefact;
+use machine::record::event::Event;
+use machine::record::motion::{Block, Outcome};
+use machine::record::plan::{Plan, Stage, Step};
+use machine::record::proof::Proof;
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
+use methods::{Method, Next, Source};
+use planning::gcode::{Dialect, Program};
+use planning::proof::{self, Request, Staged};
+use planning::{Clearance, Start, asked_first, end_of, machine_time_s, step_blocks};
 
 /// The blocks of a step with what belongs to them.
 struct Task {

@@ -1,6 +1,6 @@
 //! Where the machine stands at a point, when the control shows it in coarse steps.
 
-use crate::base::{Axis, Position};
+use machine::{Axis, Position};
 
 /// Controls that show positions in steps show thousandths, mm and degrees.
 const STEP: f64 = 1e-3;

@@ -1,9 +1,9 @@
 //! One scan in motion: what a sensor said on the way, put to where the control says that the axes stood.
 
-use crate::base::Position;
-use crate::record::motion::{Block, Motion};
-use crate::record::track::Track;
-use crate::sensors::Sample;
+use devices::sensors::Sample;
+use machine::Position;
+use machine::record::motion::{Block, Motion};
+use machine::record::track::Track;
 
 /// An axis under control stands still so nearly, mm or rad.
 const STILL: f64 = 0.002;
@@ -86,8 +86,8 @@ fn share(samples: &[&Sample], rate_hz: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Axis;
-    use crate::record::reading::Flag;
+    use machine::Axis;
+    use machine::record::reading::Flag;
 
     fn x(at: f64) -> Position {
         Position::new().with(Axis::X, at)

@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 
 use super::{Run, RunError};
-use crate::record::event::Event;
-use crate::record::reading::Temperatures;
-use crate::sensors::thermometer::Watch;
 use crate::setup::Thermometers;
+use devices::sensors::thermometer::Watch;
+use machine::record::event::Event;
+use machine::record::reading::Temperatures;
 
 #[derive(Default)]
 pub(super) struct Warmth {

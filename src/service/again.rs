@@ -7,11 +7,11 @@ use super::ask::Word;
 use super::attend::{Attendant, Failed, Progress};
 use super::board::{Refusal, State};
 use super::captures::Begun;
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
 use crate::run::{Again, AgainError};
 use crate::setup;
 use crate::store::{Journal, RunId};
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
 
 /// Why a run does not go on.
 #[derive(Debug, thiserror::Error)]

@@ -19,12 +19,12 @@ use super::http::{Last, Shown};
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
 use super::{Ended, Log, ServeError, schedule, triggers};
-use crate::link::Wiring;
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
 use crate::run::{self, Asked, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId, sha256_text};
+use link::Wiring;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
 
 /// Who waits says so this often,
 const TICK: Duration = Duration::from_secs(1);

@@ -4,8 +4,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::config::Demand;
-use crate::record::estimate::{Parameter, Verdict};
 use crate::run::Asked;
+use machine::record::estimate::{Parameter, Verdict};
 
 /// What the service does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

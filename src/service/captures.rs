@@ -4,8 +4,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::Log;
-use crate::link::{Capture, Wiring};
 use crate::store::RunId;
+use link::{Capture, Wiring};
 
 /// Where they go: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number the
 /// file is `talk-begun.capture`; where one was left of a cycle that never became a run, the next is

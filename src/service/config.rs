@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use super::schedule::entry::{self, Entry};
 use super::triggers::modbus::map::CYCLES;
-use crate::link::{HostPort, Named};
+use link::{HostPort, Named};
 
 /// What the machine itself must say before a cycle starts from outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

@@ -7,7 +7,6 @@ use serde::Deserialize;
 
 use super::config::{Config, Http};
 use super::keep::Retention;
-use crate::methods;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{Document, MachineFileError, value_problem};
 

@@ -17,10 +17,10 @@ use super::config::{Config, Demand};
 use super::metrics::Tally;
 use super::pulse::Pulse;
 use super::rota::Rota;
-use crate::controllers::Halt;
-use crate::record::estimate::Estimate;
 use crate::run::{Answers, Asked, Rehearsed};
 use crate::store::RunId;
+use devices::controllers::Halt;
+use machine::record::estimate::Estimate;
 
 struct Inner {
     board: Board,

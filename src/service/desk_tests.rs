@@ -5,9 +5,9 @@ use tokio::sync::mpsc::Receiver;
 use super::ask::{Ask, Looked, Stopped};
 use super::board::{Refusal, Said, State};
 use super::desk::Desk;
-use crate::controllers::Halt;
 use crate::run::Rehearsed;
 use crate::store::RunId;
+use devices::controllers::Halt;
 
 const SAID: Said =
     Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };

@@ -5,8 +5,8 @@ use super::ask::Word;
 use super::attend::Attendant;
 use super::board::{Refusal, State};
 use super::past::{last_of, unfinished};
-use crate::record::event::Event;
 use crate::store::{Journal, MachineLock};
+use machine::record::event::Event;
 
 impl Attendant {
     /// A person at the machine has acknowledged. That lets a new cycle start; it does not resume.

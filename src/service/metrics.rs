@@ -16,7 +16,7 @@ use prometheus_client::registry::Registry;
 
 use super::board::{Refusal, State};
 use super::desk::Desk;
-use crate::record::estimate::Verdict;
+use machine::record::estimate::Verdict;
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type Seconds = Gauge<f64, AtomicU64>;

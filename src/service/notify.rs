@@ -111,7 +111,7 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controllers::Halt;
+    use devices::controllers::Halt;
 
     const LONG: Duration = Duration::from_secs(3600);
 

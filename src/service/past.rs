@@ -35,8 +35,8 @@ pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::event::Event;
     use crate::store::{NewRun, RunState};
+    use machine::record::event::Event;
 
     /// Who wanted to let it go on has not left it: a service that begins after a power cut waits for a person.
     #[test]

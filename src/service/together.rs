@@ -13,9 +13,9 @@ use super::desk::Desk;
 use super::keep::{self, Retention};
 use super::metrics::Metrics;
 use super::{Ended, Log, ServeError, http, notify};
-use crate::controllers::Halt;
 use crate::setup::{MachineFile, Pace};
 use crate::store::Journal;
+use devices::controllers::Halt;
 
 /// Machines, waiting.
 pub struct Service {

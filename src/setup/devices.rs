@@ -4,13 +4,14 @@
 use std::sync::{Arc, Mutex};
 
 use super::machine_file::MachineFile;
+use super::simulated::Served;
 use super::{Pace, Sensors, SetupError, Site, Thermometers};
-use crate::base::Clock;
-use crate::base::clock::HostClock;
-use crate::controllers::{Controller, Served};
-use crate::gcode::Dialect;
-use crate::record::reading::Reading;
-use crate::world::{Truth, World};
+use devices::controllers::Controller;
+use link::Clock;
+use link::clock::HostClock;
+use machine::record::reading::Reading;
+use planning::gcode::Dialect;
+use simulator::{Truth, World};
 
 /// The machine as a run needs it.
 pub struct Devices {

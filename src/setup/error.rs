@@ -1,12 +1,12 @@
 //! What can go wrong before anything is opened or moved.
 
 use super::machine_file::MachineFileError;
-use crate::controllers::ControllerError;
-use crate::gcode::DialectError;
-use crate::link::LinkError;
-use crate::methods::{self, Refused};
-use crate::sensors::SensorError;
-use crate::world::WorldError;
+use devices::controllers::ControllerError;
+use devices::sensors::SensorError;
+use link::LinkError;
+use methods::Refused;
+use planning::gcode::DialectError;
+use simulator::WorldError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
@@ -23,7 +23,7 @@ pub enum SetupError {
     #[error("the machine file cannot be written: {why}")]
     Draft { why: String },
     #[error("the head of the program cannot be written: {0}")]
-    Render(#[from] crate::gcode::RenderError),
+    Render(#[from] planning::gcode::RenderError),
     #[error(transparent)]
     Link(#[from] LinkError),
     #[error(transparent)]

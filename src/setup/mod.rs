@@ -1,28 +1,34 @@
-//! Floor 6: from a machine file to the parts of a run.
+//! From a machine file to the parts of a run.
 
+mod built_in;
+mod controls;
 mod devices;
 mod draft;
 mod error;
 pub mod machine_file;
 mod rehearsal;
 mod sensors;
+mod simulated;
 mod site;
 mod thermometers;
 
 use std::path::Path;
 
-pub use devices::{Devices, Past, devices, dialect, world};
+pub use self::devices::{Devices, Past, devices, dialect, world};
+pub use built_in::{BuiltIn, built_in};
+pub use controls::configure;
 pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
 pub use sensors::{Mounted, Sensors, sensor};
+pub use simulated::Served;
 pub use site::Site;
 pub use thermometers::Thermometers;
 
-use crate::methods::{self, Method};
-use crate::record::plan::{PLAN_VERSION, Plan};
-pub use crate::world::interpreter::Pace;
+use machine::record::plan::{PLAN_VERSION, Plan};
+use methods::Method;
+pub use simulator::interpreter::Pace;
 
 /// The machine file at `path`; without one, the embedded simulated machine that suits the method.
 pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {

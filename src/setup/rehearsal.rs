@@ -4,15 +4,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
+use super::simulated::{Bench, Served, SimulatedControl};
 use super::{Devices, Pace, Past, SetupError, world};
-use crate::controllers::{Bench, Served, Simulated};
-use crate::gcode::Dialect;
-use crate::link::faults::{BadWire, Planned};
-use crate::world::{Bystander, World};
+
+use planning::gcode::Dialect;
+use simulator::faulty_wire::{BadWire, Planned};
+use simulator::{Bystander, World};
 
 pub struct Rehearsal<'a> {
     file: &'a MachineFile,
-    control: Simulated,
+    control: SimulatedControl,
     world: Arc<Mutex<World>>,
 }
 
@@ -24,7 +25,7 @@ impl<'a> Rehearsal<'a> {
     pub fn of(file: &'a MachineFile) -> Result<Self, SetupError> {
         let control = match &file.controller.control {
             Control::Simulated(simulated) => simulated.clone(),
-            Control::Real(_) => Simulated::default(),
+            Control::Real(_) => SimulatedControl::default(),
         };
         Ok(Self { file, control, world: Arc::new(Mutex::new(world(file)?)) })
     }

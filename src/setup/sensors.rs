@@ -3,12 +3,14 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::machine_file::{Reached, SensorEntry};
+use super::simulated::View;
 use super::{MachineFile, SetupError, world};
-use crate::base::Clock;
-use crate::base::clock::HostClock;
-use crate::link::{Talk, Wiring};
-use crate::sensors::{Entry, Reached, Sensor, SensorError, View};
-use crate::world::World;
+use devices::sensors::{Sensor, SensorError};
+use link::Clock;
+use link::clock::HostClock;
+use link::{Talk, Wiring};
+use simulator::World;
 
 /// The sensor `name` alone: its machine is not opened. A simulated one sees what it would before anything
 /// has moved. Call inside a tokio runtime.
@@ -17,7 +19,7 @@ use crate::world::World;
 /// There is none of this name; a simulated world that cannot be built; what opening says.
 pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
     let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors);
-    let simulated = |entry: &&Entry| matches!(entry.reached, Reached::Simulated(_));
+    let simulated = |entry: &&SensorEntry| matches!(entry.reached, Reached::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
     let sensors = match named.filter(simulated) {
         Some(_) => alone.looking_at(Arc::new(Mutex::new(world(file)?))),
@@ -28,7 +30,7 @@ pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupErro
 
 /// What the machine file names, and what simulated ones look at.
 pub struct Sensors {
-    entries: Vec<Entry>,
+    entries: Vec<SensorEntry>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<World>>>,
     /// That of the control: sensors are opened when a run looks with them.
@@ -41,7 +43,7 @@ impl Sensors {
         Self { entries: Vec::new(), clock, world: None, wiring: Wiring::current() }
     }
 
-    pub(super) fn of(self, entries: &[Entry]) -> Self {
+    pub(super) fn of(self, entries: &[SensorEntry]) -> Self {
         Self { entries: entries.to_vec(), ..self }
     }
 
@@ -66,7 +68,7 @@ impl Sensors {
 
     async fn opened(&self, name: &str) -> Result<Sensor, SensorError> {
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
-        let Entry { sensor, reached, .. } =
+        let SensorEntry { sensor, reached, .. } =
             named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
         let talk = Talk::over(&self.wiring, &format!("sensor {name}"));
         if talk.is_replayed() {

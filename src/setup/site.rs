@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
 use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect};
-use crate::base::Clock;
-use crate::base::clock::HostClock;
-use crate::controllers::Named;
-use crate::world::Bystander;
+use devices::controllers::Named;
+use link::Clock;
+use link::clock::HostClock;
+use simulator::Bystander;
 
 pub struct Site<'a> {
     file: &'a MachineFile,

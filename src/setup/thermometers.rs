@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::link::Wiring;
-use crate::sensors::thermometer::{self, Entry, Feel, ThermometerError, Watch};
-use crate::world::World;
+use devices::sensors::thermometer::{self, Entry, Feel, ThermometerError, Watch};
+use link::Wiring;
+use simulator::World;
 
 /// What the machine file names, and what simulated ones feel.
 pub struct Thermometers {

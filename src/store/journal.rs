@@ -16,10 +16,10 @@ use super::{
     Fault, MachineLock, Measured, Progress, RunId, RunState, RunSummary, StoreError, StoredRun,
 };
 use super::{folder, read, scan, schema, write};
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
-use crate::record::plan::{Plan, Stage, Step};
-use crate::record::reading::Reading;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Stage, Step};
+use machine::record::reading::Reading;
 
 /// What is known of a run when it begins.
 #[derive(Debug, Clone)]

@@ -5,10 +5,10 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::record::estimate::{Estimate, Parameter};
-use crate::record::event::Event;
-use crate::record::plan::{Plan, Stage};
-use crate::record::reading::{Reading, Temperatures};
+use machine::record::estimate::{Estimate, Parameter};
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::{Reading, Temperatures};
 
 mod audit;
 mod backup;

@@ -5,8 +5,8 @@ use rusqlite::{Connection, OptionalExtension, params};
 use serde::Deserialize;
 
 use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, read};
-use crate::record::estimate::{Parameter, Verdict};
-use crate::record::reading::Reading;
+use machine::record::estimate::{Parameter, Verdict};
+use machine::record::reading::Reading;
 
 /// Which runs are asked for; without a bound from the newest on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

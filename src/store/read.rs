@@ -9,11 +9,11 @@ use serde::de::DeserializeOwned;
 
 use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
 use super::{scan, signature};
-use crate::base::Axis;
-use crate::record::estimate::Parameter;
-use crate::record::event::Event;
-use crate::record::plan::Plan;
-use crate::record::reading::Reading;
+use machine::Axis;
+use machine::record::estimate::Parameter;
+use machine::record::event::Event;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
 
 /// Column of a scan's samples.
 const SAMPLES: usize = 14;

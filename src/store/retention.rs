@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 
 use super::{Fault, Journal, RunId, RunState, StoreError, read};
-use crate::record::event::Event;
+use machine::record::event::Event;
 
 impl Journal {
     /// Runs that came to their end before `before` and have an estimate: what was sampled in them may

@@ -4,8 +4,8 @@ use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
 use super::{Fault, RunId, write};
-use crate::base::Axis;
-use crate::record::reading::{Flag, Reading};
+use machine::Axis;
+use machine::record::reading::{Flag, Reading};
 
 /// One sample as it is kept, bit for bit: positions in the order of [`Axis::ALL`] (mm, rad), the value,
 /// the time.

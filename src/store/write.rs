@@ -7,11 +7,11 @@ use serde::de::DeserializeOwned;
 
 use super::journal::NewRun;
 use super::{Fault, RunId, RunState, read, sha256_text};
-use crate::base::Axis;
-use crate::record::estimate::Estimate;
-use crate::record::event::Event;
-use crate::record::plan::{Plan, Stage, Step};
-use crate::record::reading::Reading;
+use machine::Axis;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Stage, Step};
+use machine::record::reading::Reading;
 
 const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
 

@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use super::{Summary, numerical_tolerance};
-use crate::estimation::coverage::COVERAGE_PROBABILITY;
+use crate::coverage::COVERAGE_PROBABILITY;
 
 /// One block: moments and interval of each output.
 pub(super) struct Block {

@@ -7,8 +7,8 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::NormalLanes;
-use crate::base::random::stream;
-use crate::estimation::linear::LinearError;
+use crate::linear::LinearError;
+use crate::random::stream;
 
 /// Trials side by side: the length of a column.
 pub const BLOCK: usize = 512;

@@ -10,7 +10,7 @@ mod shape;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::base::random::stream;
+use crate::random::stream;
 use block::{Block, Joined};
 
 pub use linear::{BLOCK, LinearPropagation, Moments};

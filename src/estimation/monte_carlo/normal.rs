@@ -170,7 +170,7 @@ mod tests {
     use statrs::distribution::{ContinuousCDF, Normal};
 
     use super::*;
-    use crate::base::random::stream;
+    use crate::random::stream;
 
     /// The published reference implementation, started from the state (1, 2, 3, 4).
     #[test]

@@ -1,7 +1,7 @@
 //! One published problem and the typed failures; all of NIST's stand in tests/nist_strd.
 
 use super::*;
-use crate::estimation::linear::LinearError;
+use crate::linear::LinearError;
 
 /// y = b1·(1 − exp(−b2·x)): NIST StRD "Misra1a", data and certified values from its file.
 const MISRA1A: [(f64, f64); 14] = [

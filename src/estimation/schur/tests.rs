@@ -2,9 +2,9 @@ use faer::Mat;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::base::random::stream;
-use crate::estimation::linear::{LinearProblem, solve};
-use crate::estimation::nonlinear::{NonlinearError, minimise};
+use crate::linear::{LinearProblem, solve};
+use crate::nonlinear::{NonlinearError, minimise};
+use crate::random::stream;
 
 const COMMON: usize = 5;
 /// Own unknowns and rows of the blocks: unequal, one of them tight.

@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TryRecvError;
 use tokio::time::{Instant, timeout_at};
 
-use crate::base::Clock;
+use crate::Clock;
 
 mod error;
 mod frame;

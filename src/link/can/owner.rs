@@ -13,7 +13,7 @@ use super::socket::{self, PAUSE, listening};
 use super::stamp::Stamps;
 use super::trouble::Trouble;
 use super::{CanError, Frame, Heard, Id, WAITING_FRAMES, interfaces};
-use crate::base::Clock;
+use crate::Clock;
 
 /// Open it, and start the thread.
 pub(super) fn start(
@@ -150,7 +150,7 @@ impl Owner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::clock::HostClock;
+    use crate::clock::HostClock;
 
     fn owner() -> (Owner, mpsc::Receiver<Heard>) {
         let (heard, receiver) = mpsc::channel(WAITING_FRAMES);

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use crate::base::Clock;
+use crate::Clock;
 
 pub(super) struct Stamps {
     clock: Arc<dyn Clock>,

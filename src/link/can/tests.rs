@@ -1,5 +1,5 @@
 use super::*;
-use crate::base::clock::HostClock;
+use crate::clock::HostClock;
 
 #[test]
 fn an_identifier_is_in_its_range_and_written_as_can_utils_do() {

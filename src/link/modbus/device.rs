@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::line::{Framing, Line, Parity};
-use crate::link::{self, HostPort, Named};
+use crate::{HostPort, Named};
 
 /// Baud rate as the Modbus serial line specification has it by default; the parity is in [`Line`].
 const USUAL_BAUD: u32 = 19_200;
@@ -35,12 +35,6 @@ pub struct Device {
 }
 
 impl Device {
-    /// At `at`, with what is usual there.
-    pub fn usual(at: Named, timeout_s: f64) -> Self {
-        let timeout = Duration::from_secs_f64(timeout_s);
-        Self { line: Line::usual(at), unit: USUAL_RTU_UNIT, timeout }
-    }
-
     /// With its speed and its unit.
     pub fn in_full(&self) -> String {
         format!("{}, unit {}", self.line.at.in_full(), self.unit)
@@ -60,6 +54,6 @@ impl TryFrom<DeviceKeys> for Device {
         if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {
             return Err(format!("`unit` is {unit}; on RTU a device has a number from 1 to 247"));
         }
-        Ok(Self { line, unit, timeout: link::timeout(keys.timeout_s)? })
+        Ok(Self { line, unit, timeout: crate::timeout(keys.timeout_s)? })
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::link::LinkError;
+use crate::LinkError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ModbusError {

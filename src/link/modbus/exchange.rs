@@ -10,7 +10,7 @@ use super::ask::{Ask, Shape};
 use super::owner::Inbox;
 use super::wire::Wire;
 use super::{Framing, Line, ModbusError, Settings};
-use crate::link::wiring::Wired;
+use crate::wiring::Wired;
 
 /// How long a hold waits for a reply under way over TCP.
 const GRACE: Duration = Duration::from_millis(20);

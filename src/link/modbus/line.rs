@@ -6,10 +6,10 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::wire::Wire;
-use crate::link::address::{serial, tcp};
-use crate::link::capture::Speech;
-use crate::link::wiring::Wired;
-use crate::link::{Address, LinkError, Named};
+use crate::address::{serial, tcp};
+use crate::capture::Speech;
+use crate::wiring::Wired;
+use crate::{Address, LinkError, Named};
 
 /// How requests are framed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

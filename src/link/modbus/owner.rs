@@ -8,8 +8,8 @@ use tokio::sync::{mpsc, oneshot};
 use super::ask::Ask;
 use super::exchange::Exchange;
 use super::{Ahead, Job, Line, ModbusError, Settings, Space};
-use crate::link::LinkError;
-use crate::link::wiring::Wiring;
+use crate::LinkError;
+use crate::wiring::Wiring;
 
 /// The other ends of the handles' channels.
 pub(super) struct Ends {

@@ -8,7 +8,7 @@ use tokio_modbus::server::{Service, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::*;
-use crate::link::{Capture, HostPort, Named, Replay, Wiring};
+use crate::{Capture, HostPort, Named, Replay, Wiring};
 
 /// Holding registers 0 to 99; input registers 0 to 9 hold 1000 and more.
 #[derive(Clone, Default)]

@@ -12,7 +12,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, timeout_at};
 
-use crate::link::wiring::Boxed;
+use crate::wiring::Boxed;
 
 /// More than this without a silence is no late reply.
 const FLOOD_BYTES: usize = 16 * 1024;

@@ -24,7 +24,7 @@ mod registers;
 mod tests;
 
 use super::capture::Speech;
-use crate::base::Clock;
+use crate::Clock;
 use read::Track;
 
 /// A capture that cannot be replayed.

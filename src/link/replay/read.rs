@@ -1,7 +1,7 @@
 //! A capture file, read.
 
 use super::Said;
-use crate::link::capture::{HEAD, Speech};
+use crate::capture::{HEAD, Speech};
 
 /// One link of a capture.
 pub(super) struct Track {

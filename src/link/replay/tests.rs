@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::link::{Capture, Link, Received, Wiring};
+use crate::{Capture, Link, Received, Wiring};
 
 fn replay(text: &str) -> Result<Replay, String> {
     let folder = tempfile::tempdir().unwrap();

@@ -4,12 +4,12 @@ use glam::{DMat3, DVec3};
 
 use super::parameters::{of_table, tilts};
 use super::settings::{By, Settings};
-use crate::base::{Axis, Position};
-use crate::kinematics::Chain;
-use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::record::plan::Plan;
-use crate::record::sensor::{Sensor, SensorKind};
+use crate::Refused;
+use machine::kinematics::Chain;
+use machine::record::artefact::{Artefact, Ball, Balls};
+use machine::record::plan::Plan;
+use machine::record::sensor::{Sensor, SensorKind};
+use machine::{Axis, Position};
 
 const TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];

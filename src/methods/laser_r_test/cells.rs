@@ -13,7 +13,7 @@ use super::bench::Bench;
 use super::centres::{Centres, Row, frame};
 use super::observe::{Scanned, Spot};
 use super::track::Seen;
-use crate::base::Axis;
+use machine::Axis;
 
 /// A way along a line needs so many samples.
 const LEAST_SAMPLES: usize = 10;

@@ -9,8 +9,8 @@ use faer::Mat;
 use glam::{DMat3, DVec3};
 
 use super::observe::Scanned;
-use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use crate::estimation::schur::Rows;
+use estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use estimation::schur::Rows;
 
 /// Steps to a solution nearby.
 const NEAR_STEPS: usize = 2;

@@ -6,9 +6,9 @@ use glam::DVec3;
 use super::bench::Bench;
 use super::label::in_words;
 use super::model::placed;
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
-use crate::record::plan::{Sampling, Scan, Step, StepKind};
+use crate::Refused;
+use machine::record::plan::{Sampling, Scan, Step, StepKind};
+use machine::{Axis, Position};
 
 /// Where the sphere is thought to be.
 #[derive(Debug, Clone, Copy, PartialEq)]

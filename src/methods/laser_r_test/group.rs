@@ -7,8 +7,8 @@ use super::centres::{Centres, Row, fixes_centre, frame};
 use super::label::Pass;
 use super::observe::{Observed, Scanned};
 use super::settings::heights;
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
+use crate::Refused;
+use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample where nothing is declared and nothing is seen, mm.
 const UNDECLARED_MM: f64 = 1e-3;

@@ -11,16 +11,16 @@ use super::outputs;
 use super::parameters::{self, Chosen};
 use super::sources::{UncertaintySource, sources};
 use super::uncertainty::{self, Effects, Solved, by_covariance, by_trials};
-use crate::estimation::linear::{LinearError, Survey};
-use crate::estimation::misfit::Misfit;
-use crate::estimation::monte_carlo::{Summary, Trials};
-use crate::estimation::nonlinear::{Minimum, NonlinearError};
-use crate::estimation::null_names::name_null_space;
-use crate::estimation::propagated::Propagated;
-use crate::estimation::whitening::whitening;
-use crate::methods::{IdentifyError, Refused};
-use crate::record::estimate::Estimate;
-use crate::record::reading::Reading;
+use crate::{IdentifyError, Refused};
+use estimation::linear::{LinearError, Survey};
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::{Summary, Trials};
+use estimation::nonlinear::{Minimum, NonlinearError};
+use estimation::null_names::name_null_space;
+use estimation::propagated::Propagated;
+use estimation::whitening::whitening;
+use machine::record::estimate::Estimate;
+use machine::record::reading::Reading;
 
 /// Trials of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
 const MOST_TRIALS: usize = 40_000;

@@ -7,8 +7,8 @@ use super::cross::Place;
 use super::group::{Grouped, grouped};
 use super::model::{Model, Problem, Sight, placed};
 use super::observe::observe;
-use crate::methods::{IdentifyError, Refused};
-use crate::record::reading::Reading;
+use crate::{IdentifyError, Refused};
+use machine::record::reading::Reading;
 
 /// How far the zero point may be from where it is stated, while it is not known better, mm.
 const ZERO_DOUBT_MM: f64 = 1.0;

@@ -1,6 +1,6 @@
 //! What the label of a step says: `pose/B-90/C60`: why it is measured, and where the rotary axes stand.
 
-use crate::base::Position;
+use machine::Position;
 
 /// Why the sphere is scanned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,7 +52,7 @@ fn place(at: &Position, between: &str, unit: &str, join: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Axis;
+    use machine::Axis;
 
     #[test]
     fn a_label_says_why_and_where() {

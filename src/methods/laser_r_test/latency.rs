@@ -11,10 +11,10 @@ use glam::{DMat3, DVec3};
 use super::bench::Bench;
 use super::cells::{Sphere, by_place};
 use super::track::{Seen, Track};
-use crate::base::Axis;
-use crate::estimation::null_names::name_null_space;
-use crate::estimation::schur::{Factored, Rows, factor};
-use crate::methods::{IdentifyError, Refused};
+use crate::{IdentifyError, Refused};
+use estimation::null_names::name_null_space;
+use estimation::schur::{Factored, Rows, factor};
+use machine::Axis;
 
 /// Assumed standard uncertainty of one sample; what comes out is scaled to what is seen, mm.
 const SIGMA_MM: f64 = 1e-3;

@@ -29,17 +29,13 @@ pub use settings::Settings;
 
 use self::bench::Bench;
 use self::settings::By;
-use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Stage};
-use crate::record::reading::Reading;
-use crate::record::sensor::Sensor;
+use super::{IdentifyError, Method, Next, Refused, Source};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+use machine::record::sensor::Sensor;
 
 pub const NAME: &str = "laser-r-test";
-/// One sphere on a tilting table, a laser in the spindle.
-pub(super) const BUILT_IN: BuiltIn =
-    BuiltIn { file: "laser.toml (built in)", text: include_str!("../../../config/laser.toml") };
-
 pub struct LaserRTest {
     settings: Settings,
 }

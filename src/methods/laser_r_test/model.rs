@@ -8,11 +8,11 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::base::{Axis, Point, Position};
-use crate::estimation::linear::{LinearError, Survey};
-use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use crate::estimation::schur::{Rows, factor};
-use crate::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use estimation::linear::{LinearError, Survey};
+use estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use estimation::schur::{Rows, factor};
+use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use machine::{Axis, Position, frame::Point};
 
 /// Steps to a solution nearby: the second is of second order already.
 const NEAR_STEPS: usize = 2;

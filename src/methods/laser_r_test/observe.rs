@@ -10,11 +10,11 @@ use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
 use super::model::linear;
 use super::track::Track;
-use crate::base::Position;
 use crate::decision::revisit::granted_mm;
-use crate::methods::{IdentifyError, Refused};
-use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::{IdentifyError, Refused};
+use machine::Position;
+use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
+use machine::record::reading::{Flag, Reading};
 
 /// Axes that move less than this stand, mm.
 const STANDS_MM: f64 = 0.005;

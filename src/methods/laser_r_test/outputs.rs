@@ -7,13 +7,13 @@ use super::identify::Parts;
 use super::label::in_words;
 use super::model::placed;
 use super::words;
-use crate::base::{Axis, Position};
-use crate::estimation::coverage;
-use crate::kinematics::{ErrorParameter, Shape};
-use crate::record::estimate::{
+use estimation::coverage;
+use machine::kinematics::{ErrorParameter, Shape};
+use machine::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind,
     Function, Parameter, Unit, VectorKind, Verdict,
 };
+use machine::{Axis, Position};
 
 /// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
 /// looks down), and what the sensor's scale deviates from 1.

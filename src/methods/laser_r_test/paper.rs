@@ -8,10 +8,10 @@ use glam::{DMat3, DVec3};
 use super::bench::Bench;
 use super::centres::Centres;
 use super::group::Grouped;
-use crate::base::{Axis, Position};
-use crate::estimation::circle::fit_circle;
-use crate::estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
-use crate::record::machine::Sense;
+use estimation::circle::fit_circle;
+use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use machine::record::machine::Sense;
+use machine::{Axis, Position};
 
 /// A rotary angle that counts as zero, rad.
 const ZERO: f64 = 1e-9;

@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::model::{Model, Problem, Sight, placed};
-use crate::base::{Axis, Point, Position};
-use crate::estimation::null_names::name_null_space;
-use crate::kinematics::{Chain, ErrorParameter, Shape};
-use crate::methods::Refused;
+use crate::Refused;
+use estimation::null_names::name_null_space;
+use machine::kinematics::{Chain, ErrorParameter, Shape};
+use machine::{Axis, Position, frame::Point};
 
 /// Poses all around, at which errors are told apart in principle: incommensurate angles.
 const ALL_AROUND: usize = 24;

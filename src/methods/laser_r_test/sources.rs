@@ -11,11 +11,11 @@ use super::group::{Grouped, noise_mm};
 use super::latency::Latency;
 use super::model::{linear, placed};
 use super::observe::Observed;
-use crate::base::{Axis, Point};
-use crate::estimation::monte_carlo::Shape;
-use crate::estimation::smooth::smooth_function;
-use crate::kinematics::{ErrorParameter, Shape as Motion};
-use crate::record::plan::{Step, StepKind};
+use estimation::monte_carlo::Shape;
+use estimation::smooth::smooth_function;
+use machine::kinematics::{ErrorParameter, Shape as Motion};
+use machine::record::plan::{Step, StepKind};
+use machine::{Axis, frame::Point};
 
 /// What the independent draws move.
 #[derive(Debug, Clone)]

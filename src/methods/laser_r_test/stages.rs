@@ -7,11 +7,11 @@ use super::model::{Model, Problem, Sight, placed};
 use super::parameters;
 use super::settings::Sampled;
 use super::touches;
-use crate::base::{Axis, Position};
-use crate::estimation::null_names::name_null_space;
-use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::record::plan::{Stage, Step, StepKind};
+use crate::Refused;
+use estimation::null_names::name_null_space;
+use machine::record::artefact::{Artefact, Ball, Balls};
+use machine::record::plan::{Stage, Step, StepKind};
+use machine::{Axis, Position};
 
 /// Heights beside the middle of the range, in parts of its half.
 const HEIGHTS: [f64; 3] = [-0.7, 0.0, 0.7];

@@ -5,11 +5,11 @@ use super::cross::{Place, Wanted};
 use super::label::{Pass, in_words};
 use super::model::placed;
 use super::parameters;
-use crate::base::Point;
-use crate::methods::Refused;
-use crate::planning::{Access, Approach, BallTask};
-use crate::record::artefact::Ball;
-use crate::record::plan::{Step, StepKind};
+use crate::Refused;
+use machine::frame::Point;
+use machine::record::artefact::Ball;
+use machine::record::plan::{Step, StepKind};
+use planning::{Access, Approach, BallTask};
 
 /// Touches of one measurement.
 const TOUCHES: usize = 5;

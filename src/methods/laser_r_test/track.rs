@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::model::linear;
-use crate::record::reading::{Flag, Reading};
+use machine::record::reading::{Flag, Reading};
 
 /// To either side, the time over which a velocity is taken, s.
 const SPAN_S: f64 = 5e-3;
@@ -210,7 +210,7 @@ fn ways(places: &[f64]) -> Vec<Option<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Axis, Position};
+    use machine::{Axis, Position};
 
     fn reading(t_s: f64, x: f64, flag: Flag) -> Reading {
         Reading {

@@ -10,10 +10,10 @@ use rand::Rng;
 use super::centres::Centres;
 use super::model::{Problem, Sight};
 use super::sources::{Acts, UncertaintySource};
-use crate::estimation::misfit::Misfit;
-use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
-use crate::estimation::nonlinear::Minimum;
-use crate::estimation::propagated::Propagated;
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
+use estimation::nonlinear::Minimum;
+use estimation::propagated::Propagated;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6c61_7365;

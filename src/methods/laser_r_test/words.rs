@@ -5,8 +5,8 @@ use super::label::Pass;
 use super::observe::Observed;
 use super::outputs::{self, forms, symbol};
 use super::paper;
-use crate::kinematics::Shape;
-use crate::record::estimate::Unit;
+use machine::kinematics::Shape;
+use machine::record::estimate::Unit;
 
 /// A gain that deviates from 1 by more than this many u, and by more than this, is worth a word.
 const FAR: f64 = 4.0;

@@ -1,7 +1,7 @@
 //! The two feeds, and the room that a touch at the faster one needs on its way.
 
-use crate::methods::Refused;
-use crate::record::machine::{Machine, Probe};
+use crate::Refused;
+use machine::record::machine::{Machine, Probe};
 
 use super::settings::Settings;
 
@@ -93,7 +93,7 @@ pub fn run_up_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
 }
 
 /// The least of the linear axes.
-fn linear(machine: &Machine, of: impl Fn(&crate::record::machine::AxisSpec) -> f64) -> f64 {
+fn linear(machine: &Machine, of: impl Fn(&machine::record::machine::AxisSpec) -> f64) -> f64 {
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     axes.map(|(_, spec)| of(spec)).fold(f64::INFINITY, f64::min)
 }

@@ -5,9 +5,9 @@ use std::f64::consts::PI;
 use faer::Mat;
 
 use super::observe::{Observed, Touch};
-use crate::estimation::coverage;
-use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD};
-use crate::methods::{IdentifyError, Refused};
+use crate::{IdentifyError, Refused};
+use estimation::coverage;
+use estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
 /// Weights from the scatter, scatter from the residuals: after so many rounds they stand.
 const ROUNDS: usize = 5;

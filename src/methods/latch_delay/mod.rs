@@ -22,10 +22,10 @@ use self::observe::Observed;
 use self::plan::Place;
 use self::scan::Scan;
 use super::{IdentifyError, Method, Next, Refused, Source};
-use crate::artefact::uncertainty_mm;
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Stage};
-use crate::record::reading::Reading;
+use machine::artefact::uncertainty_mm;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
 
 pub const NAME: &str = "latch-delay";
 

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 
 use super::feeds::{Feeds, run_up_mm};
 use super::plan::SEARCH;
-use crate::base::{Axis, Position};
-use crate::methods::{IdentifyError, Refused};
-use crate::record::plan::{Plan, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::{IdentifyError, Refused};
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
 
 /// Fewer at one feed have no scatter.
 const LEAST_TOUCHES: usize = 3;

@@ -4,12 +4,12 @@ use super::fit::{Fitted, Scatter};
 use super::observe::Observed;
 use super::scan::{Latch, Scan, Time};
 use super::words;
-use crate::estimation::coverage::{self, coverage_factor};
-use crate::record::estimate::{
+use estimation::coverage::{self, coverage_factor};
+use machine::record::estimate::{
     BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind, Function, Parameter, Unit,
     Verdict,
 };
-use crate::record::plan::Plan;
+use machine::record::plan::Plan;
 
 /// How late a contact is latched.
 pub const DELAY: &str = "t_latch";

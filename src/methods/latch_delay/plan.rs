@@ -8,13 +8,13 @@ use glam::DVec3;
 
 use super::feeds::Feeds;
 use super::settings::Settings;
-use crate::artefact::uncertainty_mm;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::Chain;
-use crate::methods::Refused;
-use crate::planning::{Access, Approach, BallTask, PlanningError};
-use crate::record::artefact::{Artefact, Balls, Cylinder};
-use crate::record::plan::{Plan, Step, StepKind};
+use crate::Refused;
+use machine::artefact::uncertainty_mm;
+use machine::kinematics::Chain;
+use machine::record::artefact::{Artefact, Balls, Cylinder};
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Axis, Position, frame::Point};
+use planning::{Access, Approach, BallTask, PlanningError};
 
 /// Of the first touch, which serves no identification.
 pub const SEARCH: &str = "search";
@@ -146,7 +146,7 @@ fn flank_at(
     towards: DVec3,
     within_mm: f64,
 ) -> Result<Place, Refused> {
-    let refused = |error: crate::kinematics::KinematicsError| Refused {
+    let refused = |error: machine::kinematics::KinematicsError| Refused {
         why: error.to_string(),
         instead: "correct [machine] and [axes] in the machine file".to_owned(),
     };

@@ -2,7 +2,7 @@
 
 use super::fit::{Fitted, Scatter};
 use super::observe::Observed;
-use crate::estimation::coverage::{coverage_factor, variance_ratio_bound};
+use estimation::coverage::{coverage_factor, variance_ratio_bound};
 
 /// How often a scan is seen where there is none.
 pub const LEVEL: f64 = 0.01;

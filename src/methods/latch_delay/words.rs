@@ -3,7 +3,7 @@
 use super::fit::Fitted;
 use super::observe::Observed;
 use super::scan::{LEVEL, Latch, Scan, Time};
-use crate::estimation::coverage::chi_square_bounds;
+use estimation::coverage::chi_square_bounds;
 
 /// Declared scatter counts as contradicted beyond the bounds that it meets with this probability.
 const DECLARED: f64 = 0.998;

@@ -5,9 +5,9 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::model::{Affine, Indexed, Model};
-use crate::base::Position;
-use crate::estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use crate::estimation::schur::Rows;
+use estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use estimation::schur::Rows;
+use machine::Position;
 
 /// Steps to a solution nearby: the second is of second order already.
 const NEAR_STEPS: usize = 2;

@@ -2,8 +2,8 @@
 
 use super::model::Model;
 use super::parameters::tilts_table;
-use crate::base::{Axis, Position};
-use crate::kinematics::Shape;
+use machine::kinematics::Shape;
+use machine::{Axis, Position};
 
 /// Angles are compared in so many steps a degree.
 const STEPS: i64 = 1000;

@@ -3,8 +3,8 @@
 use super::model::Model;
 use super::parameters::{implied, tilts_spindle};
 use super::separable::{Beside, Way};
-use crate::base::Axis;
-use crate::kinematics::{ErrorParameter, Shape};
+use machine::Axis;
+use machine::kinematics::{ErrorParameter, Shape};
 
 /// One of them.
 pub struct LeftOut {

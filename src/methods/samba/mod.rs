@@ -30,18 +30,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use self::design::{Bench, Visit};
 use self::stages::Known;
-use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
-use crate::record::artefact::Artefact;
-use crate::record::estimate::Estimate;
-use crate::record::machine::{Machine, Probe};
-use crate::record::plan::{Plan, Stage};
-use crate::record::reading::Reading;
+use super::{IdentifyError, Method, Next, Refused, Source};
+use machine::record::artefact::Artefact;
+use machine::record::estimate::Estimate;
+use machine::record::machine::{Machine, Probe};
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
 
 pub const NAME: &str = "samba";
-/// Balls on a tilting table.
-pub(super) const BUILT_IN: BuiltIn =
-    BuiltIn { file: "samba.toml (built in)", text: include_str!("../../../config/samba.toml") };
-
 pub struct Samba {
     settings: Settings,
     /// The design last made, and for what: it is the same at every stage, and takes its time.

@@ -3,10 +3,10 @@
 use glam::{DMat3, DVec3};
 
 use super::separable::Way;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
-use crate::record::artefact::Length;
-use crate::record::machine::Machine;
+use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
+use machine::record::artefact::Length;
+use machine::record::machine::Machine;
+use machine::{Axis, Position, frame::Point};
 
 /// Temperature that lengths are certified at, °C (ISO 1).
 const REFERENCE_C: f64 = 20.0;

@@ -6,12 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DMat3, DVec3};
 
 use super::label::{Label, Pass};
-use crate::base::{Axis, Position};
-use crate::estimation::sphere::{SphereError, fit_sphere};
-use crate::methods::{IdentifyError, Refused};
-use crate::record::artefact::{Artefact, Balls};
-use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::{IdentifyError, Refused};
+use estimation::sphere::{SphereError, fit_sphere};
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
 
 /// An axis that stood still is read this much apart at most, rad (0.005°): encoders flicker, and a
 /// control leaves a little over.

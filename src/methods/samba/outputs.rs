@@ -11,14 +11,14 @@ use super::left_out::{LeftOut, in_words, left_out};
 use super::parts::{Parts, place_name};
 use super::suspects::{Outlier, Solved};
 use super::warnings;
-use crate::base::{Axis, Position};
-use crate::estimation::coverage;
-use crate::kinematics::{ErrorParameter, Shape};
-use crate::record::artefact::Balls;
-use crate::record::estimate::{
+use estimation::coverage;
+use machine::kinematics::{ErrorParameter, Shape};
+use machine::record::artefact::Balls;
+use machine::record::estimate::{
     Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Parameter,
     Unit, VectorKind, Verdict,
 };
+use machine::{Axis, Position};
 
 /// Members of the least certain direction that are named, and how small a part still counts.
 const NAMED: usize = 4;

@@ -2,10 +2,10 @@
 
 use super::separable::Way;
 use super::settings::{Settings, Spindle};
-use crate::base::{Axis, Position};
-use crate::kinematics::{Chain, ErrorParameter, Shape};
-use crate::methods::Refused;
-use crate::record::plan::Plan;
+use crate::Refused;
+use machine::kinematics::{Chain, ErrorParameter, Shape};
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
 
 /// Change of the spindle's direction over one radian that an axis about it does not make.
 const LEANS: f64 = 1e-6;

@@ -3,13 +3,13 @@
 use super::fit::Measured;
 use super::settings::Settings;
 use super::suspects::Solved;
-use crate::base::Position;
-use crate::estimation::linear::Survey;
-use crate::estimation::misfit::Misfit;
-use crate::estimation::monte_carlo::Summary;
-use crate::estimation::propagated::Propagated;
-use crate::record::artefact::Length;
-use crate::record::plan::Plan;
+use estimation::linear::Survey;
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::Summary;
+use estimation::propagated::Propagated;
+use machine::Position;
+use machine::record::artefact::Length;
+use machine::record::plan::Plan;
 
 /// Everything that the estimate is written from.
 pub struct Parts<'a> {

@@ -7,9 +7,9 @@ use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::DVec3;
 
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::{Chain, ErrorParameter, Shape};
-use crate::record::artefact::Balls;
+use machine::kinematics::{Chain, ErrorParameter, Shape};
+use machine::record::artefact::Balls;
+use machine::{Axis, Position, frame::Point};
 
 /// Poses and places of balls at which the errors are told apart. No symmetry, all around.
 const POSES: usize = 60;

@@ -8,13 +8,13 @@ mod rotary;
 use glam::{DMat3, DVec3};
 
 use super::observe::{Observed, Sight};
-use crate::base::Axis;
-use crate::estimation::monte_carlo::Shape;
-use crate::estimation::smooth::smooth_function;
-use crate::kinematics::Chain;
-use crate::record::artefact::Length;
-use crate::record::machine::AxisSpec;
-use crate::record::plan::Plan;
+use estimation::monte_carlo::Shape;
+use estimation::smooth::smooth_function;
+use machine::Axis;
+use machine::kinematics::Chain;
+use machine::record::artefact::Length;
+use machine::record::machine::AxisSpec;
+use machine::record::plan::Plan;
 
 /// What one independent draw moves: neighbouring entries from `first` on.
 #[derive(Debug, Clone)]

@@ -5,10 +5,10 @@ use glam::DVec3;
 
 use super::fit::Problem;
 use super::observe::Observed;
-use crate::estimation::coverage;
-use crate::estimation::nonlinear::Minimum;
-use crate::kinematics::Shape;
-use crate::record::artefact::{Balls, Length};
+use estimation::coverage;
+use estimation::nonlinear::Minimum;
+use machine::kinematics::Shape;
+use machine::record::artefact::{Balls, Length};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;

@@ -7,11 +7,11 @@ use glam::{DMat3, DVec3};
 
 use super::fit::{Measured, Problem};
 use super::sources::{Draw, UncertaintySource};
-use crate::estimation::misfit::Misfit;
-use crate::estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
-use crate::estimation::nonlinear::Minimum;
-use crate::estimation::propagated::Propagated;
-use crate::estimation::schur::Factored;
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::{MonteCarloError, Summary, Trials, propagate};
+use estimation::nonlinear::Minimum;
+use estimation::propagated::Propagated;
+use estimation::schur::Factored;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7361_6d62;

@@ -3,7 +3,7 @@
 use super::parameters::tilts_table;
 use super::parts::{Parts, place_name};
 use super::suspects::Outlier;
-use crate::kinematics::{ErrorParameter, Shape};
+use machine::kinematics::{ErrorParameter, Shape};
 
 pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
     let mut lines = parts.solved.observed.left_out.clone();

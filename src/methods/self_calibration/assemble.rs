@@ -11,13 +11,13 @@ use super::paper::PaperForm;
 use super::sense::Sense;
 use super::settings::{Settings, Spindle};
 use super::uncertainty::{Propagated, TouchScale};
-use crate::estimation::coverage;
-use crate::estimation::monte_carlo::Summary;
-use crate::record::estimate::{
+use estimation::coverage;
+use estimation::monte_carlo::Summary;
+use machine::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
     Verdict,
 };
-use crate::record::plan::Plan;
+use machine::record::plan::Plan;
 
 /// Everything that the estimate is written from.
 pub struct Parts<'a> {

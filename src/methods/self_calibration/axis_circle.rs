@@ -4,7 +4,7 @@
 use faer::Mat;
 
 use super::assemble::Parts;
-use crate::estimation::circle::{Circle, fit_circle};
+use estimation::circle::{Circle, fit_circle};
 
 pub struct AxisCircle {
     /// E_total at each angle of C, first height, mm.

@@ -5,7 +5,7 @@
 use super::algebra::dot;
 use super::model::{Layout, Observation};
 use super::outputs::scale_and_squareness;
-use crate::estimation::trigonometric::Trigonometric;
+use estimation::trigonometric::Trigonometric;
 
 pub struct Bend {
     places: Vec<Place>,

@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 
 use super::settings::Settings;
-use crate::methods::Refused;
+use crate::Refused;
 
 /// One touch on the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

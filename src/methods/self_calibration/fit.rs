@@ -6,7 +6,7 @@ use faer::Mat;
 use super::algebra::multiply;
 use super::bend::Bend;
 use super::model::{Layout, Observation};
-use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
+use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;

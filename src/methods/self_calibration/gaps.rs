@@ -4,7 +4,7 @@
 //! on after an interruption as it went before, from wherever the references find the machine.
 
 use super::model::Observation;
-use crate::methods::IdentifyError;
+use crate::IdentifyError;
 
 /// Directions that must be touched between two interruptions, so that its step in X, Y and radius is
 /// known: any three different ones will do.

@@ -14,13 +14,13 @@ use super::sense;
 use super::settings::Settings;
 use super::sources::{UncertaintySource, interruptions, sources, touch_sigma};
 use super::uncertainty::{Propagated, TouchScale, disturb};
-use crate::estimation::linear::LinearError;
-use crate::estimation::monte_carlo::{Summary, Trials, propagate};
-use crate::estimation::null_names;
-use crate::methods::{IdentifyError, Refused};
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::{IdentifyError, Refused};
+use estimation::linear::LinearError;
+use estimation::monte_carlo::{Summary, Trials, propagate};
+use estimation::null_names;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;

@@ -26,20 +26,14 @@ mod tests;
 pub use settings::Settings;
 
 use self::plan::{Part, Planner};
-use super::{BuiltIn, IdentifyError, Method, Next, Refused, Source};
-use crate::estimation::circle;
-use crate::record::artefact::{Artefact, Cylinder};
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Stage, Step};
-use crate::record::reading::Reading;
+use super::{IdentifyError, Method, Next, Refused, Source};
+use estimation::circle;
+use machine::record::artefact::{Artefact, Cylinder};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage, Step};
+use machine::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
-/// A round part on a turning table.
-pub(super) const BUILT_IN: BuiltIn = BuiltIn {
-    file: "simulated.toml (built in)",
-    text: include_str!("../../../config/simulated.toml"),
-};
-
 pub struct SelfCalibration {
     settings: Settings,
 }
@@ -142,8 +136,8 @@ fn located_part(plan: &Plan, planner: &Planner<'_>, readings: &[Reading]) -> Res
         instead: "check that the part of [artefact] stands on the table, then start again"
             .to_owned(),
     };
-    let chain =
-        crate::kinematics::Chain::new(&plan.machine).map_err(|error| refused(error.to_string()))?;
+    let chain = machine::kinematics::Chain::new(&plan.machine)
+        .map_err(|error| refused(error.to_string()))?;
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
     let (tops, flank): (Vec<_>, Vec<_>) = plan
         .steps

@@ -9,12 +9,12 @@ use super::design::Design;
 use super::gaps;
 use super::model::Observation;
 use super::plan::{LOCATE_LABEL, touches_top};
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::Chain;
-use crate::methods::{IdentifyError, Refused};
-use crate::planning::{self, Clearance};
-use crate::record::plan::{Plan, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::{IdentifyError, Refused};
+use machine::kinematics::Chain;
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position, frame::Point};
+use planning::Clearance;
 
 /// The observations of one cycle and what belongs to all of them.
 pub struct Observed {

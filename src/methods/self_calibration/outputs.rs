@@ -2,7 +2,7 @@
 //! difference, squareness, and the functions of angle.
 
 use super::model::Layout;
-use crate::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::{FigureKind, Unit};
 
 /// One reported number: `value = coefficients · unknowns` (mm, rad).
 pub struct Output {

@@ -10,7 +10,7 @@ use super::design::{Design, Test, Touch};
 use super::fit::RANK_THRESHOLD;
 use super::model::{Layout, Observation};
 use super::outputs;
-use crate::estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
+use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// The paper's linear system for a design; the paper's own has one probe angle φ_b beside 0.
 pub struct PaperForm {

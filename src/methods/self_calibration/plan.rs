@@ -4,12 +4,12 @@ use glam::DVec3;
 
 use super::design::{Design, Touch};
 use super::settings::{Settings, Spindle};
-use crate::base::{Axis, Point, Position, Spindle as SpindleFrame, Table};
-use crate::kinematics::Chain;
-use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Cylinder};
-use crate::record::machine::AxisSpec;
-use crate::record::plan::{Plan, Step, StepKind};
+use crate::Refused;
+use machine::kinematics::Chain;
+use machine::record::artefact::{Artefact, Cylinder};
+use machine::record::machine::AxisSpec;
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Axis, Position, frame::Point, frame::Spindle as SpindleFrame, frame::Table};
 
 /// Prefix of the labels of the locating touches; they serve no identification.
 pub const LOCATE_LABEL: &str = "locate/";
@@ -226,7 +226,7 @@ impl<'a> Planner<'a> {
             let linear = self.chain.linear_axes_for(target, self.tip, &still, &[]);
             linear.map(|solved| still.updated_by(&solved).only(Axis::is_linear))
         };
-        let refused = |error: crate::kinematics::KinematicsError| Refused {
+        let refused = |error: machine::kinematics::KinematicsError| Refused {
             why: format!("{}: {error}", spec.label),
             instead: "correct [machine] topology".to_owned(),
         };

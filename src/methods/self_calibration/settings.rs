@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::methods::Refused;
-use crate::record::artefact::Cylinder;
+use crate::Refused;
+use machine::record::artefact::Cylinder;
 
 /// What the spindle does while the probe goes round the part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -6,11 +6,11 @@ use faer::Mat;
 
 use super::model::{Layout, Observation};
 use super::settings::Spindle;
-use crate::base::Axis;
-use crate::estimation::monte_carlo::Shape;
-use crate::estimation::smooth::smooth_function;
-use crate::record::machine::AxisSpec;
-use crate::record::plan::Plan;
+use estimation::monte_carlo::Shape;
+use estimation::smooth::smooth_function;
+use machine::Axis;
+use machine::record::machine::AxisSpec;
+use machine::record::plan::Plan;
 
 pub struct UncertaintySource {
     pub name: &'static str,

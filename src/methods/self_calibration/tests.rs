@@ -13,10 +13,10 @@ use super::model::{Layout, Observation};
 use super::outputs;
 use super::paper::PaperForm;
 use super::settings::Settings;
-use crate::base::random::stream;
-use crate::estimation::linear::survey;
-use crate::estimation::monte_carlo::LinearPropagation;
-use crate::estimation::{circle, linear};
+use estimation::linear::survey;
+use estimation::monte_carlo::LinearPropagation;
+use estimation::random::stream;
+use estimation::{circle, linear};
 
 fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }

@@ -6,7 +6,7 @@ use rand::Rng;
 
 use super::algebra::multiply;
 use super::sources::{UncertaintySource, is_touch_by_touch};
-use crate::estimation::coverage;
+use estimation::coverage;
 
 /// First-order propagation to linear outputs (outputs × unknowns coefficients).
 pub struct Propagated {

@@ -4,11 +4,11 @@ use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::at;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::Chain;
-use crate::planning::*;
-use crate::record::artefact::{Artefact, Ball};
-use crate::record::plan::{Plan, Step, StepKind};
+use crate::*;
+use machine::kinematics::Chain;
+use machine::record::artefact::{Artefact, Ball};
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Axis, Position, frame::Point};
 
 const SLOW: Approach = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
 

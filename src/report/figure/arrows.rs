@@ -6,8 +6,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{bounds, label, round_step};
 use super::{Area, Drawn, FIT, FONT, GRID, INK, LINE, picture, text_style};
-use crate::record::estimate::{Arrow, ArrowFigure, Arrows, Unit};
 use crate::report::number;
+use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Unit};
 
 /// Two square panels side by side, and the scale below.
 pub(super) const PANEL: i32 = 500;

@@ -7,8 +7,8 @@ use plotters::prelude::*;
 use super::scale::{Ticked, bounds};
 use super::{BAND, FIT, LINE, MARGIN, X_LABELS, Y_LABELS};
 use super::{chart, finite_or_zero, picture};
-use crate::record::estimate::CircleFigure;
 use crate::report::number;
+use machine::record::estimate::CircleFigure;
 
 /// The plot itself is square, so that a circle is one.
 const PLOT: u32 = 744;

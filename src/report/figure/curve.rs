@@ -4,8 +4,8 @@ use plotters::prelude::*;
 
 use super::scale::{Ticked, bounds, widened};
 use super::{BAND, LINE, MAX_MARKS, Sample, picture};
-use crate::record::estimate::Function;
 use crate::report::number;
+use machine::record::estimate::Function;
 
 const SIZE: (u32, u32) = (1400, 640);
 

@@ -6,8 +6,8 @@ use plotters::prelude::*;
 
 use super::scale::{Ticked, bounds, round_step};
 use super::{FIT, LINE, Sample, picture};
-use crate::record::estimate::Function;
 use crate::report::number;
+use machine::record::estimate::Function;
 
 const SIZE: (u32, u32) = (1400, 640);
 /// More columns than this say nothing more.

@@ -7,8 +7,8 @@ use super::legend::{self, DASH, Piece};
 use super::scale::{Ticked, bounds, widened};
 use super::strip::{self, Temperatures};
 use super::{Area, Drawn, FIT, GRID, INK, LINE, Sample, Y_LABELS, picture};
-use crate::record::estimate::Unit;
 use crate::report::number;
+use machine::record::estimate::Unit;
 
 const SIZE: (u32, u32) = (1400, 560);
 

@@ -5,8 +5,8 @@ use plotters::style::FontTransform;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Area, Drawn, FIT, GRID, LINE, picture, text_style};
-use crate::record::estimate::Covariance;
 use crate::report::number;
+use machine::record::estimate::Covariance;
 
 /// Fewer need no picture, more cannot be read.
 const DRAWN: std::ops::RangeInclusive<usize> = 3..=60;

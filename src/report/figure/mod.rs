@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use self::scale::Ticked;
-use crate::record::estimate::{FigureKind, Function};
+use machine::record::estimate::{FigureKind, Function};
 
 mod arrows;
 mod circle;

@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::arrows::{Common, FOOT, PANEL, SIZE, drawable, frame};
 use super::{Area, Drawn, FIT, FONT, INK, LINE, picture, text_style};
-use crate::record::estimate::{Arrow, Arrows};
+use machine::record::estimate::{Arrow, Arrows};
 
 /// What stands for what, with its place in the picture's foot.
 const KEY: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
@@ -90,7 +90,7 @@ fn marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -> Dra
 mod tests {
     use super::super::tests::{attributes, inside};
     use super::*;
-    use crate::record::estimate::{ArrowFigure, Unit, VectorKind};
+    use machine::record::estimate::{ArrowFigure, Unit, VectorKind};
 
     /// Two places 200 mm apart in X; the longest deviation, 40 µm, is 80 long.
     #[test]

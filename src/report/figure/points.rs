@@ -4,7 +4,7 @@ use plotters::prelude::*;
 
 use super::scale::{Ticked, bounds, widened};
 use super::{INK, LINE, Sample, curve, picture};
-use crate::record::estimate::Function;
+use machine::record::estimate::Function;
 
 const SIZE: (u32, u32) = (1400, 640);
 

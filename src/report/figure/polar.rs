@@ -6,8 +6,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::scale::{bounds, label, round_step, widened};
 use super::{Area, BAND, Drawn, FONT, GRID, INK, LINE, MAX_MARKS, Sample};
 use super::{picture, text_style};
-use crate::record::estimate::Function;
 use crate::report::number;
+use machine::record::estimate::Function;
 
 const SIDE: u32 = 900;
 const CENTRE: i32 = 450;

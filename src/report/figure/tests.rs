@@ -1,6 +1,6 @@
 use super::scale::bounds;
 use super::*;
-use crate::record::estimate::{
+use machine::record::estimate::{
     Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit, VectorKind,
 };
 

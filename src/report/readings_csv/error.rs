@@ -1,7 +1,7 @@
 //! What can be wrong with a readings file: where, and what to do.
 
 use super::FIRST_LINE;
-use crate::record::reading::UnknownFlag;
+use machine::record::reading::UnknownFlag;
 
 /// A problem and the line (from 1) where it stands.
 #[derive(Debug, PartialEq, thiserror::Error)]

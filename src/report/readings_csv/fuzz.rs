@@ -1,9 +1,9 @@
 //! Any file as readings.
 
 use super::{read, write};
-use crate::base::Axis;
-use crate::base::fuzz::fuzz;
-use crate::record::reading::Reading;
+use fuzz::fuzz;
+use machine::Axis;
+use machine::record::reading::Reading;
 
 const FILE: &[u8] = b"# trued-readings 1
 # run 3: self-calibration on bench

@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 use std::io::{self, Write};
 
-use crate::base::Axis;
-use crate::record::reading::Reading;
+use machine::Axis;
+use machine::record::reading::Reading;
 
 mod error;
 #[cfg(test)]

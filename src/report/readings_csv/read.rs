@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use csv::StringRecord;
 
 use super::{Column, FIRST_LINE, Problem, ReadingsError};
-use crate::base::{Axis, Position};
-use crate::record::reading::{Flag, Reading, Temperatures};
+use machine::record::reading::{Flag, Reading, Temperatures};
+use machine::{Axis, Position};
 
 /// Read a whole file. Missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
 /// `value_mm` none (a touch), other axes not named.

@@ -3,9 +3,9 @@ use std::collections::BTreeMap;
 use rand::RngExt;
 
 use super::*;
-use crate::base::Position;
-use crate::base::random::stream;
-use crate::record::reading::Flag;
+use estimation::random::stream;
+use machine::Position;
+use machine::record::reading::Flag;
 
 fn text(readings: &[Reading]) -> String {
     let mut bytes = Vec::new();

@@ -16,10 +16,10 @@ use super::standing::Standing;
 use crate::archive::compare::{Comparison, compare};
 use crate::archive::history::{Series, history};
 use crate::archive::story::story;
-use crate::record::estimate::Estimate;
-use crate::record::plan::Plan;
-use crate::record::reading::Reading;
 use crate::store::{Audited, Journal, RunId, RunSummary, StoreError, Wanted};
+use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
 
 /// Of a list, unless asked for less.
 const PAGE: usize = 200;

@@ -34,9 +34,9 @@ use super::config::{Cycle, Demand, Http};
 use super::desk::Desk;
 use super::metrics::Metrics;
 use super::{Log, ServeError};
-use crate::record::estimate::Limit;
 use crate::run::{ANSWERING, behind};
 use crate::store::Journal;
+use machine::record::estimate::Limit;
 
 /// A machine that is shown.
 #[derive(Clone)]

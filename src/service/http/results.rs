@@ -12,9 +12,9 @@ use utoipa::ToSchema;
 use super::api::look;
 use super::openapi::views::VerdictView;
 use super::{Shown, Web};
-use crate::record::estimate::{Parameter, Verdict};
 use crate::service::desk::Desk;
 use crate::store::{Journal, Newest, StoreError};
+use machine::record::estimate::{Parameter, Verdict};
 
 /// Whoever measures beside this service tells nobody: looked for so often.
 const AGAIN: Duration = Duration::from_secs(10);

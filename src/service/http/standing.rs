@@ -7,9 +7,9 @@ use utoipa::ToSchema;
 use super::Shown;
 use super::openapi::views::{ParameterView, VerdictView};
 use super::results::Told;
-use crate::record::estimate::{Parameter, Verdict};
 use crate::run::Asked;
 use crate::service::board::{Board, Failure, State};
+use machine::record::estimate::{Parameter, Verdict};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Standing {

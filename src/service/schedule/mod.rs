@@ -28,9 +28,9 @@ use super::config::Demand;
 use super::desk::Desk;
 use super::rota::Call;
 use super::{Log, ServeError};
-use crate::base::Clock;
-use crate::base::clock::HostClock;
 use crate::store::Journal;
+use link::Clock;
+use link::clock::HostClock;
 
 /// How often the clock is looked at.
 const TICK: Duration = Duration::from_secs(1);

@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use crate::link::{self, Link, LinkError, Named, Received};
 use crate::service::Log;
 use crate::service::ask::Looked;
 use crate::service::board::{Refusal, Said, State};
 use crate::service::desk::Desk;
 use crate::service::rota::Told;
+use link::{Link, LinkError, Named, Received};
 
 /// How long a port that has gone is left alone.
 const AGAIN: Duration = Duration::from_secs(2);

@@ -8,12 +8,12 @@ use std::sync::Arc;
 use minijinja::Environment;
 use minijinja::value::Value;
 
-use super::SetupError;
-use crate::base::Axis;
-use crate::base::clock::HostClock;
-use crate::controllers::{self, AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
-use crate::gcode::Dialect;
-use crate::record::machine::Machine;
+use super::{SetupError, controls};
+use devices::controllers::{AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
+use link::clock::HostClock;
+use machine::Axis;
+use machine::record::machine::Machine;
+use planning::gcode::Dialect;
 
 const TEMPLATE: &str = include_str!("machine.toml.j2");
 
@@ -35,7 +35,7 @@ impl Draft {
         let mut keys = self.controller.clone();
         let kind = keys.remove("kind");
         let kind = kind.as_ref().and_then(toml::Value::as_str).unwrap_or_default().to_owned();
-        let control = controllers::configure(&kind, toml::Value::Table(keys));
+        let control = controls::configure(&kind, toml::Value::Table(keys));
         control.map_err(|error| SetupError::Draft { why: error.message().to_owned() })
     }
 

@@ -1,6 +1,6 @@
 use super::*;
-use crate::controllers::Remark;
 use crate::setup::MachineFile;
+use devices::controllers::Remark;
 
 fn draft(controller: &str, topology: Option<&str>) -> Draft {
     let controller = toml::from_str(controller).unwrap();

@@ -1,6 +1,6 @@
 //! The order of axes that most machines with these axes have. A person puts it right.
 
-use crate::base::Axis;
+use machine::Axis;
 
 /// Trunnion tables, after ISO 10791: the rotary axes carry the part, the linear ones the spindle.
 pub(super) fn usual(driven: &[Axis]) -> String {

@@ -9,8 +9,8 @@ use serde::de::DeserializeOwned;
 use super::balls_csv::{self, Columns, Common, column};
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Place, Problem};
-use crate::artefact::{self, Entry, Flaw};
-use crate::record::artefact::{Artefact, Balls};
+use machine::artefact::{self, Entry, Flaw};
+use machine::record::artefact::{Artefact, Balls};
 
 /// What stands beside a machine file.
 #[derive(Debug, Clone, Copy)]

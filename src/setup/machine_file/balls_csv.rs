@@ -3,7 +3,7 @@
 
 use super::error::{MachineFileError, Place, Problem};
 use super::hint;
-use crate::record::artefact::Ball;
+use machine::record::artefact::Ball;
 
 const NEEDED: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
 const STEM: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::record::artefact::{Ball, Balls};
+use machine::record::artefact::{Ball, Balls};
 
 const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
 
@@ -51,7 +51,7 @@ fn the_built_in_machine_for_samba_is_that_of_the_paper() {
 #[test]
 fn the_built_in_truth_is_the_papers_table() {
     let file = MachineFile::embedded_for("samba").unwrap();
-    let truth: crate::world::Truth = file.simulated().unwrap().unwrap();
+    let truth: simulator::Truth = file.simulated().unwrap().unwrap();
     let table = include_str!("../../../tests/data/paper4-table2.csv");
     let mut count = 0;
     for line in table.lines().filter(|line| !line.starts_with('#')).skip(1) {

@@ -3,9 +3,9 @@
 
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
-use crate::base::Axis;
-use crate::record::artefact::{Artefact, Cylinder};
-use crate::record::machine::{AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
+use machine::Axis;
+use machine::record::artefact::{Artefact, Cylinder};
+use machine::record::machine::{AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
 
 type Checked = Result<(), MachineFileError>;
 

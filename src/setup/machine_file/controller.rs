@@ -8,7 +8,10 @@ use serde::Deserialize;
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use super::value::Value;
-use crate::controllers::{self, Named, Simulated};
+use devices::controllers::Named;
+
+use crate::setup::controls;
+use crate::setup::simulated::SimulatedControl;
 
 const SIMULATED: &str = "simulated";
 
@@ -23,7 +26,7 @@ pub struct ControllerConfig {
 #[derive(Debug, Clone)]
 pub enum Control {
     /// The simulated firmware moves a simulated machine, which `[simulated]` describes.
-    Simulated(Simulated),
+    Simulated(SimulatedControl),
     Real(Arc<dyn Named>),
 }
 
@@ -49,7 +52,7 @@ const SECTION: [&str; 1] = ["controller"];
 
 pub fn read(document: &Document) -> Result<ControllerConfig, MachineFileError> {
     let Common { kind, compensations_active } = document.required(&SECTION)?;
-    let known = [&[SIMULATED][..], &controllers::KINDS].concat();
+    let known = [&[SIMULATED][..], &controls::KINDS].concat();
     if !known.contains(&kind.as_str()) {
         let key = ["controller", "kind"];
         let why = format!("is `{kind}`; known: {}", known.join(", "));
@@ -58,8 +61,8 @@ pub fn read(document: &Document) -> Result<ControllerConfig, MachineFileError> {
     let own = |keys: Value<'_>| {
         let keys = keys.without("kind").without("compensations_active");
         match kind.as_str() {
-            SIMULATED => Simulated::deserialize(keys).map(Control::Simulated),
-            real => controllers::configure(real, keys).map(Control::Real),
+            SIMULATED => SimulatedControl::deserialize(keys).map(Control::Simulated),
+            real => controls::configure(real, keys).map(Control::Real),
         }
     };
     let missing = || Problem::MissingSection { section: SECTION.join(".") };

@@ -1,11 +1,11 @@
 //! Any text as a machine file.
 
 use super::{MachineFile, balls_csv};
-use crate::artefact;
-use crate::base::fuzz::fuzz;
-use crate::methods::{NAMES, Source};
-use crate::record::artefact::Balls;
 use crate::setup;
+use fuzz::fuzz;
+use machine::artefact;
+use machine::record::artefact::Balls;
+use methods::{NAMES, Source};
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
 const GRBL: &[u8] = include_bytes!("../../../config/grblhal-serial.toml");

@@ -10,13 +10,11 @@ use std::path::Path;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use crate::base::Axis;
-use crate::controllers::{Faults, Simulated};
-use crate::methods::{self, BuiltIn};
-use crate::record::artefact::Artefact;
-use crate::record::estimate::Limit;
-use crate::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
-use crate::sensors::{Entry, thermometer};
+use devices::sensors::thermometer;
+use machine::Axis;
+use machine::record::artefact::Artefact;
+use machine::record::estimate::Limit;
+use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 
 mod artefact;
 mod balls_csv;
@@ -30,16 +28,20 @@ mod error;
 mod fuzz;
 mod hint;
 mod prompt;
+mod sensor;
 #[cfg(test)]
 mod tests;
 mod tolerance;
 mod value;
 
+use super::built_in::{BuiltIn, built_in};
+use super::simulated::{Faults, SimulatedControl};
 use artefact::Beside;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
 pub use error::{MachineFileError, Problem};
 use prompt::Prompt;
+pub use sensor::{Reached, SensorEntry};
 pub use value::{Fault, Value};
 
 const SECTIONS: [&str; 14] = [
@@ -66,7 +68,7 @@ pub struct MachineFile {
     pub machine: Machine,
     pub controller: ControllerConfig,
     pub probe: Probe,
-    pub sensors: Vec<Entry>,
+    pub sensors: Vec<SensorEntry>,
     pub thermometers: Vec<thermometer::Entry>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
@@ -80,7 +82,7 @@ pub struct MachineFile {
 impl MachineFile {
     /// The built-in machine that suits a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
-        let BuiltIn { file, text } = methods::built_in(method);
+        let BuiltIn { file, text } = built_in(method);
         Self::parse(file, text.to_owned())
     }
 
@@ -104,7 +106,7 @@ impl MachineFile {
         let machine = machine(&document)?;
         let probe = document.required(&["probe"])?;
         check::probe(&document, &probe)?;
-        let sensors: Vec<Entry> =
+        let sensors: Vec<SensorEntry> =
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
         let thermometers: Vec<thermometer::Entry> =
@@ -160,7 +162,7 @@ impl MachineFile {
     }
 
     /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.
-    pub fn simulated_faults(&self, control: &Simulated) -> Result<Faults, MachineFileError> {
+    pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<Faults, MachineFileError> {
         let faults = self.document.section(&["simulated", "fault"], |list| control.faults(list))?;
         Ok(faults.unwrap_or_else(|| control.no_faults()))
     }

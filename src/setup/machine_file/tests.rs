@@ -3,7 +3,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::*;
-use crate::record::artefact::Cylinder;
+use machine::record::artefact::Cylinder;
 
 const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
 
@@ -200,7 +200,7 @@ fn tolerances_carry_their_units() {
     let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().tolerance;
     let found: Vec<_> =
         limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
-    use crate::record::estimate::Unit;
+    use machine::record::estimate::Unit;
     assert_eq!(
         found,
         [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::document::{Document, value_problem};
 use super::error::MachineFileError;
-use crate::record::estimate::{Limit, Unit};
+use machine::record::estimate::{Limit, Unit};
 
 const UNITS: [(&str, Unit); 5] = [
     ("_um_per_m", Unit::UmPerM),

@@ -6,8 +6,8 @@ use std::path::Path;
 use rusqlite::Connection;
 
 use super::{estimate, new_run, reading};
-use crate::record::reading::Reading;
 use crate::store::*;
+use machine::record::reading::Reading;
 
 /// The run of the first version, and one with thermometers: means over readings and scans, of each over
 /// those at which it spoke.

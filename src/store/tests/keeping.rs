@@ -7,8 +7,8 @@ use jiff::Timestamp;
 use rusqlite::Connection;
 
 use super::{estimate, new_run, reading};
-use crate::record::event::Event;
 use crate::store::*;
+use machine::record::event::Event;
 
 fn names(dir: &Path) -> Vec<String> {
     let files = std::fs::read_dir(dir).unwrap();

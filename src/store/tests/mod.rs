@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use rusqlite::Connection;
 
 use super::*;
-use crate::base::{Axis, Position};
-use crate::record::estimate::Parameter;
-use crate::record::plan::{Step, StepKind};
-use crate::record::reading::Flag;
+use machine::record::estimate::Parameter;
+use machine::record::plan::{Step, StepKind};
+use machine::record::reading::Flag;
+use machine::{Axis, Position};
 
 fn plan() -> Plan {
     serde_json::from_value(serde_json::json!({
@@ -76,7 +76,7 @@ fn estimate(value: f64) -> Estimate {
     estimate.parameters.push(Parameter {
         symbol: "EX0C".to_owned(),
         value,
-        unit: crate::record::estimate::Unit::Um,
+        unit: machine::record::estimate::Unit::Um,
         u: 1.0 / 3.0,
         expanded: 2.0 / 3.0,
         k: 2.0,

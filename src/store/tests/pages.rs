@@ -1,8 +1,8 @@
 //! Parts of long lists are those of the whole.
 
 use super::{estimate, new_run, reading};
-use crate::record::reading::Reading;
 use crate::store::*;
+use machine::record::reading::Reading;
 
 /// Touches and scans in one run: whatever is asked for is what stands there in the whole.
 #[test]

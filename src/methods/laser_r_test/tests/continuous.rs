@@ -8,19 +8,19 @@ use glam::DVec3;
 use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, commanded, run, table_5};
 use super::{ideal, settings};
-use crate::estimation::coverage::chi_square_bounds;
-use crate::methods::IdentifyError;
-use crate::methods::laser_r_test::Settings;
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::cells::cells;
-use crate::methods::laser_r_test::identify::identify;
-use crate::methods::laser_r_test::model::linear;
-use crate::methods::laser_r_test::observe::observe;
-use crate::methods::laser_r_test::settings::{By, Sampled};
-use crate::methods::laser_r_test::track::Track;
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Sampling, Step};
-use crate::record::reading::Reading;
+use crate::IdentifyError;
+use crate::laser_r_test::Settings;
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::cells::cells;
+use crate::laser_r_test::identify::identify;
+use crate::laser_r_test::model::linear;
+use crate::laser_r_test::observe::observe;
+use crate::laser_r_test::settings::{By, Sampled};
+use crate::laser_r_test::track::Track;
+use estimation::coverage::chi_square_bounds;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Sampling, Step};
+use machine::record::reading::Reading;
 
 /// Samples are rarer than usual, so that the tests stay quick.
 fn flowing() -> Settings {

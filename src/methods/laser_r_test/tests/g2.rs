@@ -4,16 +4,16 @@ use glam::{DMat3, DVec3};
 
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, settings};
-use crate::base::{Axis, Position};
-use crate::estimation::schur::{Rows, factor};
-use crate::kinematics::Chain;
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::identify::{identify, parts};
-use crate::methods::laser_r_test::known;
-use crate::methods::laser_r_test::model::{Model, Problem, Sight, linear, placed};
-use crate::methods::laser_r_test::paper;
-use crate::methods::laser_r_test::parameters::chosen;
-use crate::record::estimate::Estimate;
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::identify::{identify, parts};
+use crate::laser_r_test::known;
+use crate::laser_r_test::model::{Model, Problem, Sight, linear, placed};
+use crate::laser_r_test::paper;
+use crate::laser_r_test::parameters::chosen;
+use estimation::schur::{Rows, factor};
+use machine::kinematics::Chain;
+use machine::record::estimate::Estimate;
+use machine::{Axis, Position};
 
 pub const FIVE: [&str; 5] = ["EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
 /// Of Table 5, in µrad and µm.
@@ -40,8 +40,8 @@ pub fn problem(names: &[&str], harmonics: &[u32], ball: DVec3, u: f64) -> (Probl
                 .map(|(axis, degrees)| (axis, degrees.to_radians()))
                 .into_iter()
                 .collect();
-            let tip = crate::base::Point::from_vec(zero);
-            let target = crate::base::Point::from_vec(ball);
+            let tip = machine::frame::Point::from_vec(zero);
+            let target = machine::frame::Point::from_vec(ball);
             let at = chain.linear_axes_for(target, tip, &rotary, &[]).unwrap();
             sights.push(Sight { at: rotary.updated_by(&at), weight: DMat3::IDENTITY / u });
         }

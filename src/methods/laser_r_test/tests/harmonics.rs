@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::g2::{FIVE, problem};
 use super::ideal;
-use crate::kinematics::Chain;
-use crate::methods::laser_r_test::parameters::chosen;
+use crate::laser_r_test::parameters::chosen;
+use machine::kinematics::Chain;
 
 const BALL: DVec3 = DVec3::new(80.0, 0.0, 60.0);
 

@@ -12,9 +12,9 @@ mod whole;
 
 use serde::Deserialize;
 
-use crate::methods::laser_r_test::settings::Settings;
-use crate::record::plan::{PLAN_VERSION, Plan};
-use crate::record::sensor::Sensor;
+use crate::laser_r_test::settings::Settings;
+use machine::record::plan::{PLAN_VERSION, Plan};
+use machine::record::sensor::Sensor;
 
 /// Machine, sensor and sphere of the built-in machine, nothing measured yet.
 pub fn plan() -> Plan {

@@ -4,12 +4,12 @@
 use glam::{DAffine3, DMat3, DVec3};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::base::random::stream;
-use crate::base::{Axis, Position};
-use crate::methods::laser_r_test::{LaserRTest, Settings};
-use crate::methods::{Method, Next, Refused, Source};
-use crate::record::plan::{Plan, Sampling, Stage, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::laser_r_test::{LaserRTest, Settings};
+use crate::{Method, Next, Refused, Source};
+use estimation::random::stream;
+use machine::record::plan::{Plan, Sampling, Stage, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
 
 /// Paper 2, Table 5: α_BY, β_BY, γ_BY (rad), δx_CB (mm), α_CB (rad).
 pub const TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];

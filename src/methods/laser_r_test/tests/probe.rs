@@ -5,11 +5,11 @@ use glam::DVec3;
 use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, settings};
-use crate::methods::laser_r_test::Settings;
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::identify::identify;
-use crate::methods::laser_r_test::settings::By;
-use crate::record::estimate::Estimate;
+use crate::laser_r_test::Settings;
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::identify::identify;
+use crate::laser_r_test::settings::By;
+use machine::record::estimate::Estimate;
 
 fn touched(noise_um: f64, seed: u64) -> Estimate {
     let zero = DVec3::new(0.012, -0.009, -200.03);

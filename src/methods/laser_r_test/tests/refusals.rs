@@ -2,14 +2,14 @@
 
 use super::played::{run, table_5};
 use super::{ideal, settings};
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::identify::identify;
-use crate::methods::laser_r_test::{LaserRTest, Settings};
-use crate::methods::{IdentifyError, Method, Source};
-use crate::record::artefact::{Artefact, Balls};
-use crate::record::estimate::Estimate;
-use crate::record::plan::{Plan, Step};
-use crate::record::reading::{Flag, Reading};
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::identify::identify;
+use crate::laser_r_test::{LaserRTest, Settings};
+use crate::{IdentifyError, Method, Source};
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
 
 fn refused(plan: &Plan, settings: Settings) -> (String, String) {
     let refused = LaserRTest::new(settings).next(plan, &[], Source::Nominal).unwrap_err();
@@ -68,7 +68,7 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     let beyond = run(wide, &settings(), &world, 9).unwrap_err();
     assert!(beyond.why.contains("would have to go to"), "{}", beyond.why);
     let mut over = plan.clone();
-    over.machine.axes.get_mut(&crate::base::Axis::B).unwrap().max = 180.0;
+    over.machine.axes.get_mut(&machine::Axis::B).unwrap().max = 180.0;
     let above = Settings { tilt_deg: vec![0.0, 60.0, 150.0], ..settings() };
     let stem = run(over, &above, &table_5(0.0, 1), 9).unwrap_err();
     assert!(stem.why.contains("stem"), "{}", stem.why);

@@ -5,11 +5,11 @@ use glam::{DMat3, DVec3};
 use super::played::{World, run, table_5};
 use super::{ideal, settings};
 use crate::decision::revisit::References;
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::identify::{identify, parts};
-use crate::methods::laser_r_test::sources::{Acts, sources};
-use crate::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
-use crate::record::reading::Reading;
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::identify::{identify, parts};
+use crate::laser_r_test::sources::{Acts, sources};
+use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
+use machine::record::reading::Reading;
 
 const NOISE_UM: f64 = 0.5;
 /// It rests so long after the first poses.

@@ -7,15 +7,15 @@ use rand_distr::{Distribution, StandardNormal};
 use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, plan, settings};
-use crate::base::random::stream;
-use crate::base::{Axis, Position};
-use crate::estimation::coverage::chi_square_bounds;
-use crate::methods::laser_r_test::Settings;
-use crate::methods::laser_r_test::bench::Bench;
-use crate::methods::laser_r_test::group::grouped;
-use crate::methods::laser_r_test::identify::{identify, parts};
-use crate::methods::laser_r_test::observe::observe;
-use crate::record::estimate::Estimate;
+use crate::laser_r_test::Settings;
+use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::group::grouped;
+use crate::laser_r_test::identify::{identify, parts};
+use crate::laser_r_test::observe::observe;
+use estimation::coverage::chi_square_bounds;
+use estimation::random::stream;
+use machine::record::estimate::Estimate;
+use machine::{Axis, Position};
 
 /// A smooth function of standard deviation 1, less its value at 0, changing over `length`.
 fn smooth(seed: u64, key: u64, length: f64, at: f64) -> f64 {

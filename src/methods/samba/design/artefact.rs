@@ -1,8 +1,8 @@
 //! Whether an artefact is enough for the method, asked before the first move.
 
-use crate::artefact::{Entry, check};
-use crate::methods::Refused;
-use crate::record::artefact::{Artefact, Balls};
+use crate::Refused;
+use machine::artefact::{Entry, check};
+use machine::record::artefact::{Artefact, Balls};
 
 /// With fewer the machine's errors cannot be told from those of the places of the balls.
 const LEAST_BALLS: usize = 3;

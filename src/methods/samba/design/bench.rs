@@ -6,16 +6,16 @@ use glam::DVec3;
 use super::artefact;
 use super::indexation::{in_words, oriented};
 use super::information::{Bar, Information, Sight};
-use crate::base::{Axis, Point, Position, Spindle};
-use crate::kinematics::{Chain, ErrorParameter, Shape};
-use crate::methods::Refused;
-use crate::methods::samba::model::{Model, length_u_mm};
-use crate::methods::samba::parameters::{self, tilts_spindle};
-use crate::methods::samba::separable::{Way, directions};
-use crate::methods::samba::settings::Settings;
-use crate::planning::{Access, Approach, BallTask};
-use crate::record::artefact::{Artefact, Ball, Balls, Length};
-use crate::record::plan::Plan;
+use crate::Refused;
+use crate::samba::model::{Model, length_u_mm};
+use crate::samba::parameters::{self, tilts_spindle};
+use crate::samba::separable::{Way, directions};
+use crate::samba::settings::Settings;
+use machine::kinematics::{Chain, ErrorParameter, Shape};
+use machine::record::artefact::{Artefact, Ball, Balls, Length};
+use machine::record::plan::Plan;
+use machine::{Axis, Position, frame::Point, frame::Spindle};
+use planning::{Access, Approach, BallTask};
 
 /// What is asked of the machine's parameters at a noise of 1 um (METHODS section 4, G4): the units in
 /// which the criteria compare them. mm, rad, mm/mm.

@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use super::information::{Information, Sight};
-use crate::methods::Refused;
-use crate::methods::samba::settings::Criterion;
+use crate::Refused;
+use crate::samba::settings::Criterion;
 
 /// A ball that nobody has calibrated brings three unknowns along: below three measurements it tells
 /// hardly anything of the machine.

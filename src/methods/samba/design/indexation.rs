@@ -7,12 +7,12 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
-use crate::methods::samba::parameters::tilts_spindle;
-use crate::methods::samba::separable::Way;
-use crate::methods::samba::settings::{Settings, Spindle};
-use crate::record::machine::{AxisSpec, Machine};
+use crate::Refused;
+use crate::samba::parameters::tilts_spindle;
+use crate::samba::separable::Way;
+use crate::samba::settings::{Settings, Spindle};
+use machine::record::machine::{AxisSpec, Machine};
+use machine::{Axis, Position};
 
 /// Cosine from which on an axis counts as parallel to the spindle's.
 const PARALLEL: f64 = 0.9;

@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::methods::samba::settings::Criterion;
+use crate::samba::settings::Criterion;
 
 /// Unknowns start with a variance so wide that it tells nothing, in their units.
 const UNKNOWN: f64 = 1e6;

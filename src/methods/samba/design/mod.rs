@@ -21,10 +21,10 @@ use self::choose::{Budget, LEAST_VISITS, choose};
 pub use self::indexation::in_words;
 use self::information::Sight;
 use super::settings::Design as Kind;
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
-use crate::planning::Access;
-use crate::record::artefact::Ball;
+use crate::Refused;
+use machine::record::artefact::Ball;
+use machine::{Axis, Position};
+use planning::Access;
 
 /// A stylus this near to the spindle's axis stands on it, as far as ways past obstacles go.
 const CENTRAL_MM: f64 = 0.1;

@@ -2,11 +2,11 @@
 
 use super::indexation::is_parallel;
 use super::{Bench, Visit};
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
-use crate::methods::samba::settings::Find;
-use crate::planning::{Access, tour};
-use crate::record::machine::Machine;
+use crate::Refused;
+use crate::samba::settings::Find;
+use machine::record::machine::Machine;
+use machine::{Axis, Position};
+use planning::{Access, tour};
 
 /// The balls of each visit on a short way, the visits as they stand. Where a visit's balls are searched
 /// for first they are measured on the way back, and the visit ends at the ball where it began.

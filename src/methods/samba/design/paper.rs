@@ -11,11 +11,11 @@
 
 use super::indexation::{self, is_parallel, is_rotary, is_same};
 use super::{Bench, Candidates, Visit};
-use crate::base::{Axis, Position};
-use crate::methods::Refused;
-use crate::methods::samba::separable::Way;
-use crate::methods::samba::settings::Settings;
-use crate::record::machine::Machine;
+use crate::Refused;
+use crate::samba::separable::Way;
+use crate::samba::settings::Settings;
+use machine::record::machine::Machine;
+use machine::{Axis, Position};
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
 const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];

@@ -1,12 +1,12 @@
 //! What cannot be measured is refused in words before anything moves.
 
 use super::tests::plan;
-use crate::base::Axis;
-use crate::methods::samba::settings::{Design, Settings, Spindle};
-use crate::methods::samba::tests::machine;
-use crate::methods::samba::{Method, Next, Samba, Source};
-use crate::record::artefact::{Artefact, Balls};
-use crate::record::plan::Plan;
+use crate::samba::settings::{Design, Settings, Spindle};
+use crate::samba::tests::machine;
+use crate::samba::{Method, Next, Samba, Source};
+use machine::Axis;
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::plan::Plan;
 
 fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
     let mut plan = plan(&Settings::default());

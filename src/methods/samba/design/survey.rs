@@ -5,10 +5,10 @@ use glam::DVec3;
 
 use super::Visit;
 use super::bench::Bench;
-use crate::estimation::linear::{RANK_THRESHOLD, Survey, survey};
-use crate::estimation::null_names::name_null_space;
-use crate::methods::Refused;
-use crate::methods::samba::model::length_u_mm;
+use crate::Refused;
+use crate::samba::model::length_u_mm;
+use estimation::linear::{RANK_THRESHOLD, Survey, survey};
+use estimation::null_names::name_null_space;
 
 /// Scaled condition beyond which an error of the design is more likely than a machine that needs it.
 const WORST_CONDITION: f64 = 1e4;

@@ -4,12 +4,12 @@ use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
 use super::{Bench, Candidates, Visit, design, in_words, survey};
-use crate::estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
-use crate::methods::samba::settings::{Criterion, Design as Kind, Settings};
-use crate::methods::samba::stages::machine_time_s;
-use crate::methods::samba::tests::{built_in, machine};
-use crate::record::artefact::{Artefact, Ball, Balls, Length};
-use crate::record::plan::Plan;
+use crate::samba::settings::{Criterion, Design as Kind, Settings};
+use crate::samba::stages::machine_time_s;
+use crate::samba::tests::{built_in, machine};
+use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use machine::record::artefact::{Artefact, Ball, Balls, Length};
+use machine::record::plan::Plan;
 
 /// Paper 4, table 1 (samba-balls.csv): balls 1 and 2 are the scale bar. Stems down to the table.
 pub const RUMBA: [[f64; 3]; 6] = [

@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::{Draw, Shape, UncertaintySource, repeatability, spread};
-use crate::base::Axis;
 use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
-use crate::methods::samba::observe::Sight;
-use crate::record::plan::Plan;
+use crate::samba::observe::Sight;
+use machine::Axis;
+use machine::record::plan::Plan;
 
 pub const STEP: &str = "steps at interruptions";
 

@@ -1,12 +1,12 @@
 //! Declared error motions of rotary axes.
 
 use super::{Draw, Shape, UncertaintySource, spread};
-use crate::base::Axis;
-use crate::kinematics::{self, Chain, ErrorParameter};
-use crate::methods::samba::model::{Indexed, Model};
-use crate::methods::samba::observe::Observed;
-use crate::record::plan::Plan;
+use crate::samba::model::{Indexed, Model};
+use crate::samba::observe::Observed;
 use glam::{DMat3, DVec3};
+use machine::Axis;
+use machine::kinematics::{self, Chain, ErrorParameter};
+use machine::record::plan::Plan;
 
 /// Harmonics of the angle; each takes an equal share of the declared variance. The mean is the axis'
 /// place, and the first goes with what turns on it.

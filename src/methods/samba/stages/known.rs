@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use crate::base::Position;
-use crate::methods::samba::design::Bench;
-use crate::methods::samba::label::{Label, Pass};
-use crate::planning::{BallDoubt, MeasuredBall, measured_ball};
-use crate::record::plan::{REPEAT_AFTER_STOP, Step};
-use crate::record::reading::Reading;
+use crate::samba::design::Bench;
+use crate::samba::label::{Label, Pass};
+use machine::Position;
+use machine::record::plan::{REPEAT_AFTER_STOP, Step};
+use machine::record::reading::Reading;
+use planning::{BallDoubt, MeasuredBall, measured_ball};
 
 /// What was found of each ball: the visit and the centre, table frame, the newest last.
 #[derive(Debug, Default)]

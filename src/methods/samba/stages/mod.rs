@@ -12,10 +12,10 @@ pub use self::review::review;
 use super::design::{Bench, Visit, in_words};
 use super::label::{Label, Pass};
 use super::settings::{Find, Settings};
-use crate::methods::Refused;
-use crate::planning::{Approach, PlanningError, Unreachable, staged_blocks};
-use crate::record::artefact::{Artefact, Ball, Balls};
-use crate::record::plan::{Plan, Stage, Step, StepKind};
+use crate::Refused;
+use machine::record::artefact::{Artefact, Ball, Balls};
+use machine::record::plan::{Plan, Stage, Step, StepKind};
+use planning::{Approach, PlanningError, Unreachable, staged_blocks};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,13 +3,13 @@
 use glam::DVec3;
 
 use super::known::{Known, Taken, taken};
-use crate::base::Axis;
-use crate::methods::Refused;
-use crate::methods::samba::design::{Bench, in_words};
-use crate::methods::samba::label::Pass;
-use crate::planning::{BallDoubt, BallLimits};
-use crate::record::plan::{Stage, StepKind};
-use crate::record::reading::Reading;
+use crate::Refused;
+use crate::samba::design::{Bench, in_words};
+use crate::samba::label::Pass;
+use machine::Axis;
+use machine::record::plan::{Stage, StepKind};
+use machine::record::reading::Reading;
+use planning::{BallDoubt, BallLimits};
 
 /// Looks at the measurements of the `last` stage. Returns the steps of those that must be measured
 /// once more, and in which repeat.

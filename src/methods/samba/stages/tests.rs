@@ -2,15 +2,15 @@
 
 use glam::DVec3;
 
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::{Chain, ErrorTerm};
-use crate::methods::samba::design::tests::{plan, rumba};
-use crate::methods::samba::label::{Label, Pass};
-use crate::methods::samba::settings::{Find, Settings};
-use crate::methods::samba::{Method, Next, Refused, Samba, Source};
-use crate::record::artefact::Artefact;
-use crate::record::plan::{Plan, Stage, Step, StepKind};
-use crate::record::reading::Reading;
+use crate::samba::design::tests::{plan, rumba};
+use crate::samba::label::{Label, Pass};
+use crate::samba::settings::{Find, Settings};
+use crate::samba::{Method, Next, Refused, Samba, Source};
+use machine::kinematics::{Chain, ErrorTerm};
+use machine::record::artefact::Artefact;
+use machine::record::plan::{Plan, Stage, Step, StepKind};
+use machine::record::reading::Reading;
+use machine::{Axis, Position, frame::Point};
 
 type Dirt = Box<dyn Fn(&Label, u32) -> f64>;
 

@@ -6,11 +6,11 @@ use std::sync::OnceLock;
 use serde::Deserialize;
 
 use super::htm::Triple;
-use crate::base::Axis;
-use crate::methods::samba::Settings;
-use crate::methods::samba::design::{Bench, Visit, design};
-use crate::methods::samba::settings::{Criterion, Design};
-use crate::record::plan::{PLAN_VERSION, Plan};
+use crate::samba::Settings;
+use crate::samba::design::{Bench, Visit, design};
+use crate::samba::settings::{Criterion, Design};
+use machine::Axis;
+use machine::record::plan::{PLAN_VERSION, Plan};
 
 /// What may be asked for: D-optimal is what runs when nothing is.
 pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);

@@ -8,16 +8,16 @@ use rand_distr::{Distribution, StandardNormal};
 use super::built_in::{ALL, OPTIMAL, measurements};
 use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
-use crate::base::random::stream;
-use crate::base::{Axis, Position};
-use crate::estimation::linear::Survey;
-use crate::estimation::null_names::name_null_space;
-use crate::estimation::schur::factor;
-use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
-use crate::methods::samba::model::Model;
-use crate::methods::samba::outputs;
-use crate::methods::samba::settings::{Criterion, Design};
-use crate::record::artefact::{Ball, Balls};
+use crate::samba::fit::{Bar, Measured, Problem, Seen};
+use crate::samba::model::Model;
+use crate::samba::outputs;
+use crate::samba::settings::{Criterion, Design};
+use estimation::linear::Survey;
+use estimation::null_names::name_null_space;
+use estimation::random::stream;
+use estimation::schur::factor;
+use machine::record::artefact::{Ball, Balls};
+use machine::{Axis, Position};
 
 /// Of each coordinate of a measurement, and of the bar, mm.
 const NOISE_MM: f64 = 1e-3;

@@ -6,13 +6,13 @@ use rand_distr::{Distribution, StandardNormal};
 use super::built_in::turned_by;
 use super::paper_errors;
 use super::whole::{SOUND, World, parameter, says, settings};
-use crate::base::Axis;
-use crate::base::random::stream;
-use crate::methods::IdentifyError;
-use crate::methods::samba::identify::identify;
-use crate::record::estimate::Estimate;
-use crate::record::plan::Plan;
-use crate::record::reading::{Flag, Reading};
+use crate::IdentifyError;
+use crate::samba::identify::identify;
+use estimation::random::stream;
+use machine::Axis;
+use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
+use machine::record::reading::{Flag, Reading};
 
 /// A file with a header only, a run stopped in its first search, one measurement that is not complete:
 /// refused, and said why.

@@ -8,8 +8,8 @@ mod whole;
 
 use glam::DVec3;
 
-use crate::kinematics::Topology;
-use crate::record::machine::{AxisSpec, Machine};
+use machine::kinematics::Topology;
+use machine::record::machine::{AxisSpec, Machine};
 
 /// A machine without travel limits to speak of.
 pub fn machine(topology: &str) -> Machine {

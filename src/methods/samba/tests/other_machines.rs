@@ -5,12 +5,12 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DVec3};
 
 use super::machine;
-use crate::base::{Axis, Point, Position};
-use crate::kinematics::{Chain, ErrorTerm, Shape};
-use crate::methods::samba::fit::{Bar, Measured, Problem, Seen};
-use crate::methods::samba::model::Model;
-use crate::methods::samba::parameters::implied;
-use crate::methods::samba::separable::Way;
+use crate::samba::fit::{Bar, Measured, Problem, Seen};
+use crate::samba::model::Model;
+use crate::samba::parameters::implied;
+use crate::samba::separable::Way;
+use machine::kinematics::{Chain, ErrorTerm, Shape};
+use machine::{Axis, Position, frame::Point};
 
 const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
 

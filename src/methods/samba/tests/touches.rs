@@ -5,11 +5,11 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
 use super::whole::{SOUND, says, settings};
-use crate::base::Axis;
-use crate::base::random::stream;
-use crate::estimation::monte_carlo::numerical_tolerance;
-use crate::methods::samba::fit::Measured;
-use crate::methods::samba::identify::{Found, found, identify, of_centres};
+use crate::samba::fit::Measured;
+use crate::samba::identify::{Found, found, identify, of_centres};
+use estimation::monte_carlo::numerical_tolerance;
+use estimation::random::stream;
+use machine::Axis;
 
 /// Far coarser than any probe, so that a sphere fit has something to be curved about.
 const NOISE_MM: f64 = 5e-3;

@@ -139,9 +139,9 @@ mod tests {
 
     use super::*;
     use crate::archive::compare::Comparison;
-    use crate::decision::difference::Difference;
-    use crate::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
+    use machine::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
+    use methods::decision::difference::Difference;
 
     fn names(of: &serde_json::Value) -> Vec<String> {
         let mut names: Vec<String> = of.as_object().unwrap().keys().cloned().collect();

@@ -7,10 +7,10 @@ use minijinja::{Value, context};
 
 use super::{row, whole};
 use crate::archive::compare::{CompareError, Comparison};
-use crate::decision::difference::Difference;
 use crate::service::http::Web;
 use crate::service::http::api::{Pair, of_two};
 use crate::service::http::problem::Problem;
+use methods::decision::difference::Difference;
 
 pub async fn page(
     State(web): State<Web>,

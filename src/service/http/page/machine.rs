@@ -8,7 +8,6 @@ use minijinja::{Value, context};
 
 use super::{address, moment, render, row, schedule, trends, views, whole};
 use crate::archive::history::history;
-use crate::record::estimate::Verdict;
 use crate::run::{can_resume, question};
 use crate::service::board::Failure;
 use crate::service::config::Demand;
@@ -19,6 +18,7 @@ use crate::service::http::standing::Standing;
 use crate::service::http::{Shown, Web};
 use crate::service::rota::agenda;
 use crate::store::{Journal, RunId, StoredRun, Wanted};
+use machine::record::estimate::Verdict;
 
 /// Runs on a machine's page.
 const NEWEST: usize = 10;

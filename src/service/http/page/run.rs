@@ -7,12 +7,12 @@ use minijinja::{Value, context};
 use super::{address, machine, moment};
 use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
-use crate::record::estimate::Estimate;
 use crate::report::warmth;
 use crate::service::http::Web;
 use crate::service::http::api::look;
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun, Wanted};
+use ::machine::record::estimate::Estimate;
 
 pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     let tokens = web.access.demanded();

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use minijinja::{Value, context};
 
 use crate::archive::history::{self, Series, chart, what_changed};
-use crate::record::reading::Temperatures;
+use machine::record::reading::Temperatures;
 
 /// What changed is asked for so long.
 const DAYS: u32 = 7;

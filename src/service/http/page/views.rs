@@ -4,12 +4,12 @@
 use glam::DVec3;
 use minijinja::{Value, context};
 
-use crate::artefact::{Shape, parts};
-use crate::base::{Point, Position};
-use crate::kinematics::Chain;
-use crate::record::plan::{Plan, Step, StepKind};
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, Progress, RunId};
+use machine::artefact::{Shape, parts};
+use machine::kinematics::Chain;
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::{Position, frame::Point};
 
 /// The two views, and which coordinate points up in each.
 const VIEWS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];

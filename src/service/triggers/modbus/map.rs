@@ -1,8 +1,8 @@
 //! The registers of the daemon's own server. This is the one place where they are laid down; the
 //! table in docs/modbus.md is compared with it.
 
-use crate::record::estimate::{Parameter, Unit, Verdict};
 use crate::service::board::{Board, Said};
+use machine::record::estimate::{Parameter, Unit, Verdict};
 
 /// Cycle `k` is started by coil `START + k`.
 pub const CYCLES: u16 = 8;

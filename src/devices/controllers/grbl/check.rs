@@ -1,0 +1,67 @@
+//! Grbl's lines carry no check sum. What the control says is therefore compared with what it was
+//! told, and what matters is heard twice.
+
+use super::message::{Message, Status};
+use crate::controllers::ControllerError;
+pub(super) use crate::controllers::arrival::{astray, off_the_way, tolerance};
+use planning::gcode::Dialect;
+
+/// Groups of modal words, one of each in force.
+const GROUPS: [&[&str]; 5] = [
+    &["G17", "G18", "G19"],
+    &["G20", "G21"],
+    &["G90", "G91"],
+    &["G93", "G94", "G95"],
+    &["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"],
+];
+
+/// Before anything moves.
+pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
+}
+
+/// The inputs that the machine file declares, by their letters.
+pub(super) fn probe_health(status: &Status, dialect: &Dialect) -> Result<(), ControllerError> {
+    let mut inputs = dialect.health_inputs();
+    match inputs.find(|(input, _)| status.pins.contains(input)) {
+        Some((_, fault)) => Err(ControllerError::Probe { fault }),
+        None => Ok(()),
+    }
+}
+
+/// What `head` says of each group must be in force (`$G`), and the offsets in use zero (`$#`).
+pub(super) fn modes(
+    head: &[String],
+    modes: &[Message],
+    offsets: &[Message],
+) -> Result<(), ControllerError> {
+    let in_force = modes.iter().find_map(|message| match message {
+        Message::Modes(words) => Some(words),
+        _ => None,
+    });
+    let unlike = |what: String| ControllerError::NotReady {
+        state: format!("its modes are not as set: {what}"),
+        remedy: "start again; if it comes again, check the dialect and the cable".to_owned(),
+    };
+    let in_force = in_force.ok_or_else(|| unlike("it does not tell them".to_owned()))?;
+    let mut slot = "G54";
+    for group in GROUPS {
+        let code = head.iter().filter(|line| !line.starts_with('('));
+        let mut said = code.flat_map(|line| line.split_whitespace());
+        let Some(wanted) = said.rfind(|word| group.contains(word)) else { continue };
+        if !in_force.iter().any(|word| word == wanted) {
+            return Err(unlike(format!("{wanted} is not in force")));
+        }
+        slot = wanted;
+    }
+    for name in [slot, "G92"] {
+        let zero = offsets.iter().any(|message| {
+            matches!(message, Message::Offset { name: said, values }
+                if said == name && values.iter().all(|value| *value == 0.0))
+        });
+        if !zero {
+            return Err(unlike(format!("the offset {name} is not zero")));
+        }
+    }
+    Ok(())
+}

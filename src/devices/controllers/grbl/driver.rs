@@ -1,0 +1,266 @@
+//! The driver: blocks in, outcomes out.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use super::check;
+use super::fault::stands_after;
+use super::message::{Message, Status};
+use super::wire::{Patience, Wire};
+use crate::controllers::lines::Lines;
+use crate::controllers::{
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
+};
+use link::Link;
+use machine::record::machine::Machine;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+
+/// A spindle may take this long to find its orientation.
+const ORIENT: Duration = Duration::from_secs(30);
+
+/// The driver of one control.
+pub struct Grbl {
+    pub(super) wire: Wire,
+    pub(super) dialect: Dialect,
+    pub(super) machine: String,
+    /// Axes that the machine file names, without the spindle.
+    pub(super) wanted: Vec<Axis>,
+    /// How far from its target each may stand, mm or rad.
+    pub(super) tolerance: BTreeMap<Axis, f64>,
+    /// Where the machine last stood still.
+    pub(super) stood: Position,
+    /// Prepared, and no fault since.
+    pub(super) ready: bool,
+    pub(super) stop: String,
+    /// Axis words in the order of the control's reports; `None` for one that has no name here.
+    pub(super) axes: Vec<Option<Axis>>,
+    pub(super) line_limit: usize,
+    pub(super) found: Vec<String>,
+    pub(super) spindle: Option<f64>,
+}
+
+impl Grbl {
+    /// A driver for `machine` behind `link` that writes `dialect`, and the halt that holds it.
+    /// After a halt the link takes no line any more: a new run opens a new one.
+    pub fn new(link: Link, machine: &Machine, dialect: Dialect) -> (Self, Halt) {
+        let (wire, halt) = Wire::new(link);
+        let wanted: Vec<Axis> =
+            machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let tolerance = wanted.iter().map(|axis| {
+            let spec = machine.axes.get(axis);
+            (*axis, check::tolerance(*axis, spec))
+        });
+        let grbl = Self {
+            wire,
+            dialect,
+            machine: machine.name.clone(),
+            tolerance: tolerance.collect(),
+            stood: Position::new(),
+            ready: false,
+            wanted,
+            stop: format!("feed hold (!): {}", arrival::braking(machine)),
+            axes: Vec::new(),
+            line_limit: usize::MAX,
+            found: Vec::new(),
+            spindle: None,
+        };
+        (grbl, halt)
+    }
+
+    /// Wait otherwise than by default.
+    pub fn with_patience(mut self, patience: Patience) -> Self {
+        self.wire.patience = patience;
+        self
+    }
+
+    /// Send the lines of one motion; what was said while they ran.
+    pub(super) async fn send(
+        &mut self,
+        lines: &Lines<'_>,
+    ) -> Result<Vec<Message>, ControllerError> {
+        let clamps = self.dialect.clamps_rest_s(lines.motion);
+        let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
+        let still = standstill(lines.motion) + clamps;
+        let mut said = Vec::new();
+        for line in &lines.text {
+            said.extend(self.wire.ask_within(line, still).await?);
+        }
+        Ok(said)
+    }
+
+    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
+    async fn act(
+        &mut self,
+        lines: &Lines<'_>,
+        outcome: &mut Outcome,
+        seen: Option<Status>,
+    ) -> Result<Option<Status>, ControllerError> {
+        let step = lines.step;
+        match lines.motion {
+            Motion::Dwell { .. } => {
+                self.send(lines).await?;
+                Ok(None)
+            }
+            Motion::Orient { s } => {
+                self.send(lines).await?;
+                self.spindle = Some(*s);
+                Ok(None)
+            }
+            Motion::Rapid { to } => self.rapid(lines, to).await.map(Some),
+            Motion::BackOff { to, .. } => {
+                self.send(lines).await?;
+                let status = self.arrive(to).await?;
+                self.open_probe(step, &status).await?;
+                Ok(Some(status))
+            }
+            Motion::Feed { to, .. } => {
+                self.send(lines).await?;
+                self.arrive(to).await.map(Some)
+            }
+            Motion::Guarded { to, .. } => {
+                if self.probe(lines).await?.hit {
+                    return Err(ControllerError::UnexpectedContact { step });
+                }
+                self.arrive(to).await.map(Some)
+            }
+            Motion::Probe { .. } => {
+                let stands = self.rests(seen).await?;
+                self.open_probe(step, &stands).await?;
+                self.touch(lines, outcome).await.map(Some)
+            }
+        }
+    }
+
+    /// How the machine stands, asked unless it was `seen` since it last moved.
+    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
+        match seen {
+            Some(status) => Ok(status),
+            None => self.wire.idle().await,
+        }
+    }
+
+    /// A positioning move. The control does not look at the probe: the reports are.
+    async fn rapid(&mut self, lines: &Lines<'_>, to: &Position) -> Result<Status, ControllerError> {
+        self.wire.free = Some(lines.step);
+        let arrived = match self.send(lines).await {
+            Ok(_) => self.arrive(to).await,
+            Err(error) => Err(error),
+        };
+        self.wire.free = None;
+        arrived
+    }
+
+    async fn touch(
+        &mut self,
+        lines: &Lines<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<Status, ControllerError> {
+        let step = lines.step;
+        let said = self.probe(lines).await?;
+        if !said.hit {
+            return Err(ControllerError::NoContact { step });
+        }
+        let contact = self.position(&said.values)?;
+        let stands = self.confirm(step, &said, &contact).await?;
+        outcome.touch = Some(contact);
+        outcome.t_s = said.t_s;
+        Ok(stands)
+    }
+}
+
+impl Grbl {
+    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        let mut outcome = Outcome::default();
+        let lines = lines::of(block, &self.dialect, &self.wanted, self.line_limit)?;
+        self.begin(block).await?;
+        let mut seen = None;
+        for lines in &lines {
+            seen = self.act(lines, &mut outcome, seen).await?;
+        }
+        let status = self.rests(seen).await?;
+        outcome.t_s = outcome.t_s.or(status.t_s);
+        Ok(outcome)
+    }
+
+    /// Before a block moves: the probe is well and open, and nobody has moved the machine.
+    async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+        let status = self.wire.status().await?;
+        check::probe_health(&status, &self.dialect)?;
+        let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
+        if !backs_off {
+            self.open_probe(block.step, &status).await?;
+        }
+        let stands = self.stands(&status)?;
+        self.unmoved(&stands).await
+    }
+
+    /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
+    /// stands, it is held; then only a new link takes lines again.
+    fn failed(&mut self, error: ControllerError) -> ControllerError {
+        self.ready = false;
+        if !stands_after(&error) {
+            self.wire.hold();
+        }
+        error
+    }
+}
+
+impl Driver for Grbl {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.set_up().await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        if self.wire.is_halted() {
+            return Err(ControllerError::Halted);
+        }
+        if !self.ready {
+            return Err(ControllerError::NotReady {
+                state: "it was not prepared since the last fault".to_owned(),
+                remedy: "start again".to_owned(),
+            });
+        }
+        let outcome = self.block(block).await;
+        outcome.map_err(|error| self.failed(error))
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        if self.axes.is_empty() {
+            // Not prepared yet: positions have no names.
+            self.wire.wake().await?;
+            self.identify().await?;
+        }
+        let status = self.wire.status().await?;
+        let probe_closed = status.probe_closed;
+        self.stood = self.stands(&status)?;
+        Ok(Look { probe_closed, stands: self.stood.clone() })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        // A blank line ends a latched error.
+        self.wire.ask("").await?;
+        self.send_frame(Dialect::foot).await?;
+        if !self.found.is_empty() {
+            self.wire.ask(&self.found.join(" ")).await?;
+        }
+        self.wire.idle().await.map(|_| ())
+    }
+}
+
+/// How long a motion may take while the control reports idle.
+fn standstill(motion: &Motion) -> Duration {
+    match motion {
+        Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
+        Motion::Orient { .. } => ORIENT,
+        _ => Duration::ZERO,
+    }
+}

@@ -1,0 +1,219 @@
+//! What it says of itself: `$I` and its settings, `$$`. Numbers and meanings are grblHAL's (`settings.h`);
+//! where an axis' travel lies follows from how it is homed (`machine_limits.c`).
+
+use std::collections::BTreeMap;
+
+use super::driver::Grbl;
+use super::message::Message;
+use super::prepare::{Built, hides_the_probe};
+use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
+use machine::Axis;
+
+/// Reports print three decimals.
+const SHOWN: f64 = 0.001;
+/// `$22`: homing is on; the switch is zero; axes without a switch are homed where they stand.
+const HOMING: u32 = 1;
+const SWITCH_IS_ZERO: u32 = 1 << 3;
+const BY_HAND: u32 = 1 << 5;
+
+impl Grbl {
+    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+        if !self.ready {
+            self.wire.wake().await?;
+        }
+        let built = self.built().await?;
+        let said = self.wire.ask("$$").await?.into_iter();
+        let settings = said.filter_map(|message| match message {
+            Message::Setting(number, value) => Some((number, value)),
+            _ => None,
+        });
+        Ok(introduction(&built, &Settings(settings.collect())))
+    }
+}
+
+struct Settings(BTreeMap<u16, f64>);
+
+impl Settings {
+    fn value(&self, number: u16) -> Option<f64> {
+        self.0.get(&number).copied()
+    }
+
+    /// A mask; nothing where it is not told.
+    fn mask(&self, number: u16) -> u32 {
+        // Masks are small whole numbers.
+        self.value(number).unwrap_or_default() as u32
+    }
+
+    fn has(&self, number: u16, bit: u32) -> bool {
+        self.mask(number) & bit != 0
+    }
+
+    /// The `place`th axis has a homing switch.
+    fn homes(&self, place: u16) -> bool {
+        (44..50).any(|cycle| self.mask(cycle) >> place & 1 == 1)
+    }
+}
+
+fn introduction(built: &Built, settings: &Settings) -> Introduction {
+    let letters = built.letters.chars().zip(0_u16..);
+    let named =
+        letters.filter_map(|(letter, place)| Some((letter.to_string().parse().ok()?, place)));
+    let axes: Vec<(Axis, u16)> = named.collect();
+    let says = axes.iter().map(|(axis, place)| (*axis, axis_says(built, settings, *place)));
+    Introduction {
+        identity: built.identity(),
+        axes: says.collect(),
+        remarks: remarks(built, settings, &axes),
+        polarity: settings.value(6).map(|now| {
+            format!("enter ${}={} at the control (it is {now} now)", 6, u8::from(now == 0.0))
+        }),
+    }
+}
+
+fn axis_says(built: &Built, settings: &Settings, place: u16) -> AxisSays {
+    let above = |number: u16| settings.value(number + place).filter(|value| *value > 0.0);
+    let ends = ends(built, settings, place);
+    AxisSays {
+        min: ends.map(|(min, _)| min),
+        max: ends.map(|(_, max)| max),
+        travel: above(130),
+        rapid_per_min: above(110),
+        acceleration_per_s2: above(120),
+        step: above(100).map(|steps| SHOWN.max(1.0 / steps)),
+    }
+}
+
+/// Where the travel lies in machine coordinates, once the axis is homed. Classic Grbl does not say at which
+/// end its zero lies: that is compiled in.
+fn ends(built: &Built, settings: &Settings, place: u16) -> Option<(f64, f64)> {
+    let travel = settings.value(130 + place).filter(|travel| *travel > 0.0)?;
+    if built.classic || !settings.has(22, HOMING) || !settings.homes(place) {
+        return None;
+    }
+    // With limit switches in force it stays clear of them.
+    let clear = if settings.has(21, 1) { settings.value(27)? } else { 0.0 };
+    Some(match (settings.has(22, SWITCH_IS_ZERO), settings.has(23, 1 << place)) {
+        (true, true) => (0.0, travel - clear),
+        (true, false) => (clear - travel, 0.0),
+        (false, _) => (clear - travel, -clear),
+    })
+}
+
+fn remarks(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Remark> {
+    let mut remarks = Vec::new();
+    let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
+    if let Some(mask) = settings.value(10).filter(|mask| !built.classic && hides_the_probe(*mask)) {
+        let what = format!("its reports hide the probe or the position ($10={mask})");
+        hinders(what, "enter $10=511 at the control");
+    }
+    if settings.has(13, 1) {
+        let what = "it reports positions in inches ($13=1); here they are read as millimetres";
+        hinders(what.to_owned(), "enter $13=0 at the control");
+    }
+    if settings.value(22).is_some() && !settings.has(22, HOMING) {
+        let what = "its homing is off ($22=0): zero is where each axis stood when it was switched on, and \
+                    no travel and no body of the machine file lies where it says";
+        hinders(
+            what.to_owned(),
+            "fit homing switches and enter $22=1, or home by hand with $22=33",
+        );
+    }
+    if settings.value(20) == Some(0.0) {
+        let what = "its soft limits are off ($20=0): the control refuses no move beyond its travel";
+        hinders(what.to_owned(), "enter $20=1 once the axes are homed");
+    }
+    remarks.extend(not_homed(settings, axes));
+    remarks
+}
+
+fn not_homed(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
+    let told = (44..50).any(|cycle| settings.value(cycle).is_some());
+    if !told || !settings.has(22, HOMING) || settings.has(22, BY_HAND) {
+        return None;
+    }
+    let lost = axes.iter().filter(|(_, place)| !settings.homes(*place));
+    let lost: Vec<String> = lost.map(|(axis, _)| axis.to_string()).collect();
+    (!lost.is_empty()).then(|| {
+        let what = format!(
+            "it does not home {}: zero is where they stood when it was switched on ($44 to $49)",
+            lost.join(", ")
+        );
+        Remark::note(
+            what,
+            "set them to zero by a mark before each measurement, or give them a switch",
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn says(letters: &str, classic: bool, lines: &str) -> Introduction {
+        let built = Built { classic, version: "1.1f".to_owned(), letters: letters.to_owned() };
+        let settings = lines.lines().filter_map(|line| match Message::parse(line) {
+            Message::Setting(number, value) => Some((number, value)),
+            _ => None,
+        });
+        introduction(&built, &Settings(settings.collect()))
+    }
+
+    fn ends(said: &Introduction, axis: Axis) -> (f64, f64) {
+        (said.axes[&axis].min.unwrap(), said.axes[&axis].max.unwrap())
+    }
+
+    const FIVE: &str = "$10=511\n$13=0\n$20=1\n$21=1\n$22=1\n$23=1\n$27=2.000\n$44=4\n$45=3\n$100=800.000\n\
+        $110=3000.000\n$120=200.000\n$130=302.000\n$131=202.000\n$132=102.000\n$133=0.000\n$300=grbl\n";
+
+    #[test]
+    fn where_the_travel_lies_follows_from_homing() {
+        // As limits_set_work_envelope has it: all of the travel but what the pull-off takes.
+        let said = says("XYZBC", false, FIVE);
+        assert_eq!(ends(&said, Axis::X), (-300.0, -2.0));
+        assert_eq!(ends(&said, Axis::Z), (-100.0, -2.0));
+        let zero_at_switch = FIVE.replace("$22=1\n", "$22=9\n");
+        let said = says("XYZBC", false, &zero_at_switch);
+        assert_eq!(ends(&said, Axis::X), (0.0, 300.0));
+        assert_eq!(ends(&said, Axis::Y), (-200.0, 0.0));
+        let no_switches_watched = zero_at_switch.replace("$21=1", "$21=0");
+        assert_eq!(ends(&says("XYZBC", false, &no_switches_watched), Axis::X), (0.0, 302.0));
+        assert_eq!(said.axes[&Axis::X].rapid_per_min, Some(3000.0));
+        assert_eq!(said.axes[&Axis::X].acceleration_per_s2, Some(200.0));
+        // 1/800 mm, but three decimals are shown.
+        assert_eq!(said.axes[&Axis::X].step, Some(0.00125));
+        assert_eq!(said.axes[&Axis::B], AxisSays::default());
+    }
+
+    #[test]
+    fn what_cannot_be_known_is_not_said() {
+        for lines in [FIVE.replace("$22=1\n", "$22=0\n"), FIVE.replace("$45=3", "$45=2")] {
+            let said = says("XYZBC", false, &lines);
+            assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].travel), (None, Some(302.0)));
+        }
+        // Grbl 1.1 of an Arduino, as people publish it.
+        let said =
+            says("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
+        assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].travel), (None, Some(500.0)));
+        assert_eq!(said.remarks.len(), 1, "{:?}", said.remarks);
+    }
+
+    #[test]
+    fn settings_that_cannot_measure_are_named() {
+        let sound = says("XYZ", false, FIVE);
+        assert_eq!(sound.remarks, []);
+        for (sound, wrong, named) in [
+            ("$10=511", "$10=495", "hide the probe"),
+            ("$10=511", "$10=510", "the position"),
+            ("$13=0", "$13=1", "in inches"),
+            ("$22=1", "$22=0", "homing is off"),
+        ] {
+            let said = says("XYZ", false, &FIVE.replace(sound, wrong));
+            assert!(said.remarks[0].hinders && said.remarks[0].what.contains(named), "{said:?}");
+        }
+        let said = says("XYZ", false, &FIVE.replace("$20=1", "$20=0"));
+        assert!(said.remarks[0].hinders && said.remarks[0].what.contains("soft limits"));
+        let said = says("XYZBC", false, FIVE);
+        assert!(said.remarks[0].what.contains("does not home B, C"), "{said:?}");
+        assert_eq!(says("XYZBC", false, &FIVE.replace("$22=1\n", "$22=33\n")).remarks, []);
+    }
+}

@@ -1,0 +1,107 @@
+//! A peer that is nothing but bytes: a healthy control stands where it was sent and says what a
+//! real grblHAL says (from transcripts); a test makes it odd.
+
+use std::sync::{Arc, Mutex};
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+
+use link::Link;
+
+/// Everything that came over the wire, as text.
+pub type Tape = Arc<Mutex<String>>;
+
+pub const IDLE: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
+
+/// A peer of bytes alone: `answer` is asked for every line, and for `?` and `!` as they come.
+pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let tape = Tape::default();
+    let copy = tape.clone();
+    tokio::spawn(async move { talk(theirs, &copy, &mut answer).await });
+    (Link::over("the bench", ours), tape)
+}
+
+async fn talk(
+    mut stream: DuplexStream,
+    tape: &Tape,
+    answer: &mut (dyn FnMut(&str) -> Option<String> + Send),
+) {
+    let mut line = String::new();
+    while let Ok(byte) = stream.read_u8().await {
+        tape.lock().unwrap().push(byte as char);
+        let said = match byte {
+            b'?' | b'!' => answer(&(byte as char).to_string()),
+            b'\n' => answer(&std::mem::take(&mut line)),
+            byte => {
+                line.push(byte as char);
+                continue;
+            }
+        };
+        let said = said.unwrap_or_default();
+        if said == "HANG UP" || stream.write_all(&bytes(&said)).await.is_err() {
+            return;
+        }
+    }
+}
+
+/// Latin-1, so that a script may hold any byte.
+fn bytes(text: &str) -> Vec<u8> {
+    text.chars().map(|c| c as u8).collect()
+}
+
+/// Where the healthy control stands, and its last probing move. It meets the part at the end of a
+/// touch; the tests tell touches from guarded moves by the feed.
+#[derive(Default)]
+struct Stand {
+    at: [f64; 5],
+    told: String,
+}
+
+impl Stand {
+    fn list(&self) -> String {
+        self.at.map(|value| format!("{value:.3}")).join(",")
+    }
+
+    fn go(&mut self, line: &str) {
+        for word in line.split_whitespace() {
+            let axis = "XYZBC".find(&word[..1]);
+            if let (Some(axis), Ok(value)) = (axis, word[1..].parse()) {
+                self.at[axis] = value;
+            }
+        }
+        if line.contains("G38") {
+            self.told = format!("[PRB:{}:{}]", self.list(), u8::from(line.contains("F30.")));
+        }
+    }
+
+    fn healthy(&mut self, line: &str) -> &'static str {
+        match line {
+            "?" => IDLE,
+            "!" => "",
+            "$I" => "[VER:1.1f.20260817:]\r\n[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n",
+            "$G" => "[GC:G0 G59 G17 G21 G90 G94 G49 G98 G50 M5 M9 T0 F0 S0.]\r\nok\r\n",
+            "$#" => {
+                "[G59:0.000,0.000,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
+                 [TLO:0.000,0.000,0.000]\r\n{told}\r\nok\r\n"
+            }
+            probing if probing.contains("G38") => "{told}\r\nok\r\n",
+            _ => "ok\r\n",
+        }
+    }
+}
+
+/// A healthy peer, save where `odd` answers. In an answer, `{at}` stands for the position and
+/// `{told}` for the last [PRB:..]; one that begins with `>` also obeys the line.
+pub fn odd(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
+    let mut stand = Stand::default();
+    peer(move |line| {
+        let said = odd(line);
+        let obeys = said.as_ref().is_none_or(|said| said.starts_with('>'));
+        if obeys && line.contains('G') && !line.contains("G10") && !line.starts_with('$') {
+            stand.go(line);
+        }
+        let said = said.unwrap_or_else(|| stand.healthy(line).to_owned());
+        let said = said.trim_start_matches('>').replace("{at}", &stand.list());
+        Some(said.replace("{told}", &stand.told))
+    })
+}

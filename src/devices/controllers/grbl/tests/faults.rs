@@ -1,0 +1,262 @@
+//! Each fault, and what the person is told.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::*;
+use simulator::Speed;
+use simulator::controls::grbl::{Fault, FaultKind};
+
+/// What one touch comes to, and everything that was sent for it, `?` left out.
+async fn sent(
+    mut answer: impl FnMut(&str) -> Option<String> + Send + 'static,
+) -> (ControllerError, String) {
+    let prepared = Arc::new(AtomicBool::new(false));
+    let copy = prepared.clone();
+    let (link, tape) = odd(move |line| copy.load(Ordering::SeqCst).then(|| answer(line))?);
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    prepared.store(true, Ordering::SeqCst);
+    tape.lock().unwrap().clear();
+    let error = driver.execute(&touch(3)).await.unwrap_err();
+    // Nothing is sent any more, and a hold has had its time to get out.
+    let again = driver.execute(&touch(4)).await.unwrap_err();
+    assert!(matches!(again, ControllerError::NotReady { .. }), "{again}");
+    tokio::time::sleep(Duration::from_millis(30)).await;
+    let sent = tape.lock().unwrap().replace('?', "");
+    (error, sent)
+}
+
+fn at_line(nth: usize, said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+    let mut lines = 0;
+    move |line| {
+        lines += usize::from(!matches!(line, "?" | "!"));
+        (lines == nth && !matches!(line, "?" | "!")).then(|| said.to_owned())
+    }
+}
+
+#[tokio::test]
+async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
+    for (nth, said) in
+        [(1, ">ok\r\nok\r\n"), (3, ">{told}\r\nok\r\nok\r\n"), (2, ">ok\r\nerror:9\r\n")]
+    {
+        let (error, sent) = sent(at_line(nth, said)).await;
+        assert!(matches!(error, ControllerError::OutOfStep { .. }), "{error}");
+        assert!(sent.ends_with('!') && sent.lines().count() == nth + 1, "{sent}");
+    }
+    // It comes while the touch is under way: the result is missing.
+    let (error, sent) = sent_prb("ok\r\n").await;
+    assert!(matches!(error, ControllerError::Garbled { .. }), "{error}");
+    assert!(sent.ends_with('!'), "{sent}");
+}
+
+#[tokio::test]
+async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
+    let other = "[PRB:-18.384,18.385,-150.000,0.000,135.000:1]\r\nok\r\n";
+    let (error, sent) = sent(move |line| (line == "$#").then(|| other.to_owned())).await;
+    assert!(matches!(error, ControllerError::Doubtful { step: 3, .. }), "{error}");
+    assert!(sent.ends_with("$#\n"), "{sent}");
+    let (error, _) = sent_prb("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
+    assert!(matches!(error, ControllerError::Garbled { .. }), "told twice at once: {error}");
+}
+
+/// The touch is told as `extra` before the true answer.
+async fn sent_prb(extra: &'static str) -> (ControllerError, String) {
+    sent(move |line| line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))).await
+}
+
+#[tokio::test]
+async fn a_touch_off_the_way_is_no_reading() {
+    // Both tellings agree, but the machine was never there.
+    let told = "[PRB:-18.385,18.385,-149.000,0.000,135.000:1]\r\nok\r\n";
+    let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
+    let (error, _) = sent(lie).await;
+    assert!(
+        matches!(&error, ControllerError::Astray { stands, .. } if stands == "Z-149.000"),
+        "{error}"
+    );
+}
+
+#[tokio::test]
+async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
+    for nth in [1, 2, 3] {
+        // The line is acknowledged, but as if a byte of it had been altered.
+        let said =
+            if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
+        let (error, sent) = sent(at_line(nth, said)).await;
+        assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
+        assert!(error.to_string().contains("stands at"), "{error}");
+        assert_eq!(sent.lines().count(), nth, "{sent}");
+    }
+}
+
+#[tokio::test]
+async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
+    for state in ["Hold:0", "Hold:1", "Door:1", "Tool"] {
+        let (error, sent) =
+            sent(move |line| (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))).await;
+        assert_eq!(error.to_string(), format!("held at the machine: the control says {state}"));
+        assert!(error.remedy().contains("reset the control"), "{}", error.remedy());
+        assert_eq!(sent.lines().count(), 1, "{sent}");
+    }
+}
+
+#[tokio::test]
+async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
+    let (error, _) = sent(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
+    assert_eq!(error.to_string(), "the control is not ready: Alarm");
+    let (error, sent) = sent(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
+    assert!(matches!(error, ControllerError::NoAnswer { seconds: 2.0, .. }), "{error}");
+    assert!(sent.ends_with('!'), "{sent}");
+}
+
+#[tokio::test]
+async fn one_lost_status_request_is_no_fault() {
+    let mut asked = 0;
+    let (link, _) = odd(move |line| {
+        asked += usize::from(line == "?");
+        (line == "?" && asked % 5 == 0).then(String::new)
+    });
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    driver.execute(&touch(3)).await.unwrap();
+}
+
+#[tokio::test]
+async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
+    let modes = |words: &str| format!("[GC:{words}]\r\nok\r\n");
+    let offset =
+        "[G59:0.000,0.100,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\nok\r\n";
+    for (asked, said, why) in [
+        ("$G", modes("G0 G59 G17 G20 G90 G94"), "G21 is not in force"),
+        ("$G", modes("G0 G59 G17 G21 G91 G94"), "G90 is not in force"),
+        ("$G", modes("G0 G54 G17 G21 G90 G94"), "G59 is not in force"),
+        ("$G", "ok\r\n".to_owned(), "it does not tell them"),
+        ("$#", offset.to_owned(), "the offset G59 is not zero"),
+    ] {
+        let (link, tape) = odd(move |line| (line == asked).then(|| said.clone()));
+        let error = unprepared(link).await;
+        assert!(error.to_string().ends_with(why), "{error}");
+        assert!(!tape.lock().unwrap().contains("G53"));
+    }
+}
+
+/// A touch on the simulated control, which does `kind` wrong at line `at_line` of it.
+async fn rehearsed(
+    kind: FaultKind,
+    at_line: u64,
+    code: Option<u8>,
+) -> Result<Outcome, ControllerError> {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    // The lines of `prepare`, as the control counts them.
+    let (prepare, after_touch) = (12, 0);
+    let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
+    let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Fast) };
+    let mut control = Firmware::new(testing::world(), options);
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.expect("the fault comes later");
+    driver.execute(&touch(0)).await
+}
+
+#[tokio::test]
+async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
+    use ControllerError as E;
+    use FaultKind as K;
+    type Told = fn(&ControllerError) -> bool;
+    let cases: [(K, u64, Option<u8>, Told); 24] = [
+        (K::Silence, 3, None, |e| matches!(e, E::NoAnswer { .. })),
+        (K::Reset, 3, None, |e| matches!(e, E::Reset { .. })),
+        (K::Banner, 3, None, |e| matches!(e, E::Reset { .. })),
+        (K::Unanswered, 3, None, |e| matches!(e, E::NoAnswer { .. })),
+        (K::LostOk, 3, None, |e| matches!(e, E::NoAnswer { .. })),
+        (K::DoubleOk, 3, None, |e| matches!(e, E::OutOfStep { .. })),
+        (K::Alarm, 3, Some(1), |e| matches!(e, E::Alarm { code: 1, .. })),
+        (K::Alarm, 3, Some(2), |e| matches!(e, E::Alarm { code: 2, .. })),
+        (K::Alarm, 3, Some(3), |e| matches!(e, E::Alarm { code: 3, .. })),
+        (K::Alarm, 3, Some(4), |e| matches!(e, E::StillTripped { .. })),
+        (K::Alarm, 3, Some(5), |e| matches!(e, E::NoContact { .. })),
+        (K::Alarm, 3, Some(6), |e| matches!(e, E::Alarm { code: 6, .. })),
+        (K::Alarm, 3, Some(9), |e| matches!(e, E::Alarm { code: 9, .. })),
+        (K::Error, 3, None, |e| e.to_string().contains("error:7")),
+        (K::ProbeStuck, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
+        (K::ProbeStuck, 3, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::RapidContact, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
+        (K::ProbeStuck, 6, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::ProbeDead, 1, None, |e| matches!(e, E::NoContact { .. })),
+        (K::ForeignBody, 3, None, |e| matches!(e, E::UnexpectedContact { .. })),
+        (K::SoftLimit, 3, None, |e| matches!(e, E::Alarm { code: 2, .. })),
+        (K::Hold, 3, None, |e| matches!(e, E::HeldThere { .. })),
+        (K::Door, 3, None, |e| e.to_string().ends_with("Door:1")),
+        (K::EStop, 3, None, |e| e.to_string() == "alarm 10: emergency stop"),
+    ];
+    for (kind, at_line, code, told) in cases {
+        let error = rehearsed(kind, at_line, code).await.unwrap_err();
+        assert!(told(&error), "{kind:?} {code:?}: {error}");
+        assert!(!error.remedy().is_empty());
+    }
+    // Noise between lines costs nothing.
+    rehearsed(K::Garbage, 3, None).await.unwrap();
+}
+
+#[tokio::test]
+async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
+    let mut rapid = false;
+    let brushed = move |line: &str| {
+        rapid |= line.contains("G53 G0");
+        (rapid && line == "?").then(|| status("Run|MPos:{at}|Pn:P"))
+    };
+    let (error, sent) = sent(brushed).await;
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 3 }), "{error}");
+    assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
+}
+
+#[tokio::test]
+async fn a_rapid_that_brushes_something_ends_on_its_way() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let fault = Fault { kind: FaultKind::RapidContact, at_line: 13, after_touch: 0, code: None };
+    let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Real) };
+    let mut control = Firmware::new(world.clone(), options);
+    let happened = control.happened();
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    // A second and more, if nobody holds it.
+    let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
+    let error = driver.execute(&Block { step: 0, repeat: 0, motions }).await.unwrap_err();
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    let at = world.lock().unwrap().position().at(Axis::X);
+    assert!(at < 300.0, "{at}");
+    assert_eq!(*happened.lock().unwrap(), [FaultKind::RapidContact]);
+}
+
+#[tokio::test]
+async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Fast));
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    driver.execute(&touch(0)).await.unwrap();
+    let by_hand = position(&[(Axis::Y, 0.05)]);
+    world.lock().unwrap().travel(&by_hand, Speed::Rapid);
+    let before = world.lock().unwrap().position();
+    let error = driver.execute(&touch(1)).await.unwrap_err();
+    let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
+    assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
+    // It may be met where there is no run to resume.
+    assert!(!error.remedy().contains("resume"), "{}", error.remedy());
+    assert_eq!(world.lock().unwrap().position(), before);
+}
+
+#[tokio::test]
+async fn one_altered_report_is_no_move_by_hand() {
+    let mut altered = false;
+    let once = move |line: &str| {
+        let now = line == "?" && !std::mem::replace(&mut altered, true);
+        now.then(|| status("Idle|MPos:0.000,0.900,0.000,0.000,0.000"))
+    };
+    assert!(touched(once).await.0.is_ok());
+}

@@ -1,0 +1,422 @@
+//! The driver against the simulated control, and against peers that are nothing but bytes.
+
+mod bench;
+mod faults;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bench::{IDLE, odd, peer};
+
+use super::{Grbl, Patience};
+use crate::controllers::{ControllerError, Driver, Halt};
+use link::{Address, Link, open, pty};
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+use simulator::controls::grbl::{Firmware, Options, testing};
+use simulator::interpreter::Pace;
+
+fn grbl(link: Link) -> (Grbl, Halt) {
+    let (driver, halt) = Grbl::new(link, &testing::machine(), Dialect::named("grbl").unwrap());
+    let patience = Patience {
+        answer: Duration::from_millis(300),
+        poll: Duration::from_millis(20),
+        aftermath: Duration::from_millis(100),
+        stall: Duration::from_secs(2),
+    };
+    (driver.with_patience(patience), halt)
+}
+
+fn position(axes: &[(Axis, f64)]) -> Position {
+    axes.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
+}
+
+/// Around the part at 8 angles: approach, touch, retract.
+fn touch(step: u32) -> Block {
+    let angle = f64::from(step % 8) * 45_f64.to_radians();
+    let at = |r: f64| position(&[(Axis::X, r * angle.cos()), (Axis::Y, r * angle.sin())]);
+    let motions = vec![
+        Motion::Rapid { to: position(&[(Axis::Z, -20.0)]) },
+        Motion::Rapid { to: at(60.0).with(Axis::C, angle) },
+        Motion::Guarded { to: position(&[(Axis::Z, -150.0)]), feed_mm_min: 3000.0 },
+        Motion::Guarded { to: at(30.0), feed_mm_min: 300.0 },
+        Motion::Probe { to: at(26.0), feed_mm_min: 30.0 },
+        Motion::BackOff { to: at(30.0), feed_mm_min: 300.0 },
+        Motion::Guarded { to: at(60.0), feed_mm_min: 3000.0 },
+    ];
+    Block { step, repeat: 0, motions }
+}
+
+async fn run(driver: &mut Grbl, steps: u32) -> Vec<Outcome> {
+    let prepared = driver.prepare().await.unwrap();
+    assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
+    let mut outcomes = Vec::new();
+    for step in 0..steps {
+        outcomes.push(driver.execute(&touch(step)).await.unwrap());
+    }
+    driver.finish().await.unwrap();
+    outcomes
+}
+
+fn firmware() -> Firmware {
+    Firmware::new(testing::world(), Options::of(&testing::machine(), Pace::Fast))
+}
+
+#[tokio::test]
+async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let mut control = firmware();
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let in_process = run(&mut driver, 70).await;
+    for (step, outcome) in in_process.iter().enumerate() {
+        let at = outcome.touch.as_ref().unwrap();
+        let radius = at.at(Axis::X).hypot(at.at(Axis::Y));
+        assert!((radius - 28.0).abs() < 1.5e-3, "step {step}: {radius}");
+        assert!((at.at(Axis::C).to_degrees() - 45.0 * (step % 8) as f64).abs() < 1e-3);
+    }
+    assert!(in_process.is_sorted_by(|a, b| a.t_s.unwrap() < b.t_s.unwrap()));
+
+    let mut pty = pty().unwrap();
+    let mut control = firmware();
+    tokio::spawn(async move { control.serve(&mut pty.device).await });
+    let (mut driver, _) =
+        grbl(open(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
+    assert_eq!(run(&mut driver, 70).await, in_process);
+
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    tokio::spawn(async move {
+        let (stream, _) = listener.accept().await.unwrap();
+        firmware().serve(stream).await
+    });
+    let address = Address::Tcp { host: "127.0.0.1".to_owned(), port };
+    let (mut driver, _) = grbl(open(&address).await.unwrap());
+    assert_eq!(run(&mut driver, 70).await, in_process);
+}
+
+fn status(text: &str) -> String {
+    format!("<{text}>\r\n")
+}
+
+async fn unprepared(link: Link) -> ControllerError {
+    grbl(link).0.prepare().await.unwrap_err()
+}
+
+#[tokio::test]
+async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
+    for (said, expected, remedy) in [
+        ("Alarm|MPos:0.000", "the control is not ready: Alarm", "$X"),
+        ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "held"),
+        ("Idle|MPos:0.000|Pn:P", "the control is not ready: the probe reads closed", "stylus"),
+    ] {
+        let (link, tape) = odd(move |line| (line == "?").then(|| status(said)));
+        let error = unprepared(link).await;
+        assert_eq!(error.to_string(), expected);
+        assert!(error.remedy().contains(remedy), "{}", error.remedy());
+        let tape = tape.lock().unwrap().clone();
+        assert!(!tape.contains('G') && !tape.contains("$X") && !tape.contains('\x18'), "{tape}");
+    }
+    let classic = "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n";
+    let (link, _) = odd(move |line| (line == "$I").then(|| classic.to_owned()));
+    let error = unprepared(link).await;
+    assert!(matches!(&error, ControllerError::Unsupported { what, .. }
+        if what == "it drives XYZ, but not B, C"));
+    assert!(error.remedy().contains("grblHAL"));
+    let (link, _) = odd(|line| (line == "$10").then(|| "$10=3\r\nok\r\n".to_owned()));
+    assert!(unprepared(link).await.remedy().contains("$10=511"));
+}
+
+#[tokio::test]
+async fn silence_noise_and_strangers_are_told_apart() {
+    let (link, _) = peer(|_| None);
+    let error = unprepared(link).await;
+    assert!(matches!(error, ControllerError::NoAnswer { .. }), "{error}");
+    let (link, _) = peer(|_| Some("\u{f8}\u{80}\u{1f}\u{0}x".to_owned()));
+    let error = unprepared(link).await;
+    assert!(error.to_string().contains("unreadable bytes"), "{error}");
+    assert!(error.remedy().contains("baud"));
+    let (link, _) = peer(|_| Some("start\r\necho:Unknown command\r\n".to_owned()));
+    let error = unprepared(link).await;
+    assert!(error.to_string().contains("`start`"), "{error}");
+    let (link, _) = peer(|_| Some("HANG UP".to_owned()));
+    assert!(matches!(unprepared(link).await, ControllerError::Link(_)));
+}
+
+/// What comes of one touch when the peer answers oddly after it was prepared.
+async fn touched(
+    mut odd_answer: impl FnMut(&str) -> Option<String> + Send + 'static,
+) -> (Result<Outcome, ControllerError>, String) {
+    let prepared = Arc::new(Mutex::new(false));
+    let copy = prepared.clone();
+    let (link, tape) = odd(move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None });
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    *prepared.lock().unwrap() = true;
+    tape.lock().unwrap().clear();
+    let outcome = driver.execute(&touch(3)).await;
+    let tape = tape.lock().unwrap().replace(['?', '!'], "");
+    (outcome, tape)
+}
+
+#[tokio::test]
+async fn a_touch_as_a_real_control_answers_it() {
+    let (outcome, tape) = touched(|_| None).await;
+    let outcome = outcome.unwrap();
+    let at = outcome.touch.unwrap();
+    // At the end of the touch, at 26 mm and 135 degrees, three decimals.
+    assert_eq!([at.at(Axis::X), at.at(Axis::Y), at.at(Axis::Z)], [-18.385, 18.385, -150.0]);
+    assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
+    assert_eq!(outcome.t_s, None);
+    assert_eq!(tape.lines().count(), 8, "seven motions, and the touch told again: {tape}");
+}
+
+fn on_probe(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+    move |line| line.contains("F30.").then(|| said.to_owned())
+}
+
+fn on_guard(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+    move |line| line.contains("F3000.").then(|| said.to_owned())
+}
+
+#[tokio::test]
+async fn what_a_touch_can_run_into_is_told_by_name() {
+    let miss = "[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
+    let (outcome, _) = touched(on_probe(miss)).await;
+    assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
+    let alarmed = "ALARM:5\r\n[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
+    let (outcome, _) = touched(on_probe(alarmed)).await;
+    assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
+    let (outcome, _) = touched(on_probe("ALARM:4\r\nok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
+    let (outcome, _) = touched(on_probe("ok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::Garbled { .. })));
+    let (outcome, _) = touched(on_probe("[PRB:1.000,0.000:1]\r\nok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::Garbled { .. })));
+    let hit = "[PRB:0.000,0.000,1.000,0.000,0.000:1]\r\nok\r\n";
+    let (outcome, tape) = touched(on_guard(hit)).await;
+    assert!(matches!(outcome, Err(ControllerError::UnexpectedContact { step: 3 })));
+    assert_eq!(tape.lines().count(), 3, "nothing follows: {tape}");
+    let closed = |line: &str| (line == "?").then(|| status("Idle|MPos:{at}|Pn:PZ"));
+    let (outcome, tape) = touched(closed).await;
+    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
+    assert!(!tape.contains("F30."), "{tape}");
+    let mut probed = false;
+    let stuck = move |line: &str| {
+        probed |= line.contains("F30.");
+        (probed && line == "?").then(|| status("Idle|MPos:{at}|Pn:P"))
+    };
+    let (outcome, tape) = touched(stuck).await;
+    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
+    assert_eq!(tape.lines().count(), 7, "nothing follows the back-off: {tape}");
+}
+
+#[tokio::test]
+async fn alarms_errors_and_resets_are_told_with_their_meaning() {
+    let (outcome, tape) = touched(on_guard("error:20\r\n")).await;
+    let error = outcome.unwrap_err();
+    assert!(error.to_string().contains("`error:20`"), "{error}");
+    assert!(error.to_string().contains("unknown to this control"), "{error}");
+    assert_eq!(tape.lines().count(), 3);
+    for (code, meaning) in [(1, "hard limit"), (2, "soft limits"), (9, "homing"), (99, "manual")] {
+        let alarm = format!("ALARM:{code}\r\n");
+        let (outcome, _) = touched(move |line| line.contains("G0").then(|| alarm.clone())).await;
+        let error = outcome.unwrap_err();
+        assert!(error.to_string().starts_with(&format!("alarm {code}: ")), "{error}");
+        assert!(error.to_string().contains(meaning), "{error}");
+    }
+    let reset =
+        "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
+    let banner = "\r\nGrbl 1.1f ['$' for help]\r\n";
+    for said in [reset, banner] {
+        let (outcome, tape) = touched(on_probe(said)).await;
+        assert!(matches!(outcome, Err(ControllerError::Reset { .. })));
+        assert_eq!(tape.lines().count(), 5);
+    }
+}
+
+#[tokio::test]
+async fn a_lost_answer_a_dead_control_and_a_lost_link_end_the_job() {
+    // A byte of the line was lost: the control idles and never answers it.
+    let (outcome, _) = touched(on_probe("")).await;
+    assert!(matches!(outcome, Err(ControllerError::NoAnswer { .. })));
+    let mut dead = false;
+    let dying = move |line: &str| {
+        dead |= line.contains("F30.");
+        dead.then(String::new)
+    };
+    assert!(matches!(touched(dying).await.0, Err(ControllerError::NoAnswer { .. })));
+    let (outcome, _) = touched(on_probe("HANG UP")).await;
+    assert!(matches!(outcome, Err(ControllerError::Link(_))));
+}
+
+#[tokio::test]
+async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
+    let mut polls = 0;
+    let running = move |line: &str| match line {
+        "?" if polls > 0 && polls < 30 => {
+            polls += 1;
+            Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000|FS:30,0"))
+        }
+        probing if probing.contains("F30.") => {
+            polls = 1;
+            Some(">".to_owned())
+        }
+        "?" if polls == 30 => {
+            polls += 1;
+            Some(format!("{IDLE}{{told}}\r\nok\r\n"))
+        }
+        _ => None,
+    };
+    assert_eq!(touched(running).await.0.unwrap().touch.unwrap().at(Axis::X), -18.385);
+}
+
+#[tokio::test]
+async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
+    let begun = Arc::new(Mutex::new(None));
+    let (link, _) = odd(move |line| {
+        let mut begun = begun.lock().unwrap();
+        if line.contains("G4 ") {
+            *begun = Some(std::time::Instant::now());
+            return Some(String::new());
+        }
+        let over = begun.is_some_and(|since| since.elapsed() > Duration::from_millis(450));
+        (line == "?" && over).then(|| {
+            *begun = None;
+            format!("{IDLE}ok\r\n")
+        })
+    });
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    let motions = vec![Motion::Dwell { seconds: 0.45 }];
+    driver.execute(&Block { step: 0, repeat: 0, motions }).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
+    let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
+    let asked = halt.clone();
+    let mut held = false;
+    let (link, tape) = odd(move |line| match line {
+        "!" => {
+            held = true;
+            Some(String::new())
+        }
+        "?" if held => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
+        probing if probing.contains("F30.") => {
+            asked.lock().unwrap().as_ref().unwrap().now();
+            Some(String::new())
+        }
+        _ => None,
+    });
+    let (mut driver, handle) = grbl(link);
+    *halt.lock().unwrap() = Some(handle);
+    driver.prepare().await.unwrap();
+    for _ in 0..2 {
+        let outcome = driver.execute(&touch(0)).await;
+        assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
+    }
+    assert!(matches!(driver.finish().await, Err(ControllerError::Halted)));
+    let tape = tape.lock().unwrap().clone();
+    let after = tape.split_once('!').unwrap().1;
+    assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
+}
+
+/// A control that moves until it has heard `deaf` holds more than one, and what came of a halt there.
+async fn held_at_last(deaf: usize) -> (ControllerError, String) {
+    let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
+    let asked = halt.clone();
+    let (mut moves, mut holds) = (false, 0);
+    let (link, tape) = odd(move |line| match line {
+        "!" => {
+            holds += 1;
+            Some(String::new())
+        }
+        "?" if holds > deaf => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
+        "?" if moves => Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000")),
+        probing if probing.contains("F30.") => {
+            moves = true;
+            asked.lock().unwrap().as_ref().unwrap().now();
+            Some(String::new())
+        }
+        _ => None,
+    });
+    let (mut driver, handle) = grbl(link);
+    *halt.lock().unwrap() = Some(handle);
+    driver.prepare().await.unwrap();
+    let error = driver.execute(&touch(0)).await.unwrap_err();
+    let tape = tape.lock().unwrap().clone();
+    (error, tape)
+}
+
+#[tokio::test]
+async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
+    let (error, tape) = held_at_last(2).await;
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let after = tape.split_once('!').unwrap().1;
+    assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
+
+    let (error, _) = held_at_last(usize::MAX).await;
+    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
+}
+
+#[tokio::test]
+async fn a_held_simulated_machine_stays() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Real));
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, halt) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    let before = world.lock().unwrap().position();
+    // 90 mm at 10 mm/min: nine minutes, if nobody holds it.
+    let to = position(&[(Axis::Z, -90.0)]);
+    let block =
+        Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
+    let running = tokio::spawn(async move { (driver.execute(&block).await, driver) });
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    halt.now();
+    let (outcome, _driver) = running.await.unwrap();
+    assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
+    let after = world.lock().unwrap().position();
+    assert!((before.at(Axis::Z) - after.at(Axis::Z)).abs() < 1.0);
+}
+
+#[tokio::test]
+async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_next() {
+    let (mut asked, mut owed) = (0, true);
+    let (link, _) = odd(move |line| {
+        asked += usize::from(line == "?");
+        match line {
+            "" => Some(String::new()),
+            "?" if asked == 2 => {
+                owed = false;
+                Some(format!("{IDLE}ok\r\n"))
+            }
+            "$I" if std::mem::take(&mut owed) => Some("ok\r\n".to_owned()),
+            _ => None,
+        }
+    });
+    let prepared = grbl(link).0.prepare().await.unwrap();
+    assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
+    // It never comes: the next line is asked all the same.
+    let (link, _) = odd(|line| line.is_empty().then(String::new));
+    grbl(link).0.prepare().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_block_whose_text_does_not_mean_it_is_not_sent_at_all() {
+    let (link, tape) = odd(|_| None);
+    let (mut driver, _) = grbl(link);
+    driver.prepare().await.unwrap();
+    tape.lock().unwrap().clear();
+    let mut block = touch(3);
+    // It can be written, but a control reads no feed in it.
+    let to = position(&[(Axis::Z, -20.0)]);
+    block.motions.push(Motion::Guarded { to, feed_mm_min: -300.0 });
+    let error = driver.execute(&block).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Render { step: 3, .. }), "{error}");
+    assert_eq!(*tape.lock().unwrap(), "");
+}

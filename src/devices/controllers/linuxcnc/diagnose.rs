@@ -1,0 +1,65 @@
+//! Why no linuxcncrsh answers: the port, or another control there.
+
+use super::{Config, KIND};
+use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
+use link::{Address, Named};
+use machine::record::machine::Machine;
+
+/// linuxcncrsh's own default.
+const USUAL_PORT: u16 = 5007;
+
+impl Config {
+    pub(super) async fn suspects(
+        &self,
+        _machine: &Machine,
+        failed: &ControllerError,
+        leave: Leave,
+    ) -> Vec<Suspicion> {
+        let at = Named::Tcp(self.tcp.clone());
+        let Ok(address) = at.address() else { return Vec::new() };
+        if let Err(error) = link::open(&address).await {
+            let mut closed = port::suspects(&at, &error.into());
+            closed.splice(0..0, self.usual_port(&address, leave).await);
+            return closed;
+        }
+        let strange = matches!(
+            failed,
+            ControllerError::NoAnswer { .. }
+                | ControllerError::Garbled { .. }
+                | ControllerError::Link(_)
+        );
+        match leave {
+            Leave::Ask if strange => {
+                let other = stranger::on_tcp(&at, KIND).await;
+                let because = format!("{failed}; asked in the languages of other controls as well");
+                vec![other.unwrap_or_else(|| stranger::nobody(&address.to_string(), &because))]
+            }
+            Leave::Listen if strange => vec![Suspicion {
+                seen: false,
+                vague: true,
+                what: "wrong port, or another kind of control".to_owned(),
+                because: failed.to_string(),
+                remedy: "compare [controller] tcp and kind with how the control was started"
+                    .to_owned(),
+            }],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Another port of that computer at which linuxcncrsh usually listens.
+    async fn usual_port(&self, address: &Address, leave: Leave) -> Option<Suspicion> {
+        let Address::Tcp { host, port } = address else { return None };
+        let usual = Address::Tcp { host: host.clone(), port: USUAL_PORT };
+        if leave != Leave::Ask || *port == USUAL_PORT {
+            return None;
+        }
+        let said = stranger::greets_as_rsh(&usual).await?;
+        Some(Suspicion {
+            seen: true,
+            vague: false,
+            what: format!("wrong port: linuxcncrsh listens at {usual}, not at {address}"),
+            because: format!("it says `{said}`"),
+            remedy: format!("in the machine file: [controller] tcp = \"{usual}\""),
+        })
+    }
+}

@@ -1,0 +1,382 @@
+//! The driver: a program file a block, its result from the log.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::fault;
+use super::files::Files;
+use super::prepare::{self, not_ready};
+use super::result::{Log, Verdict};
+use super::rsh::Rsh;
+use super::{Sampler, state, watch, way};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
+use link::Address;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::track::Track;
+use machine::{Axis, Position};
+use planning::gcode::{Dialect, Program};
+
+/// The link's task writes within this time.
+const ON_THE_WIRE: Duration = Duration::from_millis(20);
+/// An axis stands where it was sent within this.
+const SETTLES: Duration = Duration::from_millis(500);
+const STEP_OF_NO_BLOCK: u32 = 0;
+const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
+
+/// Where it is and what it has.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Of linuxcncrsh, by default port 5007.
+    pub address: Address,
+    /// A directory that trued and LinuxCNC see under the same absolute name, and may both write.
+    pub directory: PathBuf,
+    /// The machine's axes.
+    pub axes: Vec<Axis>,
+    /// The INI file that it was started with, where it is known.
+    pub ini: Option<PathBuf>,
+}
+
+pub struct LinuxCnc {
+    pub(super) settings: Settings,
+    dialect: Dialect,
+    pub(super) rsh: Rsh,
+    /// Carries nothing but halts; kept open for them.
+    halting: Rsh,
+    halt: Halt,
+    files: Files,
+    /// The mode to go back to.
+    mode_found: Option<String>,
+    ready: bool,
+    /// Orientation of the spindle, rad, once it was given.
+    spindle: Option<f64>,
+    sampler: Option<Sampler>,
+}
+
+impl LinuxCnc {
+    /// Connect, twice: once to command, once to halt. Nothing is commanded yet.
+    ///
+    /// # Errors
+    /// No linuxcncrsh at the address; a directory that cannot be used.
+    pub async fn open(
+        settings: Settings,
+        dialect: Dialect,
+    ) -> Result<(Self, Halt), ControllerError> {
+        let files = Files::within(&settings.directory)?;
+        let mut rsh = Rsh::open(&settings.address).await?;
+        let halting = Rsh::open(&settings.address).await?;
+        let urgent = halting.link.urgent();
+        let halt = Halt::new(move || urgent.send(HALT));
+        rsh.halt = Some(halt.clone());
+        let driver = Self {
+            settings,
+            dialect,
+            rsh,
+            halting,
+            halt: halt.clone(),
+            files,
+            mode_found: None,
+            ready: false,
+            spindle: None,
+            sampler: None,
+        };
+        Ok((driver, halt))
+    }
+
+    /// With what stamps positions during motion.
+    pub fn stamped_by(self, sampler: Option<Sampler>) -> Self {
+        Self { sampler, ..self }
+    }
+
+    /// Switches and state as they must be; nothing is changed but how linuxcncrsh answers.
+    async fn look(&mut self) -> Result<(), ControllerError> {
+        // Both hold for all connections. With a time-out it would acknowledge what was not taken.
+        self.rsh.set("set_wait received").await?;
+        self.rsh.set("timeout 0").await?;
+        let estop = self.rsh.get("estop").await?;
+        let machine = self.rsh.get("machine").await?;
+        let homed = self.rsh.get("joint_homed").await?;
+        let joints = self.settings.axes.iter().filter(|axis| **axis != Axis::S).count();
+        prepare::judge_switches(&estop, &machine, &homed, joints)?;
+        // Switches that look good may be old. (While it is stopped, this would be refused.)
+        watch::sign_of_life(&mut self.rsh).await?;
+        if self.rsh.get("program_status").await? != "IDLE" {
+            return Err(not_ready(
+                "a program is running",
+                "let it end or stop it, then start again",
+            ));
+        }
+        state::full_speed(&mut self.rsh).await
+    }
+
+    async fn check(&mut self) -> Result<Prepared, ControllerError> {
+        self.refuse_if_halted()?;
+        self.rsh.enable().await?;
+        self.look().await?;
+        let mode = self.rsh.get("mode").await?;
+        self.mode_found.get_or_insert(mode);
+        self.rsh.messages().await?;
+        self.rsh.command("mode auto").await?;
+        self.files.write(&prepare::program(&self.files.log_name()))?;
+        self.rsh.command(&format!("open {}", self.files.program_name())).await?;
+        let log =
+            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
+                .await?;
+        if !log.ended {
+            self.files.expect_log()?;
+            return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
+        }
+        let version = prepare::judge(&log.state)?;
+        if let Some(seconds) = self.dialect.wakes_s() {
+            self.switch(&self.dialect.keeping_probe_on()).await?;
+            sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
+        }
+        let axes = &self.settings.axes;
+        state::axes_are_joints(&mut self.rsh, axes).await?;
+        let stands = state::stands(&mut self.rsh, axes).await?;
+        let mut identity = format!("LinuxCNC {version} ({})", self.rsh.server);
+        if let Some(sampler) = &mut self.sampler {
+            let mm = state::unit_mm(&mut self.rsh).await?;
+            sampler.agrees(&stands, axes, mm).await?;
+            identity += &format!("; {}", sampler.says());
+        }
+        Ok(Prepared {
+            identity,
+            stop: "a halt aborts: the machine decelerates and stays; the abort acts within 20 ms \
+                   (0.1 s at worst), then it travels feed²/(2·acceleration)"
+                .to_owned(),
+            stands,
+        })
+    }
+
+    /// A program for each part of the block: after a back-off the probe must read open before
+    /// anything else moves.
+    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        let sampler = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
+        sampler.inspect(|sampler| sampler.begin());
+        let mut touch = None;
+        for motions in block.motions.split_inclusive(backs_off) {
+            let part = Block { step: block.step, repeat: block.repeat, motions: motions.to_vec() };
+            touch = self.part(&part).await?.or(touch);
+        }
+        Ok(Outcome { touch, t_s: None, track: self.track(block).await? })
+    }
+
+    /// Where the axes stood while `block` was executed, if it is one that wants to know and can.
+    async fn track(&mut self, block: &Block) -> Result<Option<Track>, ControllerError> {
+        let wanted = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
+        let Some(sampler) = wanted else { return Ok(None) };
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        sampler.end(block.step, &stands).await.map(Some)
+    }
+
+    async fn part(&mut self, part: &Block) -> Result<Option<Position>, ControllerError> {
+        let step = part.step;
+        let text = self.render(part)?;
+        if !part.motions.first().is_some_and(backs_off) {
+            self.probe_is_open(step).await?;
+        }
+        state::full_speed(&mut self.rsh).await?;
+        state::opened(&mut self.rsh, &self.files.program_name()).await?;
+        self.files.write(&text)?;
+        self.refuse_if_halted()?;
+        let rests = self.rests(part);
+        let log = match watch::run(&mut self.rsh, &self.files, &self.halt, step, rests).await {
+            Err(refusal @ ControllerError::Refused { .. }) => {
+                return Err(fault::refused(&mut self.rsh, refusal).await);
+            }
+            ended => ended?,
+        };
+        if !log.ended {
+            return Err(self.reason(step, log).await);
+        }
+        if part.motions.last().is_some_and(backs_off) {
+            self.probe_is_open(step).await?;
+        }
+        state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
+        self.arrived(part).await?;
+        self.touched(part, log.verdict)
+    }
+
+    /// The program is over; so must be the way. Where LinuxCNC's task is late its interpreter reads on
+    /// before a probing move has begun (2.9, issue 3650), and a contact in it shows nowhere else.
+    async fn arrived(&mut self, part: &Block) -> Result<(), ControllerError> {
+        let deadline = Instant::now() + SETTLES;
+        loop {
+            let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+            match way::astray(&part.motions, &stands) {
+                None => return Ok(()),
+                // The position is the feedback's: an axis may still come to rest.
+                Some(_) if Instant::now() < deadline => sleep(ON_THE_WIRE).await,
+                Some(error) => {
+                    self.probe_is_open(part.step).await?;
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    async fn probe_is_open(&mut self, step: u32) -> Result<(), ControllerError> {
+        match self.rsh.get("probe_value").await?.as_str() {
+            "0" => Ok(()),
+            _ => Err(ControllerError::StillTripped { step }),
+        }
+    }
+
+    /// The position at the trigger, if `part` has a touch.
+    fn touched(
+        &mut self,
+        part: &Block,
+        verdict: Option<Verdict>,
+    ) -> Result<Option<Position>, ControllerError> {
+        let turned = part.motions.iter().rev().find_map(|motion| match motion {
+            Motion::Orient { s } => Some(*s),
+            _ => None,
+        });
+        self.spindle = turned.or(self.spindle);
+        let touches = part.motions.iter().any(|motion| matches!(motion, Motion::Probe { .. }));
+        match (touches, verdict) {
+            (true, Some(Verdict::Touch(at))) => {
+                if let Some(error) = way::off_the_way(&part.motions, &at) {
+                    return Err(error);
+                }
+                let at = at.only(|axis| self.settings.axes.contains(&axis));
+                Ok(Some(self.spindle.map_or(at.clone(), |s| at.with(Axis::S, s))))
+            }
+            (false, None) => Ok(None),
+            _ => Err(ControllerError::Garbled { text: format!("log of step {}", part.step) }),
+        }
+    }
+
+    /// A program that moves nothing: the head and the foot of `dialect`.
+    async fn switch(&mut self, dialect: &Dialect) -> Result<(), ControllerError> {
+        let log = self.files.log_name();
+        let program = Program { title: "no step", axes: &self.settings.axes, log: Some(&log) };
+        let text = dialect.program(&program, &[]).map_err(|error| ControllerError::Render {
+            step: STEP_OF_NO_BLOCK,
+            why: error.to_string(),
+        })?;
+        self.files.write(&text)?;
+        self.refuse_if_halted()?;
+        let log =
+            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
+                .await?;
+        if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
+    }
+
+    /// The program, proven to say what the block means. The probe stays on from block to block.
+    fn render(&self, block: &Block) -> Result<String, ControllerError> {
+        let fault = |why: String| ControllerError::Render { step: block.step, why };
+        let title = format!("step {} repeat {}", block.step, block.repeat);
+        let log = self.files.log_name();
+        let program = Program { title: &title, axes: &self.settings.axes, log: Some(&log) };
+        let blocks = std::slice::from_ref(block);
+        let dialect = self.dialect.keeping_probe_on();
+        let text = dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
+        dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
+        Ok(text)
+    }
+
+    /// How long a block stands still by itself.
+    fn rests(&self, block: &Block) -> Duration {
+        let seconds = block.motions.iter().map(|motion| match motion {
+            Motion::Dwell { seconds } => seconds.max(0.0),
+            // As long as the dialect lets it take.
+            Motion::Orient { .. } => 20.0,
+            _ => self.dialect.clamps_rest_s(motion),
+        });
+        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::ZERO)
+    }
+
+    /// Why a program stopped before its end.
+    async fn reason(&mut self, step: u32, log: Log) -> ControllerError {
+        if self.halt.is_halted() {
+            return ControllerError::Halted;
+        }
+        fault::reason(&mut self.rsh, step, log.verdict.as_ref()).await
+    }
+
+    fn refuse_if_halted(&self) -> Result<(), ControllerError> {
+        if self.halt.is_halted() { Err(ControllerError::Halted) } else { Ok(()) }
+    }
+
+    /// After any failure: whatever still runs is aborted, and nothing runs until `prepare`.
+    async fn failed(&mut self, error: ControllerError) -> ControllerError {
+        self.ready = false;
+        self.sampler.iter().for_each(Sampler::give_up);
+        if self.halt.is_halted() {
+            let Err(error) = watch::stop(&mut self.rsh).await else {
+                return ControllerError::Halted;
+            };
+            self.halting.link.urgent().send(HALT);
+            return error;
+        }
+        // Who did not answer is not asked again on the same connection. The other may still live,
+        // and a frozen task that wakes up takes the abort first.
+        let dumb = matches!(
+            error,
+            ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
+        );
+        if dumb || self.rsh.command("abort").await.is_err() {
+            self.halting.link.urgent().send(HALT);
+            sleep(ON_THE_WIRE).await;
+        }
+        error
+    }
+}
+
+impl Driver for LinuxCnc {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.check().await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        self.refuse_if_halted()?;
+        if !self.ready {
+            return Err(not_ready("it was not prepared since the last fault", "start again"));
+        }
+        match self.block(block).await {
+            Ok(outcome) => Ok(outcome),
+            Err(error) => Err(self.failed(error).await),
+        }
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        let probe_closed = self.rsh.get("probe_value").await? != "0";
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        Ok(Look { probe_closed, stands })
+    }
+
+    fn stamps(&self) -> bool {
+        self.sampler.is_some()
+    }
+
+    /// Every program restores the modal state itself; what is left is the probe and the mode.
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        self.refuse_if_halted()?;
+        if self.dialect.switches_probe_off() {
+            self.switch(&self.dialect.clone()).await?;
+        }
+        match self.mode_found.take() {
+            Some(mode) => self.rsh.command(&format!("mode {mode}")).await,
+            None => Ok(()),
+        }
+    }
+}
+
+/// As along a scan: see [`Outcome::track`].
+fn moves_at_feed(motion: &Motion) -> bool {
+    matches!(motion, Motion::Feed { .. })
+}
+
+fn backs_off(motion: &Motion) -> bool {
+    matches!(motion, Motion::BackOff { .. })
+}

@@ -1,0 +1,74 @@
+//! The two files that trued and LinuxCNC share.
+
+use std::io::{Error, ErrorKind};
+use std::path::Path;
+
+use super::prepare::not_ready;
+use super::result::Log;
+use crate::controllers::ControllerError;
+use link::Folder;
+
+/// linuxcncrsh cuts off lines of 250 characters, `set open` included.
+const LONGEST_NAME: usize = 230;
+const PROGRAM: &str = "trued.ngc";
+const LOG: &str = "trued.log";
+
+pub(super) struct Files(Folder);
+
+impl Files {
+    /// # Errors
+    /// A directory whose name LinuxCNC cannot take, or that cannot be made.
+    pub fn within(directory: &Path) -> Result<Self, ControllerError> {
+        let name = directory.join(PROGRAM).to_string_lossy().into_owned();
+        if !directory.is_absolute() || name.len() > LONGEST_NAME || name.contains(['(', ')', ' ']) {
+            return Err(not_ready(
+                &format!("LinuxCNC cannot open {name}"),
+                "give [controller] a directory with a short absolute name without blanks and brackets",
+            ));
+        }
+        Folder::open(directory).map(Self).map_err(|error| unusable(directory, &error))
+    }
+
+    pub fn program_name(&self) -> String {
+        self.0.at(PROGRAM).to_string_lossy().into_owned()
+    }
+
+    pub fn log_name(&self) -> String {
+        self.0.at(LOG).to_string_lossy().into_owned()
+    }
+
+    /// Replace the program whole, and take away the last log.
+    pub fn write(&self, text: &str) -> Result<(), ControllerError> {
+        self.0.write(PROGRAM, text).map_err(|error| self.unusable(PROGRAM, &error))?;
+        self.0.remove(LOG).map_err(|error| self.unusable(LOG, &error))
+    }
+
+    /// What the program of `step` has written so far.
+    pub fn log(&self, step: u32) -> Result<Log, ControllerError> {
+        match self.0.read(LOG) {
+            Ok(Some(text)) => Log::parse(&text, step),
+            Ok(None) => Ok(Log::default()),
+            Err(error) => Err(self.unusable(LOG, &error)),
+        }
+    }
+
+    /// After a program that should have opened its log.
+    pub fn expect_log(&self) -> Result<(), ControllerError> {
+        match self.0.read(LOG) {
+            Ok(Some(_)) => Ok(()),
+            Ok(None) => Err(self.unusable(LOG, &ErrorKind::NotFound.into())),
+            Err(error) => Err(self.unusable(LOG, &error)),
+        }
+    }
+
+    fn unusable(&self, name: &str, error: &Error) -> ControllerError {
+        unusable(&self.0.at(name), error)
+    }
+}
+
+fn unusable(path: &Path, error: &Error) -> ControllerError {
+    not_ready(
+        &format!("{} cannot be used: {error}", path.display()),
+        "give trued and LinuxCNC a directory that both may write ([controller] directory)",
+    )
+}

@@ -1,0 +1,69 @@
+//! Whatever linuxcncrsh and a result log may say.
+
+use tokio::io::AsyncWriteExt;
+
+use super::prepare;
+use super::result::{Log, Verdict};
+use super::rsh::Rsh;
+use crate::controllers::ControllerError;
+use fuzz::fuzz;
+use link::Link;
+
+const LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
+from 17 4 50.000000 0.000000 60.000000
+guarded 17 3 0.000000 50.000000 0.000000 60.000000
+touch 17 4 1.000000 47.900000 0.000000 60.000000 0.000000 0.000000 90.000000
+END
+";
+const TALK: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
+    ABS_ACT_POS -47.990000 0.0 12.5 0.0 0.0 45.0 0.0 0.0 0.0\r\n\
+    JOINT_HOMED YES YES YES YES YES NO\r\nPROGRAM_STATUS IDLE\r\nGET ESTOP NAK\r\n";
+
+#[test]
+fn the_result_log_bears_anything() {
+    let words =
+        ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
+    fuzz("linuxcnc-log", &[LOG], &words, |input| {
+        let text = String::from_utf8_lossy(input);
+        let Ok(log) = Log::parse(&text, 17) else { return 0 };
+        assert!(log.lines <= input.len());
+        assert!(log.state.iter().all(|value| value.is_finite()), "{log:?}");
+        // Judging does not panic either.
+        drop(prepare::judge(&log.state));
+        if let Some(Verdict::Touch(at)) = &log.verdict {
+            assert!(at.iter().all(|(_, value)| value.is_finite()), "{log:?}");
+        }
+        size_of_val(log.state.as_slice())
+    });
+}
+
+#[test]
+fn answers_of_linuxcncrsh_bear_anything() {
+    let words =
+        ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    fuzz("linuxcnc-answers", &[TALK], &words, |input| runtime.block_on(ask_all(input)));
+}
+
+/// Ask until the peer, which says `input` and leaves, is gone; the bytes understood.
+async fn ask_all(input: &[u8]) -> usize {
+    let (near, mut far) = tokio::io::duplex(input.len() + 1);
+    far.write_all(input).await.unwrap();
+    drop(far);
+    let mut rsh = Rsh { link: Link::over("peer", near), server: String::new(), halt: None };
+    let mut heard = 0;
+    for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
+        match rsh.get(key).await {
+            Ok(answer) => {
+                heard += answer.len();
+                drop(prepare::judge_switches("OFF", "ON", &answer, 5));
+                if let Ok(at) = super::state::reported(&answer) {
+                    assert!(at.iter().all(|value| value.is_finite()), "{answer}");
+                }
+            }
+            Err(ControllerError::Link(_)) => return heard,
+            Err(error) => assert!(error.to_string().len() <= input.len() + 200, "{error}"),
+        }
+    }
+    heard
+}

@@ -1,0 +1,138 @@
+//! What it says of itself. linuxcncrsh tells its version and its units; its manual calls `get ini` "not
+//! implemented", so limits and speeds come from the INI file, where `[controller] ini` names it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::driver::LinuxCnc;
+use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
+use machine::Axis;
+
+const S_PER_MIN: f64 = 60.0;
+/// linuxcncrsh prints six decimals.
+const SHOWN: f64 = 0.000_001;
+
+impl LinuxCnc {
+    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+        let identity = format!("LinuxCNC, {}", self.rsh.server);
+        let Some(path) = &self.settings.ini else {
+            let axes = self.settings.axes.iter().map(|axis| (*axis, AxisSays::default()));
+            let what = "it does not tell its axes, travel and speeds over its text interface";
+            let remedy = "in the machine file: [controller] ini = \"...\", the INI file that it was started with";
+            let remarks = vec![Remark::note(what, remedy)];
+            return Ok(Introduction { identity, axes: axes.collect(), remarks, polarity: None });
+        };
+        let ini = Ini::read(path)?;
+        let mm = ini.mm_per_unit();
+        let axes = ini.axes().into_iter().map(|axis| (axis, ini.axis(axis, mm))).collect();
+        Ok(Introduction { identity, axes, remarks: ini.remarks(), polarity: None })
+    }
+}
+
+/// An INI file of LinuxCNC: sections, keys; of a key that comes twice the first counts.
+struct Ini(BTreeMap<(String, String), String>);
+
+impl Ini {
+    fn read(path: &Path) -> Result<Self, ControllerError> {
+        let text = std::fs::read_to_string(path).map_err(|error| ControllerError::NotReady {
+            state: format!("its INI file {}: {error}", path.display()),
+            remedy: "[controller] ini in the machine file is the file that LinuxCNC was started with, and this \
+                     user can read it"
+                .to_owned(),
+        })?;
+        Ok(Self::of(&text))
+    }
+
+    fn of(text: &str) -> Self {
+        let mut all = BTreeMap::new();
+        let mut section = String::new();
+        for line in text.lines().map(str::trim) {
+            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+                section = name.to_owned();
+            } else if let Some((key, value)) =
+                line.split_once('=').filter(|_| !line.starts_with(['#', ';']))
+            {
+                let place = (section.clone(), key.trim().to_owned());
+                all.entry(place).or_insert_with(|| value.trim().to_owned());
+            }
+        }
+        Self(all)
+    }
+
+    fn text(&self, section: &str, key: &str) -> Option<&str> {
+        self.0.get(&(section.to_owned(), key.to_owned())).map(String::as_str)
+    }
+
+    fn number(&self, section: &str, key: &str) -> Option<f64> {
+        self.text(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
+    }
+
+    /// Of `[TRAJ]COORDINATES`; a gantry names an axis twice.
+    fn axes(&self) -> Vec<Axis> {
+        let letters = self.text("TRAJ", "COORDINATES").unwrap_or_default().chars();
+        let mut axes: Vec<Axis> = letters
+            .filter_map(|letter| letter.to_ascii_uppercase().to_string().parse().ok())
+            .collect();
+        axes.sort();
+        axes.dedup();
+        axes
+    }
+
+    fn mm_per_unit(&self) -> f64 {
+        match self.text("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase).as_deref() {
+            Some("inch" | "in" | "imperial") => 25.4,
+            _ => 1.0,
+        }
+    }
+
+    fn axis(&self, axis: Axis, mm: f64) -> AxisSays {
+        let section = format!("AXIS_{axis}");
+        let unit = if axis.is_linear() { mm } else { 1.0 };
+        let value = |key: &str| self.number(&section, key).map(|value| value * unit);
+        let (min, max) = (value("MIN_LIMIT"), value("MAX_LIMIT"));
+        AxisSays {
+            min,
+            max,
+            travel: min.zip(max).map(|(min, max)| max - min),
+            rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
+            acceleration_per_s2: value("MAX_ACCELERATION"),
+            step: Some(SHOWN),
+        }
+    }
+
+    fn remarks(&self) -> Vec<Remark> {
+        let mut remarks = Vec::new();
+        let kinematics = self.text("KINS", "KINEMATICS").unwrap_or_default();
+        if kinematics.contains("trt") && !kinematics.contains("identityfirst") {
+            let what = format!(
+                "its kinematics (`{kinematics}`) compensate the rotary axes when it starts: the axes are not \
+                 the joints"
+            );
+            remarks.push(Remark::hinders(what, "enter M429 there, or write sparm=identityfirst"));
+        }
+        remarks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rig that the tests drive.
+    const RIG: &str = include_str!("../../../../tests/peers/linuxcnc/rig.ini");
+
+    #[test]
+    fn limits_and_speeds_come_from_the_ini_file() {
+        let ini = Ini::of(RIG);
+        assert_eq!(ini.axes(), [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C]);
+        let b = ini.axis(Axis::B, ini.mm_per_unit());
+        assert_eq!((b.min, b.max), (Some(-110.0), Some(110.0)));
+        assert_eq!((b.rapid_per_min, b.acceleration_per_s2), (Some(12_000.0), Some(2000.0)));
+        assert_eq!(ini.remarks(), []);
+        let inches = Ini::of(&RIG.replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"));
+        assert_eq!(inches.axis(Axis::X, inches.mm_per_unit()).max, Some(7620.0));
+        assert_eq!(inches.axis(Axis::B, inches.mm_per_unit()).max, Some(110.0));
+        let compensating = Ini::of(&RIG.replace("sparm=identityfirst", ""));
+        assert!(compensating.remarks()[0].hinders);
+    }
+}

@@ -1,0 +1,144 @@
+//! The result log that a program writes, line by line.
+
+use crate::controllers::ControllerError;
+use machine::{Axis, Position};
+use planning::gcode::ProbeFault;
+
+/// Closer than this to where it started, a contact was there before the move, mm. A measuring touch
+/// that is this close is not one.
+const AT_ONCE_MM: f64 = 0.000_1;
+
+/// The axes of #5061 to #5066.
+const LOGGED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+
+/// What the log says so far.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Log {
+    /// Complete lines, to see whether it grows.
+    pub lines: usize,
+    pub ended: bool,
+    pub verdict: Option<Verdict>,
+    /// The numbers of the line `state`.
+    pub state: Vec<f64>,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) enum Verdict {
+    /// Positions at the trigger.
+    Touch(Position),
+    NoContact,
+    /// A guarded move touched.
+    Contact,
+    /// In contact before the move began.
+    Tripped,
+    /// The work offset slot is not zero.
+    Offset,
+    /// The probe says so on an input.
+    Probe(ProbeFault),
+}
+
+impl Log {
+    /// Parse what the block of `step` has written; a last line without its end is still on its way.
+    pub fn parse(text: &str, step: u32) -> Result<Self, ControllerError> {
+        let mut log = Self::default();
+        let mut from = Vec::new();
+        for line in text.split_inclusive('\n').filter(|line| line.ends_with('\n')) {
+            log.lines += 1;
+            let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
+            let garbled = || ControllerError::Garbled { text: line.trim().to_owned() };
+            // Rust reads `nan` as a number; a position it is not.
+            let numbers: Vec<f64> = rest
+                .split_whitespace()
+                .map(str::parse)
+                .collect::<Result<_, _>>()
+                .ok()
+                .filter(|numbers: &Vec<f64>| numbers.iter().all(|number| number.is_finite()))
+                .ok_or_else(garbled)?;
+            match (kind, numbers.as_slice()) {
+                ("END", []) => log.ended = true,
+                ("offset", []) => log.verdict = Some(Verdict::Offset),
+                ("probe_error", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Error)),
+                ("probe_battery", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Battery)),
+                ("state", _) => log.state = numbers,
+                (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
+                ("from", [_, _, at @ ..]) => from = at.to_vec(),
+                ("guarded", [_, _, touched, at @ ..]) if at.len() >= 3 => {
+                    if *touched != 0.0 {
+                        let tripped = distance(&from, at) < AT_ONCE_MM;
+                        log.verdict =
+                            Some(if tripped { Verdict::Tripped } else { Verdict::Contact });
+                    }
+                }
+                ("touch", [_, _, touched, at @ ..]) if at.len() == LOGGED.len() => {
+                    log.verdict = Some(if *touched == 0.0 {
+                        Verdict::NoContact
+                    } else if distance(&from, at) < AT_ONCE_MM {
+                        Verdict::Tripped
+                    } else {
+                        Verdict::Touch(position(at))
+                    });
+                }
+                _ => return Err(garbled()),
+            }
+        }
+        Ok(log)
+    }
+}
+
+/// Of the first three coordinates; without them, far.
+fn distance(from: &[f64], to: &[f64]) -> f64 {
+    if from.len() < 3 {
+        return f64::INFINITY;
+    }
+    from.iter().zip(to).take(3).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn position(edge: &[f64]) -> Position {
+    LOGGED.iter().zip(edge).map(|(axis, value)| (*axis, axis.from_edge(*value))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FROM: &str = "from 17 4 50.000000 0.000000 60.000000\n";
+
+    fn verdict(text: &str) -> Option<Verdict> {
+        Log::parse(&format!("{FROM}{text}"), 17).unwrap().verdict
+    }
+
+    #[test]
+    fn a_touch_is_the_position_of_all_axes() {
+        let text = "touch 17 4 1.000000 47.9 0.0 60.0 0.0 0.0 90.0\nEND\n";
+        let log = Log::parse(&format!("{FROM}{text}"), 17).unwrap();
+        assert!(log.ended && log.lines == 3);
+        let Some(Verdict::Touch(at)) = log.verdict else { panic!("{log:?}") };
+        assert_eq!(at.at(Axis::X), 47.9);
+        assert!((at.at(Axis::C) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_target_of_a_missed_touch_is_no_touch() {
+        assert_eq!(verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"), Some(Verdict::NoContact));
+    }
+
+    #[test]
+    fn a_touch_where_it_started_is_a_probe_that_was_closed() {
+        assert_eq!(verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"), Some(Verdict::Tripped));
+        assert_eq!(verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"), Some(Verdict::Tripped));
+    }
+
+    #[test]
+    fn a_guarded_move_should_touch_nothing() {
+        assert_eq!(verdict("guarded 17 4 0.0 40.0 0.0 60.0\n"), None);
+        assert_eq!(verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"), Some(Verdict::Contact));
+    }
+
+    #[test]
+    fn a_line_on_its_way_waits_and_a_strange_one_is_refused() {
+        assert_eq!(verdict("touch 17 4 1.0 47.9 0.0 60.0 0.0 0."), None);
+        for text in ["touch 18 4 1 1 1 1 1 1 1\n", "touch 17 4 1 1\n", "hm 17 4\n", "touch x\n"] {
+            assert!(Log::parse(text, 17).is_err(), "{text}");
+        }
+    }
+}

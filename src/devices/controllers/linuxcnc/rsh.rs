@@ -1,0 +1,142 @@
+//! linuxcncrsh: `get` and `set` lines, one at a time on one connection.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::prepare::not_ready;
+use crate::controllers::{ControllerError, Halt};
+use link::{Address, Link, LinkError, Received};
+
+/// A healthy linuxcncrsh answers within 0.1 s, a task takes a command within 5 ms.
+const ANSWER: Duration = Duration::from_secs(3);
+/// Nor is an answer waited for any longer than this once the machine is to hold.
+const UNANSWERED: Duration = Duration::from_millis(300);
+const LOOK: Duration = Duration::from_millis(20);
+
+pub(super) struct Rsh {
+    pub link: Link,
+    /// Its name and version, as it says it.
+    pub server: String,
+    /// Once it is asked for, an answer that got lost is not waited for.
+    pub halt: Option<Halt>,
+}
+
+impl Rsh {
+    /// Connect and shake hands. This alone gives no right to command: see [`Rsh::enable`].
+    pub async fn open(address: &Address) -> Result<Self, ControllerError> {
+        let link = link::open(address).await.map_err(|error| not_there(address, error))?;
+        let mut rsh = Self { link, server: String::new(), halt: None };
+        let answer = rsh.ask("hello EMC trued 1.0", &["HELLO"]).await?;
+        let Some(server) = answer.strip_prefix("ACK") else {
+            return Err(refused("hello EMC trued 1.0", answer, "it wants another password"));
+        };
+        rsh.server = server.trim().to_owned();
+        // Not answered, but perhaps echoed.
+        rsh.link.send_line("set echo off")?;
+        rsh.set("verbose on").await?;
+        Ok(rsh)
+    }
+
+    /// Take the right to command; whoever had it has it no more.
+    pub async fn enable(&mut self) -> Result<(), ControllerError> {
+        self.set("enable EMCTOO").await
+    }
+
+    /// What stands behind the key in the answer to `get KEY`.
+    pub async fn get(&mut self, key: &str) -> Result<String, ControllerError> {
+        let key = key.to_ascii_uppercase();
+        let line = format!("get {key}");
+        let refusal = format!("GET {key}");
+        let answer = self.ask(&line, &[&key, &refusal]).await?;
+        if answer == "NAK" {
+            return Err(refused(&line, answer, "this linuxcncrsh does not know it"));
+        }
+        Ok(answer)
+    }
+
+    /// `set` what concerns linuxcncrsh alone.
+    pub async fn set(&mut self, what: &str) -> Result<(), ControllerError> {
+        let line = format!("set {what}");
+        let key = what.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
+        let answer = self.ask(&line, &[&format!("SET {key}")]).await?;
+        if answer == "ACK" {
+            return Ok(());
+        }
+        Err(refused(&line, answer, "it is not allowed now, or another program has taken command"))
+    }
+
+    /// `set` what the task must take; linuxcncrsh acknowledges when the task has taken it.
+    pub async fn command(&mut self, what: &str) -> Result<(), ControllerError> {
+        match self.set(what).await {
+            Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::Frozen),
+            answer => answer,
+        }
+    }
+
+    /// Send `line`; the rest of the first line that begins with one of `starts`.
+    async fn ask(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
+        self.link.send_line(line)?;
+        let mut deadline = Instant::now() + ANSWER;
+        loop {
+            if self.halt.as_ref().is_some_and(Halt::is_halted) {
+                deadline = deadline.min(Instant::now() + UNANSWERED);
+            }
+            let look = deadline.min(Instant::now() + LOOK);
+            match self.link.recv_deadline(look).await? {
+                None if look < deadline => {}
+                // An acknowledgement ends in \n\r: the \r arrives before the next line.
+                Some(Received::Line(text)) => {
+                    let text = text.trim();
+                    let rest = starts.iter().find_map(|start| {
+                        text.strip_prefix(start).filter(|r| r.is_empty() || r.starts_with(' '))
+                    });
+                    if let Some(rest) = rest {
+                        return Ok(rest.trim().to_owned());
+                    }
+                    // Words of another connection's line may have got into ours (see `watch::stop`).
+                    if text.ends_with("NAK") {
+                        return Ok("NAK".to_owned());
+                    }
+                }
+                Some(Received::Noise { bytes }) => {
+                    return Err(ControllerError::Garbled { text: format!("{bytes} odd bytes") });
+                }
+                None => {
+                    let seconds = ANSWER.as_secs_f64();
+                    return Err(ControllerError::NoAnswer { line: line.to_owned(), seconds });
+                }
+            }
+        }
+    }
+
+    /// What it has to say to people. One slot a kind, and it overwrites: good for telling a person,
+    /// not for results.
+    pub async fn messages(&mut self) -> Result<Vec<String>, ControllerError> {
+        let mut said = Vec::new();
+        for key in ["ERROR", "OPERATOR_DISPLAY", "OPERATOR_TEXT"] {
+            for _ in 0..8 {
+                let text = self.get(key).await?;
+                if text == "OK" {
+                    break;
+                }
+                said.push(text);
+            }
+        }
+        Ok(said)
+    }
+}
+
+fn not_there(address: &Address, error: LinkError) -> ControllerError {
+    match error {
+        LinkError::Missing { .. } => not_ready(
+            &format!("no linuxcncrsh listens at {address}"),
+            "start LinuxCNC and linuxcncrsh (as its display, or beside it); check [controller] tcp",
+        ),
+        other => other.into(),
+    }
+}
+
+fn refused(line: &str, reply: String, meaning: &str) -> ControllerError {
+    ControllerError::Refused { line: line.to_owned(), reply, meaning: meaning.to_owned() }
+}

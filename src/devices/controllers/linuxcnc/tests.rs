@@ -1,0 +1,214 @@
+//! The driver against a linuxcncrsh that is nothing but words, as the real one says them; a test makes it
+//! odd. What the real one does is tried in `tests/peer_linuxcnc`.
+
+use std::fs;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::{TcpListener, TcpStream};
+
+use super::driver::{LinuxCnc, Settings};
+use crate::controllers::{ControllerError, Driver, Halt};
+use link::Address;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+
+/// Asked before the healthy control is: the connection (the second is the one for holds), the line.
+type Odd = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
+
+/// What became of the machine.
+#[derive(Default)]
+struct Machine {
+    program: String,
+    /// The log of its programs that move, and where they end; without it they go on and on.
+    ends: Option<(&'static str, f64)>,
+    moves: bool,
+    x: f64,
+    aborts: usize,
+}
+
+impl Machine {
+    fn run(&mut self) {
+        let text = fs::read_to_string(&self.program).unwrap();
+        let log = text.split("(LOGOPEN,").nth(1).unwrap().split(')').next().unwrap();
+        if text.contains("(LOG,state") {
+            fs::write(log, "state 2.9 0 0 0 0 0 0 0 0 0 0 0\nEND\n").unwrap();
+        } else if let Some((says, x)) = self.ends {
+            fs::write(log, says).unwrap();
+            self.x = x;
+        } else {
+            self.moves = true;
+        }
+    }
+
+    fn set(&mut self, what: &str) -> String {
+        let (key, rest) = what.split_once(' ').unwrap_or((what, ""));
+        match key {
+            "open" => self.program = rest.to_owned(),
+            "run" => self.run(),
+            "abort" => (self.moves, self.aborts) = (false, self.aborts + 1),
+            _ => {}
+        }
+        format!("SET {} ACK\n\r", key.to_uppercase())
+    }
+
+    fn get(&mut self, key: &str) -> String {
+        self.x += f64::from(u8::from(self.moves));
+        let said = match key {
+            "ESTOP" => "OFF".to_owned(),
+            "MACHINE" => "ON".to_owned(),
+            "JOINT_HOMED" => "YES ".repeat(9),
+            "OPTIONAL_STOP" => "1".to_owned(),
+            "PROGRAM" => self.program.clone(),
+            "PROGRAM_STATUS" if self.moves => "RUNNING".to_owned(),
+            "PROGRAM_STATUS" => "IDLE".to_owned(),
+            "FEED_OVERRIDE" => "100".to_owned(),
+            "MODE" => "AUTO".to_owned(),
+            "USER_LINEAR_UNITS" => "MM".to_owned(),
+            "USER_ANGULAR_UNITS" => "DEG".to_owned(),
+            "PROBE_VALUE" => "0".to_owned(),
+            "ABS_ACT_POS" | "JOINT_POS" => format!("{:.6} 0.0 0.0 0.0 0.0 0.0", self.x),
+            _ => "OK".to_owned(),
+        };
+        format!("{key} {said}\r\n")
+    }
+
+    fn says(&mut self, line: &str) -> String {
+        match line.split_once(' ') {
+            Some(("hello", _)) => "HELLO ACK EMCNETSVR 1.1\n\r".to_owned(),
+            Some(("set", "echo off")) => String::new(),
+            Some(("set", what)) => self.set(what),
+            Some(("get", key)) => self.get(key),
+            _ => panic!("{line}"),
+        }
+    }
+}
+
+async fn talk(
+    mut stream: TcpStream,
+    number: usize,
+    odd: Arc<Mutex<Odd>>,
+    machine: Arc<Mutex<Machine>>,
+) {
+    let (read, mut write) = stream.split();
+    let mut lines = BufReader::new(read).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        let said = odd.lock().unwrap()(number, &line).map(str::to_owned);
+        let said = said.unwrap_or_else(|| machine.lock().unwrap().says(&line));
+        if write.write_all(said.as_bytes()).await.is_err() {
+            return;
+        }
+    }
+}
+
+/// A driver that is prepared, its halt, and the machine.
+async fn prepared(
+    directory: &tempfile::TempDir,
+    ends: Option<(&'static str, f64)>,
+    odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
+) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
+    let machine = Arc::new(Mutex::new(Machine { ends, ..Machine::default() }));
+    let odd: Arc<Mutex<Odd>> = Arc::new(Mutex::new(Box::new(odd)));
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let of = machine.clone();
+    tokio::spawn(async move {
+        for number in 1.. {
+            let (stream, _) = listener.accept().await.unwrap();
+            tokio::spawn(talk(stream, number, odd.clone(), of.clone()));
+        }
+    });
+    let settings = Settings {
+        address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
+        directory: directory.path().to_owned(),
+        axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
+        ini: None,
+    };
+    let dialect = Dialect::named("linuxcnc").unwrap();
+    let (mut driver, halt) = LinuxCnc::open(settings, dialect).await.unwrap();
+    driver.prepare().await.unwrap();
+    (driver, halt, machine)
+}
+
+fn to(x_mm: f64) -> Position {
+    Position::new().with(Axis::X, x_mm)
+}
+
+/// To X 60 and guarded to X 30.
+fn guarded() -> Block {
+    let motions =
+        vec![Motion::Rapid { to: to(60.0) }, Motion::Guarded { to: to(30.0), feed_mm_min: 300.0 }];
+    Block { step: 1, repeat: 0, motions }
+}
+
+async fn halted(mut driver: LinuxCnc, halt: Halt) -> Result<Outcome, ControllerError> {
+    let person = tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        halt.now();
+    });
+    let outcome = driver.execute(&guarded()).await;
+    person.await.unwrap();
+    outcome
+}
+
+/// Words of one line get into another: each of these answers is one that a `strtok` in two threads gives.
+#[tokio::test]
+async fn a_hold_is_seen_through_whatever_is_answered() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut odd = vec![
+        ("get ABS_ACT_POS", "ABS_ACT_POS A 0.0\r\n"),
+        ("set abort", "SET NAK\n\r"),
+        ("set enable EMCTOO", "SET ABORT ACK\n\r"),
+    ];
+    let mut hears = false;
+    let (driver, halt, machine) =
+        prepared(&directory, None, move |number, line| match (number, line) {
+            (2, "set enable EMCTOO") => {
+                hears = true;
+                Some("SET NAK\n\r")
+            }
+            (2, "set abort") => Some("SET ABORT NAK\n\r"),
+            (1, line) if hears => odd.pop_if(|(asked, _)| *asked == line).map(|(_, answer)| answer),
+            _ => None,
+        })
+        .await;
+    let outcome = halted(driver, halt).await;
+    assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
+    let machine = machine.lock().unwrap();
+    assert!(!machine.moves && machine.aborts >= 1, "{} aborts", machine.aborts);
+}
+
+#[tokio::test]
+async fn a_control_that_takes_no_abort_is_told_as_such() {
+    let directory = tempfile::tempdir().unwrap();
+    let (driver, halt, machine) =
+        prepared(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r"))
+            .await;
+    let error = halted(driver, halt).await.unwrap_err();
+    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    assert!(error.position_lost() && error.remedy().contains("emergency stop"));
+    assert!(machine.lock().unwrap().moves);
+}
+
+/// The log says that all went well; it is the interpreter's.
+#[tokio::test]
+async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
+    let directory = tempfile::tempdir().unwrap();
+    let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
+    let (mut driver, ..) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
+    driver.execute(&guarded()).await.unwrap();
+
+    let (mut driver, _, machine) = prepared(&directory, Some((well, 47.0)), |_, _| None).await;
+    let error = driver.execute(&guarded()).await.unwrap_err();
+    assert!(error.to_string().contains("X47.000, not at X30.000"), "{error}");
+    assert_eq!(machine.lock().unwrap().aborts, 1);
+
+    let stale = "touch 1 1 1.000000 -28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
+    let (mut driver, ..) = prepared(&directory, Some((stale, 28.0)), |_, _| None).await;
+    let motions =
+        vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
+    let error = driver.execute(&Block { step: 1, repeat: 0, motions }).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
+}

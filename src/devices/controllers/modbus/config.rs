@@ -1,0 +1,116 @@
+//! `[controller]` of kind `modbus`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use super::program::{self, Program};
+use super::{Map, ModbusControl, map};
+use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
+use link::Clock;
+use link::HostPort;
+use link::modbus::{Device, DeviceKeys, Framing, Parity};
+use machine::record::machine::Machine;
+use planning::gcode::Dialect;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    parity: Option<Parity>,
+    tcp: Option<HostPort>,
+    framing: Option<Framing>,
+    unit: Option<u8>,
+    #[serde(default = "timeout_s")]
+    timeout_s: f64,
+    #[serde(default = "dialect")]
+    dialect: String,
+    registers: Option<map::keys::Keys>,
+    program: Option<program::Keys>,
+}
+
+fn timeout_s() -> f64 {
+    0.5
+}
+
+fn dialect() -> String {
+    "grbl-m19".to_owned()
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    pub(super) device: Device,
+    pub(super) map: Map,
+    /// A resident program behind the window, instead of lines.
+    pub(super) program: Option<Arc<Program>>,
+    dialect: String,
+}
+
+type Behind = (Map, Option<Arc<Program>>);
+
+/// The window, and what is behind it.
+fn window(registers: map::keys::Keys, program: Option<program::Keys>) -> Result<Behind, String> {
+    let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
+    let map = registers.of_program()?;
+    let program = Program::of(keys, &map)?;
+    Ok((map, Some(Arc::new(program))))
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let Keys {
+            serial,
+            serial_id,
+            baud,
+            parity,
+            tcp,
+            framing,
+            unit,
+            timeout_s,
+            dialect,
+            registers,
+            program,
+        } = keys;
+        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = Device::try_from(device)?;
+        let (map, program) = window(registers.unwrap_or_default(), program)?;
+        Ok(Self { device, map, program, dialect })
+    }
+}
+
+impl Named for Config {
+    fn dialect(&self) -> &str {
+        &self.dialect
+    }
+
+    fn at(&self) -> String {
+        self.device.in_full()
+    }
+
+    fn open<'a>(
+        &'a self,
+        machine: &'a Machine,
+        dialect: Dialect,
+        _clock: Arc<dyn Clock>,
+    ) -> Opening<'a> {
+        Box::pin(async move {
+            let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
+            Ok(Controller::spawn(driver, halt))
+        })
+    }
+
+    fn diagnose<'a>(
+        &'a self,
+        machine: &'a Machine,
+        failed: &'a ControllerError,
+        leave: Leave,
+    ) -> Diagnosing<'a> {
+        Box::pin(self.suspects(machine, failed, leave))
+    }
+}

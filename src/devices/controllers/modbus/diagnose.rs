@@ -1,0 +1,278 @@
+//! Why no control answers behind the window, or none that makes sense. Only reads, and under its own number
+//! at first; other units, speeds and languages are tried with leave alone.
+
+use std::time::Duration;
+
+use tokio::time::sleep;
+
+use super::map::Map;
+use super::status::{PROGRAM_VERSION, VERSION};
+use super::{Config, KIND, otherwise};
+use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
+use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
+use link::{Address, Named};
+use machine::record::machine::Machine;
+
+/// Units that people give first. Each takes a quarter of a second where nobody answers.
+const UNITS: std::ops::RangeInclusive<u8> = 1..=16;
+const TCP_UNITS: [u8; 4] = [255, 1, 0, 2];
+/// A heart that beats once a second is seen to.
+const BEAT: Duration = Duration::from_millis(1200);
+
+impl Config {
+    pub(super) async fn suspects(
+        &self,
+        machine: &Machine,
+        failed: &ControllerError,
+        leave: Leave,
+    ) -> Vec<Suspicion> {
+        use ControllerError as E;
+        let closed = port::suspects(&self.device.line.at, failed);
+        match failed {
+            E::Modbus(ModbusError::Refused { .. })
+            | E::Strange { .. }
+            | E::Astray { .. }
+            | E::Garbled { .. } => self.read_otherwise(machine, leave).await,
+            E::Frozen => self.heart().await,
+            E::Modbus(
+                ModbusError::Late { .. }
+                | ModbusError::Misfit { .. }
+                | ModbusError::Unclear { .. }
+                | ModbusError::Lost { .. },
+            )
+            | E::NoAnswer { .. } => match leave {
+                Leave::Listen => vec![self.unasked(failed)],
+                Leave::Ask => self.elsewhere(failed).await,
+            },
+            _ => closed,
+        }
+    }
+
+    /// Only to read, wherever.
+    async fn look(&self) -> Result<Modbus, ModbusError> {
+        let all = |space| Range { space, first: 0, last: u16::MAX };
+        let read = vec![all(Space::Input), all(Space::Holding)];
+        let allowed = Allowed { read, write: Vec::new() };
+        let settings = Settings { unit: self.device.unit, timeout: self.device.timeout, allowed };
+        Modbus::open(self.device.line.clone(), settings).await
+    }
+
+    async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Suspicion> {
+        let Ok(modbus) = self.look().await else { return Vec::new() };
+        let block = status(&modbus, &self.map).await;
+        if let Some(block) = block.filter(|block| otherwise::is_status(&self.map, block)) {
+            let fits = otherwise::fits(&self.map, &block, machine);
+            return if fits { Vec::new() } else { otherwise::suspects(&self.map, &block, machine) };
+        }
+        if let Some(other) = other_window(&modbus, &self.map).await {
+            return vec![other];
+        }
+        if leave == Leave::Listen {
+            return vec![Suspicion { vague: true, ..shifted() }];
+        }
+        for (by, other) in otherwise::OFF {
+            let Some(map) = otherwise::moved(&self.map, by, other) else { continue };
+            let Some(block) = status(&modbus, &map).await else { continue };
+            if otherwise::is_status(&map, &block) {
+                return vec![otherwise::elsewhere(&map, by, other)];
+            }
+        }
+        vec![shifted()]
+    }
+
+    /// What changes in a status whose heartbeat does not.
+    async fn heart(&self) -> Vec<Suspicion> {
+        let Ok(modbus) = self.look().await else { return Vec::new() };
+        let Some(before) = status(&modbus, &self.map).await else { return Vec::new() };
+        sleep(BEAT).await;
+        let Some(after) = status(&modbus, &self.map).await else { return Vec::new() };
+        let places = &self.map.status;
+        let (first, _) = places.block();
+        let own = places.heartbeat.address;
+        let frame = [places.sequence_head.address, places.sequence_tail.address];
+        let changed = (first..).zip(before.iter().zip(&after)).filter(|(_, (old, new))| old != new);
+        let changed: Vec<u16> =
+            changed.map(|(at, _)| at).filter(|at| !frame.contains(at) && *at != own).collect();
+        vec![match changed.as_slice() {
+            [] => stopped(own),
+            changed => other_heart(own, changed),
+        }]
+    }
+
+    fn unasked(&self, failed: &ControllerError) -> Suspicion {
+        let (what, remedy) = match self.device.line.at {
+            Named::Tcp(_) => (
+                format!(
+                    "wrong unit ({}), wrong port, or another kind of control",
+                    self.device.unit
+                ),
+                "compare [controller] unit, tcp and kind with the control's manual, or let others be tried",
+            ),
+            _ => (
+                format!(
+                    "wrong unit ({}), speed, parity or port, or another kind of control",
+                    self.device.unit
+                ),
+                "compare [controller] unit, baud, parity and serial with the control's manual, or let others \
+                 be tried",
+            ),
+        };
+        Suspicion {
+            seen: false,
+            vague: true,
+            what,
+            because: failed.to_string(),
+            remedy: remedy.to_owned(),
+        }
+    }
+
+    /// Who else answers, and how.
+    async fn elsewhere(&self, failed: &ControllerError) -> Vec<Suspicion> {
+        let found = match self.device.line.at.address() {
+            Ok(Address::Serial { path, baud }) => self.on_the_line(&path, baud).await,
+            Ok(Address::Tcp { .. }) => self.behind_the_socket().await,
+            Err(_) => None,
+        };
+        let at = self.device.line.to_string();
+        let because =
+            || format!("{failed}; asked under other numbers and in other languages as well");
+        vec![found.unwrap_or_else(|| stranger::nobody(&at, &because()))]
+    }
+
+    async fn on_the_line(&self, path: &str, baud: u32) -> Option<Suspicion> {
+        for unit in UNITS.filter(|unit| *unit != self.device.unit) {
+            if stranger::answers_modbus(&self.device.line, unit).await {
+                return Some(wrong_unit(self.device.unit, unit));
+            }
+        }
+        for parity in [Parity::Even, Parity::None, Parity::Odd] {
+            let line = Line { parity, ..self.device.line.clone() };
+            if parity != self.device.line.parity
+                && stranger::answers_modbus(&line, self.device.unit).await
+            {
+                return Some(wrong_line(
+                    "wrong parity",
+                    &format!("parity = \"{parity:?}\"").to_lowercase(),
+                ));
+            }
+        }
+        for other in stranger::SPEEDS.into_iter().filter(|speed| *speed != baud) {
+            let at = Named::Serial { path: path.into(), baud: other };
+            for parity in [self.device.line.parity, Parity::Even, Parity::None] {
+                let line = Line { at: at.clone(), parity, ..self.device.line.clone() };
+                if stranger::answers_modbus(&line, self.device.unit).await {
+                    let parity = format!("{parity:?}").to_lowercase();
+                    let keys = format!("baud = {other}, parity = \"{parity}\"");
+                    let what =
+                        format!("wrong baud rate: it answers at {other} baud, not at {baud}");
+                    return Some(wrong_line(&what, &keys));
+                }
+            }
+        }
+        stranger::on_serial(path, baud, KIND).await
+    }
+
+    async fn behind_the_socket(&self) -> Option<Suspicion> {
+        for unit in TCP_UNITS.into_iter().filter(|unit| *unit != self.device.unit) {
+            if stranger::answers_modbus(&self.device.line, unit).await {
+                return Some(wrong_unit(self.device.unit, unit));
+            }
+        }
+        let framing =
+            if self.device.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
+        let line = Line { framing, ..self.device.line.clone() };
+        if stranger::answers_modbus(&line, self.device.unit).await {
+            let key = format!("framing = \"{framing:?}\"").to_lowercase();
+            return Some(wrong_line("wrong framing: the converter passes other frames on", &key));
+        }
+        stranger::on_tcp(&self.device.line.at, KIND).await
+    }
+}
+
+async fn status(modbus: &Modbus, map: &Map) -> Option<Vec<u16>> {
+    let (first, count) = map.status.block();
+    modbus.read(map.status.space, first, count).await.ok()
+}
+
+/// Lines where a resident program is told, or the other way round.
+async fn other_window(modbus: &Modbus, map: &Map) -> Option<Suspicion> {
+    let at = &map.status.version;
+    let block = modbus.read(map.status.space, at.address, at.count()).await.ok()?;
+    let version = at.read(&block, at.address).ok()?;
+    let lines = map.status.result.is_none();
+    let (what, remedy) = if lines && version == f64::from(PROGRAM_VERSION) {
+        (
+            "a resident program is behind the window, and [controller] tells of none",
+            "add [controller.program] to the machine file (docs/resident-program.md)",
+        )
+    } else if !lines && version == f64::from(VERSION) {
+        (
+            "lines are taken behind the window, no resident program",
+            "take [controller.program] out of the machine file (docs/line-window.md)",
+        )
+    } else {
+        return None;
+    };
+    let because = format!("it says that it is a window of version {version}");
+    let (what, remedy) = (what.to_owned(), remedy.to_owned());
+    Some(Suspicion { seen: false, vague: false, what, because, remedy })
+}
+
+fn wrong_unit(wrong: u8, right: u8) -> Suspicion {
+    Suspicion {
+        seen: true,
+        vague: false,
+        what: format!("wrong unit: a device answers as unit {right}, none as {wrong}"),
+        because: format!("a read of one register as unit {right} was answered"),
+        remedy: format!("if that device is the control: [controller] unit = {right}"),
+    }
+}
+
+fn wrong_line(what: &str, keys: &str) -> Suspicion {
+    Suspicion {
+        seen: true,
+        vague: false,
+        what: what.to_owned(),
+        because: format!("with {keys} it answers"),
+        remedy: format!("in the machine file: [controller] {keys}"),
+    }
+}
+
+fn shifted() -> Suspicion {
+    Suspicion {
+        seen: false,
+        vague: false,
+        what: "wrong addresses, wrong space, or a program in the control that serves another window".to_owned(),
+        because: "what is read there is no status: head and tail, version or state do not agree".to_owned(),
+        remedy: "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
+                 count from 0 here"
+            .to_owned(),
+    }
+}
+
+fn stopped(own: u16) -> Suspicion {
+    Suspicion {
+        seen: true,
+        vague: false,
+        what: "the control's program is stopped: what answers is only its Modbus server".to_owned(),
+        because: format!(
+            "nothing in its status changes, and its heartbeat (register {own}) stands"
+        ),
+        remedy: "start the program in the control or PLC (RUN), then try again".to_owned(),
+    }
+}
+
+fn other_heart(own: u16, changed: &[u16]) -> Suspicion {
+    let list: Vec<String> = changed.iter().map(u16::to_string).collect();
+    let list = list.join(", ");
+    Suspicion {
+        seen: false,
+        vague: false,
+        what: format!("wrong address of the heartbeat: register {own} stands, the control lives"),
+        because: format!("register {list} changes by itself"),
+        remedy: format!(
+            "[controller.registers.status] heartbeat = {{ address = ... }}: one of {list}, by the control's \
+             program"
+        ),
+    }
+}

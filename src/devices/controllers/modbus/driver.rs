@@ -1,0 +1,343 @@
+//! The driver: blocks in, outcomes out.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::Config;
+use super::fault::{PROBE_CLOSED, stands_after};
+use super::program::Program;
+use super::status::Status;
+use super::window::{Patience, Window};
+use crate::controllers::arrival::moved_by_hand;
+use crate::controllers::lines::{self, Lines};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
+use machine::record::machine::Machine;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+
+/// A spindle may take this long to find its orientation.
+pub(super) const ORIENT: Duration = Duration::from_secs(30);
+/// A probe may bounce this long after it came free.
+const SETTLE: Duration = Duration::from_millis(300);
+
+/// The driver of one control.
+pub struct ModbusControl {
+    pub(super) window: Window,
+    pub(super) dialect: Dialect,
+    pub(super) machine: Machine,
+    /// Where it is, for the record.
+    pub(super) name: String,
+    /// Axes that the machine file names, without the spindle.
+    pub(super) wanted: Vec<Axis>,
+    /// How far from its target each may stand, mm or rad.
+    tolerance: BTreeMap<Axis, f64>,
+    /// Where the machine last stood still.
+    pub(super) stood: Position,
+    /// Prepared, and no fault since.
+    ready: bool,
+    pub(super) spindle: Option<f64>,
+    /// What a block is executed by; otherwise by its lines.
+    pub(super) program: Option<Arc<Program>>,
+}
+
+impl ModbusControl {
+    /// Open the window of `machine`'s control; the halt that holds it. Nothing is commanded yet.
+    /// After a halt the link writes nothing any more: a new run opens a new one.
+    ///
+    /// # Errors
+    /// What opening says; an axis that the register map does not tell.
+    pub async fn open(
+        config: &Config,
+        machine: &Machine,
+        dialect: Dialect,
+    ) -> Result<(Self, Halt), ControllerError> {
+        let wanted: Vec<Axis> =
+            machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        if let Some(axis) = config.map.missing(&wanted) {
+            return Err(ControllerError::Unsupported {
+                what: format!("its register map does not tell the axis {axis}"),
+                remedy: "name it in [controller.registers.status.position] and .latch".to_owned(),
+            });
+        }
+        let switches = dialect.wakes_s().is_some() || dialect.switches_probe_off();
+        if config.program.is_some() && switches {
+            return Err(ControllerError::Unsupported {
+                what: "no word for the probe or a clamp reaches a resident program".to_owned(),
+                remedy: "let that program switch them, and remove [probe] on, off and every clamp"
+                    .to_owned(),
+            });
+        }
+        let (line, map) = (config.device.line.clone(), config.map.clone());
+        let name = format!("{line}, unit {}", config.device.unit);
+        let (window, halt) =
+            Window::open(line, config.device.unit, config.device.timeout, map).await?;
+        let tolerance = |axis: &Axis| (*axis, arrival::tolerance(*axis, machine.axes.get(axis)));
+        let driver = Self {
+            window,
+            dialect,
+            machine: machine.clone(),
+            name,
+            tolerance: wanted.iter().map(tolerance).collect(),
+            wanted,
+            stood: Position::new(),
+            ready: false,
+            spindle: None,
+            program: config.program.clone(),
+        };
+        Ok((driver, halt))
+    }
+
+    /// Wait otherwise than by default.
+    pub fn with_patience(mut self, patience: Patience) -> Self {
+        self.window.patience = patience;
+        self
+    }
+
+    /// The lines of one motion; the status after the last.
+    async fn send(&mut self, lines: &Lines<'_>) -> Result<Status, ControllerError> {
+        let clamps = self.dialect.clamps_rest_s(lines.motion);
+        let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
+        let still = standstill(lines.motion) + clamps;
+        let mut status = None;
+        for line in &lines.text {
+            status = Some(self.window.ask(line, still).await?);
+        }
+        self.rests(status).await
+    }
+
+    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
+    async fn act(
+        &mut self,
+        lines: &Lines<'_>,
+        outcome: &mut Outcome,
+        seen: Option<Status>,
+    ) -> Result<Status, ControllerError> {
+        let step = lines.step;
+        match lines.motion {
+            Motion::Dwell { .. } => self.send(lines).await,
+            Motion::Orient { s } => {
+                let status = self.send(lines).await?;
+                self.spindle = Some(*s);
+                Ok(status)
+            }
+            Motion::Rapid { to } => {
+                // The control does not look at the probe during it: the status is.
+                self.window.free = Some(step);
+                let sent = self.send(lines).await;
+                self.window.free = None;
+                self.arrive(sent?, to)
+            }
+            Motion::BackOff { to, .. } => {
+                let status = self.send(lines).await?;
+                let status = self.arrive(status, to)?;
+                self.open_probe(step, status).await
+            }
+            Motion::Feed { to, .. } => {
+                let status = self.send(lines).await?;
+                self.arrive(status, to)
+            }
+            Motion::Guarded { to, .. } => {
+                let seen = self.rests(seen).await?;
+                let (hit, status) = self.probe(lines, &seen).await?;
+                if hit {
+                    return Err(ControllerError::UnexpectedContact { step });
+                }
+                self.arrive(status, to)
+            }
+            Motion::Probe { .. } => {
+                let seen = self.rests(seen).await?;
+                let seen = self.open_probe(step, seen).await?;
+                self.touch(lines, outcome, &seen).await
+            }
+        }
+    }
+
+    /// How the machine stands, asked unless it was `seen` since it last moved.
+    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
+        match seen {
+            Some(status) => Ok(status),
+            None => self.window.idle().await,
+        }
+    }
+
+    /// A probing move: whether it met something. The control counts its contacts, `seen` those before.
+    async fn probe(
+        &mut self,
+        lines: &Lines<'_>,
+        seen: &Status,
+    ) -> Result<(bool, Status), ControllerError> {
+        let step = lines.step;
+        let before = seen.latches;
+        let status = self.send(lines).await.map_err(|error| match error {
+            ControllerError::Alarm { code, .. } if code == u32::from(PROBE_CLOSED) => {
+                ControllerError::StillTripped { step }
+            }
+            ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
+            other => other,
+        })?;
+        match status.latches.wrapping_sub(before) {
+            0 => Ok((false, status)),
+            1 => Ok((true, status)),
+            _ => Err(ControllerError::Doubtful {
+                step,
+                first: format!("contact {before}"),
+                again: format!("contact {}", status.latches),
+            }),
+        }
+    }
+
+    async fn touch(
+        &mut self,
+        lines: &Lines<'_>,
+        outcome: &mut Outcome,
+        seen: &Status,
+    ) -> Result<Status, ControllerError> {
+        let step = lines.step;
+        let (hit, status) = self.probe(lines, seen).await?;
+        if !hit {
+            return Err(ControllerError::NoContact { step });
+        }
+        let from = std::mem::replace(&mut self.stood, status.position.clone());
+        let contact = self.of_machine(&status.latch);
+        let astray =
+            arrival::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
+        if let Some(error) = astray {
+            return Err(error);
+        }
+        outcome.touch = Some(contact.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect());
+        outcome.t_s = status.latch_time_s;
+        Ok(status)
+    }
+
+    /// Only the axes that the machine has.
+    pub(super) fn of_machine(&self, told: &Position) -> Position {
+        told.only(|axis| self.wanted.contains(&axis))
+    }
+
+    /// The machine stands where it was sent, as `status` says.
+    pub(super) fn arrive(
+        &mut self,
+        status: Status,
+        target: &Position,
+    ) -> Result<Status, ControllerError> {
+        self.stood = status.position.clone();
+        let target = target.only(|axis| axis != Axis::S);
+        let astray = arrival::astray(&target, &self.stood, |axis| self.tolerance(axis));
+        astray.map_or(Ok(status), Err)
+    }
+
+    pub(super) fn tolerance(&self, axis: Axis) -> f64 {
+        // Axes that the machine file does not name do not matter.
+        self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
+    }
+
+    /// The probe reads open in the status just `seen`, or does so before long; the status that shows it.
+    pub(super) async fn open_probe(
+        &mut self,
+        step: u32,
+        seen: Status,
+    ) -> Result<Status, ControllerError> {
+        let deadline = Instant::now() + SETTLE;
+        let mut status = seen;
+        while status.probe_closed {
+            if Instant::now() > deadline {
+                return Err(ControllerError::StillTripped { step });
+            }
+            sleep(SETTLE / 10).await;
+            status = self.window.idle().await?;
+        }
+        Ok(status)
+    }
+
+    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        if let Some(program) = self.program.clone() {
+            return self.call(&program, block).await;
+        }
+        let mut outcome = Outcome::default();
+        // A chunk holds one line.
+        let limit = self.window.map.command.chunk.bytes() + 1;
+        let lines = lines::of(block, &self.dialect, &self.wanted, limit)?;
+        self.begin(block).await?;
+        let mut seen = None;
+        for lines in &lines {
+            seen = Some(self.act(lines, &mut outcome, seen).await?);
+        }
+        let status = self.rests(seen).await?;
+        outcome.t_s = outcome.t_s.or(status.time_s);
+        Ok(outcome)
+    }
+
+    /// Before a block moves: the probe is well and open, and nobody has moved the machine.
+    pub(super) async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+        let mut status = self.window.idle().await?;
+        self.probe_health(&status)?;
+        let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
+        if !backs_off {
+            status = self.open_probe(block.step, status).await?;
+        }
+        let astray = arrival::astray(&self.stood, &status.position, |axis| self.tolerance(axis));
+        astray.map_or(Ok(()), |error| Err(moved_by_hand(error)))
+    }
+
+    /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
+    /// stands, it is held; then only a new link takes lines again.
+    fn failed(&mut self, error: ControllerError) -> ControllerError {
+        self.ready = false;
+        if !stands_after(&error) {
+            self.window.hold();
+        }
+        error
+    }
+}
+
+impl Driver for ModbusControl {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.set_up().await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+        if self.window.is_halted() {
+            return Err(ControllerError::Halted);
+        }
+        if !self.ready {
+            return Err(ControllerError::NotReady {
+                state: "it was not prepared since the last fault".to_owned(),
+                remedy: "start again".to_owned(),
+            });
+        }
+        let outcome = self.block(block).await;
+        outcome.map_err(|error| self.failed(error))
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        let status = self.window.status().await?;
+        self.stood = self.of_machine(&status.position);
+        let stands = self.stood.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect();
+        Ok(Look { probe_closed: status.probe_closed, stands })
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.say_who().await
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        self.send_frame(Dialect::foot).await?;
+        self.window.idle().await.map(|_| ())
+    }
+}
+
+/// How long a motion may take while the control stands.
+fn standstill(motion: &Motion) -> Duration {
+    match motion {
+        Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
+        Motion::Orient { .. } => ORIENT,
+        _ => Duration::ZERO,
+    }
+}

@@ -1,0 +1,53 @@
+//! What it says of itself: the registers of its status, once.
+
+use super::driver::ModbusControl;
+use super::otherwise::BEYOND;
+use super::status::Status;
+use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
+use machine::Axis;
+
+impl ModbusControl {
+    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+        let status = self.window.status().await?;
+        let places = &self.window.map.status.position;
+        let says = |(axis, register): (&Axis, &super::map::Register)| {
+            let whole = !register.number.kind.is_float();
+            let step = whole.then_some(register.number.scale);
+            (*axis, AxisSays { step, ..AxisSays::default() })
+        };
+        Ok(Introduction {
+            identity: self.identity(),
+            axes: places.iter().map(says).collect(),
+            remarks: self.remarks(&status),
+            polarity: None,
+        })
+    }
+
+    fn remarks(&self, status: &Status) -> Vec<Remark> {
+        let mut remarks = Vec::new();
+        for (axis, spec) in &self.machine.axes {
+            let Some(value) = status.position.get(*axis) else { continue };
+            let stands = axis.to_edge(value);
+            if stands < spec.min - BEYOND || stands > spec.max + BEYOND {
+                let what = format!(
+                    "{axis} is read as {stands}, outside its travel from {} to {}: suspected: wrong scale or \
+                     type of its position, or a travel that is not the machine's",
+                    spec.min, spec.max
+                );
+                let remedy = "compare with the control's display: `scale`, `type` and `order` in \
+                              [controller.registers.status.position] and .latch, or [axes] min and max";
+                remarks.push(Remark::hinders(what, remedy));
+            }
+        }
+        if status.position.iter().all(|(_, value)| value == 0.0) {
+            let what = "all axes are read as zero, as they would be with any order, type and scale";
+            let remedy = "jog each axis a little at the control and look again";
+            remarks.push(Remark::note(what, remedy));
+        }
+        if status.time_s.is_none() {
+            let what = "it does not tell its time: readings carry the time at which they came here";
+            remarks.push(Remark::note(what, "none needed; drift is told less exactly"));
+        }
+        remarks
+    }
+}

@@ -1,0 +1,229 @@
+//! The register map: where each item of the window lies, and how. `[controller.registers]`; what is not
+//! written there lies as `docs/line-window.md` publishes it, and where a resident program is behind it,
+//! `docs/resident-program.md`.
+
+pub(super) mod check;
+pub(super) mod keys;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use link::modbus::value::{Number, Order, ValueError};
+use link::modbus::{Allowed, Range, Space};
+use machine::Axis;
+
+/// Registers that one request may write (Modbus application protocol, function 16).
+pub(super) const MOST_WRITTEN: usize = 123;
+/// Registers that one request may read (functions 3 and 4).
+const MOST_READ: usize = 125;
+
+/// One item: its first register and how its number lies there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Register {
+    pub address: u16,
+    pub number: Number,
+}
+
+/// A chunk: text, two characters a register; or the parameters of a resident program.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Chunk {
+    pub address: u16,
+    pub registers: u16,
+    pub order: Order,
+}
+
+/// Written by trued, holding registers.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Command {
+    pub hold: Register,
+    pub sequence: Register,
+    pub heartbeat: Register,
+    pub acknowledge: Register,
+    pub crc: Register,
+    pub length: Register,
+    pub chunk: Chunk,
+}
+
+/// Written by the control, read in one request from `sequence_head` to `sequence_tail`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Status {
+    pub space: Space,
+    pub sequence_head: Register,
+    pub version: Register,
+    pub state: Register,
+    pub alarm: Register,
+    pub accepted: Register,
+    pub executed: Register,
+    pub error: Register,
+    pub probe: Register,
+    pub inputs: Register,
+    pub latches: Register,
+    pub heartbeat: Register,
+    pub time_s: Register,
+    pub latch_time_s: Register,
+    pub latch: BTreeMap<Axis, Register>,
+    pub position: BTreeMap<Axis, Register>,
+    pub sequence_tail: Register,
+    /// Of a resident program alone.
+    pub result: Option<Results>,
+}
+
+/// What a resident program shows besides: where it is, and the result that it hands over.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Results {
+    pub under_way: Register,
+    pub sequence: Register,
+    pub row: Register,
+    pub contact: Register,
+    pub valid: Register,
+}
+
+/// The whole window.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "keys::Keys")]
+pub struct Map {
+    pub(super) command: Command,
+    pub(super) status: Status,
+}
+
+impl Register {
+    pub(super) fn count(&self) -> u16 {
+        self.number.registers()
+    }
+
+    /// Its number in a block of registers that begins at `first`.
+    pub(super) fn read(&self, block: &[u16], first: u16) -> Result<f64, ValueError> {
+        let wanted = self.count();
+        let start = usize::from(self.address.saturating_sub(first));
+        let words = block.get(start..start + usize::from(wanted));
+        self.number.read(words.ok_or(ValueError::Count { came: block.len(), wanted })?)
+    }
+
+    /// Address and words of `value`.
+    pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), ValueError> {
+        Ok((self.address, self.number.write(f64::from(value))?))
+    }
+}
+
+impl Chunk {
+    /// Bytes that it holds.
+    pub(super) fn bytes(&self) -> usize {
+        2 * usize::from(self.registers)
+    }
+
+    /// The text, the first character in the high byte unless bytes are swapped.
+    pub(super) fn write(&self, text: &[u8]) -> (u16, Vec<u16>) {
+        let word = |pair: &[u8]| {
+            let pair = [pair.first().copied(), pair.get(1).copied()].map(Option::unwrap_or_default);
+            match self.order {
+                Order::Abcd | Order::Cdab => u16::from_be_bytes(pair),
+                Order::Badc | Order::Dcba => u16::from_le_bytes(pair),
+            }
+        };
+        (self.address, text.chunks(2).map(word).collect())
+    }
+}
+
+impl Command {
+    /// First register and count of each item, by name.
+    fn spans(&self) -> Vec<(&'static str, u16, u16)> {
+        let items = [
+            ("hold", self.hold),
+            ("sequence", self.sequence),
+            ("heartbeat", self.heartbeat),
+            ("acknowledge", self.acknowledge),
+            ("crc", self.crc),
+            ("length", self.length),
+        ];
+        let items = items.map(|(name, register)| (name, register.address, register.count()));
+        items.into_iter().chain([("chunk", self.chunk.address, self.chunk.registers)]).collect()
+    }
+}
+
+impl Status {
+    /// The first register of the block, and how many there are.
+    pub(super) fn block(&self) -> (u16, u16) {
+        let (first, tail) = (self.sequence_head.address, self.sequence_tail);
+        (first, tail.address.saturating_add(tail.count()).saturating_sub(first))
+    }
+
+    fn spans(&self) -> Vec<(String, u16, u16)> {
+        let items = [
+            ("sequence_head", self.sequence_head),
+            ("version", self.version),
+            ("state", self.state),
+            ("alarm", self.alarm),
+            ("accepted", self.accepted),
+            ("executed", self.executed),
+            ("error", self.error),
+            ("probe", self.probe),
+            ("inputs", self.inputs),
+            ("latches", self.latches),
+            ("heartbeat", self.heartbeat),
+            ("time_s", self.time_s),
+            ("latch_time_s", self.latch_time_s),
+            ("sequence_tail", self.sequence_tail),
+        ];
+        let items = items.into_iter().map(|(name, register)| (name.to_owned(), register));
+        let of = |name: &'static str| {
+            move |(axis, at): (&Axis, &Register)| (format!("{name}.{axis}"), *at)
+        };
+        let results = self.result.iter().flat_map(Results::items);
+        let results = results.map(|(name, register)| (format!("result.{name}"), register));
+        items
+            .chain(results)
+            .chain(self.latch.iter().map(of("latch")))
+            .chain(self.position.iter().map(of("position")))
+            .map(|(name, register)| (name, register.address, register.count()))
+            .collect()
+    }
+}
+
+impl Results {
+    pub(super) fn items_mut(&mut self) -> [&mut Register; 5] {
+        [&mut self.under_way, &mut self.sequence, &mut self.row, &mut self.contact, &mut self.valid]
+    }
+
+    fn items(&self) -> [(&'static str, Register); 5] {
+        [
+            ("under_way", self.under_way),
+            ("sequence", self.sequence),
+            ("row", self.row),
+            ("contact", self.contact),
+            ("valid", self.valid),
+        ]
+    }
+}
+
+impl Map {
+    /// All that the link may reach: the status to read, the command block to write.
+    pub(super) fn allowed(&self) -> Allowed {
+        let (first, count) = self.status.block();
+        let last = first.saturating_add(count.saturating_sub(1));
+        let read = vec![Range { space: self.status.space, first, last }];
+        let mut spans: Vec<(u16, u16)> =
+            self.command.spans().into_iter().map(|(_, first, count)| (first, count)).collect();
+        spans.sort_unstable();
+        let mut write: Vec<Range> = Vec::new();
+        for (first, count) in spans {
+            let last = first.saturating_add(count.saturating_sub(1));
+            match write.last_mut() {
+                // One request may write neighbours.
+                Some(range) if range.last.checked_add(1) == Some(first) => range.last = last,
+                _ => write.push(Range { space: Space::Holding, first, last }),
+            }
+        }
+        Allowed { read, write }
+    }
+
+    /// An axis that the window does not tell.
+    pub(super) fn missing(&self, axes: &[Axis]) -> Option<Axis> {
+        let told = |axis: &&Axis| {
+            self.status.latch.contains_key(axis) && self.status.position.contains_key(axis)
+        };
+        axes.iter().find(|axis| !told(axis)).copied()
+    }
+}

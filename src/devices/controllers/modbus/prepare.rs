@@ -1,0 +1,116 @@
+//! Before anything moves: whether a living control stands behind the registers, and that it is set.
+
+use std::time::Duration;
+
+use super::driver::ModbusControl;
+use super::fault::not_ready;
+use super::otherwise;
+use super::status::Status;
+use crate::controllers::{ControllerError, Prepared, arrival};
+use planning::gcode::{Dialect, Program, RenderError};
+
+impl ModbusControl {
+    pub(super) async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
+        let status = self.window.living().await?;
+        if let Some(error) = not_ready(&status) {
+            return Err(error);
+        }
+        // It counts on from here; what was written before it came to life is not taken.
+        (self.window.sequence, self.window.ours) = (status.accepted, false);
+        self.plausible(&status)?;
+        if !self.dialect.switches_probe_on() {
+            probe_open(&status)?;
+        }
+        if self.program.is_some() {
+            self.clear_results(&status).await?;
+        }
+        self.send_frame(Dialect::head).await?;
+        let status = self.window.idle().await?;
+        probe_open(&status)?;
+        self.probe_health(&status)?;
+        self.stood = self.of_machine(&status.position);
+        let stop = format!(
+            "hold (a register): acts when the request under way is answered, within {:.1} s at most; \
+             then {}",
+            self.window.patience.answer.as_secs_f64(),
+            arrival::braking(&self.machine)
+        );
+        Ok(Prepared { identity: self.identity(), stop, stands: self.stood.clone() })
+    }
+
+    /// What is behind the window, and where it is.
+    pub(super) fn identity(&self) -> String {
+        let what = match &self.program {
+            Some(program) => format!("resident program {}", program.number),
+            None => "a line window".to_owned(),
+        };
+        format!("{what} over Modbus, {}", self.name)
+    }
+
+    /// Numbers in the wrong order of words are far beyond any travel, whole ones read as floating next to
+    /// nothing.
+    fn plausible(&self, status: &Status) -> Result<(), ControllerError> {
+        for (axis, spec) in &self.machine.axes {
+            let Some(value) = status.position.get(*axis) else { continue };
+            let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
+            let tiny = otherwise::is_no_position(stands);
+            if tiny || stands < spec.min - span || stands > spec.max + span {
+                let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
+                return Err(ControllerError::Strange {
+                    state: format!(
+                        "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
+                        spec.min, spec.max
+                    ),
+                    remedy: "compare `type`, `order` and `scale` of [controller.registers.status] \
+                             position with the control's program"
+                        .to_owned(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The inputs that the machine file declares: a letter or the number of a bit.
+    pub(super) fn probe_health(&self, status: &Status) -> Result<(), ControllerError> {
+        let is_on = |input: &str| {
+            let letter = input.chars().next().filter(char::is_ascii_uppercase);
+            let bit = match letter {
+                Some(letter) => Some(u32::from(letter) - u32::from('A')),
+                None => input.parse().ok(),
+            };
+            bit.and_then(|bit| status.inputs.checked_shr(bit)).is_some_and(|bits| bits & 1 == 1)
+        };
+        match self.dialect.health_inputs().find(|(input, _)| is_on(input)) {
+            Some((_, fault)) => Err(ControllerError::Probe { fault }),
+            None => Ok(()),
+        }
+    }
+
+    /// Send the dialect's head or foot. A resident program sets its modes itself.
+    pub(super) async fn send_frame(&mut self, lines: Frame) -> Result<(), ControllerError> {
+        if self.program.is_some() {
+            return Ok(());
+        }
+        let program = Program { title: &self.machine.name, axes: &self.wanted, log: None };
+        let fault = |why: String| ControllerError::Render { step: 0, why };
+        let lines = lines(&self.dialect, &program).map_err(|error| fault(error.to_string()))?;
+        let most = self.window.map.command.chunk.bytes();
+        let still = self.dialect.wakes_s().unwrap_or_default();
+        let still = Duration::try_from_secs_f64(still).unwrap_or_default();
+        // Remarks do nothing there, and may be longer than the window.
+        for line in lines.iter().filter(|line| !line.starts_with('(')) {
+            if line.len() > most {
+                return Err(fault(format!("a line is longer than the window: `{line}`")));
+            }
+            self.window.ask(line, still).await?;
+        }
+        Ok(())
+    }
+}
+
+/// Before anything moves.
+fn probe_open(status: &Status) -> Result<(), ControllerError> {
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
+}
+
+type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

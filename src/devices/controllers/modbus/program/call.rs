@@ -1,0 +1,235 @@
+//! One block through the resident program: its table laid down, started once, its results taken.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::Program;
+use super::layout::Call;
+use super::rows::{self, Does, Row};
+use crate::controllers::modbus::driver::{ModbusControl, ORIENT};
+use crate::controllers::modbus::fault::{PROBE_CLOSED, STILL_CLOSED};
+use crate::controllers::modbus::status::{Shown, Status};
+use crate::controllers::modbus::window::{Pending, Window, next};
+use crate::controllers::{ControllerError, arrival};
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+
+/// What became of a row that looked for a contact.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Found {
+    /// Counted from 0.
+    pub row: usize,
+    pub contact: bool,
+    /// Where the axes were, and when.
+    pub latch: Position,
+    pub t_s: Option<f64>,
+}
+
+/// A valid result, seen.
+enum Seen {
+    /// Of another call, or an older status.
+    Old,
+    /// It was taken already: the control has not heard that yet.
+    Again,
+    New,
+}
+
+impl ModbusControl {
+    /// Before the first call. A result that nobody took, of a run that ended, is nobody's.
+    pub(in crate::controllers::modbus) async fn clear_results(
+        &mut self,
+        status: &Status,
+    ) -> Result<(), ControllerError> {
+        self.window.taken = Some(status.latches);
+        match status.result {
+            Some(Shown { valid: true, .. }) => self.window.acknowledge(status.latches).await,
+            _ => Ok(()),
+        }
+    }
+
+    pub(in crate::controllers::modbus) async fn call(
+        &mut self,
+        program: &Program,
+        block: &Block,
+    ) -> Result<Outcome, ControllerError> {
+        let rows = rows::of(block, &self.dialect, &self.wanted)?;
+        let (found, status) = self.results(program, &rows, block).await?;
+        let touch = self.contacts(&rows, &found, block.step)?;
+        let mut outcome = Outcome { t_s: status.time_s, ..Outcome::default() };
+        if let Some(found) = touch {
+            let before = block.motions.iter().take(found.row);
+            let spindle = before.rev().find_map(orientation).or(self.spindle);
+            let spindle = spindle.map(|s| (Axis::S, s));
+            outcome.touch = Some(self.of_machine(&found.latch).iter().chain(spindle).collect());
+            outcome.t_s = found.t_s.or(status.time_s);
+        }
+        self.spindle = block.motions.iter().rev().find_map(orientation).or(self.spindle);
+        let end = rows::end(&rows, &self.stood);
+        let status = self.arrive(status, &end)?;
+        if rows.last().is_some_and(|row| row.does != Does::Touch) {
+            self.open_probe(block.step, status).await?;
+        }
+        Ok(outcome)
+    }
+
+    /// Have `rows` executed once; every result, in order, and the status when all is done.
+    pub(super) async fn results(
+        &mut self,
+        program: &Program,
+        rows: &[Row],
+        block: &Block,
+    ) -> Result<(Vec<Found>, Status), ControllerError> {
+        let step = block.step;
+        let call = Call { sequence: self.window.coming(), program, step, rows };
+        let chunk = program.layout.chunk(&call);
+        let chunk = chunk.map_err(|why| ControllerError::Render { step, why })?;
+        self.begin(block).await?;
+        let name = format!("program {}, step {step}", program.number);
+        let mut pending = self.window.begin(&chunk, &name, standstill(rows)).await?;
+        let collected = self.collect(&mut pending, rows, step).await;
+        collected.map_err(|error| match error {
+            ControllerError::Alarm { code, .. }
+                if [PROBE_CLOSED, STILL_CLOSED].map(u32::from).contains(&code) =>
+            {
+                ControllerError::StillTripped { step }
+            }
+            other => other,
+        })
+    }
+
+    async fn collect(
+        &mut self,
+        pending: &mut Pending,
+        rows: &[Row],
+        step: u32,
+    ) -> Result<(Vec<Found>, Status), ControllerError> {
+        let (mut found, mut over) = (Vec::new(), None);
+        loop {
+            let (status, done) = self.window.look(pending).await?;
+            let Some(shown) = status.result else { return Err(results_differ("none", rows.len())) };
+            let under_way = usize::from(shown.under_way).checked_sub(1);
+            let row = under_way.and_then(|row| rows.get(row));
+            if status.probe_closed && row.is_some_and(|row| row.does == Does::Rapid) {
+                // It may still be moving, and does not stop by itself.
+                self.window.hold();
+                return Err(ControllerError::UnexpectedContact { step });
+            }
+            if !shown.valid {
+                if done {
+                    return Ok((found, status));
+                }
+                continue;
+            }
+            match seen(&self.window, &status, &shown, pending.sequence)? {
+                Seen::Old => {}
+                Seen::Again => self.window.acknowledge(status.latches).await?,
+                Seen::New => {
+                    found.push(taken(&status, &shown));
+                    self.window.taken = Some(status.latches);
+                    self.window.acknowledge(status.latches).await?;
+                }
+            }
+            // At its end, with a result that it does not take back.
+            let since = over.filter(|_| done).unwrap_or_else(Instant::now);
+            over = done.then_some(since);
+            if since.elapsed() > self.window.patience.answer {
+                return Err(results_differ("one that was acknowledged", found.len()));
+            }
+        }
+    }
+
+    /// The touch among what was found, if there was to be one; each contact lies on its way.
+    fn contacts<'a>(
+        &self,
+        rows: &[Row],
+        found: &'a [Found],
+        step: u32,
+    ) -> Result<Option<&'a Found>, ControllerError> {
+        let mut touches = (0..).zip(rows).filter(|(_, row)| row.does == Does::Touch);
+        for found in found {
+            let row = rows.get(found.row).map(|row| row.does);
+            match row {
+                Some(Does::Guarded) if found.contact => {
+                    return Err(ControllerError::UnexpectedContact { step });
+                }
+                Some(Does::Touch) if !found.contact => {
+                    return Err(ControllerError::NoContact { step });
+                }
+                _ => {}
+            }
+            match touches.next() {
+                Some((place, row)) if place == found.row => {
+                    self.on_the_way(rows.get(..place).unwrap_or(rows), row, found)?;
+                }
+                _ => return Err(results_differ(&format!("one of row {}", found.row + 1), 0)),
+            }
+        }
+        match touches.count() {
+            0 => Ok(found.last()),
+            missing => Err(results_differ("none", missing)),
+        }
+    }
+
+    fn on_the_way(&self, before: &[Row], row: &Row, found: &Found) -> Result<(), ControllerError> {
+        let from = rows::end(before, &self.stood);
+        let to = from.updated_by(&row.target);
+        let contact = self.of_machine(&found.latch).only(|axis| from.get(axis).is_some());
+        let astray = arrival::off_the_way(&from, &to, &contact, |axis| self.tolerance(axis));
+        astray.map_or(Ok(()), Err)
+    }
+}
+
+fn seen(
+    window: &Window,
+    status: &Status,
+    shown: &Shown,
+    sequence: u16,
+) -> Result<Seen, ControllerError> {
+    let taken = window.taken.unwrap_or_default();
+    if status.latches == taken {
+        return Ok(Seen::Again);
+    }
+    if status.accepted != sequence || shown.sequence != sequence {
+        return Ok(Seen::Old);
+    }
+    if status.latches == next(taken) {
+        return Ok(Seen::New);
+    }
+    // Numbers go round: the farther half is behind.
+    if status.latches.wrapping_sub(taken) > u16::MAX / 2 {
+        return Ok(Seen::Old);
+    }
+    let heard = format!("result {} where {} was to come", status.latches, next(taken));
+    Err(ControllerError::OutOfStep { heard })
+}
+
+fn taken(status: &Status, shown: &Shown) -> Found {
+    Found {
+        row: usize::from(shown.row).wrapping_sub(1),
+        contact: shown.contact,
+        latch: status.latch.clone(),
+        t_s: status.latch_time_s,
+    }
+}
+
+fn results_differ(shown: &str, wanted: usize) -> ControllerError {
+    ControllerError::OutOfStep { heard: format!("{shown} where {wanted} results were to come") }
+}
+
+fn orientation(motion: &Motion) -> Option<f64> {
+    match motion {
+        Motion::Orient { s } => Some(*s),
+        _ => None,
+    }
+}
+
+/// How long the machine may stand within a call.
+fn standstill(rows: &[Row]) -> Duration {
+    let stands = rows.iter().map(|row| match row.does {
+        Does::Dwell => Duration::try_from_secs_f64(row.value).unwrap_or_default(),
+        Does::Orient => ORIENT,
+        _ => Duration::ZERO,
+    });
+    stands.sum()
+}

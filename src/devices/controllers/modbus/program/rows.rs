@@ -1,0 +1,72 @@
+//! A block as rows of a table: what the proven text says, as it is read back, and nothing else.
+
+use crate::controllers::{ControllerError, lines};
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+use planning::gcode::rs274::{Kind, ReadMotion};
+
+/// What a row makes the program do; the number is the one of `docs/resident-program.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Does {
+    Rapid = 1,
+    Feed = 2,
+    Guarded = 3,
+    Touch = 4,
+    Dwell = 5,
+    Orient = 6,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Row {
+    pub does: Does,
+    /// Where the axes that it names end, mm and rad.
+    pub target: Position,
+    /// Feed in mm/min, seconds of a dwell, degrees of an orientation; 0 of a rapid.
+    pub value: f64,
+}
+
+/// The rows of `block`.
+///
+/// # Errors
+/// A text that does not say what the block means.
+pub(super) fn of(
+    block: &Block,
+    dialect: &Dialect,
+    axes: &[Axis],
+) -> Result<Vec<Row>, ControllerError> {
+    let fault = |why: String| ControllerError::Render { step: block.step, why };
+    let text = lines::program(block, dialect, axes).map_err(fault)?;
+    // One motion of the text is one of the block, in their order: that was proven just now.
+    let read = dialect.read_back(&text).map_err(|error| fault(error.to_string()))?;
+    let rows = block.motions.iter().zip(read).map(|(motion, read)| row(motion, read));
+    rows.collect::<Result<_, _>>().map_err(fault)
+}
+
+/// `motion` tells a touch from a guarded move, which some languages write alike; all else is the text's.
+fn row(motion: &Motion, read: ReadMotion) -> Result<Row, String> {
+    let feed = read.feed_mm_min;
+    let (does, value) = match read.kind {
+        Kind::Rapid => (Does::Rapid, Some(0.0)),
+        Kind::Feed => (Does::Feed, feed),
+        Kind::Probe { .. } if matches!(motion, Motion::Probe { .. }) => (Does::Touch, feed),
+        Kind::Probe { .. } => (Does::Guarded, feed),
+        Kind::Dwell { seconds } => (Does::Dwell, Some(seconds)),
+        Kind::Orient { s } => (Does::Orient, Some(Axis::S.to_edge(s))),
+        Kind::Stop => return Err(format!("line {} waits for a person", read.line)),
+    };
+    let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
+    Ok(Row { does, target: read.target, value })
+}
+
+/// Where the machine stands after `rows`, if it stood at `from` and a touch met its contact; without
+/// the axes of which nobody can say it, because a touch moved them last.
+pub(super) fn end(rows: &[Row], from: &Position) -> Position {
+    rows.iter().fold(from.clone(), |stands, row| match row.does {
+        Does::Touch => stands.only(|axis| {
+            let moves = row.target.get(axis).is_some_and(|to| to != stands.at(axis));
+            !moves
+        }),
+        _ => stands.updated_by(&row.target),
+    })
+}

@@ -1,0 +1,240 @@
+//! The driver against the simulated control: stops, and tables that do not fit.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::net::TcpListener;
+
+use super::window::Patience;
+use super::{Config, ModbusControl};
+use crate::controllers::{ControllerError, Driver, Halt};
+use machine::record::artefact::Artefact;
+use machine::record::machine::{Machine, Probe};
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+use simulator::controls::modbus::{Diary, Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use simulator::interpreter::Pace;
+use simulator::{Truth, World};
+
+fn machine() -> Machine {
+    let linear = json!({"min": -400, "max": 400});
+    serde_json::from_value(json!({
+        "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
+        "axes": {"X": linear, "Y": linear, "Z": linear, "B": linear, "C": linear}
+    }))
+    .unwrap()
+}
+
+/// A driver whose table has `keys`, and the diary of the control; it has a resident program if they
+/// name one.
+pub(super) async fn driver(
+    keys: &str,
+    pace: Pace,
+    faults: Vec<Fault>,
+) -> (ModbusControl, Halt, Diary) {
+    let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
+    let artefact: Artefact = serde_json::from_value(json!({
+        "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
+    }))
+    .unwrap();
+    let world = World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap();
+    let resident = keys.contains("[program");
+    let options = Options { faults, resident, ..Options::of(&machine(), pace) };
+    let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
+    let diary = firmware.diary();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let at = listener.local_addr().unwrap();
+    tokio::spawn(serve_tcp(firmware, listener));
+    let config: Config = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
+    let dialect = Dialect::named("grbl-m19").unwrap();
+    let (driver, halt) = ModbusControl::open(&config, &machine(), dialect).await.unwrap();
+    (driver, halt, diary)
+}
+
+fn slowly_to(x_mm: f64) -> Block {
+    let to = Position::new().with(Axis::X, x_mm);
+    Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
+}
+
+async fn held_on_its_way(driver: &mut ModbusControl, halt: Halt) -> ControllerError {
+    tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        halt.now();
+    });
+    driver.execute(&slowly_to(100.0)).await.unwrap_err()
+}
+
+#[tokio::test]
+async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
+    let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
+    driver.prepare().await.unwrap();
+    let error = held_on_its_way(&mut driver, halt).await;
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    assert!(0.0 < stands && stands < 90.0, "{stands}");
+    let error = driver.execute(&slowly_to(0.0)).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    assert!(driver.prepare().await.is_err());
+    let diary = diary.lock().unwrap();
+    assert_eq!(diary.last(), Some(&Entry::Hold));
+}
+
+#[tokio::test]
+async fn a_hold_that_gets_lost_is_sent_again() {
+    let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
+    let (mut driver, halt, diary) = driver("", Pace::Real, lost).await;
+    driver.prepare().await.unwrap();
+    let error = held_on_its_way(&mut driver, halt).await;
+    assert!(matches!(error, ControllerError::Halted), "{error}");
+    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    assert!(0.0 < stands && stands < 90.0, "{stands}");
+    let diary = diary.lock().unwrap();
+    assert_eq!(
+        diary.iter().filter(|entry| **entry == Entry::Wrong(FaultKind::LostHold)).count(),
+        2
+    );
+    assert_eq!(diary.last(), Some(&Entry::Hold));
+}
+
+/// It goes on whatever it is told, and says so.
+#[tokio::test]
+async fn a_control_that_does_not_hold_is_told_as_such() {
+    let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
+    let (driver, halt, _) = driver("", Pace::Real, deaf).await;
+    let patience = Patience { answer: Duration::from_millis(100), ..Patience::default() };
+    let mut driver = driver.with_patience(patience);
+    driver.prepare().await.unwrap();
+    let error = held_on_its_way(&mut driver, halt).await;
+    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
+}
+
+#[tokio::test]
+async fn a_control_that_lives_no_more_is_not_believed() {
+    let (mut dead, ..) = driver("", Pace::Fast, vec![fault(FaultKind::Frozen, 0)]).await;
+    let error = dead.prepare().await.unwrap_err();
+    assert!(matches!(error, ControllerError::Frozen), "{error}");
+}
+
+/// Its program stops in mid-move; what it shows stays as it is, and could be taken for a machine that
+/// moves slowly.
+#[tokio::test]
+async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
+    let frozen = vec![fault(FaultKind::Frozen, 20)];
+    let (driver, ..) = driver("", Pace::Real, frozen).await;
+    let heartbeat = Duration::from_millis(400);
+    let long = Duration::from_secs(10);
+    let patience = Patience { heartbeat, stall: long, answer: long, ..Patience::default() };
+    let mut driver = driver.with_patience(patience);
+    driver.prepare().await.unwrap();
+    let mut ended = Ok(Default::default());
+    for x_mm in 1..30 {
+        ended = driver.execute(&slowly_to(f64::from(x_mm))).await;
+        if ended.is_err() {
+            break;
+        }
+    }
+    assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
+}
+
+/// A touch with one status torn, whichever it is: half of it from before.
+#[tokio::test]
+async fn a_torn_status_is_never_a_reading() {
+    let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
+    let down = |z_mm: f64| Position::new().with(Axis::Z, z_mm);
+    let probe = |from: f64, to: f64| Block {
+        step: 1,
+        repeat: 0,
+        motions: vec![
+            Motion::Rapid { to: x(from) },
+            Motion::Probe { to: x(to), feed_mm_min: 60.0 },
+            Motion::BackOff { to: x(from), feed_mm_min: 300.0 },
+        ],
+    };
+    let mut torn_within = 0;
+    for at_request in 0..120 {
+        let torn = Fault { at_request, ..fault(FaultKind::Torn, 0) };
+        let (mut driver, _, diary) = driver("", Pace::Fast, vec![torn]).await;
+        driver.prepare().await.unwrap();
+        let begun = diary.lock().unwrap().len();
+        let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
+        driver.execute(&Block { step: 0, repeat: 0, motions: way }).await.unwrap();
+        let far = driver.execute(&probe(60.0, 20.0)).await.unwrap().touch.unwrap();
+        let diary = diary.lock().unwrap();
+        torn_within += usize::from(diary[begun..].contains(&Entry::Wrong(FaultKind::Torn)));
+        assert!((far.at(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.at(Axis::X));
+    }
+    assert!(torn_within > 20, "{torn_within}");
+}
+
+pub(super) fn fault(kind: FaultKind, at_line: u64) -> Fault {
+    Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, scan_s: None }
+}
+
+#[tokio::test]
+async fn registers_that_lie_elsewhere_are_told_before_anything_moves() {
+    let shifted = "[registers.status]\nversion = { address = 3 }\nalarm = { address = 1 }";
+    let (mut driver, _, diary) = self::driver(shifted, Pace::Fast, Vec::new()).await;
+    let error = driver.prepare().await.unwrap_err();
+    assert!(error.to_string().contains("version 0"), "{error}");
+    assert!(error.remedy().contains("[controller.registers]"));
+    assert!(diary.lock().unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
+    let axes = |first: u16, order: &str| {
+        let axis = |(axis, k): (&str, u16)| {
+            format!("{axis} = {{ address = {}, order = \"{order}\" }}", first + k)
+        };
+        [("X", 0), ("Y", 2), ("Z", 4), ("B", 8), ("C", 10)].map(axis).join(", ")
+    };
+    let keys = |order: &str| {
+        let (position, latch) = (axes(32, order), axes(20, order));
+        format!("[registers.status]\nposition = {{ {position} }}\nlatch = {{ {latch} }}")
+    };
+    let (mut driver, ..) = self::driver(&keys("abcd"), Pace::Fast, Vec::new()).await;
+    driver.prepare().await.unwrap();
+    driver.execute(&slowly_to(12.5)).await.unwrap();
+    let (mut driver, ..) = self::driver(&keys("cdab"), Pace::Fast, Vec::new()).await;
+    let error = driver.prepare().await.unwrap_err();
+    assert!(error.to_string().contains("which it cannot"), "{error}");
+}
+
+#[test]
+fn a_table_that_cannot_be_is_refused_in_words() {
+    for (keys, why) in [
+        ("", "exactly one link"),
+        ("tcp = \"a:1\"\nparity = \"even\"", "belongs to `serial`"),
+        ("serial = \"/dev/x\"\nframing = \"tcp\"", "needs a TCP link"),
+        ("serial = \"/dev/x\"\nunit = 0", "from 1 to 247"),
+        ("tcp = \"a:1\"\ntimeout_s = 0.0", "a time from"),
+        ("tcp = \"a:1\"\n[registers.command]\nhold = { address = 1 }", "lie over each other"),
+        ("tcp = \"a:1\"\nregister = 1", "unknown field"),
+        ("tcp = \"a:1\"\n[registers.status.result]", "belongs to a resident program"),
+        ("tcp = \"a:1\"\n[program]\nnummer = 1", "unknown field"),
+        (
+            "tcp = \"a:1\"\n[program.row]\nX = { address = 5 }",
+            "`row.X` and `row.Y` lie over each other",
+        ),
+        ("tcp = \"a:1\"\n[program.row]\nC = { address = 15 }", "beyond the 16 registers of a row"),
+        ("tcp = \"a:1\"\n[program.parameters]\nrows = { address = 8 }", "before the table"),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { registers = 20 }",
+            "holds no row",
+        ),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { order = \"badc\" }",
+            "no `order`",
+        ),
+        (
+            "tcp = \"a:1\"\nprogram = {}\n[registers.status]\nsequence_tail = { address = 44 }",
+            "outside the block",
+        ),
+    ] {
+        let said = toml::from_str::<Config>(keys).unwrap_err();
+        assert!(said.message().contains(why), "{keys}: {}", said.message());
+    }
+}

@@ -1,0 +1,6 @@
+//! Drivers of machine controls and of sensors. A driver owns its link; it plans nothing and fits nothing.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod controllers;
+pub mod sensors;

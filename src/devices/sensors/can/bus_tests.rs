@@ -1,0 +1,134 @@
+//! What is heard on a bus that has troubles, said by hand.
+
+use std::sync::Arc;
+
+use tokio::sync::mpsc;
+
+use super::driver::Driver;
+use super::tests::{Stands, config, noun};
+use crate::sensors::{Driver as _, Sample, SensorError};
+use link::can::{Can, CanError, Frame, Heard, Id};
+use machine::record::reading::Flag;
+
+const COUNTED: &str = "counter = { byte = 3, width = 8 }";
+
+/// A driver, and where what it hears is put.
+fn driver(counter: &str, timeout_s: f64) -> (Driver, mpsc::Sender<Heard>) {
+    let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
+                value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
+    let config = config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter}")).unwrap();
+    let (say, heard) = mpsc::channel(64);
+    let can = Can::over("can0", heard);
+    (Driver::new(&config, can, noun().range_mm, Arc::new(Stands)), say)
+}
+
+fn id(raw: u32) -> Id {
+    Id::new(raw, false).unwrap()
+}
+
+fn frame(count: u8) -> Heard {
+    Heard::Frame(Frame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
+}
+
+fn words(words: &str) -> String {
+    words.to_owned()
+}
+
+/// Why it is not ready, all of this being said before it listens and nothing afterwards.
+async fn refused(said: Vec<Heard>) -> CanError {
+    let (mut driver, say) = driver(COUNTED, 0.05);
+    for heard in said {
+        say.send(heard).await.unwrap();
+    }
+    match driver.prepare().await {
+        Err(SensorError::Can(error)) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test]
+async fn a_bus_with_errors_alone_names_the_bit_rate() {
+    let error = refused(vec![
+        Heard::Trouble(words("controller problem: rx warning")),
+        Heard::Trouble(words("protocol violation")),
+    ])
+    .await;
+    let said = error.to_string();
+    assert!(said.contains("no frame 123 came on `can0`"), "{said}");
+    assert!(said.contains("the bus has errors: protocol violation"), "{said}");
+    assert!(error.remedy().contains("compare the bit rate (`ip -details link show can0`)"));
+}
+
+#[tokio::test]
+async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
+    let errors = || Heard::Trouble(words("bus error"));
+    let off = || Heard::Off(words("bus off"));
+    let error = refused(vec![errors(), off(), errors()]).await;
+    assert!(matches!(error, CanError::Off { .. }), "{error}");
+    assert!(error.remedy().contains("restart-ms"), "{}", error.remedy());
+    let error = refused(vec![off(), Heard::Down(words("network is down"))]).await;
+    assert!(matches!(error, CanError::Down { .. }), "{error}");
+    // It was restarted, or set up again, since.
+    let error = refused(vec![errors(), off(), Heard::Lost(1)]).await;
+    assert!(matches!(error, CanError::Trouble { .. }), "{error}");
+    let error = refused(vec![errors(), Heard::Down(words("gone")), off(), Heard::Up]).await;
+    assert!(matches!(error, CanError::Trouble { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn frames_of_others_alone_are_named() {
+    let other = |raw| Heard::Other(id(raw));
+    let error = refused(vec![Heard::Trouble(words("bus error")), other(0x182), other(7)]).await;
+    assert_eq!(error.to_string(), "no frame 123 came on `can0`, but those of others did: 182, 007");
+    assert!(error.remedy().contains("compare `id`"), "{}", error.remedy());
+}
+
+#[tokio::test]
+async fn a_counter_that_always_says_the_same_is_named() {
+    let (mut driver, say) = driver(COUNTED, 30.0);
+    tokio::spawn(async move {
+        loop {
+            // A full channel waits for its reader.
+            if say.send(frame(9)).await.is_err() {
+                return;
+            }
+            tokio::task::yield_now().await;
+        }
+    });
+    let error = driver.prepare().await.unwrap_err();
+    assert!(matches!(error, SensorError::Stands), "{error}");
+}
+
+async fn samples(counter: &str, said: Vec<Heard>, count: usize) -> Vec<(Flag, u32)> {
+    let (mut driver, say) = driver(counter, 30.0);
+    driver.forget().await.unwrap();
+    for heard in said {
+        say.send(heard).await.unwrap();
+    }
+    let mut samples = Vec::new();
+    for _ in 0..count {
+        let Sample { flag, missing, .. } = driver.next().await.unwrap();
+        samples.push((flag, missing));
+    }
+    samples
+}
+
+/// What goes wrong on the way: at once a sample that says so, and a gap once it is mended.
+#[tokio::test]
+async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
+    let said = || {
+        vec![
+            frame(1),
+            Heard::Trouble(words("bus error")),
+            frame(2),
+            Heard::Off(words("bus off")),
+            Heard::Lost(1),
+            frame(7),
+            frame(8),
+        ]
+    };
+    let (well, stale) = ((Flag::None, 0), (Flag::Stale, 0));
+    assert_eq!(samples(COUNTED, said(), 5).await, [well, well, stale, (Flag::Gap, 4), well]);
+    // Without a counter nobody knows how many.
+    assert_eq!(samples("", said(), 5).await, [well, well, stale, (Flag::Gap, 0), well]);
+}

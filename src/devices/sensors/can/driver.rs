@@ -1,0 +1,166 @@
+//! One sample after the other from the frames of one identifier.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::Config;
+use super::bus::Bus;
+use crate::sensors::follow::Counting;
+use crate::sensors::layout::Layout;
+use crate::sensors::{Driver as Seam, Prepared, Sample, SensorError};
+use link::Clock;
+use link::can::{Can, Frame, Heard, Id};
+use machine::record::reading::Flag;
+
+/// How many samples, and how long, are enough to know its rate.
+const ENOUGH: usize = 50;
+const LISTEN_S: f64 = 0.5;
+/// A sensor that is switched on says something within this.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+pub(super) struct Driver {
+    can: Can,
+    id: Id,
+    layout: Layout,
+    range_mm: [f64; 2],
+    timeout: Duration,
+    clock: Arc<dyn Clock>,
+    counting: Counting,
+    /// What was received before is not wanted.
+    since_s: f64,
+    bus: Bus,
+    _served: Option<Arc<()>>,
+}
+
+impl Driver {
+    pub(super) fn new(
+        config: &Config,
+        can: Can,
+        range_mm: [f64; 2],
+        clock: Arc<dyn Clock>,
+    ) -> Self {
+        let Config { id, layout, timeout, .. } = config.clone();
+        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        let since_s = f64::NEG_INFINITY;
+        let (bus, _served) = (Bus::default(), None);
+        Self { can, id, layout, range_mm, timeout, clock, counting, since_s, bus, _served }
+    }
+
+    /// Keeps what serves it.
+    pub(super) fn beside(self, served: Option<Arc<()>>) -> Self {
+        Self { _served: served, ..self }
+    }
+
+    fn read(&mut self, frame: &Frame) -> Result<Sample, SensorError> {
+        let decoded = self.layout.decode(frame.data()).map_err(|short| SensorError::Strange {
+            text: format!("{short} (id {} on {})", self.id, self.can.name()),
+            remedy:
+                "compare `id`, `length` and the layout of [sensor.can] with the sensor's manual"
+                    .to_owned(),
+        })?;
+        Ok(self.counting.follow(frame.t_s, decoded.within(self.range_mm)))
+    }
+
+    fn nothing(&self) -> Sample {
+        Sample { t_s: self.clock.now_s(), value_mm: None, flag: Flag::Stale, missing: 0 }
+    }
+
+    /// The first sign of life. A bus with errors alone is never silent, so that patience has an end.
+    async fn first(&mut self) -> Result<Sample, SensorError> {
+        let wait = self.timeout.max(PATIENCE);
+        let deadline = Instant::now() + wait;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.can.next(left).await? {
+                Some(Heard::Frame(frame)) => {
+                    self.bus.speaks();
+                    return self.read(&frame);
+                }
+                Some(other) if !left.is_zero() => self.bus.hears(other),
+                _ => break,
+            }
+        }
+        let ails = self.bus.ails(self.can.name(), self.id);
+        Err(ails.map_or(SensorError::Silent { seconds: wait.as_secs_f64() }, SensorError::from))
+    }
+
+    /// Samples until they are enough to know their rate; how many, and how long they took, s.
+    async fn listen(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
+        let (mut last, mut steps, mut stood) = (first.t_s, 0, 0);
+        while steps < ENOUGH && stood < ENOUGH && last - first.t_s < LISTEN_S {
+            let Sample { t_s, flag, missing, .. } = self.next().await?;
+            if self.counting.stands() {
+                stood += 1;
+            } else if flag == Flag::Stale {
+                break;
+            } else {
+                (last, steps) = (t_s, steps + 1 + missing as usize);
+            }
+        }
+        if steps == 0 && stood > 0 {
+            return Err(SensorError::Stands);
+        }
+        Ok((steps, last - first.t_s))
+    }
+}
+
+impl Seam for Driver {
+    async fn prepare(&mut self) -> Result<Prepared, SensorError> {
+        self.forget().await?;
+        let first = self.first().await?;
+        let (steps, span_s) = self.listen(first).await?;
+        if span_s <= 0.0 {
+            let ails = self.bus.ails(self.can.name(), self.id).map(SensorError::from);
+            let seconds = self.timeout.as_secs_f64();
+            return Err(ails.unwrap_or(SensorError::Silent { seconds }));
+        }
+        let identity = format!("frames {} on {}", self.id, self.can.name());
+        Ok(Prepared { identity, rate_hz: steps as f64 / span_s })
+    }
+
+    fn passed_over(&self) -> u64 {
+        self.counting.passed_over()
+    }
+
+    async fn forget(&mut self) -> Result<(), SensorError> {
+        if !self.can.is_on_demand() {
+            // The kernel may still hold some of what came before.
+            self.since_s = self.clock.now_s();
+            while let Some(heard) = self.can.waiting()? {
+                self.bus.hears(heard);
+            }
+        }
+        self.counting.forget();
+        Ok(())
+    }
+
+    async fn next(&mut self) -> Result<Sample, SensorError> {
+        let deadline = Instant::now() + self.timeout;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.can.next(left).await? {
+                None => return Ok(self.nothing()),
+                Some(Heard::Frame(frame)) if frame.t_s < self.since_s => {}
+                Some(Heard::Frame(frame)) => {
+                    self.bus.speaks();
+                    return self.read(&frame);
+                }
+                Some(heard @ (Heard::Down(_) | Heard::Off(_))) => {
+                    self.bus.hears(heard);
+                    self.counting.interrupted();
+                    return Ok(self.nothing());
+                }
+                Some(heard @ (Heard::Up | Heard::Lost(_))) => {
+                    self.bus.hears(heard);
+                    self.counting.interrupted();
+                }
+                // What a controller could not read is sent once more; the counter tells the rest.
+                Some(heard) => self.bus.hears(heard),
+            }
+        }
+    }
+
+    fn on_demand(&self) -> bool {
+        self.can.is_on_demand()
+    }
+}

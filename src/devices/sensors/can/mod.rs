@@ -1,0 +1,11 @@
+//! Displacement sensors that send frames on a CAN bus.
+
+mod bus;
+#[cfg(test)]
+mod bus_tests;
+mod config;
+mod driver;
+#[cfg(test)]
+mod tests;
+
+pub use config::Config;

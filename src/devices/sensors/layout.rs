@@ -1,0 +1,291 @@
+//! What a sensor's frame holds, as the machine file tells it: the value, what it says of itself, a
+//! counter. Common to whatever sends frames.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::field::{Field, Order};
+use machine::record::reading::Flag;
+
+/// `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValueKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Order>,
+    #[serde(default)]
+    signed: bool,
+    /// mm of one count; negative where the sensor counts the other way.
+    scale_mm: f64,
+    #[serde(default)]
+    offset_mm: f64,
+    /// Numbers that are no values.
+    #[serde(default)]
+    codes: Vec<CodeKeys>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CodeKeys {
+    is: i64,
+    means: Means,
+}
+
+/// `[sensor.….counter]`: one more with each sample, and round again.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CounterKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Order>,
+}
+
+/// `[[sensor.….status]]`: bits that say something, if they hold `is` (absent: anything but zero).
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StatusKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    #[serde(default = "one")]
+    width: u16,
+    order: Option<Order>,
+    is: Option<i64>,
+    means: Means,
+}
+
+fn one() -> u16 {
+    1
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Means {
+    /// Nothing comes back from a surface.
+    NoEcho,
+    Range,
+    Saturated,
+    /// The value is one that came before.
+    Stale,
+}
+
+impl ValueKeys {
+    fn place(&self) -> Field {
+        let Self { byte, bit, width, signed, .. } = *self;
+        Field { byte, bit, width, order: Order::Little, signed }
+    }
+}
+
+impl CounterKeys {
+    fn place(&self) -> Field {
+        let Self { byte, bit, width, .. } = *self;
+        Field { byte, bit, width, order: Order::Little, signed: false }
+    }
+}
+
+impl StatusKeys {
+    fn place(&self) -> Field {
+        let Self { byte, bit, width, .. } = *self;
+        Field { byte, bit, width, order: Order::Little, signed: false }
+    }
+}
+
+impl Means {
+    pub fn flag(self) -> Flag {
+        match self {
+            Self::NoEcho | Self::Range => Flag::Range,
+            Self::Saturated => Flag::Saturated,
+            Self::Stale => Flag::Stale,
+        }
+    }
+}
+
+/// A layout that was found sound.
+#[derive(Debug, Clone)]
+pub struct Layout {
+    value: Field,
+    scale_mm: f64,
+    offset_mm: f64,
+    codes: Vec<(i128, Flag)>,
+    counter: Option<Field>,
+    status: Vec<(Field, Option<i128>, Flag)>,
+    /// Bytes that a frame must have.
+    needs: usize,
+}
+
+/// What a frame says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decoded {
+    /// mm, or why there is none.
+    pub value: Result<f64, Flag>,
+    pub counter: Option<u64>,
+}
+
+impl Decoded {
+    /// A value beyond the sensor's range means nothing.
+    pub fn within(self, [least, greatest]: [f64; 2]) -> Self {
+        let value = self.value.and_then(|mm| {
+            if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(Flag::Range) }
+        });
+        Self { value, ..self }
+    }
+}
+
+/// Counters: far more than any sensor has.
+const WIDEST_COUNTER: u16 = 32;
+
+impl Layout {
+    /// Of frames of `length` bytes; `order` is for numbers that have none of their own.
+    ///
+    /// # Errors
+    /// In words, with the keys.
+    pub fn new(
+        value: ValueKeys,
+        counter: Option<CounterKeys>,
+        status: Vec<StatusKeys>,
+        order: Option<Order>,
+        length: usize,
+    ) -> Result<Self, String> {
+        let place = placed("value", value.place(), value.order.or(order))?;
+        let codes = codes(&value, place)?;
+        let counter = match counter {
+            Some(keys) => Some(placed("counter", keys.place(), keys.order.or(order))?),
+            None => None,
+        };
+        if let Some(field) = counter.filter(|counter| counter.width > WIDEST_COUNTER) {
+            return Err(format!("`counter.width` is {}; {WIDEST_COUNTER} at most", field.width));
+        }
+        let mut says: Vec<(Field, Option<i128>, Flag)> = Vec::new();
+        for (name, keys) in status_names().zip(&status) {
+            let field = placed(&name, keys.place(), keys.order.or(order))?;
+            let is = keys.is.map(|is| possible(&name, is, field)).transpose()?;
+            // Several words may stand in the same bits, each with a number of its own.
+            let same = says.iter().position(|(other, said, _)| {
+                *other == field && said.is_none_or(|said| Some(said) == is)
+            });
+            if let Some(other) = same {
+                return Err(format!(
+                    "`status {}` and `{name}` hold at once: they stand in the same bits; give each an \
+                     `is` of its own, the one without behind the others",
+                    other + 1
+                ));
+            }
+            says.push((field, is, keys.means.flag()));
+        }
+        let named = [("value".to_owned(), place)].into_iter();
+        let named = named.chain(counter.map(|counter| ("counter".to_owned(), counter)));
+        let first =
+            |at: usize, place: Field| !says.iter().take(at).any(|(other, ..)| *other == place);
+        let words = status_names().zip(says.iter().map(|(field, ..)| *field)).enumerate();
+        let words = words.filter(|(at, (_, field))| first(*at, *field)).map(|(_, named)| named);
+        let needs = apart(named.chain(words), length)?;
+        let ValueKeys { scale_mm, offset_mm, .. } = value;
+        Ok(Self { value: place, scale_mm, offset_mm, codes, counter, status: says, needs })
+    }
+
+    /// Bits of the counter, if it has one.
+    pub fn counter_width(&self) -> Option<u16> {
+        self.counter.map(|counter| counter.width)
+    }
+
+    /// # Errors
+    /// A frame that is too short for it.
+    pub fn decode(&self, frame: &[u8]) -> Result<Decoded, Short> {
+        let short = Short { needs: self.needs, came: frame.len() };
+        let number = self.value.of(frame).ok_or(short)?;
+        let mut flag = None;
+        for (field, is, means) in &self.status {
+            let found = field.of(frame).ok_or(short)?;
+            if is.map_or(found != 0, |is| found == is) {
+                flag = flag.or(Some(*means));
+            }
+        }
+        let code = self.codes.iter().find(|(is, _)| *is == number).map(|(_, means)| *means);
+        let counter = match self.counter {
+            Some(field) => Some(field.of(frame).ok_or(short)? as u64),
+            None => None,
+        };
+        let value = match flag.or(code) {
+            Some(flag) => Err(flag),
+            None => Ok(self.offset_mm + self.scale_mm * number as f64),
+        };
+        Ok(Decoded { value, counter })
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a frame of {came} bytes came where the layout needs {needs}")]
+pub struct Short {
+    pub needs: usize,
+    pub came: usize,
+}
+
+fn codes(value: &ValueKeys, place: Field) -> Result<Vec<(i128, Flag)>, String> {
+    if value.scale_mm == 0.0 || !value.scale_mm.is_finite() {
+        return Err(format!(
+            "`value.scale_mm` is {}: every reading would be the same; it is the mm of one count, e.g. \
+             0.001",
+            value.scale_mm
+        ));
+    }
+    if !value.offset_mm.is_finite() {
+        return Err("`value.offset_mm` must be a finite number".to_owned());
+    }
+    let code = |code: &CodeKeys| Ok((possible("value", code.is, place)?, code.means.flag()));
+    value.codes.iter().map(code).collect()
+}
+
+fn possible(name: &str, is: i64, place: Field) -> Result<i128, String> {
+    let (least, greatest) = place.range();
+    if (least..=greatest).contains(&i128::from(is)) {
+        return Ok(i128::from(is));
+    }
+    let width = place.width;
+    Err(format!("`{name}` can never be {is}: {width} bits hold {least} to {greatest}"))
+}
+
+fn status_names() -> impl Iterator<Item = String> {
+    (1..).map(|number: u32| format!("status {number}"))
+}
+
+fn placed(name: &str, place: Field, order: Option<Order>) -> Result<Field, String> {
+    place.check(name)?;
+    match order {
+        Some(order) => Ok(Field { order, ..place }),
+        // Within one byte both are the same.
+        None if place.bit + place.width <= 8 => Ok(place),
+        None => Err(format!("`{name}` needs an `order`: `little` or `big`")),
+    }
+}
+
+/// No bit twice and none beyond `length`; the bytes that are needed.
+fn apart(named: impl Iterator<Item = (String, Field)>, length: usize) -> Result<usize, String> {
+    let mut taken = BTreeMap::new();
+    let mut needs = 0;
+    for (name, field) in named {
+        let end = field.end();
+        if end > length {
+            return Err(format!(
+                "`{name}` reaches into byte {}; the frame has {length}, 0 to {}",
+                end - 1,
+                length.saturating_sub(1)
+            ));
+        }
+        needs = needs.max(end);
+        for (byte, bit) in field.bits() {
+            if let Some(other) = taken.insert((byte, bit), name.clone()) {
+                return Err(format!(
+                    "`{other}` and `{name}` overlap at byte {byte}, bit {bit}: compare both with the \
+                     sensor's manual"
+                ));
+            }
+        }
+    }
+    Ok(needs)
+}

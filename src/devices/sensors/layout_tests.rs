@@ -1,0 +1,158 @@
+//! Layouts as they stand in a file, frames written by hand.
+
+use serde::Deserialize;
+
+use super::Sample;
+use super::field::Order;
+use super::follow::Counting;
+use super::layout::{CounterKeys, Layout, Short, StatusKeys, ValueKeys};
+use machine::record::reading::Flag;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    order: Option<Order>,
+    value: ValueKeys,
+    counter: Option<CounterKeys>,
+    #[serde(default)]
+    status: Vec<StatusKeys>,
+}
+
+fn layout(text: &str) -> Result<Layout, String> {
+    let keys: Keys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+    Layout::new(keys.value, keys.counter, keys.status, keys.order, 8)
+}
+
+struct Follower(Layout, Counting);
+
+impl Follower {
+    fn new(layout: Layout) -> Self {
+        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        Self(layout, counting)
+    }
+
+    fn sample(&mut self, t_s: f64, frame: &[u8]) -> Result<Sample, Short> {
+        Ok(self.1.follow(t_s, self.0.decode(frame)?))
+    }
+}
+
+const WHOLE: &str = r#"
+order = "little"
+value = { byte = 0, width = 24, signed = true, scale_mm = 1e-5, codes = [{ is = 8388607, means = "range" }] }
+counter = { byte = 3, width = 8 }
+[[status]]
+byte = 4
+bit = 0
+means = "no-echo"
+[[status]]
+byte = 4
+bit = 4
+width = 4
+is = 9
+means = "saturated"
+[[status]]
+byte = 4
+bit = 4
+width = 4
+is = 10
+means = "stale"
+"#;
+
+fn sample(value_mm: Option<f64>, flag: Flag, missing: u32) -> Sample {
+    Sample { t_s: 1.0, value_mm, flag, missing }
+}
+
+#[test]
+fn frames_written_by_hand_are_read() {
+    let mut follower = Follower::new(layout(WHOLE).unwrap());
+    let mut read = |frame: &[u8]| follower.sample(1.0, frame).unwrap();
+    // The most negative of 24 bits: -8388608 counts of 10 nm.
+    assert_eq!(read(&[0, 0, 0x80, 7, 0]), sample(Some(-83.88608), Flag::None, 0));
+    assert_eq!(read(&[0xFE, 0xFF, 0x7F, 8, 0]), sample(Some(83.88606), Flag::None, 0));
+    assert_eq!(read(&[0xFF, 0xFF, 0xFF, 9, 0]), sample(Some(-1e-5), Flag::None, 0));
+    // The code that says that there is no value, though it could be one.
+    assert_eq!(read(&[0xFF, 0xFF, 0x7F, 10, 0]), sample(None, Flag::Range, 0));
+    assert_eq!(read(&[0, 0, 0, 11, 1]), sample(None, Flag::Range, 0));
+    assert_eq!(read(&[0, 0, 0, 12, 0x90]), sample(None, Flag::Saturated, 0));
+    assert_eq!(read(&[0, 0, 0, 13, 0xA0]), sample(None, Flag::Stale, 0));
+    assert_eq!(read(&[0, 0, 0, 14, 0xB0]), sample(Some(0.0), Flag::None, 0));
+    let short = follower.sample(1.0, &[0, 0, 0, 15]).unwrap_err();
+    assert_eq!(short.to_string(), "a frame of 4 bytes came where the layout needs 5");
+}
+
+#[test]
+fn the_counter_tells_what_is_missing_and_what_came_before() {
+    let mut follower = Follower::new(layout(WHOLE).unwrap());
+    let mut read = |count: u8| follower.sample(1.0, &[1, 0, 0, count, 0]).unwrap();
+    let one = Some(1e-5);
+    assert_eq!(read(254), sample(one, Flag::None, 0));
+    assert_eq!(read(255), sample(one, Flag::None, 0));
+    assert_eq!(read(0), sample(one, Flag::None, 0), "round again");
+    assert_eq!(read(3), sample(one, Flag::Gap, 2));
+    assert_eq!(read(3), sample(None, Flag::Stale, 0));
+    assert_eq!(read(3), sample(None, Flag::Stale, 0));
+    assert_eq!(read(4), sample(one, Flag::None, 0));
+    assert_eq!(read(3), sample(one, Flag::Gap, 254), "all but one round");
+    follower.1.interrupted();
+    assert_eq!(follower.sample(1.0, &[1, 0, 0, 3, 0]).unwrap(), sample(one, Flag::Gap, 0));
+    follower.1.forget();
+    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(one, Flag::None, 0));
+    follower.1.forget();
+    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(None, Flag::Stale, 0));
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_its_key() {
+    let base = "order = \"big\"\n";
+    let refused = [
+        ("value = { byte = 0, width = 0, scale_mm = 1.0 }", "`value.width` is 0"),
+        ("value = { byte = 0, width = 65, scale_mm = 1.0 }", "`value.width` is 65"),
+        ("value = { byte = 0, width = 1, signed = true, scale_mm = 1.0 }", "a signed number has 2"),
+        ("value = { byte = 0, bit = 8, width = 8, scale_mm = 1.0 }", "`value.bit` is 8"),
+        ("value = { byte = 0, width = 16, scale_mm = 0.0 }", "`value.scale_mm` is 0"),
+        ("value = { byte = 6, width = 24, scale_mm = 1.0 }", "`value` reaches into byte 8"),
+        ("value = { byte = 65535, width = 64, scale_mm = 1.0 }", "the frame has 8, 0 to 7"),
+        (
+            "value = { byte = 0, width = 65535, bit = 65535, scale_mm = 1.0 }",
+            "`value.width` is 65535",
+        ),
+        (
+            "value = { byte = 0, width = 24, scale_mm = 1.0 }\ncounter = { byte = 2, width = 8 }",
+            "`value` and `counter` overlap at byte 2, bit 0",
+        ),
+        (
+            "value = { byte = 0, width = 12, scale_mm = 1.0 }\n[[status]]\nbyte = 0\nbit = 3\nmeans = \"range\"",
+            "`value` and `status 1` overlap at byte 0, bit 3",
+        ),
+        (
+            "value = { byte = 0, width = 8, scale_mm = 1.0 }\n[[status]]\nbyte = 1\nmeans = \"range\"\n\
+             [[status]]\nbyte = 1\nis = 1\nmeans = \"stale\"",
+            "`status 1` and `status 2` hold at once",
+        ),
+        (
+            "value = { byte = 0, width = 8, scale_mm = 1.0 }\n[[status]]\nbyte = 1\nis = 1\n\
+             means = \"range\"\n[[status]]\nbyte = 1\nis = 1\nmeans = \"stale\"",
+            "`status 1` and `status 2` hold at once",
+        ),
+        (
+            "value = { byte = 0, width = 8, scale_mm = 1.0 }\ncounter = { byte = 1, width = 33 }",
+            "`counter.width` is 33",
+        ),
+        (
+            "value = { byte = 0, width = 8, scale_mm = 1.0, codes = [{ is = 256, means = \"range\" }] }",
+            "`value` can never be 256: 8 bits hold 0 to 255",
+        ),
+        (
+            "value = { byte = \"first\", width = 8, scale_mm = 1.0 }",
+            "invalid type: string \"first\"",
+        ),
+        ("value = { byte = 0, width = 8, scale = 1.0 }", "unknown field `scale`"),
+    ];
+    for (keys, why) in refused {
+        let error = layout(&format!("{base}{keys}")).unwrap_err();
+        assert!(error.contains(why), "{keys}: {error}");
+    }
+    let error = layout("value = { byte = 0, width = 16, scale_mm = 1.0 }").unwrap_err();
+    assert_eq!(error, "`value` needs an `order`: `little` or `big`");
+    layout("value = { byte = 0, width = 8, scale_mm = 1.0 }").unwrap();
+}

@@ -1,0 +1,100 @@
+//! `[sensor.modbus]`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::Registers;
+use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
+use crate::sensors::{Named, Opening, Sensor};
+use link::Clock;
+use link::HostPort;
+use link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
+use machine::record::sensor;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    parity: Option<Parity>,
+    tcp: Option<HostPort>,
+    framing: Option<Framing>,
+    unit: Option<u8>,
+    #[serde(default = "timeout_s")]
+    timeout_s: f64,
+    /// At most so often it is read.
+    #[serde(default = "rate_hz")]
+    rate_hz: f64,
+    #[serde(default = "input")]
+    space: Space,
+    value: ValueKeys,
+    counter: Option<CounterKeys>,
+    #[serde(default)]
+    status: Vec<StatusKeys>,
+}
+
+fn timeout_s() -> f64 {
+    0.5
+}
+
+fn rate_hz() -> f64 {
+    50.0
+}
+
+fn input() -> Space {
+    Space::Input
+}
+
+/// How a sensor behind registers is reached and understood.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    pub(super) device: Device,
+    /// Between two reads.
+    pub(super) pace: Duration,
+    pub(super) map: Map,
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
+        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = Device::try_from(device)?;
+        if !(0.001..=1e4).contains(&keys.rate_hz) {
+            return Err(format!("`rate_hz` is {}; it lies between 0.001 and 10000", keys.rate_hz));
+        }
+        if !matches!(keys.space, Space::Input | Space::Holding) {
+            return Err("`space` is `input` or `holding`: a bit holds no distance".to_owned());
+        }
+        let pace = Duration::from_secs_f64(1.0 / keys.rate_hz);
+        let map = Map::new(keys.space, keys.value, keys.counter, keys.status)?;
+        Ok(Self { device, pace, map })
+    }
+}
+
+impl Config {
+    /// What the link is held to: these registers, and no writing.
+    pub(super) fn settings(&self) -> Settings {
+        let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
+        Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        self.device.in_full()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let driver = Registers::open(self.clone(), sensor, clock, None).await?;
+            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+        })
+    }
+}

@@ -1,0 +1,135 @@
+//! The driver against a simulated sensor, and maps that cannot be.
+
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::Registers;
+use super::config::Config;
+use crate::sensors::Driver;
+use link::clock::HostClock;
+use machine::record::reading::Flag;
+use machine::record::sensor::Sensor;
+use simulator::Sensed;
+use simulator::sensors::modbus::{Measures, serve_on_tcp};
+
+const MAP: &str = r#"
+[value]
+register = 10
+type = "i32"
+scale_mm = 0.001
+codes = [{ is = -2147483648, means = "no-echo" }]
+[counter]
+register = 12
+type = "u16"
+[[status]]
+register = 9
+bit = 2
+width = 2
+is = 3
+means = "saturated"
+[[status]]
+register = 9
+bit = 15
+means = "stale"
+"#;
+
+fn refused(text: &str) -> String {
+    toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+}
+
+fn sensor() -> Sensor {
+    serde_json::from_value(json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
+    }))
+    .unwrap()
+}
+
+#[test]
+fn registers_are_read_as_the_map_says() {
+    let config: Config = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{MAP}")).unwrap();
+    let map = &config.map;
+    assert_eq!((map.span.first, map.span.last), (9, 12));
+    let read = |words: [u16; 4]| {
+        let said = map.read(&words).unwrap();
+        (said.value, said.counter)
+    };
+    assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
+    // -1500 = FFFF FA24.
+    assert_eq!(read([8, 0xFFFF, 0xFA24, 65_535]), (Ok(-1.5), Some(65_535)));
+    assert_eq!(read([12, 0, 2000, 8]), (Err(Flag::Saturated), Some(8)));
+    assert_eq!(read([0x8000, 0, 2000, 8]), (Err(Flag::Stale), Some(8)));
+    assert_eq!(read([0, 0x8000, 0, 8]), (Err(Flag::Range), Some(8)));
+    assert_eq!(map.round(), Some(65_536));
+    // Nothing else may be reached, and nothing written.
+    let allowed = config.settings().allowed;
+    assert_eq!((allowed.read, allowed.write), (vec![map.span], vec![]));
+
+    let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
+    let nan = [0x7FC0, 0];
+    let map = |keys: &str| toml::from_str::<Config>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
+    assert_eq!(map(float).read(&nan).unwrap().value, Err(Flag::Range));
+    assert!(map(&float.replace(", nan = \"no-echo\"", "")).read(&nan).is_err());
+}
+
+#[test]
+fn maps_that_cannot_be_are_refused_in_words() {
+    let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
+    assert!(
+        map("register = 12", "register = 11")
+            .contains("`value` and `counter` overlap at register 11")
+    );
+    assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
+    assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("every reading would be the same"));
+    assert!(map("scale_mm = 0.001", "scale_mm = \"0.001\"").contains("invalid type"));
+    assert!(map("register = 12", "register = 300").contains("too many for one request"));
+    assert!(
+        map("register = 12\ntype = \"u16\"", "register = 12\ntype = \"f32\"")
+            .contains("whole number")
+    );
+    assert!(map("is = 3", "is = 4").contains("can never be 4"));
+    assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
+    assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("two words hold at once"));
+    let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
+    assert!(toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
+    assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
+    assert!(
+        map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("belongs to `f32`")
+    );
+    assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit holds no distance"));
+    assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
+}
+
+/// The newest value alone: whether it stands shows in its noise, if that is declared.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_show() {
+    let prepared = async |noise_um: Option<f64>, step: f64| {
+        let mut place = 0.0;
+        let sense = move || {
+            place += step;
+            Sensed::Distance(place % 1.0)
+        };
+        let (at, _) = serve_on_tcp(Measures::AtItsRate, Box::new(sense), 100.0).unwrap();
+        let value =
+            "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
+        let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
+        let config = toml::from_str::<Config>(&config).unwrap();
+        let sensor = Sensor { noise_um, ..sensor() };
+        let clock = Arc::new(HostClock::start());
+        let mut registers = Registers::open(config, &sensor, clock, None).await.unwrap();
+        registers
+            .prepare()
+            .await
+            .map(|prepared| prepared.identity)
+            .map_err(|error| error.to_string())
+    };
+    let stands = prepared(Some(0.5), 0.0).await.unwrap_err();
+    assert!(stands.contains("value is always the same"), "{stands}");
+    let lives = prepared(Some(0.5), 0.013).await.unwrap();
+    assert!(lives.contains("seen by its noise alone"), "{lives}");
+    // Coarser than its noise, or of unknown noise: nobody can know, and it is said.
+    for noise_um in [None, Some(0.01)] {
+        let unseen = prepared(noise_um, 0.0).await.unwrap();
+        assert!(unseen.contains("should its value stand, nobody sees it"), "{unseen}");
+    }
+}

@@ -1,0 +1,109 @@
+//! `[sensor.serial]`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::form::Form;
+use super::{Serial, frame, line};
+use crate::sensors::{Named, Opening, Sensor};
+use link::Clock;
+use link::HostPort;
+use machine::record::sensor;
+
+const USUAL_BAUD: u32 = 115_200;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    serial: Option<PathBuf>,
+    serial_id: Option<String>,
+    baud: Option<u32>,
+    tcp: Option<HostPort>,
+    #[serde(default = "timeout_s")]
+    timeout_s: f64,
+    /// What makes it say one sample; absent: it sends by itself.
+    request: Option<String>,
+    /// At most so often it is asked; absent: as fast as it answers.
+    rate_hz: Option<f64>,
+    line: Option<line::Keys>,
+    frame: Option<frame::Keys>,
+}
+
+fn timeout_s() -> f64 {
+    0.5
+}
+
+/// How a sensor on a serial line is reached and understood.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Config {
+    pub(super) at: link::Named,
+    /// How long it may say nothing.
+    pub(super) timeout: Duration,
+    pub(super) request: Option<Vec<u8>>,
+    /// Between two requests.
+    pub(super) pace: Duration,
+    pub(super) form: Form,
+}
+
+impl TryFrom<Keys> for Config {
+    type Error = String;
+
+    fn try_from(keys: Keys) -> Result<Self, String> {
+        let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
+        let timeout = link::timeout(keys.timeout_s)?;
+        if keys.request.as_ref().is_some_and(String::is_empty) {
+            return Err(
+                "`request` is empty; leave it out where the sensor sends by itself".to_owned()
+            );
+        }
+        if keys.rate_hz.is_some() && keys.request.is_none() {
+            return Err(
+                "`rate_hz` belongs to `request`: a sensor that sends by itself has its own rate"
+                    .to_owned(),
+            );
+        }
+        let pace = match keys.rate_hz {
+            Some(hz) if (0.001..=1e5).contains(&hz) => Duration::from_secs_f64(1.0 / hz),
+            Some(hz) => return Err(format!("`rate_hz` is {hz}; it lies between 0.001 and 100000")),
+            None => Duration::ZERO,
+        };
+        let form = match (keys.line, keys.frame) {
+            (Some(line), None) => Form::Line(line.try_into()?),
+            (None, Some(frame)) => Form::Frame(frame.try_into()?),
+            _ => {
+                return Err("needs exactly one of [sensor.serial.line] (text) and \
+                            [sensor.serial.frame] (bytes): what the sensor says"
+                    .to_owned());
+            }
+        };
+        let request = keys.request.map(String::into_bytes);
+        Ok(Self { at, timeout, request, pace, form })
+    }
+}
+
+impl Config {
+    /// The speed that is set, where there is one.
+    pub(super) fn baud(&self) -> Option<u32> {
+        match self.at {
+            link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => Some(baud),
+            link::Named::Tcp(_) => None,
+        }
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        self.at.in_full()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let driver = Serial::open(self.clone(), sensor, clock).await?;
+            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+        })
+    }
+}

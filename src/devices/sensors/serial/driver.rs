@@ -1,0 +1,267 @@
+//! One sample after the other from what comes on a serial line.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use tokio::time::{Duration, Instant, sleep_until};
+
+use super::Config;
+use super::cut::{Cutter, Piece};
+use super::suspect::Heard;
+use crate::sensors::follow::Counting;
+use crate::sensors::layout::Decoded;
+use crate::sensors::{Driver, MOST_SILENT, Prepared, Sample, SensorError};
+use link::Clock;
+use link::{Came, Flow};
+use machine::record::reading::Flag;
+use machine::record::sensor;
+
+/// How long it is listened to before it is called ready, and how many samples are enough.
+const LISTEN: Duration = Duration::from_millis(500);
+const ENOUGH: usize = 50;
+
+/// What came, in its order.
+enum Ready {
+    Said(Instant, Decoded),
+    /// Something that could not be understood.
+    Broken,
+}
+
+pub struct Serial {
+    config: Config,
+    range_mm: [f64; 2],
+    clock: Arc<dyn Clock>,
+    flow: Option<Flow>,
+    cutter: Cutter,
+    counting: Counting,
+    /// Understood, and not yet taken.
+    ready: VecDeque<Ready>,
+    heard: Heard,
+    /// Samples a second of a sensor whose time stands still while nobody asks it.
+    simulated_hz: Option<f64>,
+    /// No request goes out before.
+    next_request: Instant,
+    /// An answer that did not come in time may still come.
+    owed: bool,
+}
+
+impl Serial {
+    /// Open where `config` says.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub async fn open(
+        config: Config,
+        sensor: &sensor::Sensor,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Self, SensorError> {
+        let mut serial = Self::new(config, sensor, clock);
+        serial.reopen().await?;
+        Ok(serial)
+    }
+
+    /// Over a stream inside this process, to a sensor whose time stands still while it is not asked.
+    pub fn over(
+        flow: Flow,
+        config: Config,
+        sensor: &sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        rate_hz: f64,
+    ) -> Self {
+        let serial = Self::new(config, sensor, clock);
+        Self { flow: Some(flow), simulated_hz: Some(rate_hz), ..serial }
+    }
+
+    fn new(config: Config, sensor: &sensor::Sensor, clock: Arc<dyn Clock>) -> Self {
+        Self {
+            range_mm: sensor.range_mm,
+            clock,
+            flow: None,
+            cutter: Cutter::new(config.form.clone()),
+            counting: Counting::new(config.form.round()),
+            ready: VecDeque::new(),
+            heard: Heard::default(),
+            simulated_hz: None,
+            next_request: Instant::now(),
+            owed: false,
+            config,
+        }
+    }
+
+    async fn reopen(&mut self) -> Result<(), SensorError> {
+        self.flow = None;
+        let address = self.config.at.address()?;
+        self.flow = Some(link::listen(&address).await?);
+        Ok(())
+    }
+
+    fn flow(&mut self) -> Result<&mut Flow, SensorError> {
+        self.flow.as_mut().ok_or(SensorError::Gone)
+    }
+
+    async fn forget_all(&mut self) -> Result<(), SensorError> {
+        self.ready.clear();
+        self.cutter.begin(self.config.request.is_none());
+        self.flow()?.forget().await?;
+        Ok(())
+    }
+
+    /// Send the request, if it needs one, on a line that owes nothing.
+    async fn ask(&mut self) -> Result<(), SensorError> {
+        let Some(request) = self.config.request.clone() else { return Ok(()) };
+        // A timer's shortest wait is a millisecond.
+        if Instant::now() < self.next_request {
+            sleep_until(self.next_request).await;
+        }
+        if std::mem::take(&mut self.owed) {
+            self.fall_quiet().await?;
+        }
+        self.next_request = Instant::now() + self.config.pace;
+        self.ready.clear();
+        self.cutter.begin(false);
+        // What came unasked is no answer.
+        let flow = self.flow()?;
+        flow.forget().await?;
+        flow.send(&request)?;
+        Ok(())
+    }
+
+    /// Wait until nothing has come for the time-out: then no late answer can be taken for the next one.
+    async fn fall_quiet(&mut self) -> Result<(), SensorError> {
+        let patience = self.config.timeout;
+        // One that never falls quiet does not answer: it sends by itself.
+        let end = Instant::now() + 10 * patience;
+        while Instant::now() < end {
+            if self.flow()?.recv_deadline(Instant::now() + patience).await?.is_none() {
+                return Ok(());
+            }
+        }
+        Err(SensorError::Strange {
+            text: "it never falls quiet, though it was to speak when asked".to_owned(),
+            remedy: "leave `request` out, or set the sensor to send on request alone".to_owned(),
+        })
+    }
+
+    /// The next piece that can be understood; `None`: not before `deadline`.
+    async fn said(&mut self, deadline: Instant) -> Result<Option<(Instant, Decoded)>, SensorError> {
+        loop {
+            match self.ready.pop_front() {
+                Some(Ready::Said(at, said)) => return Ok(Some((at, said))),
+                Some(Ready::Broken) => {
+                    self.counting.interrupted();
+                    continue;
+                }
+                None => {}
+            }
+            match self.flow()?.recv_deadline(deadline).await? {
+                None => return Ok(None),
+                Some(Came::Bytes(at, bytes)) => self.cut(at, &bytes),
+                Some(Came::Forgotten) => {
+                    self.cutter.begin(true);
+                    self.counting.interrupted();
+                }
+            }
+        }
+    }
+
+    fn cut(&mut self, at: Instant, bytes: &[u8]) {
+        self.heard.came(bytes);
+        for piece in self.cutter.push(bytes) {
+            match piece {
+                Piece::Whole { said, bytes } => {
+                    self.heard.good_bytes += bytes;
+                    self.ready.push_back(Ready::Said(at, said));
+                }
+                Piece::Spoilt(bytes) => {
+                    self.heard.spoilt(&bytes);
+                    // A counter knows better.
+                    if self.config.form.round().is_none() {
+                        self.ready.push_back(Ready::Broken);
+                    }
+                }
+            }
+        }
+    }
+
+    fn time_of(&self, at: Instant) -> f64 {
+        let ago = if self.on_demand() { Duration::ZERO } else { at.elapsed() };
+        self.clock.now_s() - ago.as_secs_f64()
+    }
+
+    /// How many samples were understood, and the times of the first and the last.
+    async fn listen(&mut self) -> Result<(usize, Duration), SensorError> {
+        self.heard = Heard::default();
+        let begun = Instant::now();
+        let end = begun + LISTEN.max(self.config.timeout);
+        let (mut times, mut stood) = (Vec::new(), 0);
+        while times.len() < ENOUGH && Instant::now() < end {
+            self.ask().await?;
+            let Some((at, said)) = self.said(end).await? else { break };
+            self.counting.follow(0.0, said);
+            stood += usize::from(self.counting.stands());
+            times.push(at);
+            if self.on_demand() {
+                break;
+            }
+        }
+        if stood >= MOST_SILENT as usize && stood + 1 == times.len() {
+            return Err(SensorError::Stands);
+        }
+        let span = times.first().zip(times.last()).map(|(first, last)| *last - *first);
+        Ok((times.len(), span.unwrap_or_default()))
+    }
+}
+
+impl Driver for Serial {
+    async fn prepare(&mut self) -> Result<Prepared, SensorError> {
+        let lost = self.forget_all().await.is_err();
+        if lost && !self.on_demand() {
+            self.reopen().await?;
+        }
+        self.forget_all().await?;
+        self.counting.begin();
+        let (count, span) = self.listen().await?;
+        if self.heard.bytes == 0 {
+            let seconds = LISTEN.max(self.config.timeout).as_secs_f64();
+            return Err(SensorError::Silent { seconds });
+        }
+        if count == 0 || self.heard.is_noise() {
+            return Err(self.heard.suspect(&self.config.form, self.config.baud()));
+        }
+        let measured = if span.is_zero() { 0.0 } else { (count - 1) as f64 / span.as_secs_f64() };
+        let rate_hz = self.simulated_hz.unwrap_or(measured);
+        let identity = match self.simulated_hz {
+            Some(_) => "simulated sensor on a serial line".to_owned(),
+            None => format!("serial sensor at {}", self.config.at.in_full()),
+        };
+        Ok(Prepared { identity, rate_hz })
+    }
+
+    async fn forget(&mut self) -> Result<(), SensorError> {
+        self.counting.pass();
+        self.forget_all().await
+    }
+
+    fn passed_over(&self) -> u64 {
+        self.counting.passed_over()
+    }
+
+    async fn next(&mut self) -> Result<Sample, SensorError> {
+        self.ask().await?;
+        match self.said(Instant::now() + self.config.timeout).await? {
+            Some((at, said)) => {
+                let said = said.within(self.range_mm);
+                Ok(self.counting.follow(self.time_of(at), said))
+            }
+            None => {
+                self.owed = self.config.request.is_some();
+                let t_s = self.clock.now_s();
+                Ok(Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 })
+            }
+        }
+    }
+
+    fn on_demand(&self) -> bool {
+        self.simulated_hz.is_some()
+    }
+}

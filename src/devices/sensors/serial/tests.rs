@@ -1,0 +1,300 @@
+//! The driver against bytes written out by hand.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+
+use super::config::Config;
+use super::cut::{Cutter, Piece};
+use super::driver::Serial;
+use crate::sensors::{Driver, Sample, SensorError};
+use link::clock::HostClock;
+use link::{Pty, pty_at};
+use machine::record::reading::Flag;
+use machine::record::sensor::Sensor;
+
+const LINE: &str = r#"
+[line]
+end = "\r\n"
+prefix = "D"
+separator = ";"
+value = { column = 1, scale_mm = 0.001, codes = [{ is = "----", means = "no-echo" }] }
+counter = { column = 2, round = 100 }
+status = [{ column = 3, is = "S", means = "saturated" }]
+"#;
+
+const FRAME: &str = r#"
+[frame]
+sync = [0xA5, 0x5A]
+length = 5
+order = "little"
+value = { byte = 0, width = 24, signed = true, scale_mm = 0.001 }
+counter = { byte = 3, width = 8 }
+status = [{ byte = 4, bit = 7, means = "range" }]
+checksum = { kind = "xor" }
+tail = [0x0D]
+"#;
+
+fn config(text: &str) -> Config {
+    toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap()
+}
+
+fn refused(text: &str) -> String {
+    toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+}
+
+pub fn sensor() -> Sensor {
+    serde_json::from_value(json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
+    }))
+    .unwrap()
+}
+
+fn clock() -> Arc<HostClock> {
+    Arc::new(HostClock::start())
+}
+
+/// Value or flag, and the counter.
+type Told = (Result<f64, Flag>, Option<u64>);
+
+/// What the cutter makes of `bytes`: values or flags with their counters, and `None` where something
+/// was spoilt.
+fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
+    let mut cutter = Cutter::new(config(layout).form);
+    cutter.begin(false);
+    let pieces = parts.iter().flat_map(|part| cutter.push(part)).collect::<Vec<_>>();
+    let told = |piece| match piece {
+        Piece::Whole { said, .. } => Some((said.value, said.counter)),
+        Piece::Spoilt(_) => None,
+    };
+    pieces.into_iter().map(told).collect()
+}
+
+fn mm(value: f64, count: u64) -> Option<Told> {
+    Some((Ok(value), Some(count)))
+}
+
+#[test]
+fn lines_split_anywhere_say_the_same() {
+    let bytes = b"D+2000;07;\r\n\r\nD -1500 ; 8;\r\nD----;9;\r\nD5;10;S\r\n";
+    let expected = [
+        mm(2.0, 7),
+        mm(-1.5, 8),
+        Some((Err(Flag::Range), Some(9))),
+        Some((Err(Flag::Saturated), Some(10))),
+    ];
+    for at in 0..bytes.len() {
+        assert_eq!(cut(LINE, &[&bytes[..at], &bytes[at..]]), expected, "cut at {at}");
+    }
+}
+
+#[test]
+fn what_is_no_line_of_the_layout_is_no_sample() {
+    for line in
+        ["E2000;07;", "D2000", "D2000;x;", "Dinf;7;", "D1e999;7;", "D;7;", "D20 00;7;", "D1;100;"]
+    {
+        assert_eq!(cut(LINE, &[line.as_bytes(), b"\r\n"]), [None], "{line}");
+    }
+    assert_eq!(cut(LINE, &[b"D1\xFF;7;\r\nD1000;8;\r\n"]), [None, mm(1.0, 8)]);
+    // An endless line is told once for each piece of it, and is not kept.
+    assert_eq!(cut(LINE, &[&[b'D'; 600], &[b'D'; 300], b"\r\nD1000;8;\r\n"]), [None, mm(1.0, 8)]);
+}
+
+/// 24 bit little: 2000 = D0 07 00, -1500 = 24 FA FF; exclusive or by hand.
+const TWO: [u8; 9] = [0xA5, 0x5A, 0xD0, 0x07, 0x00, 0x07, 0x00, 0xD0, 0x0D];
+const MINUS: [u8; 9] = [0xA5, 0x5A, 0x24, 0xFA, 0xFF, 0x08, 0x00, 0x29, 0x0D];
+const FAR: [u8; 9] = [0xA5, 0x5A, 0x00, 0x00, 0x00, 0x09, 0x80, 0x89, 0x0D];
+
+#[test]
+fn frames_split_anywhere_say_the_same() {
+    let bytes = [TWO, MINUS, FAR].concat();
+    let expected = [mm(2.0, 7), mm(-1.5, 8), Some((Err(Flag::Range), Some(9)))];
+    for at in 0..bytes.len() {
+        assert_eq!(cut(FRAME, &[&bytes[..at], &bytes[at..]]), expected, "cut at {at}");
+    }
+}
+
+#[test]
+fn a_byte_too_few_or_too_many_spoils_one_frame() {
+    for at in 0..9 {
+        let mut short = TWO.to_vec();
+        short.remove(at);
+        let found = cut(FRAME, &[&MINUS, &short, &FAR, &MINUS]);
+        let good: Vec<_> = found.into_iter().flatten().collect();
+        assert_eq!(good.len(), 3, "without byte {at}: {good:?}");
+        let mut flipped = TWO;
+        flipped[at] ^= 0x10;
+        let found = cut(FRAME, &[&MINUS, &flipped, &FAR]);
+        assert_eq!(found.iter().flatten().count(), 2, "byte {at} flipped: {found:?}");
+    }
+    // A value that looks like the sync bytes, A5 5A 00: the checksum tells.
+    let alike = [0xA5, 0x5A, 0xA5, 0x5A, 0x00, 0x03, 0x00, 0xFC, 0x0D];
+    assert_eq!(cut(FRAME, &[&alike[1..], &alike]).into_iter().flatten().count(), 1);
+}
+
+#[test]
+fn layouts_that_cannot_be_are_refused_in_words() {
+    let line = |from: &str, to: &str| refused(&LINE.replace(from, to));
+    assert!(line("scale_mm = 0.001", "scale_mm = 0.0").contains("every reading would be the same"));
+    assert!(line("scale_mm = 0.001", "scale_mm = \"x\"").contains("invalid type"));
+    assert!(line("{ column = 2, round", "{ column = 1, round").contains("are both column 1"));
+    assert!(line("column = 3, is", "column = 2, is").contains("are both column 2"));
+    assert!(line("{ column = 1,", "{ column = 0,").contains("count from 1"));
+    assert!(line("separator = \";\"", "").contains("one column"));
+    assert!(line("separator = \";\"", "separator = \".\"").contains("stand in a number"));
+    assert!(line("separator = \";\"", "separator = \";\"\ncolumns = 2").contains("has 2 columns"));
+    assert!(line("round = 100", "round = 1").contains("2 to 4294967296"));
+    assert!(line("end = \"\\r\\n\"", "end = \"\"").contains("ends a line"));
+    assert!(line("prefix = \"D\"", "prefix = \"D\\r\\n\"").contains("never be seen"));
+    assert!(line("[line]", "rate_hz = 5\n[line]").contains("belongs to `request`"));
+    assert!(refused("").contains("exactly one of"));
+    let frame = |from: &str, to: &str| refused(&FRAME.replace(from, to));
+    assert!(frame("{ byte = 3, width = 8 }", "{ byte = 2, width = 8 }").contains("overlap"));
+    assert!(frame("length = 5", "length = 4").contains("reaches into byte 4"));
+    assert!(frame("sync = [0xA5, 0x5A]", "sync = []").contains("where a frame begins"));
+    assert!(frame("scale_mm = 0.001", "scale_mm = 0").contains("every reading would be the same"));
+    assert!(frame("kind = \"xor\"", "kind = \"crc32\"").contains("needs an `order`"));
+    assert!(frame("kind = \"xor\"", "kind = \"luhn\"").contains("unknown variant"));
+}
+
+/// A driver, and the far end of its wire.
+async fn over_tcp(layout: &str) -> (Serial, TcpStream) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let at = listener.local_addr().unwrap();
+    let config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{layout}")).unwrap();
+    let serial = Serial::open(config, &sensor(), clock()).await.unwrap();
+    (serial, listener.accept().await.unwrap().0)
+}
+
+/// As value in um or flag, and how many are missing.
+fn short(sample: Sample) -> (i64, &'static str, u32) {
+    let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
+    assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, Flag::None | Flag::Gap));
+    (um, sample.flag.as_str(), sample.missing)
+}
+
+#[tokio::test]
+async fn what_a_sensor_says_is_flagged_as_it_is() {
+    let (mut serial, mut far) = over_tcp(LINE).await;
+    far.write_all(b"rest of a line\r\nD1;97;\r\nD2;98;\r\nD3;98;\r\nD-11000;99;\r\nD4;0;\r\n")
+        .await
+        .unwrap();
+    far.write_all(b"D5;4;\r\nnoise\r\nD6;6;\r\nD----;8;\r\nD7;9;S\r\nD8;10;\r\n").await.unwrap();
+    let expected = [
+        (1, "", 0),
+        (2, "", 0),
+        (0, "stale", 0),
+        (0, "range", 0),
+        (4, "", 0),
+        (5, "gap", 3),
+        (6, "gap", 1),
+        (0, "range", 1),
+        (0, "saturated", 0),
+        (8, "", 0),
+        (0, "stale", 0),
+    ];
+    for expected in expected {
+        assert_eq!(short(serial.next().await.unwrap()), expected);
+    }
+    far.write_all(b"D9;11;\r\nD10;12;\r\n").await.unwrap();
+    assert_eq!(short(serial.next().await.unwrap()), (9, "", 0));
+    serial.forget().await.unwrap();
+    // What was not taken is not missing.
+    far.write_all(b"D11;50;\r\nD12;51;\r\n").await.unwrap();
+    assert_eq!(short(serial.next().await.unwrap()), (12, "", 0));
+    drop(far);
+    let lost = serial.next().await.unwrap_err();
+    assert!(matches!(lost, SensorError::Link(_)), "{lost}");
+}
+
+#[tokio::test]
+async fn without_a_counter_what_was_spoilt_is_a_gap_of_unknown_size() {
+    let layout = "[line]\nvalue = { scale_mm = 0.001 }";
+    let (mut serial, mut far) = over_tcp(layout).await;
+    far.write_all(b"half\n1\nx\ny\n2\n3\n").await.unwrap();
+    for expected in [(1, "", 0), (2, "gap", 0), (3, "", 0)] {
+        assert_eq!(short(serial.next().await.unwrap()), expected);
+    }
+}
+
+#[tokio::test]
+async fn a_late_answer_is_not_taken_for_the_next() {
+    let (mut serial, mut far) = over_tcp(&format!("request = \"M0\\r\"\n{LINE}")).await;
+    let device = tokio::spawn(async move {
+        let mut asked = [0; 3];
+        far.read_exact(&mut asked).await.unwrap();
+        assert_eq!(&asked, b"M0\r");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        far.write_all(b"D1;1;\r\n").await.unwrap();
+        far.read_exact(&mut asked).await.unwrap();
+        far.write_all(b"D2;2;\r\n").await.unwrap();
+        far
+    });
+    assert_eq!(short(serial.next().await.unwrap()), (0, "stale", 0));
+    assert_eq!(short(serial.next().await.unwrap()), (2, "", 0));
+    drop(device.await.unwrap());
+}
+
+async fn not_ready(layout: &str, says: &'static [u8]) -> SensorError {
+    let (mut serial, mut far) = over_tcp(layout).await;
+    let device = tokio::spawn(async move {
+        while !says.is_empty() && far.write_all(says).await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        far
+    });
+    let error = serial.prepare().await.unwrap_err();
+    device.abort();
+    error
+}
+
+#[tokio::test]
+async fn a_sensor_that_cannot_be_understood_is_refused_with_the_remedy() {
+    let silent = not_ready(LINE, b"").await;
+    assert!(matches!(silent, SensorError::Silent { .. }), "{silent}");
+    let noise = not_ready(LINE, b"\x80\xF8\x00\x98\x1E\r\n").await;
+    assert!(noise.to_string().contains("mostly noise"), "{noise}");
+    assert!(noise.remedy().contains("bit rate"), "{}", noise.remedy());
+    let text = not_ready(LINE, b"Dabc;1;\r\n").await;
+    assert!(text.to_string().contains("Dabc;1;"), "{text}");
+    assert!(text.remedy().contains("a number where the value is"), "{}", text.remedy());
+    let endless = not_ready(LINE, b"D1;1;\r").await;
+    assert!(endless.remedy().contains("`end`"), "{endless}: {}", endless.remedy());
+    let frames = not_ready(FRAME, b"D1;1;\r\n").await;
+    assert!(frames.remedy().contains("sync"), "{}", frames.remedy());
+}
+
+#[tokio::test]
+async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
+    let Pty { mut device, path, .. } = pty_at(38_400).unwrap();
+    let sends = tokio::spawn(async move {
+        for count in 0_u64.. {
+            let line = format!("D{};{};\r\n", 1000 + count % 7, count % 100);
+            device.write_all(line.as_bytes()).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+    });
+    let at = |baud: u32| {
+        let keys = format!("serial = \"{path}\"\nbaud = {baud}\n{LINE}");
+        let config = toml::from_str(&keys).unwrap();
+        async move { Serial::open(config, &sensor(), clock()).await }
+    };
+    for baud in [115_200, 57_600, 9_600] {
+        let mut serial = loop {
+            // The last one closes its port on a thread of its own.
+            match at(baud).await {
+                Err(_) => tokio::time::sleep(Duration::from_millis(1)).await,
+                Ok(serial) => break serial,
+            }
+        };
+        let error = serial.prepare().await.unwrap_err();
+        assert!(
+            error.remedy().contains(&format!("another bit rate than {baud}")),
+            "{baud}: {error}"
+        );
+    }
+    sends.abort();
+}

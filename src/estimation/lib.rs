@@ -1,0 +1,27 @@
+//! Estimation: least squares with rank, condition and covariance report, the circle, the
+//! sphere, trigonometric interpolation, coverage factors, Monte Carlo, seeded random streams. Knows nothing of machines.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod circle;
+pub mod circle_lanes;
+pub mod coverage;
+mod gram_schmidt;
+pub mod linear;
+pub mod misfit;
+pub mod monte_carlo;
+pub mod nonlinear;
+pub mod null_names;
+pub mod propagated;
+mod radial;
+mod radial_lanes;
+mod radial_many;
+pub mod random;
+pub mod schur;
+pub mod smooth;
+pub mod sphere;
+pub mod trigonometric;
+pub mod whitening;
+
+#[cfg(test)]
+mod tests;

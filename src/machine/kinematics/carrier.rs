@@ -1,0 +1,125 @@
+//! Any part of the machine that carries something: its pose, and how far what it carries can stray
+//! while the axes move. Nominal: error parameters are not looked at.
+
+use glam::{DAffine3, DVec3};
+
+use super::chain::Chain;
+use super::joint::Joint;
+use crate::Axis;
+use crate::record::machine::Carrier;
+
+/// Positions of all axes in the order of [`Axis::ALL`], mm and rad.
+pub type Commands = [f64; Axis::ALL.len()];
+
+/// Which way from the bed a carrier stands. Two carriers of one side move together in part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    Bed,
+    Work,
+    Tool,
+}
+
+/// The joints between the bed and a carrier, the one next to the bed first.
+#[derive(Debug, Clone)]
+pub struct Carried {
+    side: Side,
+    joints: Vec<Joint>,
+}
+
+/// A carrier on its way. The way is looked at in many places, and most joints stand still on most
+/// ways: their motion, with its sine and cosine, is made once.
+#[derive(Debug)]
+pub struct Going<'a>(Vec<(&'a Joint, Option<DAffine3>)>);
+
+impl Chain {
+    /// `None`: the machine has no such axis.
+    pub fn carried(&self, carrier: Carrier) -> Option<Carried> {
+        let up_to = |branch: &[Joint], axis: Axis| {
+            let last = branch.iter().position(|joint| joint.axis() == axis)?;
+            Some(branch.iter().take(last + 1).cloned().collect())
+        };
+        let (side, joints) = match carrier {
+            Carrier::Bed => (Side::Bed, Vec::new()),
+            Carrier::Table => (Side::Work, self.workpiece.clone()),
+            Carrier::Spindle => {
+                let still = |joint: &&Joint| joint.axis() != Axis::S;
+                (Side::Tool, self.tool.iter().filter(still).cloned().collect())
+            }
+            Carrier::Axis(axis) => match up_to(&self.workpiece, axis) {
+                Some(joints) => (Side::Work, joints),
+                None => (Side::Tool, up_to(&self.tool, axis)?),
+            },
+        };
+        Some(Carried { side, joints })
+    }
+}
+
+impl Carried {
+    /// Pose of the carrier in the machine frame.
+    pub fn pose(&self, commands: &Commands) -> DAffine3 {
+        self.joints.iter().rev().fold(DAffine3::IDENTITY, |pose, joint| {
+            joint.nominal(commands[joint.axis() as usize]) * pose
+        })
+    }
+
+    pub fn side(&self) -> Side {
+        self.side
+    }
+
+    /// The axes that move it.
+    pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
+        self.joints.iter().map(Joint::axis)
+    }
+
+    /// Do the same axes move both?
+    pub fn moves_as(&self, other: &Self) -> bool {
+        self.axes().eq(other.axes())
+    }
+
+    /// Both as seen from the last carrier that they share: what moves them together is left out.
+    pub fn between(one: &Self, other: &Self) -> [Self; 2] {
+        let shared = one.axes().zip(other.axes()).take_while(|(a, b)| a == b).count();
+        [one, other].map(|carried| {
+            let joints = carried.joints.iter().skip(shared).cloned().collect();
+            Self { side: carried.side, joints }
+        })
+    }
+
+    /// Between these two places.
+    pub fn going(&self, from: &Commands, to: &Commands) -> Going<'_> {
+        let joint = |joint| {
+            let [from, to] = [from, to].map(|place| place[Joint::axis(joint) as usize]);
+            (joint, (from == to).then(|| joint.nominal(from)))
+        };
+        Going(self.joints.iter().map(joint).collect())
+    }
+}
+
+impl Going<'_> {
+    /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
+    /// of a body is from where it stands at `middle`, as long as every axis stays within `half` of
+    /// it, whatever way the axes take together. The body lies in the convex hull of balls of `radius`
+    /// about `corners` (carrier frame).
+    ///
+    /// A point stands at M₁…Mₙ·p. Changing one joint after the other, the outermost first, each
+    /// moves it by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at
+    /// `middle`* from that axis; the joints further out keep that length. The sum bounds the whole.
+    pub fn sweep(
+        &self,
+        middle: &Commands,
+        half: &Commands,
+        corners: &[DVec3],
+        radius: f64,
+    ) -> (DAffine3, f64) {
+        let (mut pose, mut stray) = (DAffine3::IDENTITY, 0.0);
+        for (joint, still) in self.0.iter().rev() {
+            let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
+            if half > 0.0 {
+                let distances = corners.iter().map(|p| joint.distance(pose.transform_point3(*p)));
+                stray += joint.longest(half, distances.fold(0.0, f64::max) + radius);
+            }
+            pose = still.unwrap_or_else(|| joint.nominal(command)) * pose;
+        }
+        (pose, stray)
+    }
+}

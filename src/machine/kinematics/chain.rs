@@ -1,0 +1,141 @@
+//! The chain: exact poses of both branches, and the exact inverse for the linear axes.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::KinematicsError;
+use super::joint::Joint;
+use super::parameter::{ErrorParameter, ErrorTerm};
+use super::topology::Topology;
+use crate::record::machine::Machine;
+use crate::{Axis, Position, frame::Point, frame::Spindle, frame::Table};
+
+/// Kinematics of one machine: each joint and each error is its own one-parameter motion.
+///
+/// All frames coincide when every axis stands at zero and there are no errors. Axes that a
+/// [`Position`] does not name stand at zero.
+#[derive(Debug, Clone)]
+pub struct Chain {
+    topology: Topology,
+    pub(super) workpiece: Vec<Joint>,
+    pub(super) tool: Vec<Joint>,
+}
+
+impl Chain {
+    /// # Errors
+    /// A topology that cannot be read; an axis that stands in the topology but not in `axes`, or
+    /// the other way round (`S` may be absent from `axes`: a spindle that cannot be oriented); a
+    /// direction that is not finite; linear axes that do not span space.
+    pub fn new(machine: &Machine) -> Result<Self, KinematicsError> {
+        let topology: Topology = machine.topology.parse()?;
+        if let Some(axis) = machine.axes.keys().find(|axis| !topology.contains(**axis)) {
+            let topology = machine.topology.clone();
+            return Err(KinematicsError::NotInTopology { axis: *axis, topology });
+        }
+        let branch = |axes: &[Axis], side: f64| -> Result<Vec<Joint>, KinematicsError> {
+            axes.iter().map(|axis| Joint::new(*axis, side, machine)).collect()
+        };
+        // ISO 841: a positive command moves the tool relative to the workpiece, so what carries
+        // the workpiece moves by minus the command.
+        let workpiece = branch(topology.workpiece(), -1.0)?;
+        let tool = branch(topology.tool(), 1.0)?;
+        let chain = Self { topology, workpiece, tool };
+        chain.linear_columns(&Position::new(), &[])?;
+        Ok(chain)
+    }
+
+    pub fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    /// Whether this machine has the axis of `parameter`; errors of other axes have no effect.
+    pub fn check(&self, parameter: ErrorParameter) -> Result<(), KinematicsError> {
+        if self.topology.contains(parameter.axis()) {
+            Ok(())
+        } else {
+            let topology = self.topology.to_string();
+            Err(KinematicsError::NoSuchAxis { parameter, axis: parameter.axis(), topology })
+        }
+    }
+
+    /// Pose of the table in the machine frame.
+    pub fn machine_from_table(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        pose(&self.workpiece, position, errors)
+    }
+
+    /// Pose of the spindle in the machine frame.
+    pub fn machine_from_spindle(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        pose(&self.tool, position, errors)
+    }
+
+    /// Where the point `tip` of the tool stands on the table: p_w = T_w⁻¹ T_t tip.
+    pub fn tip_in_table(
+        &self,
+        position: &Position,
+        tip: Point<Spindle>,
+        errors: &[ErrorTerm],
+    ) -> Point<Table> {
+        let in_machine = self.machine_from_spindle(position, errors).transform_point3(tip.mm);
+        Point::from_vec(into_frame(&self.machine_from_table(position, errors), in_machine))
+    }
+
+    /// X, Y, Z that bring `tip` to `target` with all other axes as in `others`, whose X, Y, Z are
+    /// ignored. The result names X, Y, Z only. Exact: without angular error motions of linear axes
+    /// p_w is affine in X, Y, Z.
+    ///
+    /// # Errors
+    /// Errors so large that X, Y, Z no longer span space.
+    pub fn linear_axes_for(
+        &self,
+        target: Point<Table>,
+        tip: Point<Spindle>,
+        others: &Position,
+        errors: &[ErrorTerm],
+    ) -> Result<Position, KinematicsError> {
+        let inverse = self.linear_columns(others, errors)?.inverse();
+        let at = |xyz: DVec3| others.updated_by(&linear(xyz));
+        let missing = |xyz: DVec3| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
+        // The second solve takes away the rounding of the first.
+        let first = inverse * missing(DVec3::ZERO);
+        Ok(linear(first + inverse * missing(first)))
+    }
+
+    /// As [`Chain::linear_jacobian`], which must have an inverse.
+    fn linear_columns(
+        &self,
+        position: &Position,
+        errors: &[ErrorTerm],
+    ) -> Result<DMat3, KinematicsError> {
+        let columns = self.linear_jacobian(position, errors);
+        if columns.determinant().abs() > 1e-3 { Ok(columns) } else { Err(KinematicsError::Flat) }
+    }
+
+    /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
+    pub fn linear_jacobian(&self, position: &Position, errors: &[ErrorTerm]) -> DMat3 {
+        let into_table = self.machine_from_table(position, errors).matrix3.transpose();
+        let mut columns = DMat3::ZERO;
+        for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
+            let mut prefix = DMat3::IDENTITY;
+            for joint in branch {
+                if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis()) {
+                    let before = prefix * joint.before(position, errors).matrix3;
+                    *columns.col_mut(index) = into_table * before * joint.advance(errors) * side;
+                }
+                prefix *= joint.motion(position, errors).matrix3;
+            }
+        }
+        columns
+    }
+}
+
+fn pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    branch.iter().fold(DAffine3::IDENTITY, |outer, joint| outer * joint.motion(position, errors))
+}
+
+/// The rigid inverse, by transposing: exact where a general inverse would round.
+pub(super) fn into_frame(frame: &DAffine3, point: DVec3) -> DVec3 {
+    frame.matrix3.transpose() * (point - frame.translation)
+}
+
+fn linear(xyz: DVec3) -> Position {
+    Axis::LINEAR.into_iter().zip(xyz.to_array()).collect()
+}

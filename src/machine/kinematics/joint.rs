@@ -1,0 +1,167 @@
+//! One joint with the errors that stand at it.
+
+use std::f64::consts::PI;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::KinematicsError;
+use super::parameter::{ErrorTerm, Shape};
+use crate::record::machine::{AxisSpec, Machine};
+use crate::{Axis, Position};
+
+/// Order in which the error components of one joint act.
+pub(super) const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+
+#[derive(Debug, Clone)]
+pub(super) struct Joint {
+    axis: Axis,
+    /// Branch times sense: the joint moves by `sign · command`.
+    sign: f64,
+    direction: DVec3,
+    /// A point on a rotary axis; zero for a linear one. Angular errors turn about it.
+    point: DVec3,
+}
+
+impl Joint {
+    /// `side`: −1 in the workpiece branch, +1 in the tool branch.
+    pub(super) fn new(axis: Axis, side: f64, machine: &Machine) -> Result<Self, KinematicsError> {
+        match machine.axes.get(&axis) {
+            Some(spec) => Self::from_spec(axis, side, spec),
+            None if axis == Axis::S => {
+                Ok(Self { axis, sign: side, direction: unit(axis), point: DVec3::ZERO })
+            }
+            None => Err(KinematicsError::NotInAxes { axis, topology: machine.topology.clone() }),
+        }
+    }
+
+    fn from_spec(axis: Axis, side: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
+        let stated = DVec3::from_array(spec.direction);
+        let direction = if stated == DVec3::ZERO { unit(axis) } else { stated.normalize_or_zero() };
+        let point = if axis.is_linear() { DVec3::ZERO } else { DVec3::from_array(spec.point_mm) };
+        if direction == DVec3::ZERO || !direction.is_finite() || !point.is_finite() {
+            return Err(KinematicsError::Direction { axis });
+        }
+        Ok(Self { axis, sign: side * spec.positive.sign(), direction, point })
+    }
+
+    pub(super) fn axis(&self) -> Axis {
+        self.axis
+    }
+
+    pub(super) fn sign(&self) -> f64 {
+        self.sign
+    }
+
+    pub(super) fn point(&self) -> DVec3 {
+        self.point
+    }
+
+    /// The joint's motion without errors.
+    pub(super) fn nominal(&self, command: f64) -> DAffine3 {
+        if self.axis.is_linear() {
+            DAffine3::from_translation(self.sign * command * self.direction)
+        } else {
+            turn(self.direction, self.point, self.sign * command)
+        }
+    }
+
+    /// Distance of `point` from the axis of rotation; 0 for a linear joint.
+    pub(super) fn distance(&self, point: DVec3) -> f64 {
+        if self.axis.is_linear() {
+            return 0.0;
+        }
+        self.direction.cross(point - self.point).length()
+    }
+
+    /// The longest way between two places of a point `reach` away from the axis of rotation, while
+    /// the command changes by `change` at most.
+    pub(super) fn longest(&self, change: f64, reach: f64) -> f64 {
+        if self.axis.is_linear() { change } else { 2.0 * (change.min(PI) / 2.0).sin() * reach }
+    }
+
+    /// Location errors and error motions, then the joint, then gains.
+    pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        self.before(position, errors) * self.after(position, errors)
+    }
+
+    /// The joint itself, with its gains.
+    pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        let command = position.at(self.axis);
+        if self.axis.is_linear() {
+            DAffine3::from_translation(self.sign * command * self.along(errors))
+        } else {
+            turn(self.direction, self.point, self.sign * command)
+        }
+    }
+
+    /// Location errors and error motions: one motion a component, in the order of [`COMPONENTS`].
+    pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+        if self.own(errors).next().is_none() {
+            return DAffine3::IDENTITY;
+        }
+        let command = position.at(self.axis);
+        COMPONENTS.into_iter().fold(DAffine3::IDENTITY, |outer, component| {
+            match self.amount(component, command, errors) {
+                0.0 => outer,
+                amount => outer * self.moved(component, amount),
+            }
+        })
+    }
+
+    /// All errors of one component before the joint: they share their generator, so they add up.
+    pub(super) fn error_motion(
+        &self,
+        component: Axis,
+        position: &Position,
+        errors: &[ErrorTerm],
+    ) -> DAffine3 {
+        self.moved(component, self.amount(component, position.at(self.axis), errors))
+    }
+
+    fn amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
+        self.own(errors)
+            .filter(|e| e.parameter.shape() != Shape::Gain && e.parameter.component() == component)
+            .map(|e| e.value * e.parameter.factor(command))
+            .sum()
+    }
+
+    fn moved(&self, component: Axis, amount: f64) -> DAffine3 {
+        if component.is_linear() {
+            DAffine3::from_translation(unit(component) * amount)
+        } else {
+            turn(unit(component), self.point, amount)
+        }
+    }
+
+    /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
+    pub(super) fn advance(&self, errors: &[ErrorTerm]) -> DVec3 {
+        self.sign * self.along(errors)
+    }
+
+    /// Travel per unit of command: the direction and the gains.
+    fn along(&self, errors: &[ErrorTerm]) -> DVec3 {
+        self.own(errors)
+            .filter(|e| e.parameter.shape() == Shape::Gain)
+            .fold(self.direction, |sum, e| sum + unit(e.parameter.component()) * e.value)
+    }
+
+    fn own<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
+        let axis = self.axis;
+        errors.iter().filter(move |e| e.parameter.axis() == axis)
+    }
+}
+
+/// Nominal direction of an axis or an error component after ISO 841; the spindle turns about Z.
+pub(super) fn unit(axis: Axis) -> DVec3 {
+    match axis {
+        Axis::X | Axis::A => DVec3::X,
+        Axis::Y | Axis::B => DVec3::Y,
+        Axis::Z | Axis::C | Axis::S => DVec3::Z,
+    }
+}
+
+/// Rotation about the line through `point` along the unit vector `direction`.
+fn turn(direction: DVec3, point: DVec3, angle: f64) -> DAffine3 {
+    let rotation = DMat3::from_axis_angle(direction, angle);
+    DAffine3::from_mat3_translation(rotation, point - rotation * point)
+}

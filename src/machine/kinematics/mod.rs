@@ -1,0 +1,50 @@
+//! Floor 2: one chain for every machine. Topology, error parameters, exact pose, its Jacobian and
+//! its inverse. No input or output.
+//!
+//! Each joint and each error parameter is a one-parameter motion exp(value·φ(q)·e_k). Location
+//! errors and error motions stand before their joint's motion in the order X, Y, Z, A, B, C; gains
+//! of linear axes after it, with the joint's sign. "Relative to the previous axis": errors are
+//! inserted locally, in axes parallel to the machine's when all axes stand at zero; angular ones
+//! turn about the axis' own point (the machine's origin for linear axes).
+
+mod carrier;
+mod chain;
+mod jacobian;
+mod joint;
+mod parameter;
+mod topology;
+
+pub use carrier::{Carried, Commands, Going, Side};
+pub use chain::Chain;
+pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
+pub use topology::{Topology, TopologyError};
+
+use crate::Axis;
+
+/// A machine whose kinematics cannot be built, and what to change.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum KinematicsError {
+    #[error(transparent)]
+    Topology(#[from] TopologyError),
+    #[error(
+        "axis {axis} stands in the topology `{topology}` but has no [axes.{axis}]; describe it there or take it out of the topology"
+    )]
+    NotInAxes { axis: Axis, topology: String },
+    #[error(
+        "[axes.{axis}] is described but {axis} does not stand in the topology `{topology}`; add it there or remove the section"
+    )]
+    NotInTopology { axis: Axis, topology: String },
+    #[error(
+        "[axes.{axis}]: direction and point_mm must be finite numbers; direction [0,0,0] is the nominal one"
+    )]
+    Direction { axis: Axis },
+    #[error(
+        "{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove it"
+    )]
+    NoSuchAxis { parameter: ErrorParameter, axis: Axis, topology: String },
+    #[error("X, Y and Z do not span space; check the directions in [axes.X], [axes.Y], [axes.Z]")]
+    Flat,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,191 @@
+//! Conventions of the chain, each against a case known exactly.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::*;
+use crate::record::machine::{AxisSpec, Carrier, Machine, Sense};
+use crate::{Position, frame::Point, frame::Spindle};
+
+fn machine(topology: &str) -> Machine {
+    let parsed: Topology = topology.parse().unwrap();
+    let spec: AxisSpec = serde_json::from_str(r#"{"min":-500,"max":500}"#).unwrap();
+    Machine {
+        name: "test".into(),
+        topology: topology.into(),
+        axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
+        tool_mm: [0.0; 3],
+        drift_um_per_h: 0.0,
+        squareness_urad: 0.0,
+    }
+}
+
+fn term(name: &str, value: f64) -> ErrorTerm {
+    ErrorTerm { parameter: name.parse().unwrap(), value }
+}
+
+fn tip() -> Point<Spindle> {
+    Point::new(0.0, 0.0, 0.0)
+}
+
+fn at(x: f64, y: f64, z: f64) -> Position {
+    Position::new().with(Axis::X, x).with(Axis::Y, y).with(Axis::Z, z)
+}
+
+#[track_caller]
+fn assert_near(actual: DVec3, expected: DVec3) {
+    assert!(actual.distance(expected) < 1e-12, "{actual} instead of {expected}");
+}
+
+/// METHODS section 1: a probe at machine angle φ touches the workpiece at φ + C.
+#[test]
+fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
+    let (phi, c) = (0.3_f64, 1.1_f64);
+    let pose = at(50.0 * phi.cos(), 50.0 * phi.sin(), 7.0).with(Axis::C, c);
+    for (sense, sign) in [(Sense::Iso, 1.0), (Sense::Reversed, -1.0)] {
+        let mut machine = machine("wCFXYZt");
+        machine.axes.get_mut(&Axis::C).unwrap().positive = sense;
+        let angle = phi + sign * c;
+        let expected = DVec3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
+        assert_near(Chain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm, expected);
+    }
+}
+
+#[test]
+fn without_rotation_the_tip_is_the_command_on_every_machine() {
+    for topology in ["wFXYZt", "wXYFZt", "wCBXFZYSt", "wCAYFXZt", "wAFXYZBt"] {
+        let chain = Chain::new(&machine(topology)).unwrap();
+        let point = chain.tip_in_table(&at(1.0, -2.0, 3.0), Point::new(0.0, 0.0, -9.0), &[]);
+        assert_near(point.mm, DVec3::new(1.0, -2.0, -6.0));
+    }
+}
+
+#[test]
+fn a_rotary_axis_turns_about_its_point_and_direction() {
+    let mut machine = machine("wCFXYZt");
+    machine.axes.get_mut(&Axis::C).unwrap().point_mm = [10.0, 20.0, 0.0];
+    machine.axes.get_mut(&Axis::C).unwrap().direction = [0.0, 0.0, -2.0];
+    let chain = Chain::new(&machine).unwrap();
+    let on_axis = at(10.0, 20.0, 5.0).with(Axis::C, 1.0);
+    assert_near(chain.tip_in_table(&on_axis, tip(), &[]).mm, DVec3::new(10.0, 20.0, 5.0));
+    let beside = at(11.0, 20.0, 5.0).with(Axis::C, PI / 2.0);
+    assert_near(chain.tip_in_table(&beside, tip(), &[]).mm, DVec3::new(10.0, 19.0, 5.0));
+}
+
+/// A gain lengthens the motion, with the joint's sign: seen on the table it is + on both branches.
+#[test]
+fn gains_lengthen_the_motion_on_both_branches() {
+    for topology in ["wCXFYZt", "wCFXYZt"] {
+        let chain = Chain::new(&machine(topology)).unwrap();
+        let point = chain.tip_in_table(&at(100.0, 0.0, 0.0), tip(), &[term("EXX1", 1e-4)]);
+        assert_near(point.mm, DVec3::new(100.01, 0.0, 0.0));
+    }
+}
+
+/// The axis stands at E_X0C instead of 0: a point on the true axis stays, whatever C.
+#[test]
+fn a_location_error_moves_the_axis_itself() {
+    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+    let errors = [term("EX0C", 0.05), term("EY0C", -0.03)];
+    for c in [0.0, 1.0, 4.0] {
+        let point = chain.tip_in_table(&at(0.05, -0.03, 0.0).with(Axis::C, c), tip(), &errors);
+        assert_near(point.mm, DVec3::ZERO);
+    }
+}
+
+#[test]
+fn topology_and_axes_must_name_the_same_axes() {
+    let mut without_b = machine("wCBXFZYSt");
+    without_b.axes.remove(&Axis::B);
+    let error = Chain::new(&without_b).unwrap_err();
+    assert!(matches!(error, KinematicsError::NotInAxes { axis: Axis::B, .. }), "{error}");
+
+    let mut with_a = machine("wCFXYZt");
+    with_a.axes.insert(Axis::A, with_a.axes[&Axis::C].clone());
+    let error = Chain::new(&with_a).unwrap_err();
+    assert!(matches!(error, KinematicsError::NotInTopology { axis: Axis::A, .. }), "{error}");
+
+    let mut fixed_spindle = machine("wCFXYZSt");
+    fixed_spindle.axes.remove(&Axis::S);
+    assert!(Chain::new(&fixed_spindle).is_ok());
+}
+
+#[test]
+fn what_cannot_be_built_is_refused() {
+    let mut flat = machine("wCFXYZt");
+    flat.axes.get_mut(&Axis::Y).unwrap().direction = [1.0, 0.0, 0.0];
+    assert_eq!(Chain::new(&flat).unwrap_err(), KinematicsError::Flat);
+
+    let mut nan = machine("wCFXYZt");
+    nan.axes.get_mut(&Axis::C).unwrap().direction = [f64::NAN, 0.0, 1.0];
+    assert_eq!(Chain::new(&nan).unwrap_err(), KinematicsError::Direction { axis: Axis::C });
+
+    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+    assert!(chain.check("EX0C".parse().unwrap()).is_ok());
+    assert!(chain.check("EX0B".parse().unwrap()).is_err());
+}
+
+/// The poses of the ends of both branches are those of the chain; in between, by hand.
+#[test]
+fn every_carrier_stands_where_its_axes_bring_it() {
+    let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
+    let position = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
+    let named: Position = Axis::ALL.into_iter().zip(position).collect();
+    let pose = |carrier| chain.carried(carrier).unwrap().pose(&position);
+    let table = chain.machine_from_table(&named, &[]);
+    assert!(pose(Carrier::Table).abs_diff_eq(table, 1e-12));
+    assert!(pose(Carrier::Axis(Axis::C)).abs_diff_eq(table, 1e-12));
+    let spindle = chain.machine_from_spindle(&named, &[]);
+    assert!(pose(Carrier::Axis(Axis::S)).abs_diff_eq(spindle, 1e-12));
+    let point = DVec3::new(1.0, 2.0, 3.0);
+    // X carries the table's side, so it goes the other way; the spindle's body does not turn.
+    assert_near(pose(Carrier::Axis(Axis::X)).transform_point3(point), DVec3::new(-10.0, 2.0, 3.0));
+    assert_near(pose(Carrier::Axis(Axis::Z)).transform_point3(point), DVec3::new(1.0, 2.0, 26.0));
+    assert_near(pose(Carrier::Spindle).transform_point3(point), DVec3::new(1.0, -5.0, 26.0));
+    assert_near(pose(Carrier::Bed).transform_point3(point), point);
+    let side = |carrier| chain.carried(carrier).map(|carried| carried.side());
+    assert_eq!(side(Carrier::Axis(Axis::B)), Some(Side::Work));
+    assert_eq!(side(Carrier::Axis(Axis::Y)), Some(Side::Tool));
+    assert_eq!(side(Carrier::Axis(Axis::A)), None);
+}
+
+/// However the axes go within ± half, no corner strays further than the bound; and the bound is not
+/// idle: for one axis alone it is reached.
+#[test]
+fn the_bound_on_straying_holds_and_is_reached() {
+    let mut machine = machine("wCBXFZYSt");
+    machine.axes.get_mut(&Axis::B).unwrap().point_mm = [5.0, 0.0, -20.0];
+    let chain = Chain::new(&machine).unwrap();
+    let carried = chain.carried(Carrier::Table).unwrap();
+    let corners = [DVec3::new(30.0, -20.0, 10.0), DVec3::new(-15.0, 40.0, 60.0)];
+    let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
+    let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
+    let swept = |half: &[f64; 7], corners: &[DVec3]| {
+        let [from, to] =
+            [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
+        carried.going(&from, &to).sweep(&middle, half, corners, 0.0)
+    };
+    let (pose, bound) = swept(&half, &corners);
+    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12));
+    let mut farthest = 0.0_f64;
+    for i in 0..3_usize.pow(3) {
+        let share = |digit: u32| (i / 3_usize.pow(digit) % 3) as f64 - 1.0;
+        let mut at = middle;
+        for (digit, axis) in [(0, Axis::X), (1, Axis::B), (2, Axis::C)] {
+            at[axis as usize] += share(digit) * half[axis as usize];
+        }
+        let there = carried.pose(&at);
+        for corner in corners {
+            let way = there.transform_point3(corner).distance(pose.transform_point3(corner));
+            farthest = farthest.max(way);
+        }
+    }
+    assert!(farthest <= bound && farthest > 0.6 * bound, "{farthest} of {bound}");
+    let mut alone = [0.0; 7];
+    alone[Axis::C as usize] = 0.9;
+    let (pose, bound) = swept(&alone, &corners[..1]);
+    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12), "the others stand still");
+    let chord = 2.0 * 0.45_f64.sin() * 30.0_f64.hypot(20.0);
+    assert!((bound - chord).abs() < 1e-12, "{bound} instead of {chord}");
+}

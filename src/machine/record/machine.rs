@@ -1,0 +1,246 @@
+//! The machine, its probe and its artefact, as the machine file and the plan state them.
+//!
+//! Keys carry their units (`_mm`, `_um`, `_deg`); `min`, `max` and the speeds of an axis are in mm
+//! for X, Y, Z and in degrees for A, B, C, S.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Axis;
+
+/// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sense {
+    #[default]
+    Iso,
+    Reversed,
+}
+
+impl Sense {
+    pub fn sign(self) -> f64 {
+        match self {
+            Sense::Iso => 1.0,
+            Sense::Reversed => -1.0,
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    pub name: String,
+    /// e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791).
+    pub topology: String,
+    #[serde(default)]
+    pub axes: BTreeMap<Axis, AxisSpec>,
+    /// Stylus-ball centre from the spindle datum.
+    #[serde(default)]
+    pub tool_mm: [f64; 3],
+    /// Declared thermal drift of the table against the spindle: standard deviation of its rate in each
+    /// of X, Y and Z, and of a round part's radius.
+    #[serde(default)]
+    pub drift_um_per_h: f64,
+    /// Standard deviation of what each two of X, Y and Z lack of a right angle.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub squareness_urad: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisSpec {
+    #[serde(default)]
+    pub positive: Sense,
+    /// A point on a rotary axis, all axes at zero.
+    #[serde(default)]
+    pub point_mm: [f64; 3],
+    /// Direction; `[0,0,0]` stands for the axis' nominal direction after ISO 841.
+    #[serde(default)]
+    pub direction: [f64; 3],
+    pub min: f64,
+    pub max: f64,
+    /// Rapid speed, mm/min or deg/min.
+    #[serde(default = "default_rapid")]
+    pub rapid_per_min: f64,
+    /// Acceleration, mm/s² or deg/s².
+    #[serde(default = "default_acceleration")]
+    pub acceleration_per_s2: f64,
+    /// Width of one step of the displayed position, um (linear axes).
+    #[serde(default)]
+    pub resolution_um: f64,
+    /// Declared error motions: standard deviation of the deviation along each of X, Y and Z, um. Of a
+    /// linear axis positioning and straightness, anywhere on it; of a rotary axis (ISO 230-7) at any
+    /// angle, less its mean and what turns with it once a turn.
+    #[serde(default)]
+    pub error_motion_um: f64,
+    /// Distance over which error motions of a linear axis change, mm.
+    #[serde(default = "default_wavelength")]
+    pub error_wavelength_mm: f64,
+    /// Of a rotary axis that must be unclamped to turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clamp: Option<Clamp>,
+}
+
+/// Words of a control's own, each one M word with its parameters, that switch the clamp of an axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clamp {
+    pub close: String,
+    pub open: String,
+    /// How long the clamp takes, either way.
+    #[serde(default = "default_clamp_wait")]
+    pub wait_s: f64,
+}
+
+fn default_clamp_wait() -> f64 {
+    0.5
+}
+
+fn default_rapid() -> f64 {
+    10_000.0
+}
+
+fn default_acceleration() -> f64 {
+    1_000.0
+}
+
+fn default_wavelength() -> f64 {
+    200.0
+}
+
+/// The touch probe and what is declared about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Probe {
+    pub ball_radius_mm: f64,
+    /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: judged
+    /// from the residuals alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeatability_um: Option<f64>,
+    /// Standard deviation of the direction-dependent pre-travel (lobing), um.
+    #[serde(default)]
+    pub lobing_um: f64,
+    /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
+    #[serde(default)]
+    pub stylus_offset_um: f64,
+    /// Stem of the stylus, from the ball's centre up along the spindle axis. 0: not declared, and
+    /// not looked at.
+    #[serde(default)]
+    pub stem_radius_mm: f64,
+    #[serde(default)]
+    pub stem_length_mm: f64,
+    /// Body of the probe, from the end of the stem up. 0: not declared, and not looked at.
+    #[serde(default)]
+    pub body_radius_mm: f64,
+    #[serde(default)]
+    pub body_length_mm: f64,
+    /// Farthest the stylus may be pressed beyond contact.
+    #[serde(default = "default_overtravel")]
+    pub overtravel_mm: f64,
+    /// Feed of a measuring touch.
+    #[serde(default = "default_touch_feed")]
+    pub feed_mm_min: f64,
+    /// Feed of a search touch and of the back-off after any touch.
+    #[serde(default = "default_search_feed")]
+    pub search_feed_mm_min: f64,
+    /// Feed of guarded positioning near the artefact: braking from it must stay within the
+    /// overtravel.
+    #[serde(default = "default_guarded_feed")]
+    pub guarded_feed_mm_min: f64,
+    /// The control's word that switches the probe on, e.g. `M64 P1`; absent: it is always on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub on: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub off: Option<String>,
+    /// Rest between positioning and the touch.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub settle_s: f64,
+    #[serde(default, skip_serializing_if = "LiveCheck::is_default")]
+    pub live_check: LiveCheck,
+    /// The control's input that is on while the probe reports an error: a number (LinuxCNC, `M66`)
+    /// or the letter of a pin in status reports (grblHAL).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_input: Option<String>,
+    /// As `error_input`: on while its battery is low.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub battery_input: Option<String>,
+}
+
+/// How a run finds out, before it comes near anything, that the probe lives.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LiveCheck {
+    /// The first touch shows it.
+    #[default]
+    Touch,
+    /// A person deflects the stylus.
+    Person,
+}
+
+impl LiveCheck {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn default_overtravel() -> f64 {
+    4.0
+}
+
+fn default_touch_feed() -> f64 {
+    30.0
+}
+
+fn default_search_feed() -> f64 {
+    300.0
+}
+
+fn default_guarded_feed() -> f64 {
+    1_500.0
+}
+
+/// A body that nothing may meet: a table, a clamp, the nose of the spindle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Solid {
+    pub name: String,
+    /// What carries it.
+    pub on: Carrier,
+    /// With `radius_mm` the two ends of a cylinder's axis, otherwise two opposite corners of a box;
+    /// in the carrier's frame, which is the machine frame when all axes stand at zero (of the
+    /// spindle: from the spindle datum).
+    pub from_mm: [f64; 3],
+    pub to_mm: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+}
+
+/// A part of the machine that carries solids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Carrier {
+    #[serde(rename = "bed")]
+    Bed,
+    /// The end of the chain that carries the workpiece.
+    #[serde(rename = "table")]
+    Table,
+    /// The end of the chain that carries the tool; the body does not turn with S.
+    #[serde(rename = "spindle")]
+    Spindle,
+    /// What this axis moves, directly.
+    #[serde(untagged)]
+    Axis(Axis),
+}
+
+/// A box that nothing may enter, machine frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Keepout {
+    pub name: String,
+    pub min_mm: [f64; 3],
+    pub max_mm: [f64; 3],
+}

@@ -1,0 +1,111 @@
+//! The plan: what is measured, on which machine, step by step. It is written stage by stage while
+//! a run goes on, and it alone is enough for somebody else's program to play the machine.
+
+use serde::{Deserialize, Serialize};
+
+use super::artefact::Artefact;
+use super::machine::{Keepout, Machine, Probe, Solid};
+use super::sensor::Sensor;
+use crate::Position;
+
+/// Version of the plan format, the value of the key `trued_plan`.
+pub const PLAN_VERSION: u32 = 1;
+
+/// Repeats from here on are references measured again after a stop; no method counts its passes so
+/// far.
+pub const REPEAT_AFTER_STOP: u32 = 1000;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    pub trued_plan: u32,
+    pub method: String,
+    /// The method's own settings, complete (defaults filled in).
+    pub settings: serde_json::Value,
+    pub machine: Machine,
+    pub probe: Probe,
+    /// What sits in the spindle in place of the probe, if anything does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<Sensor>,
+    #[serde(default)]
+    pub keepout: Vec<Keepout>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub solids: Vec<Solid>,
+    pub artefact: Artefact,
+    /// Times of the readings' clock, s, at which the measurement was interrupted: each is that of the
+    /// last reading before. What was measured before and after may lie apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gaps_s: Vec<f64>,
+    #[serde(default)]
+    pub steps: Vec<Step>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StepKind {
+    Index,
+    Touch,
+    Scan,
+    /// A touch whose only purpose is to see drift.
+    Reference,
+    /// A person does what its `text` says. Nothing moves: `from` is `to`. It stands at the head of its
+    /// stage.
+    Prompt,
+}
+
+/// One step. A touch is the straight line `from` → `to`, linear axes alone moving; rotary axes and
+/// spindle stand as `from` says. Machine coordinates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    pub id: u32,
+    pub stage: u32,
+    pub kind: StepKind,
+    /// e.g. `1a/C045`: test and angle.
+    pub label: String,
+    pub from: Position,
+    pub to: Position,
+    pub feed_mm_min: f64,
+    pub sensor: String,
+    /// Outward surface normal where contact is expected, machine frame; of a scan: against the beam.
+    pub normal: [f64; 3],
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub scan: Option<Scan>,
+    /// What a prompt asks a person to do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub text: Option<String>,
+}
+
+/// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of
+/// the step is the first point, `to` the last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scan {
+    pub path: Vec<Position>,
+    #[serde(flatten)]
+    pub sampling: Sampling,
+}
+
+/// When samples are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Sampling {
+    /// At each point: it rests so long, then so many samples are taken while it stands.
+    Dwell { dwell_s: f64, samples: u32 },
+    /// All the way, so many a second, with positions from a control that stamps them.
+    Continuous { rate_hz: f64 },
+}
+
+/// A part of the plan that is proven and run as a whole; the method sees its readings before it
+/// writes the next.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    pub id: u32,
+    pub name: String,
+    /// How often each step has been measured before: 0 in the first pass. From
+    /// [`REPEAT_AFTER_STOP`] on: references measured again after a stop, counted by stops.
+    pub repeat: u32,
+    /// Ids of the steps to run, in order. They stand in the plan.
+    pub steps: Vec<u32>,
+    /// Where the artefact was found, if earlier stages have found it: from here on, proofs look at
+    /// this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found: Option<Artefact>,
+}

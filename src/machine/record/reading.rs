@@ -1,0 +1,99 @@
+//! A reading: what came back from one step.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Position;
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Flag {
+    #[default]
+    #[serde(rename = "")]
+    None,
+    Range,
+    Saturated,
+    Stale,
+    Gap,
+    Excluded,
+}
+
+impl Flag {
+    pub const ALL: [Flag; 6] =
+        [Self::None, Self::Range, Self::Saturated, Self::Stale, Self::Gap, Self::Excluded];
+
+    /// As it stands in files: empty for none.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Range => "range",
+            Self::Saturated => "saturated",
+            Self::Stale => "stale",
+            Self::Gap => "gap",
+            Self::Excluded => "excluded",
+        }
+    }
+}
+
+impl FromStr for Flag {
+    type Err = UnknownFlag;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|flag| flag.as_str() == text)
+            .ok_or_else(|| UnknownFlag(text.to_owned()))
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown flag `{0}`; the flags are range, saturated, stale, gap and excluded, or nothing")]
+pub struct UnknownFlag(pub String);
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    pub step: u32,
+    pub repeat: u32,
+    /// Axis positions: at the trigger (touch), or with the sample (scan).
+    pub position: Position,
+    /// Displacement of a scan sample; `None` for a touch.
+    pub value_mm: Option<f64>,
+    pub sensor: String,
+    pub t_s: f64,
+    #[serde(default)]
+    pub flag: Flag,
+    #[serde(default)]
+    pub temperatures_c: Temperatures,
+}
+
+/// °C by the name of the thermometer; one that said nothing is not in it. All samples of a scan share one,
+/// as there may be a million of them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "BTreeMap<String, f64>", into = "BTreeMap<String, f64>")]
+pub struct Temperatures(Option<Arc<BTreeMap<String, f64>>>);
+
+impl Temperatures {
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.as_ref()?.get(name).copied()
+    }
+
+    /// In the order of their names.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.0.iter().flat_map(|all| all.iter()).map(|(name, celsius)| (name.as_str(), *celsius))
+    }
+}
+
+impl From<BTreeMap<String, f64>> for Temperatures {
+    fn from(all: BTreeMap<String, f64>) -> Self {
+        Self((!all.is_empty()).then(|| Arc::new(all)))
+    }
+}
+
+impl From<Temperatures> for BTreeMap<String, f64> {
+    fn from(Temperatures(all): Temperatures) -> Self {
+        all.map(Arc::unwrap_or_clone).unwrap_or_default()
+    }
+}

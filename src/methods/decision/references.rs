@@ -1,0 +1,269 @@
+//! Whether a machine stands as it stood: the references measured again after a stop, each against
+//! its last value before.
+
+use estimation::coverage;
+use machine::record::plan::{Plan, Step, StepKind};
+
+/// An honest machine stays within the limits of all its references with this probability, however many
+/// they are: a false refusal in 1.1 % of stops is seldom enough not to teach people to distrust it. Of
+/// four references (0°, 90°, 180°, Z) each is then granted ±3 standard deviations, of the 26 points of a
+/// scan ±3.5 each.
+const ALL_INSIDE: f64 = 0.989_244_470_5;
+/// Drift is granted up to so many times what the touches themselves may differ by. A reference that
+/// may move by more tells nothing any more: after so long a stop a new run is the honest way.
+const DRIFT_GRANTED: f64 = 3.0;
+
+/// A reference before the stop and after it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pair {
+    pub label: String,
+    /// Ball centre along the outward normal, before and after, mm.
+    pub position_mm: [f64; 2],
+    /// Times of the two touches, s.
+    pub t_s: [f64; 2],
+    /// One step of the displayed position along the normal, mm.
+    pub resolution_mm: f64,
+}
+
+/// What is known of the scatter of one touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scatter {
+    /// Declared standard uncertainty, mm.
+    Declared { u_mm: f64 },
+    /// From the references themselves, touched again and again before the stop.
+    Pooled { u_mm: f64, dof: u32 },
+    /// Nothing but the resolution.
+    Unknown,
+}
+
+impl Scatter {
+    /// The declared value; without one, from `series`: per reference all its values before the
+    /// stop in order, mm. Successive differences, so that slow drift does not count as scatter.
+    pub fn of(declared_mm: Option<f64>, series: &[Vec<f64>]) -> Self {
+        if let Some(u_mm) = declared_mm {
+            return Self::Declared { u_mm };
+        }
+        let differences = series.iter().flat_map(|values| values.windows(2));
+        let squares: Vec<f64> = differences.map(|pair| (pair[1] - pair[0]).powi(2) / 2.0).collect();
+        match squares.len() {
+            0 => Self::Unknown,
+            count => Self::Pooled {
+                u_mm: (squares.iter().sum::<f64>() / count as f64).sqrt(),
+                dof: count as u32,
+            },
+        }
+    }
+
+    /// Where the limit comes from, in words.
+    pub fn in_words(self) -> String {
+        match self {
+            Self::Declared { u_mm } => {
+                format!("one touch is declared to repeat within {:.2} µm", u_mm * 1e3)
+            }
+            Self::Pooled { u_mm, dof } => format!(
+                "one touch repeats within {:.2} µm, from {dof} repeated references",
+                u_mm * 1e3
+            ),
+            Self::Unknown => "nothing is known of how touches repeat ([probe] repeatability_um is \
+                              missing): the limit follows from resolution and drift alone"
+                .to_owned(),
+        }
+    }
+}
+
+/// How far references may lie from where they were.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Standard uncertainty of one touch, mm.
+    u_mm: f64,
+    /// Coverage factor of one reference among all that are compared.
+    factor: f64,
+    drift_mm_per_s: f64,
+}
+
+impl Limits {
+    /// Of `places` references that are compared together, so that all of them agree with probability
+    /// [`ALL_INSIDE`]; scatter that the references have told of themselves makes false refusals still
+    /// rarer. `drift_mm_per_s` is the declared standard deviation of the drift's rate.
+    pub fn new(scatter: Scatter, places: usize, drift_mm_per_s: f64) -> Self {
+        let (u_mm, dof) = match scatter {
+            Scatter::Declared { u_mm } => (u_mm, f64::INFINITY),
+            Scatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
+            Scatter::Unknown => (0.0, f64::INFINITY),
+        };
+        let inside = ALL_INSIDE.powf(1.0 / places.max(1) as f64);
+        Self { u_mm, factor: coverage::two_sided(inside, dof), drift_mm_per_s }
+    }
+
+    /// k·√(2·u_touch² + u_drift²) and one step of resolution, mm; u_drift is bounded.
+    fn of(&self, pair: &Pair) -> f64 {
+        let rounding = pair.resolution_mm / 12f64.sqrt();
+        let [before, after] = pair.t_s;
+        let touches = (2.0 * (self.u_mm.powi(2) + rounding.powi(2))).sqrt();
+        let drift = (self.drift_mm_per_s * (after - before).max(0.0)).min(DRIFT_GRANTED * touches);
+        self.factor * touches.hypot(drift) + pair.resolution_mm
+    }
+}
+
+/// How many places a plan's references compare, of those that are measured in one stage.
+pub fn places(plan: &Plan) -> usize {
+    let references = || plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
+    let first = references().next().map(|step| step.stage);
+    let together = references().filter(|step| Some(step.stage) == first);
+    let points = |step: &Step| step.scan.as_ref().map_or(1, |scan| scan.path.len());
+    together.map(points).sum()
+}
+
+/// How far one reference lies from where it was, and how far it may.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shift {
+    pub label: String,
+    /// Along the outward normal.
+    pub shift_mm: f64,
+    pub limit_mm: f64,
+}
+
+impl Shift {
+    pub fn of(pair: &Pair, limits: &Limits) -> Self {
+        let [old, new] = pair.position_mm;
+        Self { label: pair.label.clone(), shift_mm: new - old, limit_mm: limits.of(pair) }
+    }
+
+    pub fn agrees(&self) -> bool {
+        self.shift_mm.abs() <= self.limit_mm
+    }
+}
+
+/// So many are told one by one.
+const TOLD: usize = 4;
+
+/// All of a few; of many those that are farthest off, by their limits.
+pub fn in_words(shifts: &[Shift]) -> String {
+    let mut told: Vec<&Shift> = shifts.iter().collect();
+    if told.len() > TOLD {
+        let part = |shift: &Shift| shift.shift_mm.abs() / shift.limit_mm;
+        told.sort_by(|one, other| part(other).total_cmp(&part(one)));
+        told.truncate(TOLD);
+    }
+    let more = shifts.len() - told.len();
+    let mut words: Vec<String> = told.into_iter().map(Shift::to_string).collect();
+    words.extend((more > 0).then(|| format!("{more} more")));
+    words.join(", ")
+}
+
+impl std::fmt::Display for Shift {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [shift, limit] = [self.shift_mm, self.limit_mm].map(|mm| mm * 1e3);
+        write!(f, "{} moved by {shift:+.1} µm (limit {limit:.1} µm)", self.label)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::RngExt as _;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    fn pair(shift_mm: f64, seconds: f64) -> Pair {
+        Pair {
+            label: "R1/P090".to_owned(),
+            position_mm: [48.0, 48.0 + shift_mm],
+            t_s: [100.0, 100.0 + seconds],
+            resolution_mm: 0.0,
+        }
+    }
+
+    #[test]
+    fn the_limit_of_four_is_three_standard_deviations_of_the_difference() {
+        let declared = |um_per_h: f64| {
+            Limits::new(Scatter::of(Some(0.5e-3), &[]), 4, um_per_h * 1e-3 / 3600.0)
+        };
+        let shift = Shift::of(&pair(2.0e-3, 0.0), &declared(0.0));
+        assert!((shift.limit_mm - 3.0 * 0.5e-3 * 2f64.sqrt()).abs() < 1e-9);
+        assert!(shift.agrees() && !Shift::of(&pair(-2.2e-3, 0.0), &declared(0.0)).agrees());
+        // 5 µm/h over a quarter of an hour: 3·1.25 µm beside the touches.
+        let slow = Shift::of(&pair(0.0, 900.0), &declared(5.0));
+        assert!((slow.limit_mm - 3.0 * (0.5e-6f64 + 1.25e-3f64.powi(2)).sqrt()).abs() < 1e-9);
+        // Over a weekend: a part that moved by 20 µm is still found out.
+        let weekend = Shift::of(&pair(20e-3, 200_000.0), &declared(5.0));
+        assert!((weekend.limit_mm - 3.0 * (0.5e-6f64 * 10.0).sqrt()).abs() < 1e-9);
+        assert!(!weekend.agrees());
+        assert_eq!(shift.to_string(), "R1/P090 moved by +2.0 µm (limit 2.1 µm)");
+    }
+
+    /// Of `stops` stops of a machine that has moved by `shift` standard deviations of a touch, how many
+    /// refuse: with declared scatter, and with scatter pooled from two rounds before the stop and two
+    /// after it.
+    fn refused(places: usize, shift: f64, stops: u32) -> [f64; 2] {
+        const U_MM: f64 = 1e-3;
+        let mut rng = estimation::random::stream(5, &[places as u64]);
+        let declared = Limits::new(Scatter::of(Some(U_MM), &[]), places, 0.0);
+        // The factor depends on how many there are alone: it is computed once, as in a run.
+        let pooled =
+            Limits::new(Scatter::Pooled { u_mm: 1.0, dof: 2 * places as u32 }, places, 0.0);
+        let mut alarms = [0_u32; 2];
+        for _ in 0..stops {
+            let mut draw = |at: f64| U_MM * (at + rng.sample::<f64, _>(StandardNormal));
+            let mut round = |at| (0..places).map(|_| vec![draw(at), draw(at)]).collect::<Vec<_>>();
+            let (before, after) = (round(0.0), round(shift));
+            let Scatter::Pooled { u_mm, dof } =
+                Scatter::of(None, &[before.as_slice(), &after].concat())
+            else {
+                panic!("no scatter")
+            };
+            assert_eq!(dof, 2 * places as u32);
+            for (alarms, limits) in alarms.iter_mut().zip([declared, Limits { u_mm, ..pooled }]) {
+                let moved = |(before, after): (&Vec<f64>, &Vec<f64>)| {
+                    let pair = Pair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
+                    !Shift::of(&pair, &limits).agrees()
+                };
+                *alarms += u32::from(before.iter().zip(&after).any(moved));
+            }
+        }
+        alarms.map(|count| f64::from(count) / f64::from(stops))
+    }
+
+    /// By drawing: the false alarm of 1.1 % of stops does not grow with the places, and a shift that
+    /// matters is seen all the same.
+    #[test]
+    fn false_alarms_are_as_rare_as_promised_however_many_places_are_compared() {
+        for places in [1, 4, 26] {
+            let [declared, pooled] = refused(places, 0.0, 20_000);
+            println!("{places} places: {declared} of stops, {pooled} with pooled scatter");
+            // Four standard deviations of the count.
+            assert!((declared - (1.0 - ALL_INSIDE)).abs() < 0.003, "{places}: {declared}");
+            // References that tell their own scatter share it with the shift.
+            assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");
+        }
+        // What moves by 8 standard deviations of a touch (4 µm of a usual probe) is seen nearly always.
+        for places in [4, 26] {
+            let [declared, pooled] = refused(places, 8.0, 500);
+            assert!(declared > 0.999 && pooled > 0.97, "{places}: {declared} {pooled}");
+        }
+    }
+
+    #[test]
+    fn of_many_the_farthest_are_told() {
+        let limits = Limits::new(Scatter::of(Some(0.5e-3), &[]), 26, 0.0);
+        let shift = |um: f64| Shift::of(&pair(um * 1e-3, 0.0), &limits);
+        let few: Vec<Shift> = [1.0, -3.0, 2.0].map(shift).into();
+        let words = in_words(&few);
+        assert!(words.starts_with("R1/P090 moved by +1.0 µm (limit 2.5 µm), "), "{words}");
+        assert_eq!(words.matches("moved").count(), 3);
+        let many: Vec<Shift> = (0..26).map(|place| shift(f64::from(place - 20))).collect();
+        let words = in_words(&many);
+        assert!(words.starts_with("R1/P090 moved by -20.0 µm"), "{words}");
+        assert!(words.ends_with("moved by -17.0 µm (limit 2.5 µm), 22 more"), "{words}");
+    }
+
+    #[test]
+    fn an_unknown_scatter_is_said() {
+        assert_eq!(Scatter::of(None, &[vec![1.0], vec![2.0]]), Scatter::Unknown);
+        assert!(Scatter::Unknown.in_words().contains("repeatability_um is missing"));
+        let coarse = Pair { resolution_mm: 1e-3, ..pair(1.5e-3, 0.0) };
+        let unknown = Limits::new(Scatter::Unknown, 1, 0.0);
+        assert!(Shift::of(&coarse, &unknown).agrees());
+        assert!(!Shift::of(&Pair { resolution_mm: 1e-4, ..coarse }, &unknown).agrees());
+    }
+}

@@ -1,0 +1,187 @@
+use rand_distr::{Distribution, StandardNormal};
+
+use super::*;
+use estimation::random::stream;
+
+/// NIST/SEMATECH e-Handbook, 6.3.2.2: flow rate of ten batches.
+const FLOW: [f64; 10] = [49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1];
+
+#[test]
+fn paper_nist_individuals_chart() {
+    let chart = Individuals::of(&FLOW).unwrap();
+    let [lower, upper] = chart.limits();
+    assert!((chart.centre - 50.81).abs() < 1e-9);
+    assert!((upper - 55.8041).abs() < 5e-5 && (lower - 45.8159).abs() < 5e-5, "{lower} {upper}");
+}
+
+/// NIST/SEMATECH e-Handbook, 6.3.2.4, with its centre 50, s = 2.0539 and λ = 0.3.
+#[test]
+fn paper_nist_ewma_chart() {
+    let first = [52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5];
+    let values: Vec<f64> = first.into_iter().chain(FLOW).collect();
+    let published = [
+        50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33, 50.11, 49.36, 49.52,
+        50.05, 49.38, 49.92, 50.73, 51.23, 51.94, 51.99,
+    ];
+    let ewma = Ewma::of(&values, 50.0, 2.0539);
+    for (mean, published) in ewma.means.iter().zip(published) {
+        assert!((mean - published).abs() < 0.0051, "{mean} {published}");
+    }
+    // UCL 52.5884 is that of many values; after 20 the limits have settled.
+    assert!((ewma.widths[19] - 2.5884).abs() < 5e-4 && !ewma.is_out());
+    // The first value's limits are those of 0.3 times one value.
+    assert!((ewma.widths[0] - 3.0 * 0.3 * 2.0539).abs() < 1e-12);
+}
+
+fn at_s(day: f64) -> f64 {
+    day * 86_400.0
+}
+
+fn name(t_s: f64) -> String {
+    format!("day {:.0}", t_s / 86_400.0)
+}
+
+/// A run a day, scatter of 1.
+fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<Point> {
+    let mut rng = stream(seed, &[7]);
+    let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+    (0..days).map(|i| Point { t_s: at_s(i as f64), value: truth(i as f64) + draw() }).collect()
+}
+
+#[test]
+fn nothing_is_told_of_a_machine_that_stays() {
+    let false_alarms = (0..2000)
+        .filter(|seed| {
+            !Trend::of(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
+        })
+        .count();
+    // 1 in 1000: 2 of 2000 on average, 8 or more with a probability of 0.1 %.
+    assert!(false_alarms < 8, "{false_alarms}");
+    // Not even where its mean is rounded.
+    for value in [1.5, 49.504_871_3, -13.8, 0.0] {
+        for count in 9..20 {
+            let points = (0..count).map(|i| Point { t_s: at_s(f64::from(i)), value });
+            let same = Trend::of(points.collect());
+            assert!(same.changes.is_empty() && same.is_out() == Some(false), "{count} of {value}");
+        }
+    }
+}
+
+/// Its height within U, and the day within what is told, as often as said.
+#[test]
+fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
+    let (mut found, mut height, mut when) = (0, 0, 0);
+    let seeds = 60;
+    for seed in 0..seeds {
+        let trend = Trend::of(series(seed, 40, |day| if day < 25.0 { 3.0 } else { 6.5 }));
+        let Some(change) = trend.changes.first().filter(|change| change.kind == Kind::Step) else {
+            continue;
+        };
+        found += 1;
+        height += usize::from((change.by - 3.5).abs() <= change.expanded);
+        when += usize::from(change.between[0] <= 24 && change.between[1] >= 25);
+    }
+    assert!(found >= seeds - 1, "{found}");
+    // 95 % of 60 less three standard deviations.
+    assert!(height >= 52 && when >= 52, "{height} {when}");
+}
+
+#[test]
+fn a_drift_is_no_step() {
+    let (mut found, mut slope, mut when) = (0, 0, 0);
+    let seeds = 60;
+    for seed in 0..seeds {
+        let trend = Trend::of(series(seed, 60, |day| 0.25 * (day - 30.0f64).max(0.0)));
+        let Some(change) = trend.changes.first().filter(|change| change.kind == Kind::Drift) else {
+            continue;
+        };
+        found += 1;
+        slope += usize::from((change.by - 0.25).abs() <= change.expanded);
+        when += usize::from(change.between[0] <= 30 && change.between[1] >= 30);
+    }
+    assert!(found >= 57, "{found}");
+    assert!(when >= 50, "{when}");
+    // The place of the bend is fitted as well and not in U: a few less.
+    assert!(slope >= 45, "{slope}");
+}
+
+/// After a step the limits are those of what came since.
+#[test]
+fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
+    let stepped = |last: f64| {
+        let mut points = series(3, 40, |day| if day < 20.0 { 0.0 } else { 10.0 });
+        points.push(Point { t_s: at_s(40.0), value: last });
+        Trend::of(points)
+    };
+    let trend = stepped(10.0);
+    assert_eq!(trend.changes.len(), 1);
+    assert_eq!(trend.changes[0].first, 20);
+    assert!((trend.individuals.unwrap().centre - 10.0).abs() < 1.0);
+    assert_eq!(trend.is_out(), Some(false));
+    assert_eq!(stepped(16.0).is_out(), Some(true));
+    assert_eq!(Trend::of(series(1, 8, |_| 0.0)).is_out(), None);
+}
+
+#[test]
+fn what_changed_is_one_sentence() {
+    let step = Trend::of(series(1, 40, |day| if day < 33.0 { 0.0 } else { 8.0 }));
+    let drift = Trend::of(series(2, 40, |day| 0.4 * day));
+    let same = Trend::of(series(3, 40, |_| 0.0));
+    let few = Trend::of(series(4, 40, |_| 0.0).split_off(37));
+    let told = |symbol, trend| Told { symbol, unit: "µm", trend };
+    let all = [told("EX0C", &step), told("EY0C", &drift), told("EA0B", &same), told("EB0B", &few)];
+    assert_eq!(
+        what_changed(&all, at_s(30.0), name),
+        "Since day 30: EX0C changed by +8.5 µm (U 0.8 µm), between day 32 and day 33; \
+         EY0C drifts by +0.39 µm a day (U 0.03 µm), all along; the other value stayed as it was; of EB0B \
+         there are fewer than 6 runs, too few to tell."
+    );
+    assert_eq!(
+        what_changed(&[told("EA0B", &same)], at_s(30.0), name),
+        "Since day 30: nothing changed beyond the scatter."
+    );
+    // Long ago.
+    assert_eq!(
+        what_changed(&[told("EX0C", &step)], at_s(39.0), name),
+        "Since day 39: nothing changed beyond the scatter."
+    );
+}
+
+/// Silence is no constancy.
+#[test]
+fn what_was_not_measured_since_then_is_said_to_be_so() {
+    let same = Trend::of(series(3, 40, |_| 0.0));
+    let newer = Trend::of(series(3, 60, |_| 0.0));
+    let drift = Trend::of(series(2, 40, |day| 0.4 * day));
+    let told = |symbol, trend| Told { symbol, unit: "µm", trend };
+    assert_eq!(
+        what_changed(&[told("EA0B", &same)], at_s(50.0), name),
+        "Since day 50: nothing was measured, the newest values are of day 39."
+    );
+    assert_eq!(
+        what_changed(&[told("EA0B", &same), told("EB0B", &newer)], at_s(50.0), name),
+        "Since day 50: EA0B was not measured, the newest is of day 39; nothing changed beyond the scatter."
+    );
+    let drifts = what_changed(&[told("EA0B", &same), told("EY0C", &drift)], at_s(50.0), name);
+    let words =
+        "Since day 50: nothing was measured, the newest values are of day 39; EY0C drifts by ";
+    assert!(drifts.starts_with(words) && !drifts.contains("stayed"), "{drifts}");
+}
+
+/// Thirteen runs, the newest with the clock at 1970 and 400 µm off: it is the newest, it lies outside, and
+/// the limits are those of the twelve before it.
+#[test]
+fn a_clock_set_back_hides_no_value() {
+    let mut points = series(5, 12, |day| 3.0 + 0.0 * day);
+    points.iter_mut().for_each(|point| point.t_s += at_s(20_000.0));
+    let before = Trend::of([points.clone(), vec![points[11]]].concat());
+    points.push(Point { t_s: 60.0, value: 403.0 });
+    let trend = Trend::of(points);
+    assert_eq!(trend.points[12].value, 403.0);
+    assert_eq!(trend.is_out(), Some(true));
+    assert_eq!(trend.individuals, before.individuals);
+    assert!(trend.points.windows(2).all(|pair| pair[0].t_s <= pair[1].t_s));
+    let told = Told { symbol: "EX0C", unit: "µm", trend: &trend };
+    let words = what_changed(&[told], at_s(20_000.0), name);
+    assert!(words.contains("the newest EX0C, 403.0 µm, lies outside"), "{words}");
+}

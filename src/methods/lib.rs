@@ -1,0 +1,177 @@
+//! The measuring methods. Each is one folder and one line in [`configure`]; each is pure:
+//! no IO, no clock, no unseeded random.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+mod asking;
+pub mod decision;
+pub mod laser_r_test;
+pub mod latch_delay;
+pub mod samba;
+pub mod self_calibration;
+
+pub use asking::asking;
+
+use self::asking::Asking;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage, Step};
+use machine::record::reading::Reading;
+use machine::record::sensor::Sensor;
+
+/// What a method wants next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// Run these new steps (already numbered on from the plan's last) in this order; `stage.steps`
+    /// may also name steps of the plan, to repeat them.
+    Stage {
+        stage: Stage,
+        new_steps: Vec<Step>,
+    },
+    Done,
+}
+
+/// A request that cannot be met, and what would work instead.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{why}")]
+pub struct Refused {
+    pub why: String,
+    pub instead: String,
+}
+
+/// Readings that cannot be turned into an estimate.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum IdentifyError {
+    #[error("the readings lack step {step} ({label}); measure it again or give a plan without it")]
+    Missing { step: u32, label: String },
+    #[error("step {step} does not stand in the plan; are plan and readings of the same run?")]
+    UnknownStep { step: u32 },
+    #[error("step {step} repeat {repeat} stands twice; number repeated readings in `repeat`")]
+    Duplicate { step: u32, repeat: u32 },
+    #[error("rank {rank} of {unknowns}: {}", what.join("; "))]
+    RankDeficient { rank: usize, unknowns: usize, what: Vec<String> },
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    #[error("the identification failed: {0}")]
+    Numerical(String),
+}
+
+impl IdentifyError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Refused(refused) => refused.instead.clone(),
+            Self::Missing { .. } | Self::UnknownStep { .. } | Self::Duplicate { .. } => {
+                "give the plan that was measured (--plan) and all of its readings".to_owned()
+            }
+            Self::RankDeficient { .. } => {
+                "measure what is missing (`trued resume` goes on with a run that was stopped), or take \
+                 what cannot be told apart out of the plan's settings (drift_order, parameters)"
+                    .to_owned()
+            }
+            Self::Numerical(_) => "correct the plan or the readings named above".to_owned(),
+        }
+    }
+}
+
+/// A pure stepper. `plan` carries machine, probe, artefact, settings and the steps so far.
+pub trait Method: Send + Sync {
+    /// The settings in full, as they go into the plan.
+    fn settings(&self) -> serde_json::Value;
+
+    /// The next stage after the `done` stages and their readings. With `nominal`, no readings are
+    /// needed: positions are taken from the plan's nominal artefact.
+    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
+
+    /// What it looks with, of the sensors that the machine has; nothing, if it touches.
+    ///
+    /// # Errors
+    /// It looks, and none of them suits.
+    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+        let _ = sensors;
+        Ok(None)
+    }
+
+    /// Whether this method can take these estimates as known; asked before anything moves. Most take
+    /// none.
+    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
+        match priors.first() {
+            None => Ok(()),
+            Some(prior) => Err(Refused {
+                why: format!("this method takes no prior (given: an estimate of {})", prior.method),
+                instead: "leave out --with".to_owned(),
+            }),
+        }
+    }
+
+    /// Plan + readings + priors → estimate. A pure function: same input, same output.
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError>;
+}
+
+/// Where a method takes the positions of later stages from.
+#[derive(Debug, Clone, Copy)]
+pub enum Source<'a> {
+    /// The readings so far.
+    Measured(&'a [Reading]),
+    /// No readings: print the whole plan from nominal positions.
+    Nominal,
+}
+
+/// The plan with every stage resolved from nominal positions, and the stages.
+///
+/// # Errors
+/// What a stage is refused for.
+pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
+    let mut done = Vec::new();
+    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+        plan.steps.extend(new_steps);
+        done.push(stage);
+    }
+    Ok((plan, done))
+}
+
+/// The names of all methods.
+pub const NAMES: [&str; 4] =
+    [self_calibration::NAME, samba::NAME, laser_r_test::NAME, latch_delay::NAME];
+
+/// The method `name` with its settings, from the machine file or from a plan. It knows what a plan
+/// asks a person.
+///
+/// # Errors
+/// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
+pub fn configure<'de, D: Deserializer<'de>>(
+    name: &str,
+    settings: D,
+) -> Result<Box<dyn Method>, D::Error> {
+    Ok(Box::new(Asking::silent(by_name(name, settings)?)))
+}
+
+/// The list: a new method is one line here.
+fn by_name<'de, D: Deserializer<'de>>(
+    name: &str,
+    settings: D,
+) -> Result<Box<dyn Method>, D::Error> {
+    use self::laser_r_test::LaserRTest;
+    use self::latch_delay::LatchDelay;
+    use self::samba::Samba;
+    use self::self_calibration::SelfCalibration;
+    match name {
+        self_calibration::NAME => {
+            Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
+        }
+        samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
+        laser_r_test::NAME => Ok(Box::new(LaserRTest::new(Deserialize::deserialize(settings)?))),
+        latch_delay::NAME => Ok(Box::new(LatchDelay::new(Deserialize::deserialize(settings)?))),
+        unknown => Err(D::Error::custom(format!(
+            "there is no method `{unknown}`; there are {}",
+            NAMES.join(", ")
+        ))),
+    }
+}

@@ -1,0 +1,63 @@
+//! Any text as a program.
+
+use super::rs274::{self, ReadMotion};
+use fuzz::fuzz;
+
+const GRBL: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
+const LINUXCNC: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");
+
+#[test]
+fn the_reader_bears_anything() {
+    let words = [
+        "G0 ",
+        "G1",
+        "G38.3",
+        "G53 ",
+        "G90",
+        "G91",
+        "G20",
+        "G21 ",
+        "G10 L2 P6 ",
+        "G4 P",
+        "M19 R",
+        "M66 P0 L0",
+        "M72",
+        "M30",
+        "N",
+        "X",
+        "Y",
+        "C",
+        "F100 ",
+        "o<a> if [",
+        "o<a> endif",
+        "(ABORT,",
+        "%",
+        "1",
+        "-2.5 ",
+        "\n",
+        "\n",
+    ];
+    fuzz("gcode-rs274", &[GRBL, LINUXCNC], &words, |input| {
+        let text = String::from_utf8_lossy(input);
+        let read = rs274::read(&text, Some("G59.3"));
+        assert_eq!(read, rs274::read(&text, Some("G59.3")));
+        let Ok(motions) = read else { return 0 };
+        for motion in &motions {
+            assert!(is_finite(motion), "{motion:?}");
+        }
+        assert!(motions.len() <= text.lines().count());
+        size_of_val(motions.as_slice())
+    });
+}
+
+fn is_finite(motion: &ReadMotion) -> bool {
+    let of_kind = match motion.kind {
+        rs274::Kind::Dwell { seconds } => seconds,
+        rs274::Kind::Orient { s } => s,
+        rs274::Kind::Rapid | rs274::Kind::Feed | rs274::Kind::Probe { .. } | rs274::Kind::Stop => {
+            0.0
+        }
+    };
+    let target = motion.target.iter().map(|(_, value)| value);
+    target.chain(motion.feed_mm_min).chain([of_kind]).all(f64::is_finite)
+}

@@ -1,0 +1,102 @@
+//! Rendered text read back and compared with what was meant.
+
+use std::f64::consts::TAU;
+
+use super::dialect::Dialect;
+use super::error::Disagreement;
+use super::rs274::{self, Frame, Kind, ReadError, ReadMotion};
+use machine::Axis;
+use machine::record::motion::{Block, Motion};
+
+/// Half a unit of the third decimal, in which feeds, seconds and orientations are written.
+const THIRD_DECIMAL: f64 = 0.000_501;
+
+impl Dialect {
+    /// The motions of `text`, which this dialect rendered, as its control will understand them.
+    ///
+    /// # Errors
+    /// The first line that is not understood.
+    pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
+        rs274::read_with(text, Some(&self.spec.work_offset), &self.options.declared)
+    }
+
+    /// How far a position may be from the one that was meant, mm or rad: half a unit of the last
+    /// decimal, and a little for the decimal fraction itself.
+    pub fn rounding(&self, axis: Axis) -> f64 {
+        let decimals = match axis {
+            Axis::S => return axis.from_edge(THIRD_DECIMAL),
+            axis if axis.is_linear() => self.spec.decimals_mm,
+            _ => self.spec.decimals_deg,
+        };
+        axis.from_edge(0.501 * 0.1_f64.powi(decimals as i32))
+    }
+
+    /// Does `text`, a whole program, say exactly what `blocks` mean? Targets to half a unit of the
+    /// last decimal, every one of them in machine coordinates.
+    ///
+    /// # Errors
+    /// The first line that cannot be read or means something else.
+    pub fn proves(&self, text: &str, blocks: &[Block]) -> Result<(), Disagreement> {
+        let read = self.read_back(text)?;
+        let meant = blocks.iter().flat_map(|b| b.motions.iter().map(move |m| (b.step, m)));
+        let count = meant.clone().count();
+        if count != read.len() {
+            return Err(Disagreement::Count { meant: count, read: read.len() });
+        }
+        for ((step, motion), read) in meant.zip(&read) {
+            self.same(step, motion, read).map_err(|why| Disagreement::Motion {
+                step,
+                line: read.line,
+                why,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn same(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {
+        if read.n != Some(step) {
+            return Err(format!("its N word is {:?}", read.n));
+        }
+        if read.frame != Frame::Machine {
+            return Err(format!("it moves in the frame {:?}", read.frame));
+        }
+        let (to, feed) = match (motion, read.kind) {
+            (Motion::Rapid { to }, Kind::Rapid) => (to, None),
+            (
+                Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min },
+                Kind::Feed,
+            )
+            | (Motion::Guarded { to, feed_mm_min }, Kind::Probe { must_touch: false })
+            | (Motion::Probe { to, feed_mm_min }, Kind::Probe { .. }) => (to, Some(*feed_mm_min)),
+            (Motion::Dwell { seconds }, Kind::Dwell { seconds: read }) => {
+                return near("dwell", *seconds, read, THIRD_DECIMAL);
+            }
+            (Motion::Orient { s }, Kind::Orient { s: read }) => {
+                let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
+                return near("orientation", 0.0, Axis::S.to_edge(turn), THIRD_DECIMAL);
+            }
+            (_, kind) => return Err(format!("it is a {kind:?}")),
+        };
+        if to.iter().count() != read.target.iter().count() {
+            return Err("it moves other axes".to_owned());
+        }
+        for (axis, value) in to.iter() {
+            let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
+            let half_unit = axis.to_edge(self.rounding(axis));
+            near(&axis.to_string(), axis.to_edge(value), axis.to_edge(other), half_unit)?;
+        }
+        match (feed, read.feed_mm_min) {
+            (Some(feed), Some(read)) => near("feed", feed, read, THIRD_DECIMAL),
+            (None, None) => Ok(()),
+            _ => Err("a feed is missing or too many".to_owned()),
+        }
+    }
+}
+
+/// Written so that a NaN on either side is refused.
+fn near(what: &str, meant: f64, read: f64, tolerance: f64) -> Result<(), String> {
+    if (meant - read).abs() <= tolerance {
+        return Ok(());
+    }
+    Err(format!("{what} is {read} instead of {meant}"))
+}

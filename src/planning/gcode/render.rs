@@ -1,0 +1,156 @@
+//! Templates to lines. Every number passes the filter `num`; the formatter refuses a bare one.
+
+use std::error::Error as _;
+use std::f64::consts::TAU;
+
+use super::dialect::{Dialect, Program};
+use super::error::RenderError;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
+use minijinja::value::Value;
+use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior};
+
+const MAX_N: u32 = 99_999;
+
+/// Strict undefined; `num` is the only way in which a number gets into a program.
+pub(super) fn environment() -> Environment<'static> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_formatter(no_bare_number);
+    environment.add_filter("num", num);
+    environment
+}
+
+fn no_bare_number(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
+    if value.is_number() && !value.is_integer() {
+        let why = "a number is printed without the filter num";
+        return Err(Error::new(ErrorKind::InvalidOperation, why));
+    }
+    minijinja::escape_formatter(out, state, value)
+}
+
+/// Fixed decimals, no minus before a zero; an error for what is not finite.
+fn num(value: f64, decimals: usize) -> Result<String, Error> {
+    if !value.is_finite() {
+        return Err(Error::new(ErrorKind::InvalidOperation, "not finite")
+            .with_source(RenderError::NotFinite(value)));
+    }
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
+    Ok(if is_zero { text.trim_start_matches('-').to_owned() } else { text })
+}
+
+/// What a template may use; a name that is not there is undefined, and thereby refused.
+type Names = Vec<(&'static str, Value)>;
+
+pub(super) fn frame(
+    dialect: &Dialect,
+    template: &'static str,
+    program: &Program,
+) -> Result<Vec<String>, RenderError> {
+    let title = harmless(program.title);
+    let axes = program.axes.iter().filter(|axis| dialect.spec.axes.contains(axis));
+    let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
+    let mut names = vec![("title", Value::from(title)), ("axes", letters)];
+    names.extend(program.log.map(|log| ("log", Value::from(log))));
+    names.extend(dialect.options.names(None));
+    lines(dialect, template, names)
+}
+
+/// A bracket or a percent sign would end the comment or the program.
+fn harmless(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
+    text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
+}
+
+pub(super) fn ask(dialect: &Dialect, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
+    if step > MAX_N {
+        return Err(RenderError::StepTooLarge(step));
+    }
+    lines(dialect, "ask", vec![("n", step.into()), ("text", harmless(text).into())])
+}
+
+pub(super) fn block(dialect: &Dialect, block: &Block) -> Result<Vec<String>, RenderError> {
+    if block.step > MAX_N {
+        return Err(RenderError::StepTooLarge(block.step));
+    }
+    let mut all = Vec::new();
+    for (i, motion) in block.motions.iter().enumerate() {
+        let (template, mut names) = motion_names(dialect, motion)?;
+        names.push(("n", Value::from(block.step)));
+        names.push(("repeat", Value::from(block.repeat)));
+        // Number of the motion within its block.
+        names.push(("i", Value::from(i)));
+        all.extend(lines(dialect, template, names)?);
+    }
+    Ok(all)
+}
+
+/// The template for a motion and what it has to say: `to` (axis words), `feed` (mm/min), `s_deg`
+/// (0 to 360), `seconds`; with `to` what the machine adds (`options`).
+fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Names), RenderError> {
+    let moving = |template, to: &Position, feed: Option<f64>| {
+        let mut names = vec![("to", words(dialect, to)?)];
+        names.extend(dialect.options.names(Some(to)));
+        names.extend(feed.map(|feed| ("feed", Value::from(feed))));
+        Ok((template, names))
+    };
+    match motion {
+        Motion::Rapid { to } => moving("rapid", to, None),
+        Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => {
+            moving("feed", to, Some(*feed_mm_min))
+        }
+        Motion::Guarded { to, feed_mm_min } => moving("guarded", to, Some(*feed_mm_min)),
+        Motion::Probe { to, feed_mm_min } => moving("probe", to, Some(*feed_mm_min)),
+        Motion::Orient { s } => {
+            let s_deg = Axis::S.to_edge(s.rem_euclid(TAU));
+            Ok(("orient", vec![("s_deg", Value::from(s_deg))]))
+        }
+        Motion::Dwell { seconds } => Ok(("dwell", vec![("seconds", Value::from(*seconds))])),
+    }
+}
+
+/// Axis words: `letter`, `value` (mm or degrees), `decimals`.
+fn words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
+    if to.is_empty() {
+        return Err(RenderError::NoTarget);
+    }
+    let spec = &dialect.spec;
+    to.iter()
+        .map(|(axis, value)| {
+            if !spec.axes.contains(&axis) {
+                return Err(RenderError::NoWord { dialect: spec.name.clone(), axis });
+            }
+            let decimals = if axis.is_linear() { spec.decimals_mm } else { spec.decimals_deg };
+            Ok(Value::from_pairs([
+                ("letter", Value::from(axis.letter())),
+                ("value", Value::from(axis.to_edge(value))),
+                ("decimals", Value::from(decimals)),
+            ]))
+        })
+        .collect()
+}
+
+fn lines(
+    dialect: &Dialect,
+    template: &'static str,
+    names: Names,
+) -> Result<Vec<String>, RenderError> {
+    let unsupported =
+        |_| RenderError::Unsupported { dialect: dialect.spec.name.clone(), what: template };
+    let found = dialect.templates.get_template(template).map_err(unsupported)?;
+    let text = found.render(Value::from_pairs(names)).map_err(|error| typed(template, &error))?;
+    Ok(text.lines().map(str::to_owned).collect())
+}
+
+/// The filter's own error, if it is the cause.
+fn typed(template: &str, error: &Error) -> RenderError {
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        if let Some(own) = inner.downcast_ref::<RenderError>() {
+            return own.clone();
+        }
+        cause = inner.source();
+    }
+    RenderError::Template { template: template.to_owned(), why: error.to_string() }
+}

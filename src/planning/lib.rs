@@ -1,0 +1,120 @@
+//! From steps to motions. The touch cycle, ball measurement, clearances, order, first checks
+//! of travel, machine time. Knows no method. Whether something is in the way is not asked here but of
+//! the rendered text, by `proof`.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod access;
+mod asked;
+mod ball;
+mod clearance;
+mod error;
+pub mod gcode;
+mod hull;
+mod limits;
+mod measured;
+mod order;
+mod over_balls;
+pub mod proof;
+mod round;
+mod scan;
+mod surroundings;
+mod time;
+mod touch;
+
+pub use access::{Access, Contact, Unreachable};
+pub use asked::asked_first;
+pub use ball::{Approach, BallTask};
+pub use clearance::Clearance;
+pub use error::PlanningError;
+pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
+pub use order::tour;
+pub use scan::step_blocks;
+pub use time::machine_time_s;
+pub use touch::{Start, touch_block};
+
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::{Plan, Stage, Step};
+use machine::{Axis, Position};
+
+/// All steps of `plan` in their order, once each, from a machine that stands nobody knows where;
+/// and the machine time in s.
+pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), PlanningError> {
+    let mut program = Blocks::default();
+    for step in &plan.steps {
+        program.push(plan, step, 0, clearance)?;
+    }
+    Ok((program.blocks, program.seconds))
+}
+
+/// As [`blocks`], stage by stage as a run plans them: each with the artefact where it was found by
+/// then. What asks a person has no block.
+pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
+    let (mut program, mut found) = (Blocks::default(), None);
+    for stage in stages {
+        found = stage.found.as_ref().or(found);
+        let clearance = Clearance::known(plan, found)?;
+        let (asked, moves) = asked_first(plan, &stage.steps)?;
+        if !asked.is_empty() {
+            // Whoever was at the machine may have moved it.
+            program.stands = None;
+        }
+        for id in moves {
+            let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
+            program.push(plan, step, stage.repeat, &clearance)?;
+        }
+    }
+    Ok((program.blocks, program.seconds))
+}
+
+/// Blocks one after the other, from a machine that stands nobody knows where.
+#[derive(Default)]
+struct Blocks {
+    blocks: Vec<Block>,
+    seconds: f64,
+    stands: Option<Position>,
+}
+
+impl Blocks {
+    fn push(
+        &mut self,
+        plan: &Plan,
+        step: &Step,
+        repeat: u32,
+        clearance: &Clearance,
+    ) -> Result<(), PlanningError> {
+        let start = Start { stands: self.stands.as_ref(), first: self.stands.is_none() };
+        let blocks = step_blocks(plan, step, repeat, start, clearance)?;
+        for block in blocks {
+            let begins = self.stands.take().unwrap_or_default();
+            self.seconds += machine_time_s(&block, &begins, &plan.machine);
+            self.stands = Some(end_of(&block, &begins));
+            self.blocks.push(block);
+        }
+        Ok(())
+    }
+}
+
+/// Where the axes stand after `block`: the last target of each.
+pub fn end_of(block: &Block, begins: &Position) -> Position {
+    block.motions.iter().fold(begins.clone(), |stands, motion| match target(motion) {
+        Some(to) => stands.updated_by(&to),
+        None => stands,
+    })
+}
+
+/// Where a motion goes; `None` for one that stands.
+fn target(motion: &Motion) -> Option<Position> {
+    match motion {
+        Motion::Rapid { to }
+        | Motion::BackOff { to, .. }
+        | Motion::Feed { to, .. }
+        | Motion::Guarded { to, .. }
+        | Motion::Probe { to, .. } => Some(to.clone()),
+        Motion::Orient { s } => Some(Position::new().with(Axis::S, *s)),
+        Motion::Dwell { .. } => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

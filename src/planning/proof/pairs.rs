@@ -1,0 +1,111 @@
+//! Which bodies could meet: all that move against each other.
+
+use super::MARGIN_MM;
+use super::body::{Body, Role};
+use super::sweep::{Demand, Way, sweep};
+use machine::Axis;
+use machine::kinematics::{Carried, Side};
+
+/// Two bodies that could meet, as seen from the last carrier that they share.
+pub struct Pair {
+    pub one: Body,
+    pub other: Body,
+    /// Which of all bodies they are.
+    pub numbers: [usize; 2],
+    pub meets: Meets,
+    /// The stylus against the artefact: the probe feels it.
+    pub felt: bool,
+    /// How far the two may stand nearer to each other than they are thought to, mm.
+    pub grown: f64,
+}
+
+/// What a pair is to the touch of one body of the artefact, by its number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Meets {
+    /// The stylus ball and that body: they are meant to.
+    Touch(usize),
+    /// What rides with the stylus ball, and that body or its stem; the ball itself, and that stem.
+    Beside(usize),
+    /// All others.
+    Never,
+}
+
+impl Pair {
+    /// Do both stand on the same side of the machine?
+    pub fn one_side(&self) -> bool {
+        self.one.carried.side() == self.other.carried.side()
+    }
+
+    /// Nearer than the margin with all axes at zero: joined, or built close.
+    fn neighbours(&self) -> bool {
+        let zero = [0.0; Axis::ALL.len()];
+        let way = Way { from: zero, to: zero };
+        let (need, nearest) = (MARGIN_MM, f64::INFINITY);
+        let demand = Demand { need, grown: self.grown, across: None, nearest };
+        sweep(&way, &self.one, &self.other, &demand).is_err()
+    }
+
+    /// Nothing but the spindle's turn sets them apart: the nose, and what it holds.
+    fn held(&self) -> bool {
+        self.one.carried.axes().chain(self.other.carried.axes()).all(|axis| axis == Axis::S)
+    }
+}
+
+/// All pairs that some axis moves against each other; but for neighbours on one side, which are
+/// told in words unless the one holds the other.
+pub fn pairs(bodies: &[Body], uncertainty: f64) -> (Vec<Pair>, Vec<String>) {
+    let (mut pairs, mut neighbours) = (Vec::new(), Vec::new());
+    let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
+    for (one, other) in all {
+        let Some(pair) = pair(bodies, one, other, uncertainty) else { continue };
+        if !(pair.one_side() && pair.neighbours()) {
+            pairs.push(pair);
+        } else if !pair.held() {
+            let (one, other) = (&pair.one.name, &pair.other.name);
+            let why = format!("they stand nearer than {MARGIN_MM} mm with all axes at zero");
+            neighbours.push(format!("{one} against {other}: {why}"));
+        }
+    }
+    (pairs, neighbours)
+}
+
+/// Each pair once: of two sides the tool's first, the bed's last.
+fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<Pair> {
+    let (a, b) = (bodies.get(one)?, bodies.get(other)?);
+    let comes_first = match (a.carried.side(), b.carried.side()) {
+        (Side::Tool, Side::Work | Side::Bed) | (Side::Work, Side::Bed) => true,
+        (first, second) => first == second && one < other,
+    };
+    if !comes_first || a.carried.moves_as(&b.carried) {
+        return None;
+    }
+    let meets = meets(a, b, bodies);
+    let of_artefact =
+        |body: &Body| matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame);
+    let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
+    let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
+    let [of_one, of_other] = Carried::between(&a.carried, &b.carried);
+    let numbers = [one, other];
+    let (one, other) =
+        (Body { carried: of_one, ..a.clone() }, Body { carried: of_other, ..b.clone() });
+    Some(Pair { one, other, numbers, meets, felt, grown })
+}
+
+fn meets(one: &Body, other: &Body, bodies: &[Body]) -> Meets {
+    match (one.role, other.role) {
+        (Role::StylusBall, Role::Touched(number)) => Meets::Touch(number),
+        (_, Role::Touched(number) | Role::StemOf(number)) if rides(one, bodies) => {
+            Meets::Beside(number)
+        }
+        _ => Meets::Never,
+    }
+}
+
+/// The spindle's turn apart, the same linear and rotary axes move it as the stylus ball.
+fn rides(body: &Body, bodies: &[Body]) -> bool {
+    let axes = |body: &Body| -> Vec<Axis> {
+        body.carried.axes().filter(|axis| *axis != Axis::S).collect()
+    };
+    let ball = bodies.iter().find(|other| other.role == Role::StylusBall);
+    ball.is_some_and(|ball| axes(ball) == axes(body))
+}

@@ -1,0 +1,96 @@
+//! A scan in the text: the points of its path one after the other, at its feed, with a rest at each
+//! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`].
+
+use super::refusal::Reason;
+use super::rules;
+use super::scene::Care;
+use super::walk::{Checked, Phase, Walk};
+use super::{MARGIN_MM, Request};
+use crate::gcode::rs274::{Kind, ReadMotion};
+use machine::record::plan::{Sampling, Scan, Step};
+use machine::{Axis, Position};
+
+/// Seconds are written with three decimals.
+const REST_ROUNDING: f64 = 0.000_501;
+
+impl Walk<'_> {
+    pub(super) fn scan(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> Checked {
+        match (motion.kind, self.phase) {
+            (Kind::Dwell { seconds }, Phase::Scanning { reached, rested }) => {
+                if matches!(scan.sampling, Sampling::Continuous { .. }) {
+                    return Err(Reason::RestInScan);
+                }
+                self.phase = Phase::Scanning { reached, rested: rested + seconds };
+                Ok(())
+            }
+            (Kind::Dwell { .. }, _) => Ok(()),
+            (Kind::Feed, Phase::Scanning { reached, .. }) => {
+                self.has_rested(scan)?;
+                rules::feed_is("the scan is", motion, step.feed_mm_min)?;
+                self.reach(motion, scan, reached)
+            }
+            (Kind::Feed, _) => {
+                let most = approach_feed(self.request(), self.is_first());
+                rules::feed_at_most("the way to a scan", motion, most)?;
+                let ends = self.stands().updated_by(&motion.target);
+                match rules::differs(&ends, &first(scan)?, self.request().dialect) {
+                    None => self.reach(motion, scan, 0),
+                    Some(_) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
+                }
+            }
+            (Kind::Stop, _) => Err(Reason::StopsElsewhere),
+            (_, Phase::Scanning { .. }) => Err(Reason::OffPath),
+            (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
+            (Kind::Orient { s }, _) => self.orient(s),
+            (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),
+        }
+    }
+
+    /// The point of this number is the next one.
+    fn reach(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> Checked {
+        let ends = self.stands().updated_by(&motion.target);
+        let point = scan.path.get(number).ok_or(Reason::OffPath)?;
+        if let Some(off) = rules::differs(&ends, point, self.request().dialect) {
+            return Err(off.reason(Reason::NotAtPoint));
+        }
+        self.go(&motion.target, &Care::Apart(MARGIN_MM))?;
+        self.phase = Phase::Scanning { reached: number + 1, rested: 0.0 };
+        Ok(())
+    }
+
+    /// As long as it should at the point where it stands.
+    fn has_rested(&self, scan: &Scan) -> Checked {
+        match (scan.sampling, self.phase) {
+            (Sampling::Dwell { dwell_s, .. }, Phase::Scanning { rested, .. })
+                if rested < dwell_s - REST_ROUNDING =>
+            {
+                Err(Reason::Unfinished("its rest at a point of the scan"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// All of its points.
+    pub(super) fn scanned(&self, scan: &Scan) -> Checked {
+        self.has_rested(scan)?;
+        match self.phase {
+            Phase::Scanning { reached, .. } if reached == scan.path.len() => Ok(()),
+            _ => Err(Reason::Unfinished("all points of its scan")),
+        }
+    }
+}
+
+/// The spindle is oriented by itself: it is no part of a point.
+fn first(scan: &Scan) -> Result<Position, Reason> {
+    let first = scan.path.first().ok_or(Reason::OffPath)?;
+    Ok(first.only(|axis| axis != Axis::S))
+}
+
+/// The first approach is as slow as a search.
+fn approach_feed(request: &Request<'_>, first: bool) -> f64 {
+    let probe = &request.plan.probe;
+    match first {
+        true => probe.guarded_feed_mm_min.min(probe.search_feed_mm_min),
+        false => probe.guarded_feed_mm_min,
+    }
+}

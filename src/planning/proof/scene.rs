@@ -1,0 +1,287 @@
+//! All bodies of a plan, and which of them could meet.
+
+use glam::{DAffine3, DVec3};
+
+use super::body::{Body, Role, Shape};
+use super::gap::Across;
+use super::pairs::{Meets, Pair, pairs};
+use super::refusal::Reason;
+use super::sweep::{Demand, FOUND_WITHIN, Way, nearest_origin, sweep};
+use machine::Axis;
+use machine::artefact::{self, Part};
+use machine::kinematics::{Carried, Chain, Side};
+use machine::record::artefact::Artefact;
+use machine::record::machine::Carrier;
+use machine::record::plan::Plan;
+
+/// What a probing move keeps from all that it is not there to touch, mm: the probe does not feel a
+/// nose on a clamp, its own body on a stem or a table on a column, so nothing would stop there, and
+/// what the machine file declares is not measured to the last tenth. The stylus, ball and stem, feels
+/// the artefact, stems included: on guarded moves it keeps that artefact's uncertainty and no more.
+const UNFELT_MM: f64 = 0.5;
+/// Rounding of the text and of the position that the control shows, mm.
+const LEAVING_MM: f64 = 0.01;
+
+pub struct Scene {
+    bodies: Vec<Body>,
+    pairs: Vec<Pair>,
+    /// How far the artefact may be from where it is thought to be.
+    pub uncertainty: f64,
+    /// Bodies that nobody declared, and neighbours.
+    pub not_looked_at: Vec<String>,
+}
+
+/// Clearance, mm, and the two bodies.
+type Found = (f64, [String; 2]);
+
+/// What must hold on a way.
+#[derive(Debug, Clone, Copy)]
+pub enum Care {
+    /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
+    Apart(f64),
+    /// A guarded move: nothing meets, and what the probe does not feel stays [`UNFELT_MM`] apart.
+    Guarded,
+    /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
+    /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
+    Leaving,
+    /// A touch of this body of the artefact: what may not come near another for its sake stays
+    /// clear,
+    Strangers(usize),
+    /// and so does what rides with the stylus ball, of that body and its stem, which may be off
+    /// across the touch.
+    Riders(usize, Across),
+}
+
+impl Scene {
+    /// `artefact` as it is to be looked at.
+    pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, Reason> {
+        let chain = Chain::new(&plan.machine)?;
+        let mut builder = Builder { chain, bodies: Vec::new() };
+        let uncertainty = artefact::uncertainty_mm(artefact);
+        let mut not_looked_at = builder.artefact(artefact)?;
+        not_looked_at.extend(builder.tool(plan)?);
+        not_looked_at.extend(builder.bare(plan));
+        for keepout in &plan.keepout {
+            let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
+            builder.add(&keepout.name, Role::Other, Carrier::Bed, Shape::cuboid(low, high))?;
+        }
+        for solid in &plan.solids {
+            builder.add(&solid.name, Role::Other, solid.on, Shape::solid(solid))?;
+        }
+        let (pairs, neighbours) = pairs(&builder.bodies, uncertainty);
+        not_looked_at.extend(neighbours);
+        Ok(Self { bodies: builder.bodies, pairs, uncertainty, not_looked_at })
+    }
+
+    /// What is there to be touched, by its number.
+    pub fn touched(&self) -> impl Iterator<Item = (usize, &Body)> {
+        self.bodies.iter().filter_map(|body| match body.role {
+            Role::Touched(number) => Some((number, body)),
+            _ => None,
+        })
+    }
+
+    pub fn ball(&self) -> Option<&Body> {
+        self.bodies.iter().find(|body| body.role == Role::StylusBall)
+    }
+
+    /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
+    /// artefact count on unguarded ways only: otherwise they are meant to come near. What rides on
+    /// one side never counts: how near it comes is its maker's choice.
+    ///
+    /// # Errors
+    /// The first pair that comes too near, or cannot be shown not to.
+    pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
+        let mut found = None;
+        let mut nearest = most;
+        let centres = (!way.turns()).then(|| self.centres(way));
+        for pair in &self.pairs {
+            let (need, across) = match (care, pair.meets) {
+                (Care::Apart(need), _) => (*need, None),
+                (Care::Guarded, _) => (pair.guarded(), None),
+                (Care::Leaving, _) => (at_start(pair, way).min(pair.guarded()), None),
+                (Care::Strangers(meant), meets) if !meets.of(*meant) => (UNFELT_MM, None),
+                (Care::Riders(meant, across), Meets::Beside(number)) if number == *meant => {
+                    (pair.guarded(), Some(*across))
+                }
+                _ => continue,
+            };
+            let counts = !pair.one_side() && (!matches!(pair.meets, Meets::Touch(_)) || need > 0.0);
+            let grown = if across.is_none() { pair.grown } else { 0.0 };
+            let demand =
+                Demand { need, grown, across, nearest: if counts { nearest } else { need } };
+            if centres.as_ref().is_some_and(|centres| far_apart(pair, centres, &demand)) {
+                continue;
+            }
+            let Pair { one, other, .. } = pair;
+            let between = || [one.name.clone(), other.name.clone()];
+            match sweep(way, one, other, &demand) {
+                Ok(Some(clearance)) if counts => {
+                    nearest = clearance;
+                    found = Some((clearance, between()));
+                }
+                Ok(_) => {}
+                Err(clearance) => {
+                    let clearance = clearance.max(0.0);
+                    return Err(Reason::Near { between: between(), clearance, need });
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Middle of each body at both ends of the way, machine frame.
+    fn centres(&self, way: &Way) -> Vec<[DVec3; 2]> {
+        let mut poses: Vec<(&Carried, [DAffine3; 2])> = Vec::new();
+        let of = |body: &Body, [from, to]: [DAffine3; 2]| {
+            let (centre, _) = body.shape.bounds();
+            [from.transform_point3(centre), to.transform_point3(centre)]
+        };
+        let mut centres = Vec::with_capacity(self.bodies.len());
+        for body in &self.bodies {
+            let known = poses.iter().find(|(carried, _)| carried.moves_as(&body.carried));
+            let pose = known.map_or_else(
+                || [&way.from, &way.to].map(|commands| body.carried.pose(commands)),
+                |(_, pose)| *pose,
+            );
+            if known.is_none() {
+                poses.push((&body.carried, pose));
+            }
+            centres.push(of(body, pose));
+        }
+        centres
+    }
+}
+
+/// On a way without turning, are the balls around the two bodies further apart than is asked?
+fn far_apart(pair: &Pair, centres: &[[DVec3; 2]], demand: &Demand) -> bool {
+    let [Some(one), Some(other)] = pair.numbers.map(|number| centres.get(number)) else {
+        return false;
+    };
+    let apart = nearest_origin(other[0] - one[0], other[1] - one[1]).length();
+    let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
+    let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
+    apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
+}
+
+/// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
+/// if they meet where they are thought to be.
+fn at_start(pair: &Pair, way: &Way) -> f64 {
+    let start = Way { from: way.from, to: way.from };
+    let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
+    match sweep(&start, &pair.one, &pair.other, &demand) {
+        Ok(Some(apart)) => apart - pair.grown - LEAVING_MM,
+        _ => 0.0,
+    }
+}
+
+impl Pair {
+    /// What the two keep between them on a guarded move, mm.
+    fn guarded(&self) -> f64 {
+        if self.felt { 0.0 } else { UNFELT_MM }
+    }
+}
+
+impl Meets {
+    /// Is the pair about this body of the artefact?
+    fn of(self, meant: usize) -> bool {
+        matches!(self, Self::Touch(number) | Self::Beside(number) if number == meant)
+    }
+}
+
+struct Builder {
+    chain: Chain,
+    bodies: Vec<Body>,
+}
+
+impl Builder {
+    fn add(&mut self, name: &str, role: Role, on: Carrier, shape: Shape) -> Result<(), Reason> {
+        let missing = || Reason::Carrier { solid: name.to_owned() };
+        let carried = self.chain.carried(on).ok_or_else(missing)?;
+        let corners = shape.corners();
+        self.bodies.push(Body { name: name.to_owned(), role, shape, carried, corners });
+        Ok(())
+    }
+
+    /// A stem begins within the ball that it carries. Returns what is not declared.
+    fn artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, Reason> {
+        let parts = artefact::parts(artefact);
+        let touched: Vec<&Part> = parts.iter().filter(|part| part.touched).collect();
+        let mut bare: Vec<usize> = (0..touched.len()).collect();
+        for part in &parts {
+            let carries = |touched: &&Part| match part.shape {
+                artefact::Shape::Cylinder { from, .. } => {
+                    Shape::part(touched).distance(from) <= 0.0
+                }
+                artefact::Shape::Ball { .. } => false,
+            };
+            let own = |other: &&Part| std::ptr::eq(*other, part);
+            let number = |which: &dyn Fn(&&Part) -> bool| touched.iter().position(which);
+            let role = if let Some(number) = number(&own) {
+                Role::Touched(number)
+            } else {
+                number(&carries).map_or(Role::Frame, Role::StemOf)
+            };
+            bare.retain(|number| role != Role::StemOf(*number));
+            self.add(&part.name, role, Carrier::Table, Shape::part(part))?;
+        }
+        let stems = matches!(artefact, Artefact::Balls(_));
+        let bare = bare.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
+        Ok(bare.map(|part| format!("stem of {}", part.name)).collect())
+    }
+
+    /// What sits in the spindle and turns with it. Returns what is not declared.
+    fn tool(&mut self, plan: &Plan) -> Result<Vec<String>, Reason> {
+        let turns = self.chain.topology().contains(Axis::S);
+        let on = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
+        if plan.sensors.is_empty() {
+            return self.probe(plan, on);
+        }
+        let mut missing = Vec::new();
+        for sensor in &plan.sensors {
+            let [zero, along] = [sensor.zero_mm, sensor.direction].map(DVec3::from_array);
+            let front = zero - along * sensor.stand_off_mm;
+            let back = front - along * sensor.body_length_mm;
+            if sensor.body_radius_mm > 0.0 && front != back {
+                let body = Shape::cylinder(front, back, sensor.body_radius_mm);
+                self.add(&sensor.name, Role::Other, on, body)?;
+            } else {
+                missing.push(format!("body of {}", sensor.name));
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Ball, stem and body of the probe. Returns what is not declared.
+    fn probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, Reason> {
+        let probe = &plan.probe;
+        let ball = DVec3::from_array(plan.machine.tool_mm);
+        self.add("stylus ball", Role::StylusBall, on, Shape::ball(ball, probe.ball_radius_mm))?;
+        let end = ball + DVec3::Z * probe.stem_length_mm;
+        let top = end + DVec3::Z * probe.body_length_mm;
+        let parts = [
+            ("stylus stem", Role::StylusStem, ball, end, probe.stem_radius_mm),
+            ("probe body", Role::Other, end, top, probe.body_radius_mm),
+        ];
+        let mut missing = Vec::new();
+        for (name, role, from, to, radius) in parts {
+            if radius > 0.0 && from != to {
+                self.add(name, role, on, Shape::cylinder(from, to, radius))?;
+            } else {
+                missing.push(name.to_owned());
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Sides of the machine without a solid.
+    fn bare(&self, plan: &Plan) -> Vec<String> {
+        let solid_on = |side: Side| {
+            let carried = |on| self.chain.carried(on).map(|carried| carried.side());
+            plan.solids.iter().any(|solid| carried(solid.on) == Some(side))
+        };
+        let sides = [("spindle nose", Side::Tool), ("table", Side::Work)];
+        let bare = sides.into_iter().filter(|(_, side)| !solid_on(*side));
+        bare.map(|(name, _)| name.to_owned()).collect()
+    }
+}

@@ -1,0 +1,352 @@
+//! Cases whose clearances are known by hand, through the text as in a run.
+
+use serde_json::{Value, json};
+
+use super::*;
+use machine::Axis;
+
+/// Ball of 3 mm, 120 mm below the spindle datum; a part of radius 45 mm and 100 mm height around the
+/// origin, known to 1 mm. The one step touches it from +X at half its height.
+pub(super) fn plan(change: impl FnOnce(&mut Value)) -> Plan {
+    let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
+    let height = json!({"min": -50.0, "max": 450.0, "acceleration_per_s2": 1000.0});
+    let rotary = json!({"min": -360.0, "max": 360.0});
+    let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 170.0, "B": 0.0, "C": 0.0});
+    let mut plan = json!({
+        "trued_plan": 1, "method": "test", "settings": {},
+        "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-t", "tool_mm": [0.0, 0.0, -120.0],
+            "axes": {"X": linear, "Y": linear, "Z": height, "B": rotary, "C": rotary}},
+        "probe": {"ball_radius_mm": 3.0, "overtravel_mm": 4.0, "search_feed_mm_min": 300.0,
+            "guarded_feed_mm_min": 1500.0},
+        "artefact": {"kind": "cylinder", "centre_mm": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0],
+            "radius_mm": 45.0, "height_mm": 100.0, "uncertainty_mm": 1.0},
+        "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "t", "from": at(50.0),
+            "to": at(47.0), "feed_mm_min": 30.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]}],
+    });
+    change(&mut plan);
+    serde_json::from_value(plan).unwrap()
+}
+
+/// Up at the right of the part, rotary axes at zero.
+pub(super) fn beside() -> Position {
+    let axes = [(Axis::X, 100.0), (Axis::Y, 0.0), (Axis::Z, 300.0), (Axis::B, 0.0), (Axis::C, 0.0)];
+    axes.into_iter().collect()
+}
+
+pub(super) fn proven_from(
+    plan: &Plan,
+    lines: &str,
+    stands: Option<&Position>,
+) -> Result<Proof, Refusal> {
+    proven_as(plan, lines, stands, false)
+}
+
+fn proven_as(
+    plan: &Plan,
+    lines: &str,
+    stands: Option<&Position>,
+    first: bool,
+) -> Result<Proof, Refusal> {
+    let dialect = Dialect::named("grbl").unwrap();
+    let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
+    let stages = [Staged { steps: &[0], found: None }];
+    prove(&Request { plan, stages: &stages, stands, first, dialect: &dialect, text: &text })
+}
+
+/// What the first lines are refused for; `None` if nothing is wrong but that the touch is missing.
+#[track_caller]
+fn refused(plan: &Plan, lines: &str) -> Option<Reason> {
+    let refusal = proven_from(plan, lines, Some(&beside())).unwrap_err();
+    assert!(!refusal.remedy().is_empty());
+    match refusal.reason {
+        Reason::Unfinished(_) => None,
+        reason => Some(reason),
+    }
+}
+
+#[track_caller]
+fn assert_near(plan: &Plan, lines: &str, pair: [&str; 2], expected: f64) {
+    match refused(plan, lines) {
+        Some(Reason::Near { between, clearance, .. }) => {
+            assert_eq!(between, pair);
+            // The first place found that is too near, not the nearest.
+            assert!(clearance <= expected + 0.01, "{clearance}, not {expected}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+const WHOLE: &str = "N0 G53 G0 X50\nN0 G38.3 Z170 F1500\nN0 G38.3 X47 F30\nN0 G53 G1 X50 F300\n\
+                     N0 G38.3 Z300 F1500\n";
+
+#[test]
+fn a_whole_touch_is_proven_and_its_nearest_pair_is_known_by_hand() {
+    let with_stem = plan(|plan| {
+        plan["probe"]["stem_radius_mm"] = 1.0.into();
+        plan["probe"]["stem_length_mm"] = 100.0.into();
+        plan["probe"]["body_radius_mm"] = 20.0.into();
+        plan["probe"]["body_length_mm"] = 20.0.into();
+    });
+    let proof = proven_from(&with_stem, WHOLE, Some(&beside())).unwrap();
+    assert_eq!((proof.motions, proof.steps.len()), (5, 1));
+    // At contact the stem is the ball's radius less its own away; the ball goes 0.1 mm of pre-travel
+    // and as much further as a part 1 mm aside lets it: 48 − √(48² − 1) = 0.01 mm.
+    let nearest = proof.nearest.unwrap();
+    assert_eq!(nearest.between, ["stylus stem", "artefact"]);
+    assert!((nearest.clearance_mm - 1.89).abs() < 0.03, "{nearest:?}");
+    assert_eq!(nearest.line, 6, "the line of the touch");
+    assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+    // A body 20 mm in radius that hangs 40 mm above the ball is beside the part, 3 − 20 mm into it.
+    let short = plan(|plan| {
+        plan["probe"]["stem_length_mm"] = 40.0.into();
+        plan["probe"]["body_radius_mm"] = 20.0.into();
+        plan["probe"]["body_length_mm"] = 20.0.into();
+    });
+    let refusal = proven_from(&short, WHOLE, Some(&beside())).unwrap_err();
+    assert_eq!(refusal.line, 5, "{refusal}");
+    let said = refusal.to_string();
+    assert!(said.starts_with("step 0 (t), line 5: probe body would come within"), "{said}");
+}
+
+#[test]
+fn rapids_keep_the_margin_from_a_box_and_guarded_moves_do_not_touch_it() {
+    let with_box = |x: f64, top: f64| {
+        plan(|plan| {
+            plan["keepout"] = json!([{"name": "clamp", "min_mm": [x - 20.0, -5.0, 0.0],
+                "max_mm": [x, 5.0, top]}]);
+        })
+    };
+    // The ball flies over at 180 mm and is 3 mm thick.
+    let over = "N0 G53 G0 X-100\n";
+    assert_eq!(refused(&with_box(-60.0, 174.99), over), None);
+    assert_near(&with_box(-60.0, 175.01), over, ["stylus ball", "clamp"], 1.99);
+    let guarded = "N0 G38.3 X-100 F1500\n";
+    assert_eq!(refused(&with_box(-60.0, 176.49), guarded), None);
+    assert_near(&with_box(-60.0, 176.51), guarded, ["stylus ball", "clamp"], 0.49);
+    // Down beside it: 100 − 3 − 2.
+    assert_eq!(refused(&with_box(94.99, 200.0), "N0 G53 G0 Z200\n"), None);
+    assert_near(&with_box(95.01, 200.0), "N0 G53 G0 Z200\n", ["stylus ball", "clamp"], 1.99);
+}
+
+#[test]
+fn what_turns_is_looked_at_on_the_way() {
+    // A post on the table, 10 mm square at X = −100, as high as the ball: a half turn of C brings it
+    // to the ball, a quarter turn leaves it at ±Y.
+    let post = |top: f64| {
+        plan(|plan| {
+            plan["solids"] = json!([{"name": "post", "on": "table", "from_mm": [-105.0, -5.0, 0.0],
+                "to_mm": [-95.0, 5.0, top]}]);
+        })
+    };
+    assert_eq!(refused(&post(200.0), "N0 G53 G0 C90\n"), None);
+    assert_near(&post(200.0), "N0 G53 G0 C180\n", ["stylus ball", "post"], 2.0);
+    // All the way round: it passes the ball and is far again at the end.
+    assert_near(&post(200.0), "N0 G53 G0 C350\n", ["stylus ball", "post"], 2.0);
+    // 180 − 3 − 2.
+    assert_eq!(refused(&post(174.9), "N0 G53 G0 C350\n"), None);
+    // B turns the part about Y towards the ball at X = 100: its upper rim reaches
+    // √(100² + 45²) = 109.7 mm from the axis; 3 + 1 + 2 more are to be kept: 115.7, at 58.1 mm height.
+    let bare = plan(|_| {});
+    assert_eq!(refused(&bare, "N0 G53 G0 Z178.5\nN0 G53 G0 B-90\n"), None);
+    let low = "N0 G53 G0 Z177.5\nN0 G53 G0 B-90\n";
+    assert_near(&bare, low, ["stylus ball", "artefact"], 2.0);
+    // Work side against bed.
+    let fenced = plan(|plan| {
+        plan["solids"] = json!([
+            {"name": "arm", "on": "B", "from_mm": [-200.0, -20.0, -20.0], "to_mm": [-150.0, 20.0, 0.0]},
+            {"name": "column", "on": "bed", "from_mm": [-220.0, -20.0, -80.0],
+             "to_mm": [-120.0, 20.0, -60.0]}]);
+    });
+    assert_eq!(refused(&fenced, "N0 G53 G0 B-5\n"), None);
+    assert_near(&fenced, "N0 G53 G0 B30\n", ["arm", "column"], 2.0);
+}
+
+#[test]
+fn what_rides_above_the_ball_is_looked_at() {
+    let nose = |lowest: f64| {
+        plan(|plan| {
+            plan["solids"] = json!([
+                {"name": "nose", "on": "spindle", "from_mm": [0.0, 0.0, lowest],
+                 "to_mm": [0.0, 0.0, 100.0], "radius_mm": 50.0},
+                {"name": "pillar", "on": "bed", "from_mm": [140.0, -5.0, 0.0],
+                 "to_mm": [150.0, 5.0, 290.0]}]);
+        })
+    };
+    // The ball passes the pillar at 37 mm; the nose, 50 mm in radius, over it at 300 + lowest.
+    assert_eq!(refused(&nose(-7.9), "N0 G53 G0 X99\n"), None);
+    assert_near(&nose(-8.1), "N0 G53 G0 X99\n", ["nose", "pillar"], 1.9);
+}
+
+#[test]
+fn contact_must_be_expected_on_the_way_and_not_before() {
+    let far = WHOLE.replace("X47", "X48.5").replace("X50", "X51");
+    let reach = |from: f64, to: f64| {
+        plan(|plan| {
+            plan["steps"][0]["from"]["X"] = from.into();
+            plan["steps"][0]["to"]["X"] = to.into();
+        })
+    };
+    let refusal = proven_from(&reach(51.0, 48.5), &far, Some(&beside())).unwrap_err();
+    assert_eq!((refusal.line, refusal.reason), (6, Reason::NoContact));
+    // The part may stand 1 mm nearer: 48 + 1.
+    let close = WHOLE.replace("X50", "X48.9");
+    let refusal = proven_from(&reach(48.9, 47.0), &close, Some(&beside())).unwrap_err();
+    assert_eq!(refusal.line, 5, "{refusal}");
+    assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
+    let close = WHOLE.replace("X50", "X49.1");
+    assert!(proven_from(&reach(49.1, 47.0), &close, Some(&beside())).is_ok());
+}
+
+#[test]
+fn before_it_is_known_where_the_machine_stands_nothing_is_claimed() {
+    let blind = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X50 Y0\n";
+    let text = WHOLE.replacen("N0 G53 G0 X50\n", blind, 1);
+    let proof = proven_from(&plan(|_| {}), &text, None).unwrap();
+    let told = "the way of lines 4 to 6, before it is known where all axes stand";
+    assert_eq!(proof.not_looked_at.last().map(String::as_str), Some(told));
+    // The same start, known: inside the part's zone. Nothing is skipped.
+    let inside = beside().with(Axis::X, 48.0).with(Axis::Z, 150.0);
+    let refusal = proven_from(&plan(|_| {}), &text, Some(&inside)).unwrap_err();
+    assert_eq!(refusal.line, 4);
+    assert!(refusal.remedy().contains("by hand"), "{}", refusal.remedy());
+    // A touch from nobody knows where is none.
+    let refusal = proven_from(&plan(|_| {}), "N0 G38.3 X47 Y0 Z170 F30\n", None).unwrap_err();
+    assert_eq!((refusal.line, refusal.reason), (4, Reason::Unknown(Axis::X)));
+}
+
+#[test]
+fn feeds_must_let_the_machine_stop_within_the_overtravel() {
+    // 90 mm/s against 1000 mm/s² is 4.05 mm.
+    let fast = plan(|plan| plan["probe"]["guarded_feed_mm_min"] = 9000.0.into());
+    match refused(&fast, "N0 G38.3 X120 F5400\n") {
+        Some(Reason::Braking { way, .. }) => assert!((way - 4.05).abs() < 1e-9),
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(refused(&fast, "N0 G38.3 X120 F5360\n"), None);
+}
+
+/// Stopped 0.3 mm from a part that is known to 1 mm: straight up is allowed, guarded and as the
+/// first move; towards the part, unguarded, or from within it is not.
+#[test]
+fn a_machine_stopped_beside_the_part_may_rise() {
+    let plan = plan(|_| {});
+    let low = |x: f64| beside().updated_by(&[(Axis::X, x), (Axis::Z, 170.0)].into_iter().collect());
+    let refused = |x: f64, lines: &str| {
+        matches!(proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason, Reason::Near { .. })
+    };
+    assert!(!refused(48.3, "N0 G38.3 Z300 F1500\n"));
+    assert!(refused(48.3, "N0 G53 G0 Z300\n"));
+    assert!(refused(48.3, "N0 G38.3 X48.1 F1500\n"));
+    assert!(refused(48.3, "N0 G38.3 Z171 F1500\nN0 G38.3 Z300 F1500\n"));
+    assert!(refused(47.9, "N0 G38.3 Z300 F1500\n"));
+}
+
+/// B carries an arm at +X, C above it the table with a clamp at −X.
+#[test]
+fn what_turns_against_each_other_on_one_side_is_looked_at() {
+    let carrying = |more: Value| {
+        plan(|plan| {
+            let mut solids = vec![
+                json!({"name": "clamp", "on": "table", "from_mm": [-120.0, -5.0, 0.0],
+                    "to_mm": [-100.0, 5.0, 40.0]}),
+                json!({"name": "arm", "on": "B", "from_mm": [110.0, -10.0, 3.0],
+                    "to_mm": [170.0, 10.0, 50.0]}),
+            ];
+            solids.extend(more.as_array().cloned().unwrap_or_default());
+            plan["solids"] = solids.into();
+        })
+    };
+    let bare = carrying(json!([]));
+    assert_eq!(refused(&bare, "N0 G53 G0 C90\nN0 G53 G0 B20\n"), None);
+    assert_near(&bare, "N0 G53 G0 C180\n", ["clamp", "arm"], 2.0);
+    assert_near(&bare, "N0 G53 G0 B20 C350\n", ["clamp", "arm"], 2.0);
+    // A table 1.9 mm above its cradle: built close, and told; at 2.1 mm it is looked at and passes.
+    let on_cradle = |top: f64| {
+        carrying(json!([
+            {"name": "table", "on": "table", "from_mm": [0.0, 0.0, -40.0], "to_mm": [0.0, 0.0, 0.0],
+             "radius_mm": 130.0},
+            {"name": "cradle", "on": "B", "from_mm": [-150.0, -100.0, -90.0],
+             "to_mm": [150.0, 100.0, top]}]))
+    };
+    let told = |top: f64| {
+        let lines = format!("N0 G53 G0 C90\nN0 G53 G0 C0\n{WHOLE}");
+        let proof = proven_from(&on_cradle(top), &lines, Some(&beside())).unwrap();
+        proof.not_looked_at.into_iter().filter(|what| what.contains("against")).collect::<Vec<_>>()
+    };
+    let close = "table against cradle: they stand nearer than 2 mm with all axes at zero";
+    assert_eq!(told(-41.9), [close]);
+    assert_eq!(told(-42.1), [""; 0]);
+}
+
+/// The spindle goes down past a rack on the X slide.
+#[test]
+fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
+    let racked = plan(|plan| {
+        plan["solids"] = json!([
+            {"name": "nose", "on": "spindle", "from_mm": [0.0, 0.0, 0.0], "to_mm": [0.0, 0.0, 100.0],
+             "radius_mm": 50.0},
+            {"name": "rack", "on": "X", "from_mm": [20.0, -5.0, 110.0], "to_mm": [30.0, 5.0, 150.0]}]);
+    });
+    assert_eq!(refused(&racked, "N0 G53 G0 Z152.1\nN0 G53 G0 X110\n"), None);
+    assert_near(&racked, "N0 G53 G0 Z151.9\n", ["nose", "rack"], 2.0);
+}
+
+/// 300 mm/min is the search feed.
+#[test]
+fn the_first_approach_is_as_slow_as_a_search() {
+    let plan = plan(|_| {});
+    let first = |lines: &str| proven_as(&plan, lines, Some(&beside()), true);
+    let refusal = first(WHOLE).unwrap_err();
+    assert_eq!(refusal.line, 5, "{refusal}");
+    assert!(matches!(refusal.reason, Reason::Feed { what: "the first approach", .. }), "{refusal}");
+    assert!(first(&WHOLE.replace("F1500", "F300")).is_ok());
+    let fast_up = WHOLE.replacen("F1500", "F300", 1);
+    assert_eq!(first(&fast_up).unwrap_err().line, 8);
+    assert!(proven_from(&plan, WHOLE, Some(&beside())).is_ok());
+}
+
+/// A ledge over the part: at the end of the touch the stem would pass it at 46 mm less its edge.
+#[test]
+fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
+    let ledge = |edge: f64| {
+        plan(|plan| {
+            plan["probe"]["stem_radius_mm"] = 1.0.into();
+            plan["probe"]["stem_length_mm"] = 100.0.into();
+            plan["keepout"] = json!([{"name": "ledge", "min_mm": [30.0, -5.0, 104.0],
+                "max_mm": [edge, 5.0, 110.0]}]);
+        })
+    };
+    assert!(proven_from(&ledge(45.49), WHOLE, Some(&beside())).is_ok());
+    let refusal = proven_from(&ledge(45.51), WHOLE, Some(&beside())).unwrap_err();
+    assert_eq!(refusal.line, 6, "{refusal}");
+    assert!(refusal.to_string().contains("would not feel it, so 0.50 mm are kept"), "{refusal}");
+}
+
+/// Step 1 asks a person; the touch comes after it.
+#[test]
+fn a_person_is_asked_by_one_stop_and_nothing_else() {
+    let plan = plan(|plan| {
+        let prompt = json!({"id": 1, "stage": 0, "kind": "prompt", "label": "ask/1", "from": {}, "to": {},
+            "feed_mm_min": 0.0, "sensor": "", "normal": [0.0, 0.0, 0.0], "text": "clean it"});
+        plan["steps"].as_array_mut().unwrap().push(prompt);
+    });
+    let dialect = Dialect::named("grbl").unwrap();
+    let proven = |lines: &str| {
+        let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
+        let (stages, stands) = ([Staged { steps: &[1, 0], found: None }], beside());
+        let (stages, stands) = (stages.as_slice(), Some(&stands));
+        let (dialect, text) = (&dialect, text.as_str());
+        prove(&Request { plan: &plan, stages, stands, first: false, dialect, text })
+    };
+    let slow = WHOLE.replace("F1500", "F300");
+    // Where it stands after the stop nobody knows: all axes have to be told.
+    let up = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X100 Y0\n";
+    let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
+    assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
+    let reason = |lines: &str| proven(lines).unwrap_err().reason;
+    assert!(matches!(reason(&format!("{up}{slow}")), Reason::OutOfTurn { expected: Some(1), .. }));
+    assert!(matches!(reason(&format!("N1 M0\n{up}{WHOLE}")), Reason::Feed { .. }), "too fast");
+    assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), Reason::StopsElsewhere);
+    assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), Reason::StopsElsewhere);
+    assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), Reason::MovesInPrompt);
+}

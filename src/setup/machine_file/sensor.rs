@@ -1,0 +1,152 @@
+//! `[[sensor]]`, and the list of ways to reach a sensor.
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use devices::sensors::{Named, can, modbus, serial};
+use machine::record::sensor::{self, SensorKind};
+
+use crate::setup::simulated::SimulatedSensor;
+
+/// A sensor as `[[sensor]]` states it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct SensorEntry {
+    pub sensor: sensor::Sensor,
+    /// Samples a second, as it is set to give.
+    pub rate_hz: Option<f64>,
+    pub reached: Reached,
+}
+
+#[derive(Debug, Clone)]
+pub enum Reached {
+    /// A simulated sensor looks at the simulated machine, which `[simulated]` describes.
+    Simulated(SimulatedSensor),
+    Real(Arc<dyn Named>),
+}
+
+impl Reached {
+    /// Where, in words.
+    pub fn at(&self) -> String {
+        match self {
+            Self::Simulated(_) => "simulated".to_owned(),
+            Self::Real(real) => real.at(),
+        }
+    }
+}
+
+/// The keys of [`sensor::Sensor`], and one table for each way to reach one. A new kind of sensor is a
+/// line here and in [`Keys::reached`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    name: String,
+    #[serde(default)]
+    kind: SensorKind,
+    zero_mm: [f64; 3],
+    direction: [f64; 3],
+    range_mm: [f64; 2],
+    #[serde(default)]
+    stand_off_mm: f64,
+    #[serde(default)]
+    body_radius_mm: f64,
+    #[serde(default)]
+    body_length_mm: f64,
+    noise_um: Option<f64>,
+    rate_hz: Option<f64>,
+    #[serde(default)]
+    linearity_um: f64,
+    #[serde(default)]
+    incidence_um: f64,
+    #[serde(default = "sensor::default_incidence")]
+    incidence_limit_deg: f64,
+    can: Option<can::Config>,
+    serial: Option<serial::Config>,
+    modbus: Option<modbus::Config>,
+    simulated: Option<SimulatedSensor>,
+}
+
+/// How far a direction may be from a unit vector.
+const UNIT: f64 = 1e-6;
+
+impl Keys {
+    /// # Errors
+    /// None of the tables, or several.
+    fn reached(&mut self) -> Result<Reached, String> {
+        let mut ways = Vec::new();
+        ways.extend(self.can.take().map(|can| Reached::Real(Arc::new(can))));
+        ways.extend(self.serial.take().map(|serial| Reached::Real(Arc::new(serial))));
+        ways.extend(self.modbus.take().map(|modbus| Reached::Real(Arc::new(modbus))));
+        ways.extend(self.simulated.take().map(Reached::Simulated));
+        match ways.pop() {
+            Some(way) if ways.is_empty() => Ok(way),
+            _ => Err(format!(
+                "`{}` needs exactly one of [sensor.can], [sensor.serial], [sensor.modbus] and \
+                 [sensor.simulated]: how it is reached",
+                self.name
+            )),
+        }
+    }
+}
+
+impl TryFrom<Keys> for SensorEntry {
+    type Error = String;
+
+    fn try_from(mut keys: Keys) -> Result<Self, String> {
+        let reached = keys.reached()?;
+        let sensor = sensor::Sensor {
+            name: keys.name,
+            kind: keys.kind,
+            zero_mm: keys.zero_mm,
+            direction: keys.direction,
+            range_mm: keys.range_mm,
+            stand_off_mm: keys.stand_off_mm,
+            body_radius_mm: keys.body_radius_mm,
+            body_length_mm: keys.body_length_mm,
+            noise_um: keys.noise_um,
+            linearity_um: keys.linearity_um,
+            incidence_um: keys.incidence_um,
+            incidence_limit_deg: keys.incidence_limit_deg,
+        };
+        check(&sensor)?;
+        if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
+            return Err(format!(
+                "`rate_hz` is {hz}; it is how many samples a second the sensor gives"
+            ));
+        }
+        Ok(Self { sensor, rate_hz: keys.rate_hz, reached })
+    }
+}
+
+fn check(sensor: &sensor::Sensor) -> Result<(), String> {
+    if sensor.name.is_empty() || sensor.name == "probe" {
+        return Err("`name` must be one of its own; `probe` is the touch probe".to_owned());
+    }
+    let square: f64 = sensor.direction.iter().map(|part| part * part).sum();
+    if (square.sqrt() - 1.0).abs() > UNIT {
+        return Err(format!(
+            "`direction` is {} long; it must be a unit vector, [0.0, 0.0, -1.0] looks down",
+            square.sqrt()
+        ));
+    }
+    let [least, greatest] = sensor.range_mm;
+    if least >= greatest {
+        return Err("`range_mm` must be [least, greatest] with the least below".to_owned());
+    }
+    let sizes = [
+        ("stand_off_mm", sensor.stand_off_mm),
+        ("body_radius_mm", sensor.body_radius_mm),
+        ("body_length_mm", sensor.body_length_mm),
+        ("noise_um", sensor.noise_um.unwrap_or_default()),
+        ("linearity_um", sensor.linearity_um),
+        ("incidence_um", sensor.incidence_um),
+    ];
+    if let Some((key, _)) = sizes.iter().find(|(_, size)| *size < 0.0) {
+        return Err(format!("`{key}` must not be negative"));
+    }
+    if !(0.0..90.0).contains(&sensor.incidence_limit_deg) || sensor.incidence_limit_deg == 0.0 {
+        return Err("`incidence_limit_deg` must lie between 0 and 90".to_owned());
+    }
+    Ok(())
+}

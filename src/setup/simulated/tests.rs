@@ -1,0 +1,161 @@
+//! Simulated sensors through the drivers that serve real ones.
+
+use std::sync::Arc;
+
+use devices::sensors::{Driver, Sample};
+use link::clock::HostClock;
+use machine::record::reading::Flag;
+use machine::record::sensor::Sensor;
+use serde_json::json;
+use simulator::Sensed;
+use simulator::sensors::Sense;
+use simulator::sensors::modbus::Measures;
+use simulator::sensors::serial::Format;
+
+use super::SimulatedSensor;
+use super::sensor_wire::{self, Wire};
+
+fn sensor() -> Sensor {
+    serde_json::from_value(json!({
+        "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
+    }))
+    .unwrap()
+}
+
+fn clock() -> Arc<HostClock> {
+    Arc::new(HostClock::start())
+}
+
+/// Value in µm (0 without one), flag, and how many samples are missing before it.
+fn sample_um(sample: &Sample) -> (i64, &'static str, u32) {
+    assert_eq!(sample.value_mm.is_some(), sample.flag == Flag::None);
+    let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
+    (um, sample.flag.as_str(), sample.missing)
+}
+
+fn without_gap(sample: &Sample) -> (i64, &'static str) {
+    let (um, flag, missing) = sample_um(sample);
+    assert_eq!(missing, 0);
+    (um, flag)
+}
+
+/// 0 to 9 and what has no value, round and round.
+fn sense() -> Sense {
+    let mut place = 0_u32;
+    Box::new(move || {
+        place += 1;
+        match place % 13 {
+            10 => Sensed::NoEcho,
+            11 => Sensed::OutOfRange(12.5),
+            12 => Sensed::Saturated,
+            digit => Sensed::Distance(f64::from(digit) - 4.87654),
+        }
+    })
+}
+
+fn expected(place: u32) -> (i64, &'static str) {
+    match place % 13 {
+        10 | 11 => (0, "range"),
+        12 => (0, "saturated"),
+        digit => ((f64::from(digit) * 1000.0 - 4876.54).round() as i64, ""),
+    }
+}
+
+#[tokio::test]
+async fn a_serial_sensor_in_memory_measures_on_request() {
+    for format in [Format::Text, Format::Frames] {
+        let at = (format, Wire::Memory);
+        let mut serial =
+            sensor_wire::serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
+        assert!(serial.on_demand());
+        // The first was for `prepare`.
+        for place in 2..200 {
+            let (um, flag, missing) = sample_um(&serial.next().await.unwrap());
+            assert_eq!(((um, flag), missing), (expected(place), 0), "{format:?} {place}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_serial_sensor_on_a_wire_sends_by_itself() {
+    for (format, wire) in [(Format::Text, Wire::Tcp), (Format::Frames, Wire::Pty)] {
+        let mut serial =
+            sensor_wire::serial((format, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
+        assert!(!serial.on_demand());
+        serial.forget().await.unwrap();
+        let mut samples = Vec::new();
+        for _ in 0..100 {
+            samples.push(sample_um(&serial.next().await.unwrap()));
+        }
+        assert!(samples.iter().all(|(.., missing)| *missing == 0), "{samples:?}");
+        let fits = |first: u32| {
+            (first..).zip(&samples).all(|(place, (um, flag, _))| (*um, *flag) == expected(place))
+        };
+        assert!((0..13).any(fits), "{format:?} {wire:?}: {samples:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_modbus_sensor_measures_when_it_is_read() {
+    for wire in [Wire::Tcp, Wire::Pty] {
+        let mut place = 0;
+        let sense = move || {
+            place += 1;
+            match place {
+                4 => Sensed::NoEcho,
+                5 => Sensed::OutOfRange(11.0),
+                6 => Sensed::Saturated,
+                _ => Sensed::Distance(-0.5 * f64::from(place)),
+            }
+        };
+        let clock = Arc::new(HostClock::start());
+        let at = (Measures::WhenRead, wire);
+        let mut registers =
+            sensor_wire::modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+        assert!(registers.on_demand());
+        // One when it was made, one for `prepare`.
+        assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
+        registers.forget().await.unwrap();
+        let expected = [(-1500, ""), (0, "range"), (0, "range"), (0, "saturated"), (-3500, "")];
+        for expected in expected {
+            assert_eq!(without_gap(&registers.next().await.unwrap()), expected, "{wire:?}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
+    let mut place = 0;
+    let sense = move || {
+        place += 1;
+        Sensed::Distance(f64::from(place % 1000) * 0.01)
+    };
+    let clock = Arc::new(HostClock::start());
+    let at = (Measures::AtItsRate, Wire::Tcp);
+    let mut registers =
+        sensor_wire::modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+    let prepared = registers.prepare().await.unwrap();
+    assert!(!registers.on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
+    registers.forget().await.unwrap();
+    let mut last = 0;
+    for _ in 0..20 {
+        let (um, flag) = without_gap(&registers.next().await.unwrap());
+        assert!(flag.is_empty() && um > last, "{um} after {last}");
+        last = um;
+    }
+}
+
+#[test]
+fn a_wire_that_a_simulated_sensor_does_not_have_is_refused_with_the_file() {
+    let refused = |keys: &str| toml::from_str::<SimulatedSensor>(keys).unwrap_err().to_string();
+    assert!(refused("speaks = \"modbus\"").contains("needs `wire = \"tcp\"`"));
+    assert!(refused("speaks = \"modbus\"\nwire = \"memory\"").contains("needs `wire = \"tcp\"`"));
+    assert!(refused("speaks = \"serial\"\nwire = \"udp\"").contains("`wire` is `udp`"));
+    for sound in
+        ["", "wire = \"vcan0\"", "speaks = \"modbus\"\nwire = \"pty\"", "speaks = \"serial\""]
+    {
+        assert!(toml::from_str::<SimulatedSensor>(sound).is_ok(), "{sound}");
+    }
+}

@@ -1,0 +1,206 @@
+//! True balls on their stems.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DVec3};
+
+use super::WorldError;
+use super::drawn::{self, LengthDraw};
+use super::surface::Nearest;
+use super::truth::Truth;
+use machine::record::artefact;
+
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Balls {
+    balls: Vec<Ball>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Ball {
+    centre: DVec3,
+    radius: f64,
+    /// The radius along the unit vector u is longer by uᵀ·form·u: an oval.
+    form: DMat3,
+    stem: Option<Stem>,
+    /// From when on it stands off by how much.
+    moves: Vec<(f64, DVec3)>,
+}
+
+/// A cylinder with flat ends, from the ball's centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Stem {
+    along: DVec3,
+    length: f64,
+    radius: f64,
+}
+
+impl Balls {
+    pub fn new(stated: &artefact::Balls, truth: &Truth) -> Result<Self, WorldError> {
+        let balls = stated.balls.iter().enumerate();
+        let mut balls: Vec<Ball> = balls.map(|(i, ball)| Ball::new(i, ball, truth)).collect();
+        // `>` is false for NaN as well.
+        if balls.is_empty() || !balls.iter().all(Ball::is_sound) {
+            return Err(WorldError::Balls);
+        }
+        hold_lengths(&mut balls, stated, truth);
+        Ok(Self { balls })
+    }
+
+    /// From `point` in the table frame at the time `t_s`. Of what lies inside several bodies the
+    /// deepest counts.
+    pub fn nearest(&self, point: DVec3, t_s: f64) -> Nearest {
+        let far = Nearest { distance: f64::INFINITY, normal: DVec3::Z };
+        let place = |ball: &Ball| point - ball.shift(t_s);
+        let at_least = |ball: &Ball| ball.at_least(place(ball));
+        // The one that seems nearest first: of most others no oval need be looked at then.
+        let first = self.balls.iter().min_by(|a, b| at_least(a).total_cmp(&at_least(b)));
+        let best = first.map_or(far, |ball| ball.nearer(place(ball), far));
+        self.balls.iter().fold(best, |best, ball| ball.nearer(place(ball), best))
+    }
+
+    #[cfg(test)]
+    pub fn centre(&self, index: usize, t_s: f64) -> DVec3 {
+        self.balls[index].centre + self.balls[index].shift(t_s)
+    }
+}
+
+impl Ball {
+    fn new(index: usize, stated: &artefact::Ball, truth: &Truth) -> Self {
+        let own = truth.ball.iter().find(|ball| ball.id == stated.id).cloned().unwrap_or_default();
+        let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
+        let along = DVec3::from_array(stated.stem).normalize_or_zero();
+        let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
+        let drawn = drawn::ball(truth.seed, index);
+        let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
+        let form_um = own.form_um.unwrap_or(truth.ball_form_um);
+        Self {
+            centre: DVec3::from_array(stated.centre_mm)
+                + truth.centre_offset()
+                + DVec3::from_array(own.offset_mm)
+                + drawn.centre * truth.ball_offset_mm,
+            radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
+            form: drawn.oval * (form_um * 1e-3),
+            stem: (length > 0.0 && radius > 0.0 && along != DVec3::ZERO).then_some(Stem {
+                along,
+                length,
+                radius,
+            }),
+            moves: moves.map(|moved| (moved.at_s, DVec3::from_array(moved.by_mm))).collect(),
+        }
+    }
+
+    fn is_sound(&self) -> bool {
+        let form = self.form.to_cols_array().into_iter().map(f64::abs).sum::<f64>();
+        self.centre.is_finite() && self.radius > 2.0 * form && self.radius.is_finite()
+    }
+
+    fn shift(&self, t_s: f64) -> DVec3 {
+        self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
+    }
+
+    /// No point of the ball is nearer than this.
+    fn at_least(&self, point: DVec3) -> f64 {
+        let form: f64 = self.form.to_cols_array().into_iter().map(f64::abs).sum();
+        (point - self.centre).length() - self.radius - 2.0 * form
+    }
+
+    /// The nearer one of `best` and this ball with its stem.
+    fn nearer(&self, point: DVec3, best: Nearest) -> Nearest {
+        let from_centre = point - self.centre;
+        let mut best = best;
+        if self.at_least(point) < best.distance {
+            let ball = self.nearest(from_centre);
+            best = if ball.distance < best.distance { ball } else { best };
+        }
+        if let Some(stem) = &self.stem {
+            let nearest = stem.nearest(from_centre);
+            if nearest.distance < best.distance {
+                best = nearest;
+            }
+        }
+        best
+    }
+
+    /// The foot of the perpendicular: `point` = r(u)·u + distance·normal(u). Round, it is along the
+    /// point's own direction; for an oval of micrometres each round leaves a thousandth of the error.
+    fn nearest(&self, point: DVec3) -> Nearest {
+        let mut direction = point.normalize_or(DVec3::Z);
+        let mut nearest = Nearest { distance: point.length() - self.radius, normal: direction };
+        if self.form == DMat3::ZERO {
+            return nearest;
+        }
+        for _ in 0..ROUNDS {
+            let pulled = self.form * direction;
+            let longer = direction.dot(pulled);
+            let radius = self.radius + longer;
+            let slope = 2.0 * (pulled - direction * longer);
+            let normal = (direction - slope / radius).normalize();
+            let distance = (point - direction * radius).dot(normal);
+            nearest = Nearest { distance, normal };
+            let next = (point - normal * distance).normalize_or(direction);
+            if next.distance_squared(direction) < SAME_DIRECTION {
+                break;
+            }
+            direction = next;
+        }
+        nearest
+    }
+}
+
+const ROUNDS: usize = 30;
+/// Squared angle below which the foot of a perpendicular does not move any more.
+const SAME_DIRECTION: f64 = 1e-28;
+
+impl Stem {
+    fn nearest(&self, from_centre: DVec3) -> Nearest {
+        let along = from_centre.dot(self.along);
+        let across = from_centre - self.along * along;
+        let (reach, outward) = (across.length(), across.normalize_or(DVec3::X));
+        let side = reach - self.radius;
+        let end = (along - self.length / 2.0).abs() - self.length / 2.0;
+        let cap = self.along * (along - self.length / 2.0).signum();
+        if side > 0.0 && end > 0.0 {
+            let distance = side.hypot(end);
+            Nearest { distance, normal: (outward * side + cap * end) / distance }
+        } else if side > end {
+            Nearest { distance: side, normal: outward }
+        } else {
+            Nearest { distance: end, normal: cap }
+        }
+    }
+}
+
+/// What is certified is so: the balls stand as far apart as the certificate, its drawn error, its
+/// true temperature and what is wrong with it say. Both ends give way alike, in turns where balls
+/// share lengths.
+fn hold_lengths(balls: &mut [Ball], stated: &artefact::Balls, truth: &Truth) {
+    let places: BTreeMap<&str, usize> =
+        stated.balls.iter().enumerate().map(|(i, ball)| (ball.id.as_str(), i)).collect();
+    for _ in 0..LENGTH_ROUNDS {
+        let mut worst = 0.0_f64;
+        for (number, length) in stated.lengths.iter().enumerate() {
+            let ends = (places.get(length.from.as_str()), places.get(length.to.as_str()));
+            let (Some(&from), Some(&to)) = ends else { continue };
+            let apart = balls[to].centre - balls[from].centre;
+            let short = true_length(number, length, truth) - apart.length();
+            let half = apart.normalize_or(DVec3::X) * (short / 2.0);
+            balls[from].centre -= half;
+            balls[to].centre += half;
+            worst = worst.max(short.abs());
+        }
+        if worst < 1e-13 {
+            return;
+        }
+    }
+}
+
+const LENGTH_ROUNDS: usize = 1000;
+
+fn true_length(number: usize, length: &artefact::Length, truth: &Truth) -> f64 {
+    let LengthDraw { certificate, temperature } = drawn::length(truth.seed, number);
+    let warmer = length.temperature_c.unwrap_or(20.0) - 20.0 + length.u_temperature_k * temperature;
+    let certified = length.mm + length.u_mm * certificate;
+    certified
+        * (1.0 + length.expansion_um_per_m_k * 1e-6 * warmer)
+        * (1.0 + truth.length_error_um_per_m * 1e-6)
+}

@@ -1,0 +1,161 @@
+//! The beam of a displacement sensor in the spindle, and what its electronics say.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::WorldError;
+use super::drawn;
+use super::sensor_truth::{SensorTruth, Wave};
+use super::sight::{Hit, Sight};
+use machine::record::sensor::Sensor;
+
+/// What a sensor says of one sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sensed {
+    /// From the zero point to the surface, mm.
+    Distance(f64),
+    /// No light came back: nothing there, or a surface too steep.
+    NoEcho,
+    /// A distance outside of its range, mm.
+    OutOfRange(f64),
+    /// Too much light.
+    Saturated,
+}
+
+/// A sensor as it truly sits in the spindle, at S = 0 in the machine's directions.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Beam {
+    zero: DVec3,
+    along: DVec3,
+    /// Unit vectors across its nominal direction, of `tilt_urad` and `lean_um`.
+    across: [DVec3; 2],
+    range: [f64; 2],
+    /// It sees nothing nearer or farther.
+    reach: [f64; 2],
+    curve: Vec<Wave>,
+    noise_mm: f64,
+    truth: SensorTruth,
+}
+
+impl Beam {
+    /// `number`: of the sensor in the machine file; keys what is drawn.
+    pub fn new(
+        nominal: &Sensor,
+        truth: SensorTruth,
+        seed: u64,
+        number: usize,
+    ) -> Result<Self, WorldError> {
+        let nonsense = |key| Err(WorldError::Sensor { name: nominal.name.clone(), key });
+        let direction = DVec3::from_array(nominal.direction).normalize_or_zero();
+        let zero = DVec3::from_array(nominal.zero_mm);
+        let [least, greatest] = nominal.range_mm;
+        let span = greatest - least;
+        if direction == DVec3::ZERO {
+            return nonsense("direction");
+        }
+        if !zero.is_finite() {
+            return nonsense("zero_mm");
+        }
+        // `>` is false for NaN as well.
+        if !(span > 0.0 && span.is_finite()) {
+            return nonsense("range_mm");
+        }
+        let noise_um = nominal.noise_um.unwrap_or_default();
+        if !(noise_um >= 0.0 && nominal.linearity_um >= 0.0 && nominal.incidence_um >= 0.0) {
+            return nonsense("noise_um, linearity_um or incidence_um");
+        }
+        truth.check()?;
+        let truth = slanting(truth, nominal, seed, number);
+        let across = across(direction);
+        let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
+        let drawn = || drawn::linearity(seed, number, nominal.linearity_um, span);
+        Ok(Self {
+            zero: zero + DVec3::from_array(truth.zero_offset_um) * 1e-3,
+            along: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
+            across,
+            range: nominal.range_mm,
+            reach: [least.min(-nominal.stand_off_mm), greatest + span],
+            curve: truth.linearity.clone().unwrap_or_else(drawn),
+            noise_mm: truth.noise_um.or(nominal.noise_um).unwrap_or_default() * 1e-3,
+            truth,
+        })
+    }
+
+    /// `deviate`: what noise adds, in standard deviations.
+    pub fn says(&self, sight: &Sight<'_>, deviate: f64) -> Sensed {
+        let Some(hit) = self.spot(sight) else { return Sensed::NoEcho };
+        let facing = -hit.normal.dot(self.along);
+        if facing < self.truth.echo_limit_deg.to_radians().cos() {
+            return Sensed::NoEcho;
+        }
+        if facing > self.truth.dazzled_deg.to_radians().cos() {
+            return Sensed::Saturated;
+        }
+        let said = self.truth.gain * hit.distance
+            + self.curve_at(hit.distance)
+            + self.slanted(hit.normal, facing)
+            + self.noise_mm * deviate;
+        let [least, greatest] = self.range;
+        let within = said >= least && said <= greatest;
+        if within { Sensed::Distance(said) } else { Sensed::OutOfRange(said) }
+    }
+
+    /// Mean distance over the light spot, and the normal in its middle.
+    fn spot(&self, sight: &Sight<'_>) -> Option<Hit> {
+        let first = |from: DVec3| sight.first(self.zero + from, self.along, self.reach);
+        let middle = first(DVec3::ZERO)?;
+        if self.truth.spot_mm == 0.0 {
+            return Some(middle);
+        }
+        // The mean over a disc of radius a is, up to third order, that of four points a/√2 away.
+        let aside = self.truth.spot_mm / 8.0_f64.sqrt();
+        let mut sum = 0.0;
+        for across in self.across {
+            // Across the true beam: the mean over a slanted disc would be another one.
+            let step = across.reject_from(self.along).normalize_or_zero() * aside;
+            sum += first(step)?.distance + first(-step)?.distance;
+        }
+        Some(Hit { distance: sum / 4.0, ..middle })
+    }
+
+    /// What the characteristic curve has beyond a straight line, mm.
+    fn curve_at(&self, distance: f64) -> f64 {
+        let wave = |wave: &Wave| {
+            let phase = TAU * distance / wave.period_mm + wave.phase_deg.to_radians();
+            wave.amplitude_um * 1e-3 * phase.sin()
+        };
+        self.curve.iter().map(wave).sum()
+    }
+
+    /// What a surface that does not face the beam adds, mm.
+    fn slanted(&self, normal: DVec3, facing: f64) -> f64 {
+        let tangent2 = (1.0 - facing * facing).max(0.0) / (facing * facing);
+        // Of the distance over a way across the beam.
+        let slopes = self.across.map(|across| normal.dot(across) / facing);
+        let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
+        (self.truth.incidence_um * tangent2 + lean) * 1e-3
+    }
+}
+
+/// What is declared of surfaces that lean is drawn, unless something is said of it.
+fn slanting(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
+    if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
+        return truth;
+    }
+    let (incidence_um, lean_um) = drawn::incidence(seed, number, nominal.incidence_um);
+    SensorTruth { incidence_um, lean_um, ..truth }
+}
+
+/// Unit vectors across `direction`, near the two axes that are not nearest to it.
+fn across(direction: DVec3) -> [DVec3; 2] {
+    let size = direction.abs();
+    let [first, second] = if size.z >= size.x && size.z >= size.y {
+        [DVec3::X, DVec3::Y]
+    } else if size.y >= size.x {
+        [DVec3::X, DVec3::Z]
+    } else {
+        [DVec3::Y, DVec3::Z]
+    };
+    [first, second].map(|axis| axis.reject_from(direction).normalize())
+}

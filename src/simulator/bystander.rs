@@ -1,0 +1,74 @@
+//! Somebody who stands beside the simulated machine: sees how it truly moves, deflects its stylus,
+//! and answers what a person is asked.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::{Speed, World};
+use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
+use machine::{Axis, Position};
+
+/// What moves less than this is not seen, mm or degrees.
+const VISIBLE: f64 = 0.05;
+/// A distance is judged by eye to a tenth.
+const BY_EYE: f64 = 0.1;
+
+pub struct Bystander {
+    world: Arc<Mutex<World>>,
+    /// Where the machine stood when a jog was allowed.
+    before: Position,
+}
+
+impl Bystander {
+    pub fn new(world: Arc<Mutex<World>>) -> Self {
+        Self { world, before: Position::new() }
+    }
+
+    pub fn answer(&mut self, question: &Question) -> Answer {
+        match question {
+            Question::Shows(told) => self.shows(told),
+            Question::MayJog { .. } | Question::MayHold(_) => {
+                let stands = self.world().true_axes();
+                self.before = stands;
+                Answer::Yes
+            }
+            Question::Jogged { jog, .. } => Answer::Saw(self.saw(jog)),
+            Question::Stylus(stylus) => {
+                self.world().deflect(*stylus == Stylus::Deflected);
+                Answer::Yes
+            }
+            Question::Released { .. } | Question::May { .. } => Answer::Yes,
+        }
+    }
+
+    /// Moves an axis by hand, mm or degrees.
+    pub fn shove(&self, axis: Axis, by: f64) {
+        let mut world = self.world();
+        let to = world.position().at(axis) + axis.from_edge(by);
+        world.travel(&Position::new().with(axis, to), Speed::Rapid);
+    }
+
+    /// The display has what the control itself believes.
+    fn shows(&self, told: &Position) -> Answer {
+        let shown = self.world().position();
+        let differs = |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > VISIBLE;
+        if told.iter().any(differs) { Answer::No } else { Answer::Yes }
+    }
+
+    fn saw(&self, jog: &Jog) -> Seen {
+        let stands = self.world().true_axes();
+        let gone = stands.iter().map(|(axis, at)| (axis, axis.to_edge(at - self.before.at(axis))));
+        let farthest = gone.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+        match farthest.filter(|(_, by)| by.abs() > VISIBLE) {
+            None => Seen::Nothing,
+            Some((axis, _)) if axis != jog.axis => Seen::Another(axis),
+            Some((_, by)) if (by - jog.by).abs() <= BY_EYE => Seen::AsSaid,
+            Some((_, by)) if (by + jog.by).abs() <= BY_EYE => Seen::OtherWay,
+            Some((_, by)) => Seen::Distance((by / BY_EYE).round() * BY_EYE),
+        }
+    }
+
+    fn world(&self) -> MutexGuard<'_, World> {
+        // The world is plain data: a panic elsewhere leaves it whole.
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

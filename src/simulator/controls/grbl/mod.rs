@@ -1,0 +1,295 @@
+//! The simulated control: speaks as grblHAL does and executes the text it is sent against a
+//! [`World`]. It is the driver's peer and shares none of its code.
+//!
+//! One extension, switched by [`Options::stamps`]: the status report carries `|T:<seconds>`, the
+//! simulated time, and a contact is followed by `[T:<seconds>]`, the time of its trigger.
+
+mod fault;
+mod job;
+mod say;
+mod serve;
+mod settings;
+pub mod testing;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use fault::Answer;
+pub use fault::{Fault, FaultKind};
+use job::Last;
+
+use crate::World;
+use crate::interpreter::{Act, Active, Code, Interpreter, Job, Pace, Sham, is_blank};
+use machine::Position;
+use machine::record::machine::Machine;
+
+/// Blocks that the planner holds.
+const PLANNER: usize = 100;
+/// Bytes that wait to be read; more are lost without a word.
+const RX_BUFFER: usize = 1024;
+const LONGEST_LINE: usize = 256;
+
+const SOFT_LIMIT: u8 = 2;
+const RESET_IN_MOTION: u8 = 3;
+const PROBE_CLOSED: u8 = 4;
+const NO_CONTACT: u8 = 5;
+const HARD_LIMIT: u8 = 1;
+const LOCKED: Code = 9;
+
+/// How this control is built.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Its axes and their travel.
+    pub reader: Interpreter,
+    pub pace: Pace,
+    /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
+    pub native: bool,
+    pub stamps: bool,
+    /// What is stored there, by number.
+    pub settings: BTreeMap<u16, f64>,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+}
+
+impl Options {
+    /// The control of `machine`: native level, stamps on.
+    pub fn of(machine: &Machine, pace: Pace) -> Self {
+        let (reader, settings) = (Interpreter::of(machine), settings::of(machine));
+        Self { reader, pace, native: true, stamps: true, settings, faults: Vec::new() }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lock {
+    /// `$X` unlocks.
+    Light,
+    /// Only a reset helps.
+    Reset,
+    /// Only a reset helps, and until then no line is answered.
+    Mute,
+}
+
+/// The control: bytes in ([`Firmware::serve`]), bytes out.
+pub struct Firmware {
+    options: Options,
+    world: Arc<Mutex<World>>,
+    /// Where the machine will stand when all that is queued is done.
+    planned: Position,
+    rx: VecDeque<u8>,
+    out: Vec<u8>,
+    queue: VecDeque<Job>,
+    active: Option<Active>,
+    /// A line whose answer comes when its job is done.
+    waiting: bool,
+    held: bool,
+    alarm: Option<Lock>,
+    latched: Option<Code>,
+    booted: bool,
+    reported: bool,
+    /// The last probing move, for `$#`.
+    last: Option<Last>,
+    /// Lines received and contacts made so far.
+    lines: u64,
+    touches: u64,
+    sham: Sham,
+    happened: Arc<Mutex<Vec<FaultKind>>>,
+    answer: Answer,
+    hung: bool,
+    door: bool,
+    /// Host time zero, and the time since then at the last event.
+    since: Instant,
+    now: Duration,
+}
+
+impl Firmware {
+    pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
+        let mut firmware = Self {
+            options,
+            world,
+            planned: Position::new(),
+            rx: VecDeque::new(),
+            out: Vec::new(),
+            queue: VecDeque::new(),
+            active: None,
+            waiting: false,
+            held: false,
+            alarm: None,
+            latched: None,
+            booted: false,
+            reported: false,
+            last: None,
+            lines: 0,
+            touches: 0,
+            sham: Sham::default(),
+            happened: Arc::default(),
+            answer: Answer::default(),
+            hung: false,
+            door: false,
+            since: Instant::now(),
+            now: Duration::ZERO,
+        };
+        firmware.planned = firmware.stand();
+        firmware
+    }
+
+    /// The faults that came about, in their order; a fault that was only ordered is not among them.
+    pub fn happened(&self) -> Arc<Mutex<Vec<FaultKind>>> {
+        self.happened.clone()
+    }
+
+    fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
+        // The world is plain data: a panic elsewhere leaves it whole.
+        act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Where the machine stands.
+    fn stand(&self) -> Position {
+        self.with_world(|world| world.position())
+    }
+
+    /// Bytes as they come: realtime bytes act at once, wherever they stand.
+    fn ingest(&mut self, bytes: &[u8], now: Duration) {
+        self.now = now;
+        for byte in bytes {
+            match byte {
+                b'?' => self.say_status(),
+                b'!' => self.hold(),
+                b'~' => (self.held, self.door) = (false, false),
+                0x18 => self.reset(),
+                0x80.. => {}
+                byte if self.rx.len() < RX_BUFFER => self.rx.push_back(*byte),
+                _ => {}
+            }
+        }
+    }
+
+    /// Do all that can be done now; the answer is when to come again.
+    fn step(&mut self, now: Duration) -> Option<Duration> {
+        self.now = now;
+        loop {
+            let ends = self.active.as_ref().map(|active| active.ends);
+            if ends.is_some_and(|ends| ends <= now) {
+                self.finish_active();
+            } else if ends.is_none() && !self.held && !self.queue.is_empty() {
+                self.start_next();
+            } else if let Some(line) = self.next_line() {
+                self.line(&line);
+            } else {
+                return ends;
+            }
+        }
+    }
+
+    fn next_line(&mut self) -> Option<String> {
+        if self.waiting || self.hung || self.queue.len() >= PLANNER {
+            return None;
+        }
+        let end = self.rx.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
+        let bytes: Vec<u8> = self.rx.drain(..=end).collect();
+        if bytes.ends_with(b"\r") && self.rx.front() == Some(&b'\n') {
+            self.rx.pop_front();
+        }
+        Some(String::from_utf8_lossy(&bytes).trim().to_owned())
+    }
+
+    fn obey(&mut self, line: &str) {
+        if self.alarm == Some(Lock::Mute) {
+            return;
+        }
+        if line.len() > LONGEST_LINE {
+            return self.say_error(11);
+        }
+        if let Some(command) = line.strip_prefix('$') {
+            return self.dollar(command);
+        }
+        if is_blank(line) {
+            if line.is_empty() {
+                self.latched = None;
+            }
+            return self.say_ok();
+        }
+        match self.gcode(line) {
+            Ok(true) => self.waiting = true,
+            Ok(false) => self.say_ok(),
+            Err(code) => {
+                self.latched = self.options.native.then_some(code);
+                self.say_error(code);
+            }
+        }
+    }
+
+    /// Whether the answer must wait for a job.
+    fn gcode(&mut self, line: &str) -> Result<bool, Code> {
+        if let Some(code) = self.latched {
+            return Err(code);
+        }
+        if self.alarm.is_some() {
+            return Err(LOCKED);
+        }
+        let job = match self.options.reader.line(line, &self.planned)? {
+            Act::Nothing => return Ok(false),
+            Act::OutOfTravel => return Ok(self.soft_limit()),
+            Act::Do(job) => job,
+        };
+        let waits = job.is_waited_for();
+        if let Some(to) = job.target() {
+            self.planned = self.planned.updated_by(to);
+        }
+        self.queue.push_back(job);
+        Ok(waits)
+    }
+
+    /// Idle: an alarm, and the line is answered. Moving: silence until a reset.
+    fn soft_limit(&mut self) -> bool {
+        let moving = self.is_moving();
+        self.hold();
+        self.held = false;
+        self.say(&format!("ALARM:{SOFT_LIMIT}"));
+        self.stop_here();
+        if moving {
+            self.alarm = Some(Lock::Mute);
+            return true;
+        }
+        self.say("[MSG:Reset to continue]");
+        self.alarm = Some(Lock::Reset);
+        false
+    }
+
+    fn is_moving(&self) -> bool {
+        !self.held && (self.active.is_some() || !self.queue.is_empty())
+    }
+
+    /// Forget all motion; the machine stands where it is.
+    fn stop_here(&mut self) {
+        self.active = None;
+        self.queue.clear();
+        self.waiting = false;
+        self.planned = self.stand();
+    }
+
+    /// 0x18. In motion the position is doubtful afterwards: alarm.
+    fn reset(&mut self) {
+        let moving = self.is_moving();
+        self.hold();
+        self.stop_here();
+        self.rx.clear();
+        self.held = false;
+        self.door = false;
+        self.hung = false;
+        self.latched = None;
+        self.reported = false;
+        self.alarm = moving.then_some(Lock::Light);
+        if moving {
+            self.say(&format!("ALARM:{RESET_IN_MOTION}"));
+        }
+        self.say_banner();
+        if moving {
+            self.say("[MSG:'$H'|'$X' to unlock]");
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! What the simulated control has stored: its `$` settings, from the machine that it drives. Numbers and
+//! meanings are grblHAL's (`settings.h`), the sense of homing its `machine_limits.c`.
+
+use std::collections::BTreeMap;
+
+use machine::Axis;
+use machine::record::machine::Machine;
+
+pub(super) const REPORTS: u16 = 10;
+pub(super) const INCHES: u16 = 13;
+const STEPS: u16 = 100;
+const MOST_RATE: u16 = 110;
+const ACCELERATION: u16 = 120;
+const TRAVEL: u16 = 130;
+
+/// Its reports show the state of inputs.
+pub(super) const SHOWS_PINS: u32 = 1 << 4;
+
+const STEPS_PER_UNIT: f64 = 1000.0;
+const PULL_OFF: f64 = 1.0;
+/// Homing is on, its switch is zero, and what has no switch is homed where it stands.
+const HOMING: f64 = 1.0 + 8.0 + 32.0;
+
+/// The settings of `machine`. An axis whose travel ends at zero homes there, onto a switch; grblHAL has
+/// no others, so what has none tells the length of its travel and not where it lies.
+pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
+    let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
+    let mut settings: BTreeMap<u16, f64> =
+        [(0, 5.0), (1, 25.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0), (6, 0.0)].into();
+    settings.extend([(REPORTS, 511.0), (11, 0.01), (12, 0.002), (INCHES, 0.0)]);
+    settings.extend([(20, 1.0), (21, 1.0), (22, HOMING), (27, PULL_OFF)]);
+    let (mut homes, mut to_negative, mut turns) = (0_u16, 0_u16, 0_u16);
+    for ((axis, spec), number) in axes.zip(0_u16..) {
+        let bit = 1 << number;
+        let switched = spec.min == 0.0 || spec.max == 0.0;
+        homes |= if switched { bit } else { 0 };
+        to_negative |= if spec.min == 0.0 { bit } else { 0 };
+        turns |= if axis.is_linear() { 0 } else { bit };
+        let beyond = if switched { PULL_OFF } else { 0.0 };
+        settings.insert(STEPS + number, STEPS_PER_UNIT);
+        settings.insert(MOST_RATE + number, spec.rapid_per_min);
+        settings.insert(ACCELERATION + number, spec.acceleration_per_s2);
+        settings.insert(TRAVEL + number, spec.max - spec.min + beyond);
+    }
+    settings.extend([
+        (23, f64::from(to_negative)),
+        (44, f64::from(homes)),
+        (376, f64::from(turns)),
+    ]);
+    settings
+}
+
+/// As `$$` prints it: masks and counts whole, the rest with three decimals.
+pub(super) fn line(number: u16, value: f64) -> String {
+    match number {
+        11 | 12 | 24 | 25 | 27 | 100..200 => format!("${number}={value:.3}"),
+        _ => format!("${number}={value}"),
+    }
+}

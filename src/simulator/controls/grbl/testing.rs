@@ -1,0 +1,33 @@
+//! For tests, of the driver as well: a five-axis machine with a round part, and its world.
+
+#![allow(clippy::unwrap_used, reason = "for tests alone")]
+
+use std::sync::{Arc, Mutex};
+
+use serde_json::json;
+
+use crate::{Truth, World};
+use machine::record::artefact::Artefact;
+use machine::record::machine::{Machine, Probe};
+
+/// X, Y ±400 mm, Z -400 to 0, B ±110°, C ±720°; the stylus-ball centre is the spindle datum.
+pub fn machine() -> Machine {
+    let linear = json!({"min": -400, "max": 400});
+    serde_json::from_value(json!({
+        "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
+        "axes": {"X": linear, "Y": linear, "Z": {"min": -400, "max": 0},
+                 "B": {"min": -110, "max": 110}, "C": {"min": -720, "max": 720}}
+    }))
+    .unwrap()
+}
+
+/// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a
+/// ball of radius 3 mm: contact at 28 mm from the axis. The machine stands at zero.
+pub fn world() -> Arc<Mutex<World>> {
+    let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
+    let artefact: Artefact = serde_json::from_value(json!({
+        "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
+    }))
+    .unwrap();
+    Arc::new(Mutex::new(World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap()))
+}

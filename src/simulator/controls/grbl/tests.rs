@@ -1,0 +1,158 @@
+//! The simulated control against transcripts of a real grblHAL (Linux build of August 2026, five
+//! axes XYZBC): the bytes on the right are its own.
+
+use super::*;
+
+fn real(change: impl FnOnce(&mut Options)) -> Firmware {
+    let mut options = Options::of(&testing::machine(), Pace::Fast);
+    options.stamps = false;
+    change(&mut options);
+    Firmware::new(testing::world(), options)
+}
+
+fn at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
+    let now = Duration::from_secs_f64(seconds);
+    firmware.step(now);
+    firmware.ingest(bytes.as_bytes(), now);
+    firmware.step(now);
+    let out = String::from_utf8(std::mem::take(&mut firmware.out)).unwrap();
+    out.split_terminator("\r\n").map(str::to_owned).collect()
+}
+
+fn say(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
+    at(firmware, 0.0, bytes)
+}
+
+const BESIDE: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
+
+#[test]
+fn it_introduces_itself() {
+    let mut firmware = real(|_| {});
+    assert_eq!(
+        say(&mut firmware, "$I\n"),
+        ["[VER:1.1f.20260817:]", "[OPT:VNML+,100,1024,5,0]", "[AXS:5:XYZBC]", "ok"]
+    );
+    assert_eq!(
+        say(&mut firmware, "?"),
+        ["<Idle|MPos:0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>"]
+    );
+}
+
+#[test]
+fn banners_differ_by_level() {
+    let mut native = real(|_| {});
+    assert_eq!(say(&mut native, "\x18"), ["", "GrblHAL 1.1f ['$' or '$HELP' for help]"]);
+    let mut classic = real(|options| options.native = false);
+    assert_eq!(say(&mut classic, "\x18"), ["", "Grbl 1.1f ['$' for help]"]);
+}
+
+#[test]
+fn a_touch_a_miss_and_a_closed_probe() {
+    let mut firmware = real(|_| {});
+    say(&mut firmware, BESIDE);
+    let touch = say(&mut firmware, "N7 G38.2 X0 F30\n");
+    assert_eq!(touch, ["[PRB:28.000,0.000,-150.000,0.000,0.000:1]", "ok"]);
+    // The overshoot is seen afterwards.
+    let status = say(&mut firmware, "?").join("");
+    assert!(status.contains("|Pn:P"), "{status}");
+    assert_eq!(say(&mut firmware, "G38.3 X0\n"), ["ALARM:4", "ok"]);
+    assert_eq!(say(&mut firmware, "G0 X3\n"), ["error:9"]);
+    assert_eq!(say(&mut firmware, "$X\n"), ["[MSG:Caution: Unlocked]", "ok"]);
+    say(&mut firmware, "G0 X40\n");
+    let guarded = say(&mut firmware, "G38.3 X35\n");
+    assert_eq!(guarded, ["[PRB:35.000,0.000,-150.000,0.000,0.000:0]", "ok"]);
+    assert_eq!(
+        say(&mut firmware, "G38.2 X30\nG0 X33\n"),
+        ["ALARM:5", "[PRB:30.000,0.000,-150.000,0.000,0.000:0]", "ok", "error:9"]
+    );
+}
+
+#[test]
+fn level_0_latches_errors_and_level_10_does_not() {
+    let mut native = real(|_| {});
+    assert_eq!(say(&mut native, "G5\nG21\n\nG21\n"), ["error:20", "error:20", "ok", "ok"]);
+    let mut classic = real(|options| options.native = false);
+    assert_eq!(say(&mut classic, "G5\nG21\n"), ["error:20", "ok"]);
+}
+
+#[test]
+fn a_soft_limit_while_idle_asks_for_a_reset() {
+    let mut firmware = real(|_| {});
+    let answer = say(&mut firmware, "G0 X500\n");
+    assert_eq!(answer[..2], ["ALARM:2", "[MSG:Reset to continue]"]);
+    assert_eq!(say(&mut firmware, "G0 X0\n"), ["error:9"]);
+    say(&mut firmware, "\n");
+    assert_eq!(say(&mut firmware, "$X\n"), ["error:79"]);
+    say(&mut firmware, "\x18");
+    assert_eq!(say(&mut firmware, "G0 X0\n"), ["ok"]);
+}
+
+#[test]
+fn a_soft_limit_while_moving_is_silence_until_a_reset() {
+    let mut firmware = real(|options| options.pace = Pace::Real);
+    let answer = say(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
+    assert_eq!(answer, ["ok", "ALARM:2"]);
+    assert_eq!(at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
+    say(&mut firmware, "\x18");
+    assert!(at(&mut firmware, 10.0, "?").join("").contains("<Idle"));
+}
+
+#[test]
+fn a_hold_keeps_a_move_where_it_is() {
+    let mut firmware = real(|options| options.pace = Pace::Real);
+    assert_eq!(say(&mut firmware, "G1 X60 F60\n"), ["ok"]);
+    assert!(at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
+    let held = at(&mut firmware, 30.0, "!?").join("");
+    assert!(held.starts_with("<Hold:0|MPos:2") || held.starts_with("<Hold:0|MPos:3"), "{held}");
+    let stays = at(&mut firmware, 500.0, "?").join("");
+    assert_eq!(held.split('|').nth(1), stays.split('|').nth(1));
+    at(&mut firmware, 500.0, "~");
+    let done = at(&mut firmware, 600.0, "?").join("");
+    assert!(done.starts_with("<Idle|MPos:60.000,"), "{done}");
+}
+
+#[test]
+fn a_reset_in_motion_loses_the_lines_and_locks() {
+    let mut firmware = real(|options| options.pace = Pace::Real);
+    say(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
+    assert_eq!(
+        at(&mut firmware, 10.0, "\x18"),
+        ["ALARM:3", "", "GrblHAL 1.1f ['$' or '$HELP' for help]", "[MSG:'$H'|'$X' to unlock]"]
+    );
+    assert_eq!(at(&mut firmware, 11.0, "G0 X0\n"), ["error:9"]);
+}
+
+#[test]
+fn lines_are_read_as_rs274_means_them() {
+    for (line, answer) in [
+        ("(comment) G21 ; more", "ok"),
+        ("N12 G53 G1 X1 F100", "ok"),
+        ("G53 G38.2 X1 F100", "error:30"),
+        ("G38.2 F100", "error:26"),
+        ("G1 X1", "error:22"),
+        ("G20 G21", "error:21"),
+        ("X1 X2", "error:25"),
+        ("G0 A5", "error:20"),
+        ("G0 X--1", "error:2"),
+        ("9", "error:1"),
+        ("G4", "error:28"),
+        ("G0 X1 P3", "error:36"),
+        ("G80 X1", "error:31"),
+        ("G10 L2 P9 X0", "error:29"),
+        ("M19 R90", "ok"),
+        (&"X".repeat(300), "error:11"),
+    ] {
+        assert_eq!(say(&mut real(|_| {}), &format!("{line}\n")), [answer], "{line}");
+    }
+}
+
+#[test]
+fn offsets_inches_and_relative_moves_end_where_they_should() {
+    let mut firmware = real(|_| {});
+    say(&mut firmware, "G10 L2 P6 X10\nG59\nG0 X5 Z-30\nG20 G91\nG0 Y1\nG53 G0 B-90\n");
+    let status = say(&mut firmware, "?").join("");
+    assert!(status.contains("MPos:15.000,25.400,-30.000,-90.000,0.000|"), "{status}");
+    say(&mut firmware, "G21 G90\nG92 Y0\nG0 Y1\nG92.1\n");
+    let status = say(&mut firmware, "?").join("");
+    assert!(status.contains("MPos:15.000,26.400,"), "{status}");
+}

@@ -1,0 +1,4 @@
+//! Simulated controls: the firmware that moves the simulated machine. They share no code with the drivers.
+
+pub mod grbl;
+pub mod modbus;

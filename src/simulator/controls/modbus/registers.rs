@@ -1,0 +1,144 @@
+//! Where the items lie, as published, and what a request reads and writes.
+
+use tokio_modbus::{ExceptionCode, Request, Response};
+
+use super::resident::Slot;
+use super::{Entry, Firmware, Mode};
+use machine::{Axis, Position};
+
+/// Holding registers of the command block, with lines and with the table of a program.
+pub(super) const OF_LINES: usize = 106;
+pub(super) const OF_PROGRAM: usize = 334;
+pub(super) const HOLD: usize = 0;
+pub(super) const SEQUENCE: usize = 1;
+const HEARTBEAT: usize = 2;
+pub(super) const ACKNOWLEDGE: usize = 3;
+pub(super) const CRC: usize = 4;
+pub(super) const LENGTH: usize = 5;
+pub(super) const CHUNK: usize = 6;
+
+const VERSION: u16 = 1;
+const PROGRAM_VERSION: u16 = 101;
+pub(super) const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+/// Of the heartbeat.
+const BEATS_PER_S: f64 = 20.0;
+
+/// Steps of 0.001 mm or degree, rounded as a report with three decimals is.
+pub(super) fn steps(position: &Position) -> Vec<i32> {
+    let step = |axis: Axis| format!("{:.3}", axis.to_edge(position.at(axis))).replace('.', "");
+    AXES.map(|axis| step(axis).parse().unwrap_or(i32::MAX)).to_vec()
+}
+
+fn words_of(position: &Position) -> Vec<u16> {
+    steps(position).iter().flat_map(|steps| words(&steps.to_be_bytes())).collect()
+}
+
+fn words(bytes: &[u8]) -> Vec<u16> {
+    bytes
+        .chunks(2)
+        .map(|pair| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte)))
+        .collect()
+}
+
+impl Firmware {
+    /// Input registers 0 to 44; with a program, to 49.
+    pub(super) fn status(&mut self) -> Vec<u16> {
+        if let Some(frozen) = &self.frozen {
+            return frozen.clone();
+        }
+        let (state, alarm) = match self.mode {
+            Mode::NotReady => (0, 0),
+            Mode::Ready if self.is_moving() => (2, 0),
+            Mode::Ready => (1, 0),
+            Mode::Held(reason) => (3, reason),
+            Mode::Alarm(code) => (4, code),
+        };
+        let position = match &self.active {
+            Some(active) => active.position(self.now),
+            None => self.stand(),
+        };
+        self.blocks = self.blocks.wrapping_add(1);
+        let probe = u16::from(self.tripped());
+        self.probe_was_told();
+        let beat = (self.now.as_secs_f64() * BEATS_PER_S) as u64 as u16;
+        let slot = self.slot();
+        let version = if slot.is_some() { PROGRAM_VERSION } else { VERSION };
+        let (number, t_s, latch) = match &slot {
+            Some(slot) => (slot.number, slot.t_s, &slot.latch),
+            None => (self.latches, self.latch_time_s, &self.latch),
+        };
+        let mut block = vec![self.blocks, version, state, alarm, self.accepted, self.executed];
+        block.extend([self.error, probe, 0, 0, number, beat]);
+        block.extend(words(&self.with_world(|world| world.time_s()).to_be_bytes()));
+        block.extend(words(&t_s.to_be_bytes()));
+        block.extend(words_of(latch));
+        block.extend(words_of(&position));
+        if let (Some(slot), Some(resident)) = (slot, &self.resident) {
+            let at = u16::try_from(resident.at).unwrap_or(u16::MAX);
+            block.extend([at, slot.sequence, slot.row]);
+            block.extend([slot.contact, slot.valid].map(u16::from));
+        }
+        block.push(self.blocks);
+        self.shown.clone_from(&block);
+        block
+    }
+
+    /// What a program shows; once the result before, where that is what goes wrong.
+    fn slot(&mut self) -> Option<Slot> {
+        let resident = self.resident.as_ref()?;
+        match self.stale_result.then(|| resident.before.clone()).flatten() {
+            Some(before) => Some(Slot { valid: true, ..before }),
+            None => Some(resident.slot.clone()),
+        }
+    }
+
+    /// Do what `request` asks for.
+    pub(super) fn answer(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let cut = |block: &[u16], first: u16, count: u16| {
+            let first = usize::from(first);
+            let words = block.get(first..first + usize::from(count));
+            words.map(<[u16]>::to_vec).ok_or(ExceptionCode::IllegalDataAddress)
+        };
+        match request {
+            Request::ReadInputRegisters(first, count) => {
+                cut(&self.status(), *first, *count).map(Response::ReadInputRegisters)
+            }
+            Request::ReadHoldingRegisters(first, count) => {
+                cut(&self.command, *first, *count).map(Response::ReadHoldingRegisters)
+            }
+            Request::WriteSingleRegister(at, word) => {
+                self.write(*at, &[*word])?;
+                Ok(Response::WriteSingleRegister(*at, *word))
+            }
+            Request::WriteMultipleRegisters(at, words) => {
+                self.write(*at, words)?;
+                let count =
+                    u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
+                Ok(Response::WriteMultipleRegisters(*at, count))
+            }
+            _ => Err(ExceptionCode::IllegalFunction),
+        }
+    }
+
+    pub(super) fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+        let first = usize::from(at);
+        let range = first..first + words.len();
+        let before = [HOLD, HEARTBEAT].map(|place| self.command[place]);
+        let place = self.command.get_mut(range.clone()).ok_or(ExceptionCode::IllegalDataAddress)?;
+        place.copy_from_slice(words);
+        if self.command[HEARTBEAT] != before[1] {
+            self.beat = Some(self.now);
+        }
+        if let Some(resident) = self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE)) {
+            resident.acknowledged(self.command[ACKNOWLEDGE]);
+        }
+        if range.contains(&SEQUENCE) {
+            self.sequence_written();
+        }
+        if self.command[HOLD] != 0 && range.contains(&HOLD) {
+            self.note(Entry::Hold);
+            self.hold(0);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,198 @@
+//! The simulated control alone, register by register.
+
+use std::borrow::Cow;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::json;
+use tokio_modbus::{ExceptionCode, Request, Response};
+
+use super::{Entry, Firmware, Mode, Options};
+use crate::interpreter::Pace;
+use crate::{Truth, World};
+use machine::record::artefact::Artefact;
+use machine::record::machine::{Machine, Probe};
+
+fn built(pace: Pace, resident: bool) -> Firmware {
+    let limits = json!({"min": -400, "max": 400});
+    let machine: Machine = serde_json::from_value(json!({
+        "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
+        "axes": {"X": limits, "Y": limits, "Z": limits, "B": limits, "C": limits}
+    }))
+    .unwrap();
+    let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
+    let artefact: Artefact = serde_json::from_value(json!({
+        "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
+    }))
+    .unwrap();
+    let world = World::new(&machine, &probe, &artefact, &Truth::default()).unwrap();
+    let options = Options { resident, ..Options::of(&machine, pace) };
+    Firmware::new(Arc::new(Mutex::new(world)), options)
+}
+
+fn firmware(pace: Pace) -> Firmware {
+    built(pace, false)
+}
+
+fn ask(firmware: &mut Firmware, request: &Request<'_>, ms: u64) -> Result<Response, ExceptionCode> {
+    firmware.request(request, Duration::from_millis(ms)).answer.unwrap()
+}
+
+fn write(firmware: &mut Firmware, at: u16, words: &[u16], ms: u64) {
+    ask(firmware, &Request::WriteMultipleRegisters(at, Cow::Borrowed(words)), ms).unwrap();
+}
+
+fn status(firmware: &mut Firmware, ms: u64) -> Vec<u16> {
+    match ask(firmware, &Request::ReadInputRegisters(0, 45), ms).unwrap() {
+        Response::ReadInputRegisters(words) => words,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// `G53 G0 X5`.
+const TEXT: [u16; 5] = [0x4735, 0x3320, 0x4730, 0x2058, 0x3500];
+
+/// Check sums of it and of `G53 G1 X50 F60`, as another program computed them.
+const CRC: u16 = 0x599B;
+const CRC_OF_SLOW: u16 = 0x75C7;
+
+fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
+    [&[beat, acknowledge, CRC, 9], &TEXT[..]].concat()
+}
+
+#[test]
+fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
+    let mut control = firmware(Pace::Fast);
+    write(&mut control, 2, &chunk(1, 0), 10);
+    // Laid down is not begun.
+    assert_eq!(status(&mut control, 11)[2..6], [1, 0, 0, 0]);
+    for sequence in [2, 1, 1, 0, 3] {
+        write(&mut control, 1, &[sequence], 12);
+    }
+    assert_eq!(status(&mut control, 13)[2..7], [1, 0, 1, 1, 0]);
+    let took = |entry: &&Entry| matches!(entry, Entry::Took { .. });
+    assert_eq!(control.diary().lock().unwrap().iter().filter(took).count(), 1);
+    // X in steps of 0.001 mm.
+    assert_eq!(status(&mut control, 14)[32..34], [0, 5000]);
+}
+
+#[test]
+fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
+    for (place, value, error) in [(2, 1, 2), (3, 300, 1), (3, 0, 1), (3, 8, 2), (1, 7, 4)] {
+        let mut control = firmware(Pace::Fast);
+        let mut words = chunk(1, 0);
+        words[place] = value;
+        write(&mut control, 2, &words, 10);
+        write(&mut control, 1, &[1], 11);
+        assert_eq!(status(&mut control, 12)[2..7], [1, 0, 1, 0, error]);
+        assert_eq!(control.stand().at(machine::Axis::X), 0.0);
+    }
+    let mut control = firmware(Pace::Fast);
+    write(&mut control, 2, &chunk(1, 0), 10);
+    write(&mut control, 1, &[1], 3000);
+    assert_eq!(status(&mut control, 3001)[4..7], [1, 0, 5], "the heartbeat was too old");
+}
+
+#[test]
+fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
+    for (hold_ms, reason) in [(None, 64), (Some(50), 0)] {
+        let mut control = firmware(Pace::Real);
+        let mut words = chunk(1, 0);
+        // 5 mm at a rapid is soon over: `G53 G1 X50 F60` takes 50 s.
+        let text = b"G53 G1 X50 F60";
+        words.splice(2.., [CRC_OF_SLOW, 14]);
+        words.extend(text.chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])));
+        write(&mut control, 2, &words, 10);
+        write(&mut control, 1, &[1], 11);
+        assert_eq!(status(&mut control, 40)[2], 2);
+        if let Some(ms) = hold_ms {
+            write(&mut control, 0, &[1], ms);
+        }
+        assert_eq!(status(&mut control, 9000)[2..6], [3, reason, 1, 0]);
+        let x = control.stand().at(machine::Axis::X);
+        // 1 mm/s until then.
+        let until_s = hold_ms.map_or(2.010, |ms| ms as f64 * 1e-3) - 0.011;
+        assert!((x - until_s).abs() < 0.01, "{x}");
+        assert!(matches!(control.mode, Mode::Held(_)));
+    }
+}
+
+#[test]
+fn what_lies_elsewhere_is_refused_by_an_exception() {
+    let mut control = firmware(Pace::Fast);
+    let ask = |control: &mut Firmware, request| ask(control, &request, 1).unwrap_err();
+    let address = ExceptionCode::IllegalDataAddress;
+    assert_eq!(ask(&mut control, Request::ReadInputRegisters(40, 6)), address);
+    assert_eq!(ask(&mut control, Request::WriteSingleRegister(106, 1)), address);
+    assert_eq!(ask(&mut control, Request::ReadCoils(0, 1)), ExceptionCode::IllegalFunction);
+}
+
+/// One rapid of X to 5 mm, as step 7 of program 1, bound to sequence 1; written by hand.
+const TABLE: [u16; 24] =
+    [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+/// Check sums of what is altered, as another program computed them.
+const CRC_OF_TABLE: u16 = 0x9A0A;
+
+fn offer(control: &mut Firmware, table: &[u16], crc: u16, ms: u64) {
+    let words = [&[1, 0, crc, 2 * table.len() as u16], table].concat();
+    write(control, 2, &words, ms);
+    write(control, 1, &[1], ms + 1);
+}
+
+fn shown(control: &mut Firmware, ms: u64) -> Vec<u16> {
+    match ask(control, &Request::ReadInputRegisters(0, 50), ms).unwrap() {
+        Response::ReadInputRegisters(words) => words,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &TABLE, CRC_OF_TABLE, 10);
+    let status = shown(&mut control, 11);
+    assert_eq!((&status[1..7], status[44]), (&[101, 2, 0, 1, 0, 0][..], 1));
+    write(&mut control, 1, &[1], 12);
+    let status = shown(&mut control, 20);
+    assert_eq!((&status[2..7], &status[44..49]), (&[1, 0, 1, 1, 0][..], &[0; 5][..]));
+    assert_eq!(status[32..34], [0, 5000]);
+    let diary = control.diary();
+    let took = |entry: &&Entry| matches!(entry, Entry::Took { .. });
+    assert_eq!(diary.lock().unwrap().iter().filter(took).count(), 1);
+}
+
+#[test]
+fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
+    for (place, value, crc, error) in [
+        (13, 50_001, CRC_OF_TABLE, 2),
+        (0, 2, CRC_OF_TABLE, 2),
+        (0, 2, 0x2EBE, 3),
+        (1, 2, 0x6BB9, 7),
+        (2, 2, 0x198E, 8),
+        (5, 1, 0x0A16, 3),
+        (6, 2, 0x9A7D, 1),
+        (8, 9, 0x5E8B, 3),
+        (8, 2, 0x9BBA, 3),
+        (9, 64, 0xEBCA, 3),
+    ] {
+        let mut control = built(Pace::Fast, true);
+        let mut table = TABLE;
+        table[place] = value;
+        offer(&mut control, &table, crc, 10);
+        let status = shown(&mut control, 20);
+        assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
+        assert_eq!(control.stand().at(machine::Axis::X), 0.0);
+    }
+    // Beyond the travel.
+    let mut table = TABLE;
+    table[12..14].copy_from_slice(&[0x7A, 0x1200]);
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &table, 0xABC6, 10);
+    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 0, 3]);
+    // The right tool.
+    table = TABLE;
+    table[2] = 1;
+    let mut control = built(Pace::Fast, true);
+    offer(&mut control, &table, 0xDBC8, 10);
+    assert_eq!(shown(&mut control, 20)[2..7], [1, 0, 1, 1, 0]);
+}

@@ -1,0 +1,371 @@
+//! Sources that the machine file declares by magnitude only, drawn from the seed: each source has
+//! a stream of its own, so that one may change without disturbing the others.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DVec3};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::sensor_truth::Wave;
+use super::truth::FormHarmonic;
+use estimation::random;
+use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
+use machine::{Axis, Position};
+
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    Repeatability = 1,
+    Lobing,
+    Stylus,
+    ErrorMotion,
+    Drift,
+    Roughness,
+    Ball,
+    Length,
+    RotaryMotion,
+    Scan,
+    Sample,
+    Linearity,
+    Tick,
+    Squareness,
+    Incidence,
+    Thermometer,
+}
+
+/// Standard normal numbers of one source.
+fn normals(seed: u64, source: Source, key: &[u64]) -> impl Iterator<Item = f64> {
+    let key: Vec<u64> = std::iter::once(source as u64).chain(key.iter().copied()).collect();
+    StandardNormal.sample_iter(random::stream(seed, &key))
+}
+
+fn first_normal(seed: u64, source: Source, key: &[u64]) -> f64 {
+    normals(seed, source, key).next().unwrap_or_default()
+}
+
+/// Deviation of one touch, in standard deviations.
+pub(super) fn touch_deviate(seed: u64, n: u32, occurrence: u32) -> f64 {
+    first_normal(seed, Source::Repeatability, &[u64::from(n), u64::from(occurrence)])
+}
+
+/// Where in the scan of a PLC the contact of one touch falls, 0 to 1.
+pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
+    random::stream(seed, &[Source::Scan as u64, u64::from(n), u64::from(occurrence)]).random()
+}
+
+/// Deviation of one sample of a displacement sensor, in standard deviations.
+pub(super) fn sample_deviate(seed: u64, sensor: usize, sample: u64) -> f64 {
+    first_normal(seed, Source::Sample, &[sensor as u64, sample])
+}
+
+/// What a thermometer says beyond how warm it is, in standard deviations.
+pub(super) fn thermometer_deviate(seed: u64, thermometer: usize, second: u64) -> f64 {
+    first_normal(seed, Source::Thermometer, &[thermometer as u64, second])
+}
+
+/// How late it comes, in standard deviations.
+pub(super) fn sample_tick(seed: u64, sensor: usize, sample: u64) -> f64 {
+    first_normal(seed, Source::Tick, &[sensor as u64, sample])
+}
+
+/// Two to six waves over the range `span_mm` of a displacement sensor, together of standard deviation
+/// `sigma_um` at every distance: fewer would be an error of its gain.
+pub(super) fn linearity(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -> Vec<Wave> {
+    const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
+    if sigma_um == 0.0 {
+        return Vec::new();
+    }
+    let each = sigma_um / (ORDERS.count() as f64).sqrt();
+    let wave = |n: u32| {
+        let draw = |part| first_normal(seed, Source::Linearity, &[sensor as u64, n.into(), part]);
+        let (cos, sin): (f64, f64) = (draw(0), draw(1));
+        let phase_deg = cos.atan2(sin).to_degrees();
+        Wave { amplitude_um: each * cos.hypot(sin), period_mm: span_mm / f64::from(n), phase_deg }
+    };
+    ORDERS.map(wave).collect()
+}
+
+/// True minus stated stylus centre, spindle frame; as long as the sigma given.
+pub(super) fn stylus_offset(seed: u64, sigma: f64) -> DVec3 {
+    let draw = |axis| sigma * first_normal(seed, Source::Stylus, &[axis]);
+    DVec3::new(draw(0), draw(1), 0.0)
+}
+
+/// Harmonics 16 to 64 of the artefact's form, together of standard deviation `sigma_um`.
+pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
+    const ORDERS: std::ops::RangeInclusive<u32> = 16..=64;
+    if sigma_um == 0.0 {
+        return Vec::new();
+    }
+    let each = sigma_um / (ORDERS.count() as f64).sqrt();
+    let draw = |n, part| each * first_normal(seed, Source::Roughness, &[u64::from(n), part]);
+    ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
+}
+
+/// What sets one ball of an artefact apart from the stated one, in standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BallDraw {
+    /// Each coordinate.
+    pub centre: DVec3,
+    pub diameter: f64,
+    /// Symmetric and without trace: uᵀ·oval·u has mean 0 and, over balls, variance 1 for every u.
+    pub oval: DMat3,
+}
+
+pub(super) fn ball(seed: u64, index: usize) -> BallDraw {
+    let draw = |part| first_normal(seed, Source::Ball, &[index as u64, part]);
+    // uᵀSu of S with variance 1 on and 1/2 off the diagonal has variance 1; a third of the trace less
+    // leaves 2/3 of it.
+    let full = DMat3::from_diagonal(DVec3::new(draw(4), draw(5), draw(6)))
+        + off_diagonal([draw(7), draw(8), draw(9)]) * 0.5_f64.sqrt();
+    let trace = full.x_axis.x + full.y_axis.y + full.z_axis.z;
+    let oval = (full - DMat3::from_diagonal(DVec3::splat(trace / 3.0))) * 1.5_f64.sqrt();
+    BallDraw { centre: DVec3::new(draw(0), draw(1), draw(2)), diameter: draw(3), oval }
+}
+
+fn off_diagonal([xy, xz, yz]: [f64; 3]) -> DMat3 {
+    DMat3::from_cols_array_2d(&[[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+}
+
+/// What sets one certified length apart from its certificate, in standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LengthDraw {
+    pub certificate: f64,
+    pub temperature: f64,
+}
+
+pub(super) fn length(seed: u64, number: usize) -> LengthDraw {
+    let draw = |part| first_normal(seed, Source::Length, &[number as u64, part]);
+    LengthDraw { certificate: draw(0), temperature: draw(1) }
+}
+
+/// Pre-travel of the probe over the direction of the contact normal, spindle frame.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Lobing {
+    /// (harmonic, cosine, sine), mm.
+    terms: Vec<(f64, f64, f64)>,
+}
+
+impl Lobing {
+    /// Harmonics 2 to 6: the first is a stylus offset, the zeroth belongs to the ball's radius.
+    pub fn draw(seed: u64, sigma_mm: f64) -> Self {
+        const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
+        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+        let draw = |n, part| each * first_normal(seed, Source::Lobing, &[u64::from(n), part]);
+        Self { terms: ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect() }
+    }
+
+    /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It fades towards the
+    /// pole of the stylus, where the direction has no meaning.
+    pub fn at(&self, n: DVec3) -> f64 {
+        let (level, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
+        let sum: f64 =
+            self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
+        level * sum
+    }
+}
+
+/// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random
+/// frequency and phase), shifted to be zero at zero.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct RandomFunction {
+    amplitude: f64,
+    /// (angular frequency per mm, phase).
+    waves: Vec<(f64, f64)>,
+    at_zero: f64,
+    pitch: f64,
+    /// Value and derivative times pitch at multiples of the pitch, where the function has been
+    /// tabulated: cubic Hermite pieces between them stay within 1e-6 σ of the cosines.
+    knots: Vec<[f64; 2]>,
+}
+
+impl RandomFunction {
+    const WAVES: usize = 64;
+    /// On either side of zero: a metre and more at the shortest length, whatever the limits of an
+    /// axis are. Farther out the cosines serve.
+    const MOST_KNOTS: f64 = 20_000.0;
+
+    fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
+        if sigma == 0.0 {
+            return Self::default();
+        }
+        let frequencies = normals(seed, Source::ErrorMotion, key).take(Self::WAVES);
+        let phase_key: Vec<u64> =
+            [Source::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let phases = rand_distr::StandardUniform.sample_iter(random::stream(seed, &phase_key));
+        let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
+        let amplitude = sigma * (2.0 / Self::WAVES as f64).sqrt();
+        let pitch = length / 10.0;
+        let mut function = Self { amplitude, waves, pitch, ..Self::default() };
+        function.at_zero = function.at(0.0);
+        function
+    }
+
+    /// The same function, fast within `reach` of zero.
+    fn tabulated(mut self, reach: f64) -> Self {
+        if !self.waves.is_empty() {
+            let half = (reach / self.pitch).ceil().min(Self::MOST_KNOTS) as i64;
+            let knot = |i: i64| {
+                let x = i as f64 * self.pitch;
+                let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
+                [self.cosines(x), self.amplitude * slope * self.pitch]
+            };
+            self.knots = (-half..=half).map(knot).collect();
+        }
+        self
+    }
+
+    fn at(&self, x: f64) -> f64 {
+        if self.waves.is_empty() {
+            return 0.0;
+        }
+        let place = x / self.pitch + (self.knots.len() / 2) as f64;
+        let i = place.floor();
+        let piece = (i >= 0.0).then(|| self.knots.get(i as usize..)?.get(..2)).flatten();
+        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.cosines(x) };
+        let right = place - i;
+        let left = 1.0 - right;
+        left * left * ((1.0 + 2.0 * right) * a + right * slope_a)
+            + right * right * ((1.0 + 2.0 * left) * b - left * slope_b)
+    }
+
+    fn cosines(&self, x: f64) -> f64 {
+        let sum: f64 = self.waves.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
+        self.amplitude * sum - self.at_zero
+    }
+}
+
+/// What a surface that leans adds, um: as the squared tangent of its lean, and along two directions
+/// across as the tangent.
+pub(super) fn incidence(seed: u64, sensor: usize, sigma_um: f64) -> (f64, [f64; 2]) {
+    let draw = |part| sigma_um * first_normal(seed, Source::Incidence, &[sensor as u64, part]);
+    (draw(0), [draw(1), draw(2)])
+}
+
+/// Positioning, straightness and squareness of X, Y and Z.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LinearErrors {
+    /// Of each axis along X, Y and Z.
+    motions: [[RandomFunction; 3]; 3],
+    /// How far X goes with Y, X with Z, Y with Z, rad.
+    square: DVec3,
+}
+
+impl LinearErrors {
+    /// For each of X, Y and Z: standard deviation and correlation length, mm.
+    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
+        let draw = |axis: usize, direction: usize| {
+            let [sigma, length] = axes[axis];
+            RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
+        };
+        let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
+        Self { motions: std::array::from_fn(along), square: DVec3::ZERO }
+    }
+
+    /// With axes that are not square, each two of this standard deviation, rad.
+    pub fn askew(self, seed: u64, sigma: f64) -> Self {
+        let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
+        Self { square: DVec3::new(draw(0), draw(1), draw(2)), ..self }
+    }
+
+    /// The same functions, fast within these distances of zero on X, Y and Z, mm.
+    pub fn tabulated(self, reach: [f64; 3]) -> Self {
+        let mut reach = reach.into_iter();
+        Self {
+            motions: self.motions.map(|along| {
+                let reach = reach.next().unwrap_or_default();
+                along.map(|function| function.tabulated(reach))
+            }),
+            ..self
+        }
+    }
+
+    /// True minus commanded position, machine frame, mm.
+    pub fn at(&self, command: [f64; 3]) -> DVec3 {
+        let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
+            DVec3::from_array(along.each_ref().map(|function| function.at(q)))
+        };
+        let motions: DVec3 = self.motions.iter().zip(command).map(of_axis).sum();
+        let ([_, y, z], square) = (command, self.square);
+        motions + DVec3::new(square.x * y + square.y * z, square.z * z, 0.0)
+    }
+}
+
+/// Error motions of a rotary axis along X, Y and Z: harmonics 2 to 5 of its angle. The mean is where the
+/// axis stands, and the first harmonic goes with whatever turns on it.
+#[derive(Debug, Clone)]
+pub(super) struct RotaryErrors {
+    axis: Axis,
+    /// As what displaces the axis, with its terms.
+    motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
+}
+
+/// Number, cosine and sine, mm.
+type Harmonic = (f64, f64, f64);
+
+impl RotaryErrors {
+    /// Each direction of standard deviation `sigma_mm` at every angle.
+    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64) -> Result<Self, ParameterError> {
+        const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
+        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+        let along = |component: Axis| {
+            let draw = |n: u32, part| {
+                let key = [axis as u64, component as u64, u64::from(n), part];
+                each * first_normal(seed, Source::RotaryMotion, &key)
+            };
+            let terms = ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect();
+            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+        };
+        let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
+        Ok(Self { axis, motions: motions? })
+    }
+
+    /// Where the axis stands off with all axes at `position`.
+    pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
+        let angle = position.at(self.axis);
+        self.motions.iter().map(move |(parameter, terms)| {
+            let value =
+                terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
+            ErrorTerm { parameter: *parameter, value }
+        })
+    }
+}
+
+/// Slow thermal motion of the table against the spindle, and growth of the artefact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drift {
+    table_mm_per_s: DVec3,
+    radius_mm_per_s: f64,
+}
+
+/// A machine that warms up needs so long, s.
+const TIME_CONSTANT_S: f64 = 7200.0;
+
+/// The share of the way to its new balance that it has come by `t_s`.
+pub(super) fn settled(t_s: f64) -> f64 {
+    1.0 - (-t_s / TIME_CONSTANT_S).exp()
+}
+
+impl Drift {
+    pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
+        let sigma = sigma_um_per_h * 1e-3 / 3600.0;
+        let draw = |part| sigma * first_normal(seed, Source::Drift, &[part]);
+        let table_mm_per_s = DVec3::new(draw(0), draw(1), draw(3));
+        Self { table_mm_per_s, radius_mm_per_s: draw(2) }
+    }
+
+    /// Displacement of the table, machine frame, mm.
+    pub fn table(&self, t_s: f64) -> DVec3 {
+        self.table_mm_per_s * Self::effective_s(t_s)
+    }
+
+    /// Growth of the artefact's radius, mm.
+    pub fn radius(&self, t_s: f64) -> f64 {
+        self.radius_mm_per_s * Self::effective_s(t_s)
+    }
+
+    /// The first rate holds at the start, then the machine comes to a new balance.
+    fn effective_s(t_s: f64) -> f64 {
+        TIME_CONSTANT_S * settled(t_s)
+    }
+}

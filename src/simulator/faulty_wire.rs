@@ -1,0 +1,265 @@
+//! A bad wire between two byte streams: delays, drops, doubles, flips, splits, stalls and cuts, as a
+//! seed says. A tool to test with; it knows no device.
+//!
+//! What goes wrong where is a pure function of the seed ([`BadWire::schedule`]). Only how many bytes
+//! a peer happens to say between two places depends on the host.
+
+use std::io;
+use std::iter::Peekable;
+use std::time::Duration;
+
+use rand::RngExt;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::time::{Instant, sleep};
+
+use estimation::random::stream;
+
+/// The farthest byte of a line at which harm begins; in a shorter line it is the line's end.
+const FARTHEST: u64 = 40;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    ToDevice,
+    FromDevice,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Harm {
+    /// Nothing passes for a while; nothing is lost.
+    Delay(Duration),
+    /// As `Delay`, in the middle of a line, and short.
+    Split(Duration),
+    DropByte,
+    /// From here to the end of the line.
+    DropLine,
+    DoubleByte,
+    /// The part of the line from here on comes twice.
+    DoubleLine,
+    Flip {
+        bit: u8,
+    },
+    /// Nothing passes any more, though the stream stays open.
+    Stall,
+    /// Both streams are closed.
+    Cut,
+}
+
+/// One harm and its place: lines and bytes in a line count from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Planned {
+    pub direction: Direction,
+    pub line: u64,
+    pub byte: u64,
+    pub harm: Harm,
+}
+
+/// A bad wire's character.
+#[derive(Debug, Clone, Copy)]
+pub struct BadWire {
+    pub seed: u64,
+    /// Lines between two harms, on average, in each direction.
+    pub spacing: f64,
+    pub longest_delay: Duration,
+}
+
+impl BadWire {
+    /// A few harms in a run of sixty touches; some delays are longer than any patience.
+    pub fn to_rehearse(seed: u64) -> Self {
+        Self { seed, spacing: 300.0, longest_delay: Duration::from_secs(4) }
+    }
+
+    /// All that will go wrong in one direction, in order; it never ends.
+    pub fn schedule(&self, direction: Direction) -> impl Iterator<Item = Planned> + use<> {
+        let wire = *self;
+        let mut line: u64 = 0;
+        (0..).map(move |count: u64| {
+            let mut draw = stream(wire.seed, &[direction as u64, count]);
+            // Exponential gaps: harm comes as chance does, two in neighbouring lines at times.
+            let gap = -(1.0 - draw.random::<f64>()).ln() * wire.spacing;
+            line = u64::saturating_add(line, 1).saturating_add(gap as u64);
+            let byte = draw.random_range(0..FARTHEST);
+            let pause = wire.longest_delay.mul_f64(draw.random::<f64>());
+            let harm = match draw.random_range(0..17) {
+                0 | 1 => Harm::Delay(pause),
+                2 | 3 => Harm::Split(pause / 20),
+                4 | 5 => Harm::DropByte,
+                6 | 7 => Harm::DropLine,
+                8 | 9 => Harm::DoubleByte,
+                10 | 11 => Harm::DoubleLine,
+                12..15 => Harm::Flip { bit: draw.random_range(0..8) },
+                15 => Harm::Stall,
+                _ => Harm::Cut,
+            };
+            Planned { direction, line, byte, harm }
+        })
+    }
+
+    /// Join `near` (who drives) to `device` until one of them ends, or the wire is cut. `tell` hears
+    /// of every harm as it is done, and of the time since the beginning.
+    ///
+    /// # Errors
+    /// What the streams report.
+    pub async fn join(
+        &self,
+        near: impl AsyncRead + AsyncWrite,
+        device: impl AsyncRead + AsyncWrite,
+        tell: &(dyn Fn(Duration, Planned) + Sync),
+    ) -> io::Result<()> {
+        let begun = Instant::now();
+        let tell = &|planned| tell(begun.elapsed(), planned);
+        let (near_out, near_in) = tokio::io::split(near);
+        let (device_out, device_in) = tokio::io::split(device);
+        let to_device = Side::new(self.schedule(Direction::ToDevice), tell);
+        let from_device = Side::new(self.schedule(Direction::FromDevice), tell);
+        // Whichever ends first ends the other: then nobody is left to read what it loses.
+        tokio::select! {
+            ended = to_device.carry(near_out, device_in) => ended,
+            ended = from_device.carry(device_out, near_in) => ended,
+        }
+    }
+}
+
+/// One direction.
+struct Side<'t, P: Iterator<Item = Planned>> {
+    planned: Peekable<P>,
+    tell: &'t (dyn Fn(Planned) + Sync),
+    line: u64,
+    byte: u64,
+    /// The rest of this line is lost.
+    dropping: bool,
+    /// The rest of this line comes twice.
+    copy: Option<Vec<u8>>,
+}
+
+impl<'t, P: Iterator<Item = Planned>> Side<'t, P> {
+    fn new(planned: P, tell: &'t (dyn Fn(Planned) + Sync)) -> Self {
+        Self { planned: planned.peekable(), tell, line: 0, byte: 0, dropping: false, copy: None }
+    }
+
+    async fn carry(
+        mut self,
+        mut from: impl AsyncRead + Unpin,
+        mut to: impl AsyncWrite + Unpin,
+    ) -> io::Result<()> {
+        let mut buffer = [0; 256];
+        loop {
+            let count = from.read(&mut buffer).await?;
+            if count == 0 {
+                return Ok(());
+            }
+            let mut out = Vec::new();
+            for byte in &buffer[..count] {
+                let harm = self.due(*byte);
+                match harm {
+                    Some(Harm::Delay(pause) | Harm::Split(pause)) => {
+                        to.write_all(&std::mem::take(&mut out)).await?;
+                        sleep(pause).await;
+                    }
+                    Some(Harm::Cut) => return to.write_all(&out).await,
+                    Some(Harm::Stall) => {
+                        to.write_all(&out).await?;
+                        tokio::io::copy(&mut from, &mut tokio::io::sink()).await?;
+                        return Ok(());
+                    }
+                    _ => {}
+                }
+                self.pass(*byte, harm, &mut out);
+            }
+            to.write_all(&out).await?;
+        }
+    }
+
+    /// What happens at this byte.
+    fn due(&mut self, byte: u8) -> Option<Harm> {
+        let ends = byte == b'\n';
+        let (line, at) = (self.line, self.byte);
+        let is_due = |planned: &Planned| {
+            planned.line < line || planned.line == line && (planned.byte <= at || ends)
+        };
+        let planned = self.planned.next_if(is_due)?;
+        (self.tell)(planned);
+        Some(planned.harm)
+    }
+
+    fn pass(&mut self, byte: u8, harm: Option<Harm>, out: &mut Vec<u8>) {
+        match harm {
+            Some(Harm::DropLine) => self.dropping = true,
+            Some(Harm::DoubleLine) => self.copy = Some(Vec::new()),
+            _ => {}
+        }
+        let passed = if let Some(Harm::Flip { bit }) = harm { byte ^ (1 << bit) } else { byte };
+        if harm != Some(Harm::DropByte) && !self.dropping {
+            out.push(passed);
+            if harm == Some(Harm::DoubleByte) {
+                out.push(passed);
+            }
+            if let Some(copy) = &mut self.copy {
+                copy.push(passed);
+            }
+        }
+        self.byte += 1;
+        if byte == b'\n' {
+            (self.line, self.byte, self.dropping) = (self.line + 1, 0, false);
+            out.extend(self.copy.take().unwrap_or_default());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wire(seed: u64) -> BadWire {
+        BadWire { seed, spacing: 5.0, longest_delay: Duration::from_millis(1) }
+    }
+
+    /// `text` through one harm.
+    fn harmed(text: &str, line: u64, byte: u64, harm: Harm) -> String {
+        let direction = Direction::ToDevice;
+        let told = |_| {};
+        let planned = [Planned { direction, line, byte, harm }];
+        let side = Side::new(planned.into_iter(), &told);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        let mut out = Vec::new();
+        runtime.block_on(side.carry(text.as_bytes(), &mut out)).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn each_harm_does_what_its_name_says() {
+        let text = "G0 X1\nG1 Y2\nok\n";
+        let at = |harm| harmed(text, 1, 3, harm);
+        assert_eq!(at(Harm::DropByte), "G0 X1\nG1 2\nok\n");
+        assert_eq!(at(Harm::DoubleByte), "G0 X1\nG1 YY2\nok\n");
+        assert_eq!(at(Harm::Flip { bit: 0 }), "G0 X1\nG1 X2\nok\n");
+        assert_eq!(at(Harm::DropLine), "G0 X1\nG1 ok\n");
+        assert_eq!(at(Harm::DoubleLine), "G0 X1\nG1 Y2\nY2\nok\n");
+        assert_eq!(at(Harm::Cut), "G0 X1\nG1 ");
+        assert_eq!(at(Harm::Stall), "G0 X1\nG1 ");
+        assert_eq!(at(Harm::Delay(Duration::ZERO)), text);
+        assert_eq!(at(Harm::Split(Duration::ZERO)), text);
+        // A line that is too short is harmed at its end.
+        assert_eq!(harmed(text, 0, 30, Harm::DropByte), "G0 X1G1 Y2\nok\n");
+    }
+
+    #[test]
+    fn the_schedule_is_the_seed_s_and_holds_every_harm() {
+        let drawn = |seed, direction| wire(seed).schedule(direction).take(2000);
+        let to = || drawn(1, Direction::ToDevice);
+        assert!(to().eq(drawn(1, Direction::ToDevice)));
+        assert!(!to().eq(drawn(2, Direction::ToDevice)));
+        assert!(to().is_sorted_by_key(|planned| planned.line));
+        // Gaps of 1 + floor(e): 1 + 1/(exp(1/5) - 1) = 5.52 lines on average.
+        let last = to().last().unwrap().line as f64 / 2000.0;
+        assert!((last - 5.52).abs() < 0.4, "{last}");
+        let mut kinds: Vec<String> = to()
+            .map(|planned| {
+                let name = format!("{:?}", planned.harm);
+                name.split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned()
+            })
+            .collect();
+        kinds.sort();
+        kinds.dedup();
+        assert_eq!(kinds.len(), 9, "{kinds:?}");
+    }
+}

@@ -1,0 +1,351 @@
+//! The simulated machine: its truth, and the controls and sensors that work on it. One machine with all its errors, one probe, one artefact; exact
+//! and nonlinear, and built without any estimator's equation. Time passes only by motion and dwell.
+//!
+//! Directions: error motions of X, Y and Z, and drift, shift tool against table along the machine's
+//! axes. Pre-travel and its scatter act along the contact normal: the probe triggers where the
+//! gap between ball and surface, plus both, falls to zero.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod balls;
+mod beam;
+mod bystander;
+pub mod controls;
+mod drawn;
+mod error;
+pub mod faulty_wire;
+mod flank;
+pub mod interpreter;
+mod path;
+mod ramp;
+mod sag;
+mod scene;
+mod sensing;
+mod sensor_truth;
+pub mod sensors;
+mod sight;
+mod stand;
+mod surface;
+mod trail;
+mod truth;
+mod warmth;
+mod wiring;
+
+use std::collections::BTreeMap;
+
+pub use beam::Sensed;
+pub use bystander::Bystander;
+pub use error::WorldError;
+pub use ramp::Speed;
+pub use sensing::Passing;
+pub use sensor_truth::{SensorTruth, Wave};
+pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
+
+use machine::record::artefact::Artefact;
+use machine::record::machine::{AxisSpec, Machine, Probe};
+use machine::{Axis, Position};
+use path::{Limits, Path, Play};
+use ramp::{FINEST_MM, first_crossing};
+use scene::Scene;
+use sensing::Eye;
+use trail::Trail;
+use warmth::Warmth;
+use wiring::Wired;
+
+/// What became of an unguarded move.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Travel {
+    /// The probe closed on the way, or reads closed at the end.
+    pub touched: bool,
+    /// The stylus was pressed beyond its overtravel.
+    pub crashed: bool,
+    pub duration_s: f64,
+}
+
+/// What became of a probing move.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Probed {
+    /// `None`: the end was reached without contact.
+    pub contact: Option<Contact>,
+    /// Braking pressed the stylus beyond its overtravel.
+    pub crashed: bool,
+    pub duration_s: f64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// Displayed axis positions when the control kept them.
+    pub position: Position,
+    pub t_s: f64,
+}
+
+/// The one owner of simulated time, axis positions and the state of the probe.
+#[derive(Debug, Clone)]
+pub struct World {
+    scene: Scene,
+    axes: BTreeMap<Axis, AxisSpec>,
+    seed: u64,
+    repeatability_mm: f64,
+    overtravel_mm: f64,
+    latch: Latch,
+    t_s: f64,
+    /// Commanded positions of all axes.
+    command: Position,
+    play: Play,
+    wired: Wired,
+    /// Scatter of the touch in hand (of the last one between touches), mm.
+    scatter_mm: f64,
+    /// By a person's hand.
+    deflected: bool,
+    /// Something else sits in the spindle.
+    probe_away: bool,
+    /// How often each N word has probed.
+    probed: BTreeMap<u32, u32>,
+    sensor_truths: Vec<SensorTruth>,
+    eyes: Vec<Eye>,
+    /// Kept where there is somebody to look.
+    trail: Trail,
+    warmths: Vec<Warmth>,
+}
+
+impl World {
+    /// All axes at zero, save Z at its upper limit; time zero.
+    ///
+    /// # Errors
+    /// A topology or an error symbol that cannot be read, an error of an axis that the machine
+    /// lacks, a wrong unit, an impossible artefact, a negative magnitude.
+    pub fn new(
+        machine: &Machine,
+        probe: &Probe,
+        artefact: &Artefact,
+        truth: &Truth,
+    ) -> Result<Self, WorldError> {
+        error::check(machine, probe, truth)?;
+        let scene = Scene::new(machine, probe, artefact, truth)?;
+        let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
+        command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
+        Ok(Self {
+            scene,
+            axes: machine.axes.clone(),
+            seed: truth.seed,
+            repeatability_mm: probe.repeatability_um.unwrap_or_default() * 1e-3,
+            overtravel_mm: probe.overtravel_mm,
+            latch: truth.latch,
+            t_s: 0.0,
+            play: Play::new(&truth.backlash_um, &command),
+            wired: Wired::new(&truth.wiring, &command),
+            command,
+            scatter_mm: 0.0,
+            deflected: false,
+            probe_away: false,
+            probed: BTreeMap::new(),
+            sensor_truths: truth.sensor.clone(),
+            eyes: Vec::new(),
+            trail: Trail::default(),
+            warmths: truth.thermometer.clone(),
+        })
+    }
+
+    /// The same world later: `seconds` have passed, and these N words were probed under meanwhile,
+    /// so that the next touches scatter anew.
+    pub fn pass(&mut self, seconds: f64, probed: impl IntoIterator<Item = u32>) {
+        self.dwell(seconds);
+        for n in probed {
+            *self.probed.entry(n).or_default() += 1;
+        }
+        self.eyes.iter_mut().for_each(|eye| eye.pass(self.t_s));
+    }
+
+    /// Simulated time since the world was made.
+    pub fn time_s(&self) -> f64 {
+        self.t_s
+    }
+
+    /// Axis positions as the control displays them: linear axes in whole steps.
+    pub fn position(&self) -> Position {
+        self.displayed(&self.command)
+    }
+
+    /// Whether the probe reads closed now.
+    pub fn tripped(&self) -> bool {
+        self.wired.shows(self.touches())
+    }
+
+    /// Whether the probe is truly closed.
+    fn touches(&self) -> bool {
+        if self.deflected {
+            return true;
+        }
+        if self.probe_away {
+            return false;
+        }
+        let axes = self.true_axes();
+        let command = self.wired.truly(self.command.clone());
+        self.scene.margin(&axes, &command, self.t_s) + self.scatter_mm <= 0.0
+    }
+
+    /// Where the axes truly stand.
+    fn true_axes(&self) -> Position {
+        self.wired.truly(self.play.follow(&self.command))
+    }
+
+    /// Somebody takes the probe out of the spindle, or puts it back: without it nothing is touched, and
+    /// nothing of it breaks.
+    pub fn without_probe(&mut self, away: bool) {
+        self.probe_away = away;
+    }
+
+    /// Somebody deflects the stylus by hand, or lets it go.
+    pub fn deflect(&mut self, deflected: bool) {
+        self.deflected = deflected;
+    }
+
+    /// Straight, unguarded move of the axes named in `to`; nothing stops it. Axes that the machine
+    /// lacks do not move.
+    pub fn travel(&mut self, to: &Position, speed: Speed) -> Travel {
+        let Some(path) = self.path(to, speed) else {
+            return Travel { touched: self.tripped(), ..Travel::default() };
+        };
+        let touched = self.closes(&path);
+        let pressed = |fraction| self.clearance(&path, fraction) + self.overtravel_mm;
+        let crashed = first_crossing(pressed, path.steepest(), 0.0).is_some();
+        let duration_s = path.ramp().duration_s();
+        self.arrive(&path, 1.0, duration_s);
+        Travel { touched, crashed, duration_s }
+    }
+
+    /// From now on contacts are noticed as late as this.
+    pub fn latch_by(&mut self, latch: Latch) {
+        self.latch = latch;
+    }
+
+    /// Move until the probe triggers and somebody notices, then brake. `n` is the N word of the line: with the number of
+    /// probings under the same word it keys the scatter, whatever the order of the touches. With
+    /// the probe closed at the start, contact is reported there.
+    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
+        let occurrence = self.probed.entry(n).or_default();
+        self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
+        let share = drawn::scan_share(self.seed, n, *occurrence);
+        *occurrence += 1;
+        let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
+            let here = Contact { position: self.position(), t_s: self.t_s };
+            return Probed { contact: self.tripped().then_some(here), ..Probed::default() };
+        };
+        let contact = first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0);
+        match contact.filter(|_| self.wired.feels()) {
+            Some(fraction) => {
+                let late_s = (self.latch.delay_ms + share * self.latch.scan_ms) * 1e-3;
+                self.stop_on_contact(&path, path.ramp().later(fraction, late_s))
+            }
+            None => {
+                let duration_s = path.ramp().duration_s();
+                self.arrive(&path, 1.0, duration_s);
+                Probed { duration_s, ..Probed::default() }
+            }
+        }
+    }
+
+    /// Turn the spindle to `s` rad at its rapid speed.
+    pub fn orient(&mut self, s: f64) {
+        self.travel(&Position::new().with(Axis::S, s), Speed::Rapid);
+    }
+
+    pub fn dwell(&mut self, seconds: f64) {
+        self.t_s += seconds.max(0.0);
+    }
+
+    /// For tests alone: where the rotary axis truly stands in the two directions across it (C: X,
+    /// Y; A: Y, Z; B: Z, X), machine frame, at `height_mm` along it and at time `t_s`; location
+    /// errors, gains and drift included, error motions (of mean zero) not. NaN for an axis that
+    /// does not carry the artefact.
+    pub fn true_axis_mm(&self, axis: Axis, height_mm: f64, t_s: f64) -> [f64; 2] {
+        self.scene.axis_position(axis, height_mm, t_s)
+    }
+
+    /// For tests alone: how far the table has crept by `t_s`, machine frame, mm.
+    pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
+        self.scene.drift_at(t_s).to_array()
+    }
+
+    /// For tests alone: the stylus-ball centre from the spindle datum, mm.
+    pub fn true_stylus_mm(&self) -> [f64; 3] {
+        self.scene.stylus().to_array()
+    }
+
+    fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {
+        let t_s = self.t_s + path.ramp().time_s(fraction);
+        let contact = Contact { position: self.displayed(&path.command(fraction)), t_s };
+        let (rest, duration_s) = path.ramp().stop_from(fraction);
+        let crashed = self.clearance(path, rest) < -self.overtravel_mm;
+        self.arrive(path, rest, duration_s);
+        Probed { contact: Some(contact), crashed, duration_s }
+    }
+
+    /// Whether the probe closes on the way; a move that starts pressed must come free first.
+    fn closes(&self, path: &Path) -> bool {
+        let margin = |fraction| self.margin(path, fraction);
+        let steepest = path.steepest();
+        let open = if margin(0.0) > 0.0 {
+            Some(0.0)
+        } else {
+            // A hair beyond the opening, where the input is safely open.
+            first_crossing(|fraction| -margin(fraction), steepest, 0.0)
+                .map(|fraction| (fraction + FINEST_MM / steepest).min(1.0))
+        };
+        margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, steepest, o).is_some())
+    }
+
+    fn path(&self, to: &Position, speed: Speed) -> Option<Path> {
+        let longest = self.wired.longest();
+        let lever = |axis, at: &Position| self.scene.lever(axis, at);
+        let limits = Limits { axes: &self.axes, lever: &lever, longest };
+        Path::new(&self.command, to, speed, &self.play, &limits)
+    }
+
+    fn margin(&self, path: &Path, fraction: f64) -> f64 {
+        if self.probe_away {
+            return f64::MAX;
+        }
+        let (axes, command) = self.true_on(path, fraction);
+        let t_s = self.t_s + path.ramp().time_s(fraction);
+        self.scene.margin(&axes, &command, t_s) + self.scatter_mm
+    }
+
+    fn clearance(&self, path: &Path, fraction: f64) -> f64 {
+        if self.probe_away {
+            return f64::MAX;
+        }
+        let (axes, command) = self.true_on(path, fraction);
+        self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
+    }
+
+    /// Where the axes truly stand, and where they would without lost motion.
+    fn true_on(&self, path: &Path, fraction: f64) -> (Position, Position) {
+        (self.wired.truly(path.axes(fraction)), self.wired.truly(path.command(fraction)))
+    }
+
+    fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {
+        if !self.eyes.is_empty() {
+            self.trail.went(self.t_s, path, fraction);
+        }
+        self.stop_at(path, fraction, duration_s);
+    }
+
+    fn stop_at(&mut self, path: &Path, fraction: f64, duration_s: f64) {
+        self.command = path.command(fraction);
+        self.play.settle(&self.command);
+        self.t_s += duration_s;
+    }
+
+    fn displayed(&self, command: &Position) -> Position {
+        let rounded = |(axis, value): (Axis, f64)| {
+            let step = self.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+            let whole = axis.is_linear() && step > 0.0;
+            (axis, if whole { (value / step).round() * step } else { value })
+        };
+        command.iter().map(rounded).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

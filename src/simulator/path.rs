@@ -1,0 +1,154 @@
+//! One straight move of several axes at once, and the lost motion of the linear ones.
+
+use std::collections::BTreeMap;
+
+use super::ramp::{Ramp, Speed};
+use machine::record::machine::AxisSpec;
+use machine::{Axis, Position};
+
+/// Spindles seldom state how they turn to an orientation: deg/min and deg/s².
+const SPINDLE_SPEED: f64 = 10_000.0;
+const SPINDLE_ACCELERATION: f64 = 1_000.0;
+
+/// Lost motion: a linear axis follows its command only after half the gap on either side is used
+/// up, so that it lags by half the gap behind the last direction moved.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Play {
+    half_gap: BTreeMap<Axis, f64>,
+    actual: Position,
+}
+
+impl Play {
+    pub fn new(backlash_um: &BTreeMap<Axis, f64>, command: &Position) -> Self {
+        let half_gap = backlash_um
+            .iter()
+            .filter(|(axis, _)| axis.is_linear())
+            .map(|(axis, gap)| (*axis, gap * 0.5e-3))
+            .collect();
+        Self { half_gap, actual: command.clone() }
+    }
+
+    /// Where the axes truly stand once they have moved to `command` without a reversal.
+    pub fn follow(&self, command: &Position) -> Position {
+        let mut axes = command.clone();
+        for (axis, half) in &self.half_gap {
+            let command = command.at(*axis);
+            axes.set(*axis, self.actual.at(*axis).clamp(command - half, command + half));
+        }
+        axes
+    }
+
+    pub fn settle(&mut self, command: &Position) {
+        self.actual = self.follow(command);
+    }
+}
+
+/// What bounds a move: the axes' speeds, and how far from an axis the ball can be.
+pub(super) struct Limits<'a> {
+    pub axes: &'a BTreeMap<Axis, AxisSpec>,
+    pub lever: &'a dyn Fn(Axis, &Position) -> f64,
+    /// How much farther than told anything may go.
+    pub longest: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Path {
+    from: Position,
+    /// Travel of the axes that move.
+    span: Position,
+    /// Where they go.
+    to: Position,
+    ramp: Ramp,
+    steepest: f64,
+    play: Play,
+}
+
+impl Path {
+    /// `None` where nothing moves.
+    pub fn new(
+        from: &Position,
+        to: &Position,
+        speed: Speed,
+        play: &Play,
+        limits: &Limits,
+    ) -> Option<Self> {
+        let span: Position = to
+            .iter()
+            .filter_map(|(axis, end)| Some((axis, end - from.get(axis)?)))
+            .filter(|(_, travel)| *travel != 0.0 && travel.is_finite())
+            .collect();
+        if span.is_empty() {
+            return None;
+        }
+        let ramp = ramp(&span, speed, limits.axes);
+        let steepest = steepest(from, &span, limits.lever) * limits.longest;
+        let to = to.only(|axis| span.get(axis).is_some());
+        Some(Self { from: from.clone(), span, to, ramp, steepest, play: play.clone() })
+    }
+
+    pub fn ramp(&self) -> &Ramp {
+        &self.ramp
+    }
+
+    /// Bound of the ball's way over the whole path, mm.
+    pub fn steepest(&self) -> f64 {
+        self.steepest
+    }
+
+    /// Exactly the target at the end.
+    pub fn command(&self, fraction: f64) -> Position {
+        let mut at = self.from.clone();
+        if fraction >= 1.0 {
+            return at.updated_by(&self.to);
+        }
+        for (axis, travel) in self.span.iter() {
+            at.set(axis, self.from.at(axis) + travel * fraction);
+        }
+        at
+    }
+
+    /// Where the axes truly stand.
+    pub fn axes(&self, fraction: f64) -> Position {
+        self.play.follow(&self.command(fraction))
+    }
+}
+
+/// The slowest axis bounds the whole move. A feed counts along the linear path, as RS274/NGC has
+/// it; where rotary axes alone move it is in degrees.
+fn ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
+    let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
+    for (axis, travel) in span.iter() {
+        let (rapid, accelerate) =
+            axes.get(&axis).map_or((SPINDLE_SPEED, SPINDLE_ACCELERATION), |spec| {
+                (spec.rapid_per_min, spec.acceleration_per_s2)
+            });
+        fastest = fastest.min(axis.from_edge(rapid) / 60.0 / travel.abs());
+        acceleration = acceleration.min(axis.from_edge(accelerate) / travel.abs());
+    }
+    if let Speed::Feed { mm_min } = speed {
+        // A feed of zero would never end.
+        fastest = fastest.min(mm_min.max(1e-3) / 60.0 / feed_length(span));
+    }
+    Ramp::new(fastest, acceleration)
+}
+
+fn feed_length(span: &Position) -> f64 {
+    let length = |linear: bool| {
+        let parts = span.iter().filter(|(axis, _)| axis.is_linear() == linear);
+        parts.map(|(axis, travel)| axis.to_edge(travel).powi(2)).sum::<f64>().sqrt()
+    };
+    let linear = length(true);
+    if linear > 0.0 { linear } else { length(false) }
+}
+
+fn steepest(from: &Position, span: &Position, lever: &dyn Fn(Axis, &Position) -> f64) -> f64 {
+    let linear: f64 =
+        span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
+    let turns: f64 = span
+        .iter()
+        .filter(|(axis, _)| !axis.is_linear())
+        .map(|(axis, travel)| travel.abs() * (lever(axis, from) + linear))
+        .sum();
+    // A hundredth more than the nominal way leaves room for every error.
+    (linear + turns) * 1.01
+}

@@ -1,0 +1,203 @@
+//! What stands in the room: machine with its errors, probe and artefact, and how far ball and
+//! surface are apart. Exact: the pose with every error, the nearest point of the true surface.
+
+use std::borrow::Cow;
+
+use glam::{DMat2, DVec2, DVec3};
+
+use super::WorldError;
+use super::drawn::{self, Drift, LinearErrors, Lobing, RotaryErrors};
+use super::sag::Sag;
+use super::sight::Sight;
+use super::stand::Stand;
+use super::surface::Surface;
+use super::truth::Truth;
+use machine::kinematics::{Chain, ErrorTerm, Shape};
+use machine::record::artefact::Artefact;
+use machine::record::machine::{Machine, Probe};
+use machine::{Axis, Position, frame::Point};
+
+#[derive(Debug, Clone)]
+pub(super) struct Scene {
+    chain: Chain,
+    errors: Vec<ErrorTerm>,
+    linear_errors: LinearErrors,
+    rotary_errors: Vec<RotaryErrors>,
+    drift: Drift,
+    /// Stylus-ball centre as stated, and as it is; spindle frame.
+    tool: DVec3,
+    tip: DVec3,
+    ball_radius: f64,
+    lobing: Lobing,
+    surface: Surface,
+    sag: Sag,
+    /// No rotary axis is farther than this from the machine's origin.
+    axes_reach: f64,
+}
+
+impl Scene {
+    pub fn new(
+        machine: &Machine,
+        probe: &Probe,
+        artefact: &Artefact,
+        truth: &Truth,
+    ) -> Result<Self, WorldError> {
+        let seed = truth.seed;
+        let chain = Chain::new(machine)?;
+        let errors = truth.error_terms()?;
+        errors.iter().try_for_each(|term| chain.check(term.parameter))?;
+        let motions = |axis| {
+            let spec = machine.axes.get(&axis);
+            spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
+        };
+        let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
+        let linear_errors =
+            LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
+        let linear_errors = linear_errors.askew(seed, machine.squareness_urad * 1e-6);
+        let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
+        let rotary_errors: Result<_, WorldError> = turning
+            .filter(|(_, spec)| spec.error_motion_um != 0.0)
+            .map(|(axis, spec)| Ok(RotaryErrors::draw(seed, *axis, spec.error_motion_um * 1e-3)?))
+            .collect();
+        let tool = DVec3::from_array(machine.tool_mm);
+        Ok(Self {
+            chain,
+            errors,
+            linear_errors,
+            rotary_errors: rotary_errors?,
+            drift: Drift::draw(seed, machine.drift_um_per_h),
+            tool,
+            tip: tool
+                + DVec3::from_array(truth.tool_offset_um) * 1e-3
+                + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
+            ball_radius: probe.ball_radius_mm,
+            lobing: Lobing::draw(seed, probe.lobing_um * 1e-3),
+            surface: Surface::new(artefact, truth)?,
+            sag: Sag::new(&truth.sag),
+            axes_reach: reach(machine),
+        })
+    }
+
+    /// The machine's axes, the spindle included where it can be oriented.
+    pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
+        self.chain.topology().axes()
+    }
+
+    /// Displacement of the table, machine frame, mm.
+    pub fn drift_at(&self, t_s: f64) -> DVec3 {
+        self.drift.table(t_s)
+    }
+
+    /// The true stylus-ball centre, spindle frame, mm.
+    pub fn stylus(&self) -> DVec3 {
+        self.tip
+    }
+
+    /// Distance between ball and surface (negative: pressed in), mm. `axes`: where the axes truly
+    /// stand, backlash included; `command`: where they are said to stand.
+    pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+        self.gap(axes, command, t_s).0
+    }
+
+    /// The same less pre-travel: the probe triggers where this falls to zero.
+    pub fn margin(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+        let (distance, normal) = self.gap(axes, command, t_s);
+        distance + self.lobing.at(normal)
+    }
+
+    /// Farthest the ball can stand from the axis `axis` with the linear axes at `position`: its
+    /// way per radian.
+    pub fn lever(&self, axis: Axis, position: &Position) -> f64 {
+        if axis == Axis::S {
+            return self.tip.x.hypot(self.tip.y);
+        }
+        DVec3::from_array(linear(position)).length() + self.tip.length() + self.axes_reach
+    }
+
+    /// Distance and outward normal of the surface, the latter in the spindle frame.
+    fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
+        let Sight { stand, surface, growth, .. } = self.sight(axes, command, t_s);
+        let nearest = surface.nearest(stand.on_table(self.tip), growth, t_s);
+        (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
+    }
+
+    /// Everything as the spindle has it before itself; `axes` and `command` as for
+    /// [`Scene::clearance`].
+    pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
+        let errors = self.errors_at(axes);
+        let stand = Stand {
+            table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
+            spindle: self.chain.machine_from_spindle(axes, &errors),
+            shift: self.linear_errors.at(linear(command)) - self.drift.table(t_s),
+        };
+        Sight { stand, surface: &self.surface, growth: self.drift.radius(t_s), t_s }
+    }
+
+    /// What is stated, and what rotary axes have of error motions at this place.
+    fn errors_at(&self, axes: &Position) -> Cow<'_, [ErrorTerm]> {
+        if self.rotary_errors.is_empty() {
+            return Cow::Borrowed(&self.errors);
+        }
+        let drawn = self.rotary_errors.iter().flat_map(|errors| errors.at(axes));
+        self.errors.iter().copied().chain(drawn).collect()
+    }
+
+    /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
+    /// `along` on it: the commanded position of the stated stylus centre that half a turn leaves in
+    /// place, with location errors, gains, drift and the straightness of Z. NaN for an axis that does not carry the part.
+    pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
+        let lasting: Vec<ErrorTerm> = self
+            .errors
+            .iter()
+            .filter(|term| matches!(term.parameter.shape(), Shape::Location | Shape::Gain))
+            .copied()
+            .collect();
+        let [u, v, w] = match axis {
+            Axis::A => [DVec3::Y, DVec3::Z, DVec3::X],
+            Axis::B => [DVec3::Z, DVec3::X, DVec3::Y],
+            _ => [DVec3::X, DVec3::Y, DVec3::Z],
+        };
+        let moved = |at: DVec2| {
+            let stylus = w * along + u * at.x + v * at.y;
+            let turn = self.half_turn(axis, stylus, &lasting, t_s);
+            DVec2::new(turn.dot(u), turn.dot(v))
+        };
+        // Affine in the position: three values give the root exactly.
+        let origin = moved(DVec2::ZERO);
+        let slope = DMat2::from_cols(moved(DVec2::X) - origin, moved(DVec2::Y) - origin);
+        if slope.determinant().abs() < 1e-3 {
+            return [f64::NAN; 2];
+        }
+        (-(slope.inverse() * origin)).to_array()
+    }
+
+    /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn.
+    fn half_turn(&self, axis: Axis, stylus: DVec3, errors: &[ErrorTerm], t_s: f64) -> DVec3 {
+        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
+        let Ok(stands) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
+            return DVec3::NAN;
+        };
+        let height = [0.0, 0.0, stands.at(Axis::Z)];
+        let shift = self.linear_errors.at(height) - self.drift.table(t_s);
+        let seen = |angle| {
+            let at = stands.clone().with(axis, angle);
+            let table = self.chain.machine_from_table(&at, errors);
+            let spindle = self.chain.machine_from_spindle(&at, errors);
+            Stand { table, spindle, shift }.on_table(self.tool)
+        };
+        seen(std::f64::consts::PI) - seen(0.0)
+    }
+}
+
+fn linear(position: &Position) -> [f64; 3] {
+    Axis::LINEAR.map(|axis| position.at(axis))
+}
+
+fn reach(machine: &Machine) -> f64 {
+    machine
+        .axes
+        .iter()
+        .filter(|(axis, _)| !axis.is_linear())
+        .map(|(_, spec)| DVec3::from_array(spec.point_mm).length())
+        .fold(0.0, f64::max)
+}

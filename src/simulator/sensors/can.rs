@@ -1,0 +1,98 @@
+//! A simulated sensor that speaks CAN: frames by its data sheet, written down once more here. It shares
+//! nothing with the driver.
+
+use std::sync::{Arc, Weak};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::Sense;
+use crate::Sensed;
+use link::Clock;
+use link::can::{CanError, Frame, Id, Outlet};
+
+/// The data sheet, as keys of `[sensor.can]`.
+pub const DATA_SHEET: &str = r#"
+id = 0x181
+order = "big"
+value = { byte = 2, width = 24, signed = true, scale_mm = 1e-5 }
+counter = { byte = 0, width = 16 }
+status = [
+    { byte = 5, bit = 0, means = "no-echo" },
+    { byte = 5, bit = 1, means = "range" },
+    { byte = 5, bit = 2, means = "saturated" },
+]
+length = 6
+"#;
+
+const ID: u32 = 0x181;
+const COUNTS_PER_MM: f64 = 100_000.0;
+const MOST_COUNTS: f64 = 8_388_607.0;
+const NO_ECHO: u8 = 1;
+const OUT_OF_RANGE: u8 = 2;
+const SATURATED: u8 = 4;
+
+/// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first. Without
+/// a distance it sends zero.
+fn bytes(count: u16, sensed: Sensed) -> [u8; 6] {
+    let (mm, status) = match sensed {
+        Sensed::Distance(mm) => (mm, 0),
+        Sensed::NoEcho => (0.0, NO_ECHO),
+        Sensed::OutOfRange(mm) => (mm, OUT_OF_RANGE),
+        Sensed::Saturated => (0.0, SATURATED),
+    };
+    let counts = (mm * COUNTS_PER_MM).round();
+    let status = if counts.abs() > MOST_COUNTS { status | OUT_OF_RANGE } else { status };
+    let counts = counts.clamp(-MOST_COUNTS, MOST_COUNTS) as i32;
+    let [high, low] = count.to_be_bytes();
+    let [_, first, second, third] = counts.to_be_bytes();
+    [high, low, first, second, third, status]
+}
+
+/// Frames one after the other, when they are asked for.
+pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<Frame> + Send {
+    let mut count = 0_u16;
+    move || {
+        let sensed = sense();
+        count = count.wrapping_add(1);
+        let id = Id::new(ID, false).ok()?;
+        Some(Frame::new(clock.now_s(), id, &bytes(count, sensed)))
+    }
+}
+
+/// Frames on `interface`, `rate_hz` a second in wall time, as long as what is returned lives. What the
+/// interface does not take, being down, is lost.
+///
+/// # Errors
+/// What opening says.
+pub fn push(
+    interface: &str,
+    sense: Sense,
+    rate_hz: f64,
+    clock: Arc<dyn Clock>,
+) -> Result<Arc<()>, CanError> {
+    let outlet = Outlet::open(interface)?;
+    let life = Arc::new(());
+    let listener = Arc::downgrade(&life);
+    let next = frames(sense, clock);
+    let period = Duration::from_secs_f64(1.0 / rate_hz);
+    thread::Builder::new()
+        .name("simulated sensor".to_owned())
+        .spawn(move || send(&outlet, next, period, &listener))
+        .map_err(|source| CanError::Open { interface: interface.to_owned(), source })?;
+    Ok(life)
+}
+
+fn send(
+    outlet: &Outlet,
+    mut next: impl FnMut() -> Option<Frame>,
+    period: Duration,
+    listener: &Weak<()>,
+) {
+    let mut due = Instant::now();
+    while listener.strong_count() > 0 {
+        due += period;
+        thread::sleep(due.saturating_duration_since(Instant::now()));
+        let Some(frame) = next() else { return };
+        let _ = outlet.send(&frame);
+    }
+}

@@ -1,0 +1,139 @@
+//! A simulated sensor behind Modbus registers. It fills them by code of its own, and knows nothing of the
+//! map that its driver reads by.
+//!
+//! Input registers: 0 status (1 no echo, 2 out of range, 4 saturated), 1 counter, 2 and 3 the distance in
+//! 10 nm, the low word first.
+
+use std::future::{Ready, ready};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::net::TcpStream;
+use tokio::time::{MissedTickBehavior, interval};
+use tokio_modbus::server::{Service, rtu, tcp};
+use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
+
+use super::serve::{Sense, Served, on_pty, on_tcp};
+use crate::Sensed;
+use link::LinkError;
+
+const COUNTS_PER_MM: f64 = 1e5;
+
+/// The data sheet, as keys of `[sensor.modbus]`.
+pub const DATA_SHEET: &str = r#"
+counter = { register = 1, type = "u16" }
+value = { register = 2, type = "i32", order = "cdab", scale_mm = 0.00001 }
+status = [
+    { register = 0, bit = 0, means = "no-echo" },
+    { register = 0, bit = 1, means = "range" },
+    { register = 0, bit = 2, means = "saturated" },
+]
+"#;
+
+/// When it measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measures {
+    /// When its registers are read: time stands still in between.
+    WhenRead,
+    /// At its rate, in wall time.
+    AtItsRate,
+}
+
+/// One on a pseudo-terminal (RTU, whatever the unit), `rate_hz` samples a second.
+///
+/// # Errors
+/// What making the wire says.
+pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let sensor = SimulatedSensor::new(measures, sense);
+    let measuring = sensor.clone().at_rate(rate_hz);
+    on_pty(move |device| async move {
+        let serve = rtu::Server::new(device).serve_forever(sensor);
+        tokio::select! { _ = serve => {}, () = measuring => {} }
+    })
+}
+
+/// One on a TCP port, `rate_hz` samples a second.
+///
+/// # Errors
+/// What opening the port says.
+pub fn serve_on_tcp(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let sensor = SimulatedSensor::new(measures, sense);
+    let measuring = sensor.clone().at_rate(rate_hz);
+    on_tcp(move |listener| async move {
+        let connected = move |stream: TcpStream, _| {
+            let sensor = sensor.clone();
+            async move { stream.set_nodelay(true).map(|()| Some((sensor, stream))) }
+        };
+        let server = tcp::Server::new(listener);
+        tokio::select! { _ = server.serve(&connected, |_| {}) => {}, () = measuring => {} }
+    })
+}
+
+struct Inner {
+    words: [u16; 4],
+    sense: Sense,
+}
+
+#[derive(Clone)]
+struct SimulatedSensor {
+    inner: Arc<Mutex<Inner>>,
+    measures: Measures,
+}
+
+impl SimulatedSensor {
+    /// It has measured once.
+    fn new(measures: Measures, sense: Sense) -> Self {
+        let sensor = Self { inner: Arc::new(Mutex::new(Inner { words: [0; 4], sense })), measures };
+        sensor.measure();
+        sensor
+    }
+
+    async fn at_rate(self, rate_hz: f64) {
+        if self.measures == Measures::WhenRead {
+            std::future::pending::<()>().await;
+        }
+        let mut ticks = interval(Duration::from_secs_f64(1.0 / rate_hz));
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        loop {
+            ticks.tick().await;
+            self.measure();
+        }
+    }
+
+    /// All four at once.
+    fn measure(&self) {
+        let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
+        let (mm, status) = match (inner.sense)() {
+            Sensed::Distance(mm) => (mm, 0),
+            Sensed::NoEcho => (0.0, 1),
+            Sensed::OutOfRange(mm) => (mm, 2),
+            Sensed::Saturated => (0.0, 4),
+        };
+        let number = (mm * COUNTS_PER_MM).round() as i32 as u32;
+        let [_, count, ..] = inner.words;
+        inner.words = [status, count.wrapping_add(1), number as u16, (number >> 16) as u16];
+    }
+}
+
+impl Service for SimulatedSensor {
+    type Request = SlaveRequest<'static>;
+    type Response = Response;
+    type Exception = ExceptionCode;
+    type Future = Ready<Result<Response, ExceptionCode>>;
+
+    fn call(&self, SlaveRequest { request, .. }: Self::Request) -> Self::Future {
+        let Request::ReadInputRegisters(first, count) = request else {
+            return ready(Err(ExceptionCode::IllegalFunction));
+        };
+        let (first, count) = (usize::from(first), usize::from(count));
+        if first + count > 4 {
+            return ready(Err(ExceptionCode::IllegalDataAddress));
+        }
+        if self.measures == Measures::WhenRead {
+            self.measure();
+        }
+        let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
+        let words = inner.words.get(first..first + count).unwrap_or_default();
+        ready(Ok(Response::ReadInputRegisters(words.to_vec())))
+    }
+}

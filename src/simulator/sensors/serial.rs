@@ -1,0 +1,174 @@
+//! A simulated sensor on a serial line. It puts together what it says by code of its own, and knows
+//! nothing of the layouts that its driver reads by.
+//!
+//! Text: `D+1.23450,17;` and a line's end, or a word instead of the number. Frames: AA 55, the distance in
+//! 10 nm (32 bit, two's complement), the counter (16 bit), a byte of status, all with the most significant
+//! byte first; then CRC-16/MODBUS of what stands behind AA 55, low byte first.
+
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::time::{MissedTickBehavior, interval};
+
+use super::serve::{Sense, Served, on_pty, on_tcp};
+use crate::Sensed;
+use link::{Flow, LinkError};
+
+/// Of the wire inside this process.
+const WIRE_BYTES: usize = 4096;
+const COUNTS_PER_MM: f64 = 1e5;
+
+const TEXT: &str = r#"
+[line]
+end = "\r\n"
+prefix = "D"
+suffix = ";"
+separator = ","
+columns = 2
+counter = { column = 2, round = 65536 }
+[line.value]
+column = 1
+scale_mm = 1.0
+codes = [
+    { is = "NOECHO", means = "no-echo" },
+    { is = "RANGE", means = "range" },
+    { is = "SATURATED", means = "saturated" },
+]
+"#;
+
+const FRAMES: &str = r#"
+[frame]
+sync = [0xAA, 0x55]
+length = 7
+order = "big"
+value = { byte = 0, width = 32, signed = true, scale_mm = 0.00001 }
+counter = { byte = 4, width = 16 }
+status = [
+    { byte = 6, bit = 0, means = "no-echo" },
+    { byte = 6, bit = 1, means = "range" },
+    { byte = 6, bit = 2, means = "saturated" },
+]
+checksum = { kind = "crc16-modbus", order = "little" }
+"#;
+
+/// What the sensor sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    Text,
+    Frames,
+}
+
+/// The data sheet of `format`, as keys of `[sensor.serial]`.
+pub fn data_sheet(format: Format) -> &'static str {
+    match format {
+        Format::Text => TEXT,
+        Format::Frames => FRAMES,
+    }
+}
+
+/// What makes [`on_demand`] send a sample, as a key of `[sensor.serial]`.
+pub const REQUEST: &str = "request = \"M\\n\"\n";
+
+/// One inside this process, that says a sample for each line's end that it gets. Call inside a tokio
+/// runtime.
+pub fn on_demand(format: Format, sense: Sense) -> Flow {
+    let (near, far) = tokio::io::duplex(WIRE_BYTES);
+    tokio::spawn(SimulatedSensor { format, count: 0, sense }.answer(far));
+    Flow::over("the simulated sensor", near)
+}
+
+/// One on a pseudo-terminal, that sends by itself until its client has gone.
+///
+/// # Errors
+/// What making the wire says.
+pub fn send_on_pty(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let mut sensor = SimulatedSensor { format, count: 0, sense };
+    on_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
+}
+
+/// One on a TCP port, that sends by itself to one client after the other.
+///
+/// # Errors
+/// What opening the port says.
+pub fn send_on_tcp(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+    let mut sensor = SimulatedSensor { format, count: 0, sense };
+    on_tcp(move |listener| async move {
+        while let Ok((stream, _)) = listener.accept().await {
+            drop(sensor.send(stream, rate_hz).await);
+        }
+    })
+}
+
+struct SimulatedSensor {
+    format: Format,
+    count: u16,
+    sense: Sense,
+}
+
+impl SimulatedSensor {
+    /// One sample, in its own words.
+    fn say(&mut self) -> Vec<u8> {
+        let sensed = (self.sense)();
+        self.count = self.count.wrapping_add(1);
+        match self.format {
+            Format::Text => text(sensed, self.count),
+            Format::Frames => frame(sensed, self.count),
+        }
+    }
+
+    /// A sample for each line's end that comes.
+    async fn answer(mut self, mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
+        let mut buffer = [0; 64];
+        loop {
+            let count = stream.read(&mut buffer).await?;
+            let asked = buffer.get(..count).unwrap_or_default();
+            for _ in asked.iter().filter(|byte| **byte == b'\n') {
+                stream.write_all(&self.say()).await?;
+            }
+            if count == 0 {
+                return Ok(());
+            }
+        }
+    }
+
+    /// A sample each period, whoever listens. What the computer was late with follows at once.
+    async fn send(&mut self, mut stream: impl AsyncWrite + Unpin, rate_hz: f64) -> io::Result<()> {
+        let mut ticks = interval(Duration::from_secs_f64(1.0 / rate_hz));
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Burst);
+        loop {
+            ticks.tick().await;
+            stream.write_all(&self.say()).await?;
+        }
+    }
+}
+
+fn text(sensed: Sensed, count: u16) -> Vec<u8> {
+    let value = match sensed {
+        Sensed::Distance(mm) => format!("{mm:+.5}"),
+        Sensed::NoEcho => "NOECHO".to_owned(),
+        Sensed::OutOfRange(_) => "RANGE".to_owned(),
+        Sensed::Saturated => "SATURATED".to_owned(),
+    };
+    format!("D{value},{count};\r\n").into_bytes()
+}
+
+fn frame(sensed: Sensed, count: u16) -> Vec<u8> {
+    let (mm, status) = match sensed {
+        Sensed::Distance(mm) => (mm, 0),
+        Sensed::NoEcho => (0.0, 1),
+        Sensed::OutOfRange(mm) => (mm, 2),
+        Sensed::Saturated => (0.0, 4),
+    };
+    let mut body = ((mm * COUNTS_PER_MM).round() as i32).to_be_bytes().to_vec();
+    body.extend(count.to_be_bytes());
+    body.push(status);
+    let mut sum = u16::MAX;
+    for byte in &body {
+        sum ^= u16::from(*byte);
+        for _ in 0..8 {
+            sum = if sum & 1 == 1 { sum >> 1 ^ 0xA001 } else { sum >> 1 };
+        }
+    }
+    [&[0xAA, 0x55], body.as_slice(), &sum.to_le_bytes()].concat()
+}

@@ -1,0 +1,62 @@
+//! The seam for what can be touched: nearest point of a true artefact's surface.
+
+use glam::DVec3;
+
+use super::WorldError;
+use super::balls::Balls;
+use super::drawn;
+use super::flank::{Flank, Profile};
+use super::truth::Truth;
+use machine::record::artefact::{Artefact, Cylinder};
+
+/// Nearest point of the surface: signed distance (negative inside) and outward normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nearest {
+    pub distance: f64,
+    pub normal: DVec3,
+}
+
+/// The true artefact, standing in the table frame.
+#[derive(Debug, Clone)]
+pub(super) enum Surface {
+    Flank(Flank),
+    Balls(Balls),
+}
+
+impl Surface {
+    pub fn new(artefact: &Artefact, truth: &Truth) -> Result<Self, WorldError> {
+        match artefact {
+            Artefact::Cylinder(cylinder) => {
+                truth.of_a_round_part()?;
+                flank(cylinder, truth).map(Self::Flank)
+            }
+            Artefact::Balls(balls) => {
+                truth.of_balls(balls)?;
+                Balls::new(balls, truth).map(Self::Balls)
+            }
+        }
+    }
+
+    /// From `point` in the table frame at the time `t_s`. `growth`: of the radius of a round part;
+    /// what drift does to the radius of a small ball is far below a micrometre.
+    pub fn nearest(&self, point: DVec3, growth: f64, t_s: f64) -> Nearest {
+        match self {
+            Self::Flank(flank) => flank.nearest(point, growth),
+            Self::Balls(balls) => balls.nearest(point, t_s),
+        }
+    }
+}
+
+fn flank(cylinder: &Cylinder, truth: &Truth) -> Result<Flank, WorldError> {
+    let rough = drawn::roughness(truth.seed, truth.roughness_um);
+    let radius = cylinder.radius_mm + truth.radius_offset_mm;
+    let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
+    let direction = DVec3::from_array(cylinder.axis);
+    let sound = direction.is_finite() && direction.length() > 0.0 && cylinder.height_mm > 0.0;
+    // `>` is false for NaN as well.
+    if !(sound && profile.smallest_radius() > 0.0) {
+        return Err(WorldError::Artefact);
+    }
+    let foot = DVec3::from_array(cylinder.centre_mm) + truth.centre_offset();
+    Ok(Flank::new(foot, direction, cylinder.height_mm, profile))
+}

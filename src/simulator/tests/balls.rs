@@ -1,0 +1,329 @@
+//! Contact with balls and stems: against closed forms, the pose by plain products and dense search.
+
+use std::f64::consts::PI;
+
+use glam::{DMat3, DMat4, DVec3};
+
+use super::super::balls::Balls;
+use super::contact::{ERRORS, TIP, ball_by_products, by_products, closed_form, solve, tip};
+use super::*;
+use machine::record::artefact::Artefact;
+
+const TWO: &str = "
+    [[balls]]\nid = 'low'\ncentre_mm = [120.0, -30.0, 50.0]\nradius_mm = 6.35
+    [[balls]]\nid = 'high'\ncentre_mm = [-70.0, 80.0, 170.0]\nradius_mm = 8.0
+    stem = [0.3, -0.1, -1.0]\nstem_radius_mm = 2.5\nstem_length_mm = 160.0
+";
+const HIGH: DVec3 = DVec3::new(-70.0, 80.0, 170.0);
+
+/// A machine with errors in all its axes.
+fn spoilt() -> Bench {
+    let mut bench = Bench::balls(TWO);
+    bench.machine.tool_mm = TIP;
+    bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
+    bench
+}
+
+/// Rotary positions, deg.
+const POSES: [[f64; 3]; 4] =
+    [[0.0, 0.0, 0.0], [30.0, 100.0, 200.0], [-90.0, 180.0, 90.0], [90.0, -250.0, 10.0]];
+
+fn rotary([b, c, s]: [f64; 3]) -> Position {
+    let at = Position::new().with(Axis::B, b.to_radians());
+    at.with(Axis::C, c.to_radians()).with(Axis::S, s.to_radians())
+}
+
+/// Touch along the straight way of the axes from `start` to `end` (points on the table, as the plain
+/// products have it): where it was felt, the same as `expected` (the share of that way) says.
+fn assert_touch(bench: &Bench, [start, end]: [&Position; 2], expected: f64) {
+    let mut world = bench.world();
+    world.travel(start, Speed::Rapid);
+    let probed = world.probe(&end.only(Axis::is_linear), 60.0, 1);
+    let contact = probed.contact.expect("contact").position;
+    for axis in Axis::LINEAR {
+        let expected = start.at(axis) + expected * (end.at(axis) - start.at(axis));
+        let error = (contact.at(axis) - expected).abs();
+        assert!(error <= 1e-9, "{axis}: {error:e}");
+    }
+}
+
+/// The smaller root of |from + t·(to − from) − centre| = radius.
+fn on_sphere(from: DVec3, to: DVec3, centre: DVec3, radius: f64) -> f64 {
+    let (p, d) = (from - centre, to - from);
+    let (a, half_b, c) = (d.dot(d), p.dot(d), p.dot(p) - radius * radius);
+    (-half_b - (half_b * half_b - a * c).sqrt()) / a
+}
+
+#[test]
+fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
+    let mut bench = spoilt();
+    bench.truth.ball = toml::from_str::<Truth>(
+        "[[ball]]\nid = 'high'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
+    )
+    .unwrap()
+    .ball;
+    let centre = HIGH + DVec3::new(0.2, -0.1, 0.3);
+    for pose in POSES {
+        let others = rotary(pose);
+        for approach in [DVec3::new(0.4, 0.3, 1.0), DVec3::new(-1.0, 0.2, 0.1), DVec3::Y] {
+            let outward = approach.normalize();
+            let aside = outward.any_orthonormal_vector() * 1.5;
+            let start = solve(centre + outward * 14.0 + aside, &others);
+            let end = solve(centre + outward * 5.0 + aside, &others);
+            let [from, to] = [&start, &end].map(ball_by_products);
+            let root = on_sphere(from, to, centre, 8.025 + BALL);
+            assert_touch(&bench, [&start, &end], root);
+        }
+    }
+}
+
+#[test]
+fn a_stem_is_felt_where_it_stands() {
+    let bench = spoilt();
+    let along = DVec3::new(0.3, -0.1, -1.0).normalize();
+    let middle = HIGH + along * 90.0;
+    for pose in POSES {
+        let others = rotary(pose);
+        let outward = along.any_orthonormal_vector();
+        let start = solve(middle + outward * 9.0 + along * 4.0, &others);
+        let end = solve(middle + outward * 4.0, &others);
+        let [from, to] = [&start, &end].map(ball_by_products);
+        assert_touch(&bench, [&start, &end], closed_form(from, to, HIGH, along, 2.5 + BALL));
+    }
+    // Below its foot there is nothing.
+    let mut world = bench.world();
+    let others = rotary(POSES[0]);
+    let below = HIGH + along * (160.0 + BALL + 0.1);
+    let aside = along.any_orthonormal_vector() * 20.0;
+    world.travel(&solve(below + aside, &others), Speed::Rapid);
+    let across = solve(below - aside, &others).only(Axis::is_linear);
+    assert_eq!(world.probe(&across, 60.0, 1).contact, None);
+    let higher = solve(below - along * 0.2 - aside, &others).only(Axis::is_linear);
+    world.travel(&solve(below + aside - along * 0.2, &others), Speed::Rapid);
+    assert!(world.probe(&higher, 60.0, 1).contact.is_some());
+}
+
+#[test]
+fn sag_bends_the_table_as_declared() {
+    for (law, share) in [("sin", -(60.0_f64.to_radians().sin())), ("one-minus-cos", 0.5)] {
+        let mut bench = spoilt();
+        let sag = format!(
+            "[[sag]]\naxis = 'B'\nlaw = '{law}'\num = [3.0, -40.0, 20.0]\nurad = [0.0, 0.0, 300.0]"
+        );
+        bench.truth.sag = toml::from_str::<Truth>(&sag).unwrap().sag;
+        // The nominal pose leads to the start; what is felt is where the bent pose says.
+        let others = rotary([-60.0, 35.0, 0.0]);
+        let bent = |q: &Position| {
+            let (table, spindle) = by_products(q);
+            let origin = table.w_axis.truncate();
+            let turn = DMat4::from_translation(origin)
+                * DMat4::from_rotation_z(300e-6 * share)
+                * DMat4::from_translation(-origin);
+            let down = DMat4::from_translation(DVec3::new(0.003, -0.040, 0.020) * share);
+            ((down * turn * table).inverse() * spindle * tip()).truncate()
+        };
+        let outward = DVec3::new(0.1, 0.9, 0.4).normalize();
+        let start = solve(HIGH + outward * 14.0, &others);
+        let end = solve(HIGH + outward * 9.0, &others);
+        let root = on_sphere(bent(&start), bent(&end), HIGH, 8.0 + BALL);
+        assert_touch(&bench, [&start, &end], root);
+        // Far from what an unbent table would do: some 20 µm of 5 mm.
+        let [from, to] = [&start, &end].map(ball_by_products);
+        assert!((root - on_sphere(from, to, HIGH, 8.0 + BALL)).abs() > 2e-3);
+    }
+}
+
+#[test]
+fn a_ball_that_comes_loose_stands_off_from_then_on() {
+    let mut bench = Bench::balls(TWO);
+    let moves = "[[ball_moves]]\nball = 'low'\nat_s = 3600.0\nby_mm = [0.02, 0.0, -0.01]";
+    bench.truth.ball_moves = toml::from_str::<Truth>(moves).unwrap().ball_moves;
+    let mut world = bench.world();
+    let low = DVec3::new(120.0, -30.0, 50.0);
+    let mut touch = |outward: DVec3, centre: DVec3| {
+        let at = |off: f64| {
+            let place = centre + outward * off;
+            ball_at(place.x, place.y, place.z)
+        };
+        world.travel(&at(13.0), Speed::Rapid);
+        let contact = world.probe(&at(7.0), 60.0, 1).contact.unwrap();
+        world.travel(&at(13.0), Speed::Rapid);
+        let [x, y, z] = Axis::LINEAR.map(|axis| contact.position.at(axis));
+        let found = (DVec3::new(x, y, z - 100.0) - centre).dot(outward);
+        world.dwell(4000.0);
+        found
+    };
+    let sum = 6.35 + BALL;
+    assert!((touch(DVec3::X, low) - sum).abs() < 1e-9);
+    // What stands off across shortens the chord by 0.01²/(2·9.35) mm at most.
+    assert!((touch(DVec3::X, low) - sum - 0.02).abs() < 6e-6);
+    assert!((touch(DVec3::Z, low) - sum + 0.01).abs() < 3e-5);
+    assert!((touch(DVec3::Z, HIGH) - 8.0 - BALL).abs() < 1e-9);
+}
+
+/// Balls alone, as the seed draws them.
+fn drawn(truth: &Truth, seed: u64, text: &str) -> Balls {
+    let Artefact::Balls(stated) = Bench::balls(text).artefact else { panic!() };
+    Balls::new(&stated, &Truth { seed, ..truth.clone() }).unwrap()
+}
+
+#[test]
+fn places_diameters_and_form_have_the_declared_magnitude() {
+    let truth = "ball_offset_mm = 0.3\nball_diameter_um = 4.0\nball_form_um = 0.5";
+    let truth: Truth = toml::from_str(truth).unwrap();
+    const SEEDS: u64 = 2000;
+    let mut squares = [0.0; 6];
+    for seed in 0..SEEDS {
+        let balls = drawn(&truth, seed, TWO);
+        let centre = balls.centre(1, 0.0);
+        // Distances along opposite directions: their sum is the diameter, whose form part is twice
+        // that of one direction.
+        let out = [DVec3::X, -DVec3::X, DVec3::Z]
+            .map(|direction| balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3);
+        let off = centre - HIGH;
+        let values = [off.x, off.y, off.z, out[0], out[0] - out[1], out[0] - out[2]];
+        for (sum, value) in squares.iter_mut().zip(values) {
+            *sum += value * value;
+        }
+    }
+    // Radius: half the diameter's 4 µm and the form's 0.5; an oval is alike on both sides; between X
+    // and Z the form's variance is that of s_xx − s_zz, 2·1.5·0.5².
+    let expected = [0.09, 0.09, 0.09, 4.0 + 0.25, 0.0, 0.75];
+    for (sum, expected) in squares.into_iter().zip(expected) {
+        let found = sum / SEEDS as f64;
+        // A variance over 2000 seeds scatters by 3.2 %.
+        assert!((found - expected).abs() <= 0.12 * expected + 1e-6, "{found} not {expected}");
+    }
+}
+
+#[test]
+fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
+    let truth: Truth = toml::from_str("ball_form_um = 200.0").unwrap();
+    let balls = drawn(&truth, 4, TWO);
+    let centre = balls.centre(1, 0.0);
+    // The form, read where the surface is met along a direction.
+    let radius = |direction: DVec3| {
+        let (mut low, mut high) = (6.0, 10.0);
+        for _ in 0..60 {
+            let middle = (low + high) / 2.0;
+            let inside = balls.nearest(centre + direction * middle, 0.0).distance < 0.0;
+            (low, high) = if inside { (middle, high) } else { (low, middle) };
+        }
+        low
+    };
+    // A quadratic form has 5 numbers beside the mean: sampled at a few directions it is known.
+    let quadratic = {
+        let r = |x: f64, y: f64, z: f64| radius(DVec3::new(x, y, z).normalize());
+        let (xx, yy, zz) = (r(1.0, 0.0, 0.0), r(0.0, 1.0, 0.0), r(0.0, 0.0, 1.0));
+        let [xy, xz, yz] = [r(1.0, 1.0, 0.0), r(1.0, 0.0, 1.0), r(0.0, 1.0, 1.0)];
+        let off = [xy - (xx + yy) / 2.0, xz - (xx + zz) / 2.0, yz - (yy + zz) / 2.0];
+        DMat3::from_cols_array_2d(&[
+            [xx, off[0], off[1]],
+            [off[0], yy, off[2]],
+            [off[1], off[2], zz],
+        ])
+    };
+    let surface = |u: DVec3| u * u.dot(quadratic * u);
+    let mut apart = 0.0_f64;
+    for point in
+        [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)]
+    {
+        let nearest = balls.nearest(centre + point, 0.0);
+        let start = point.normalize();
+        let (a, b) = (start.any_orthonormal_vector(), start.cross(start.any_orthonormal_vector()));
+        let steps = || (-400..=400).map(|i| f64::from(i) * 2.5e-4);
+        let dense = steps()
+            .flat_map(|i| steps().map(move |j| (start + a * i + b * j).normalize()))
+            .map(|u| point.distance(surface(u)))
+            .fold(f64::INFINITY, f64::min);
+        assert!((nearest.distance - dense).abs() < 1e-6, "{} not {dense}", nearest.distance);
+        assert!(nearest.distance <= dense + 1e-9);
+        let foot = point - nearest.normal * nearest.distance;
+        assert!((foot - surface(foot.normalize())).length() < 1e-9);
+        apart = apart.max(point.distance(surface(start)) - nearest.distance);
+    }
+    // Straight to the middle it would be farther: the test sees the difference.
+    assert!(apart > 1e-3, "{apart}");
+}
+
+const BAR: &str = "
+    [[balls]]\nid = 'a'\ncentre_mm = [-150.0, 0.0, 40.0]\nradius_mm = 6.0
+    [[balls]]\nid = 'b'\ncentre_mm = [150.0, 0.0, 41.0]\nradius_mm = 6.0
+    [[balls]]\nid = 'c'\ncentre_mm = [0.0, 200.0, 41.0]\nradius_mm = 6.0
+    [[lengths]]\nfrom = 'a'\nto = 'b'\nmm = 300.1\nu_mm = 0.002\nexpansion_um_per_m_k = 11.0
+    temperature_c = 22.0\nu_temperature_k = 0.5
+    [[lengths]]\nfrom = 'c'\nto = 'a'\nmm = 250.2\nu_mm = 0.001
+";
+
+#[test]
+fn certified_lengths_are_as_true_as_their_certificates() {
+    let truth: Truth = toml::from_str("ball_offset_mm = 0.1").unwrap();
+    const SEEDS: u64 = 2000;
+    let mut draws = [Vec::new(), Vec::new()];
+    for seed in 0..SEEDS {
+        let balls = drawn(&truth, seed, BAR);
+        let apart = |i, j| balls.centre(i, 0.0).distance(balls.centre(j, 0.0));
+        draws[0].push(apart(0, 1));
+        draws[1].push(apart(2, 0));
+    }
+    // 300.1 mm, 2 K warmer: 6.6022 µm; 0.5 K: 1.65 µm beside the certificate's 2 µm.
+    for (found, mean, sd) in
+        [(&draws[0], 300.106_602_2, 2e-3_f64.hypot(1.650_6e-3)), (&draws[1], 250.2, 1e-3)]
+    {
+        let average = found.iter().sum::<f64>() / SEEDS as f64;
+        assert!((average - mean).abs() < 4.0 * sd / (SEEDS as f64).sqrt(), "{average}");
+        let variance = found.iter().map(|d| (d - average).powi(2)).sum::<f64>() / SEEDS as f64;
+        assert!((variance / (sd * sd) - 1.0).abs() < 0.12, "{variance}");
+    }
+    let wrong: Truth = toml::from_str("length_error_um_per_m = 300.0").unwrap();
+    let [right, off] = [Truth::default(), wrong].map(|truth| drawn(&truth, 5, BAR));
+    let apart = |balls: &Balls| balls.centre(0, 0.0).distance(balls.centre(1, 0.0));
+    assert!((apart(&off) / apart(&right) - 1.0 - 300e-6).abs() < 1e-12);
+}
+
+#[test]
+fn the_stylus_is_off_by_what_is_declared() {
+    let mut bench = Bench::balls(TWO);
+    bench.truth.tool_offset_um = [30.0, 0.0, -20.0];
+    let mut world = bench.world();
+    world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0).with(Axis::S, PI), Speed::Rapid);
+    let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
+    // 20 µm lower, and 30 µm aside: 0.03²/22 mm.
+    let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
+    assert!((z - 0.020 - (121.0_f64 - 0.03 * 0.03).sqrt()).abs() < 1e-9);
+}
+
+#[test]
+fn a_truth_of_another_artefact_is_refused_by_name() {
+    let said = |text: &str, bench: Bench| {
+        let truth: Truth = toml::from_str(text).unwrap();
+        World::new(&bench.machine, &bench.probe, &bench.artefact, &truth).unwrap_err().to_string()
+    };
+    let balls = || Bench::balls(TWO);
+    assert!(said("roughness_um = 1.0", balls()).contains("roughness_um is for an artefact"));
+    assert!(said("[[form]]\nn = 2", balls()).contains("\"cylinder\""));
+    assert!(said("ball_form_um = 0.1", Bench::ideal()).contains("\"balls\""));
+    assert!(said("[[ball]]\nid = 'hi'", balls()).contains("names the ball `hi`"));
+    assert!(said("[[ball]]\nid = 'hi'", Bench::ideal()).contains("ball is for an artefact"));
+    assert!(said("[[sag]]\naxis = 'X'", balls()).contains("no tilt axis X"));
+    assert!(said("ball_diameter_um = -1.0", balls()).contains("must not be negative"));
+    assert!(said("radius_offset_mm = -6.5", balls()).contains("each of positive radius"));
+    let moved = "[[ball_moves]]\nball = 'lo'\nat_s = 1\nby_mm = [0, 0, 1]";
+    assert!(said(moved, balls()).contains("names the ball `lo`"));
+}
+
+#[test]
+fn drift_moves_the_table_along_the_spindle_too() {
+    let mut bench = Bench::balls(TWO);
+    bench.truth.seed = 11;
+    bench.machine.drift_um_per_h = 40.0;
+    let mut world = bench.world();
+    world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0), Speed::Rapid);
+    world.dwell(7200.0);
+    let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
+    let moved = super::super::drawn::Drift::draw(11, 40.0).table(contact.t_s);
+    let across = 121.0 - moved.truncate().length_squared();
+    let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
+    assert!((z - moved.z - across.sqrt()).abs() < 1e-9);
+    assert!(moved.z.abs() > 1e-3);
+}

@@ -1,0 +1,315 @@
+//! What a displacement sensor says: against numbers by hand, and a ray that is searched along with
+//! a pose by plain products.
+
+use glam::{DVec3, DVec4};
+
+use super::super::drawn;
+use super::contact::{ERRORS, TIP, by_products, solve};
+use super::*;
+use machine::record::sensor::Sensor;
+
+const R: f64 = 10.0;
+
+fn sensor(changes: &str) -> Sensor {
+    let whole = format!("name = 'laser'\nrange_mm = [-10.0, 10.0]\nstand_off_mm = 50.0\n{changes}");
+    toml::from_str(&whole).unwrap()
+}
+
+/// Looking down, its zero point where the ideal bench has the stylus.
+fn down() -> Sensor {
+    sensor("zero_mm = [0.0, 0.0, -100.0]\ndirection = [0.0, 0.0, -1.0]")
+}
+
+/// One ball of 10 mm, 50 mm above the table, and a truth of the sensor.
+fn bench(truth: &str) -> Bench {
+    let mut bench =
+        Bench::balls("[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0");
+    bench.truth.sensor = vec![toml::from_str(&format!("name = 'laser'\n{truth}")).unwrap()];
+    bench
+}
+
+fn look(bench: &Bench, at: &Position) -> Sensed {
+    look_with(bench, &down(), at)
+}
+
+fn look_with(bench: &Bench, sensor: &Sensor, at: &Position) -> Sensed {
+    let mut world = bench.world().with_sensors(std::slice::from_ref(sensor)).unwrap();
+    world.travel(at, Speed::Rapid);
+    world.sense("laser", 0.0).unwrap()
+}
+
+#[track_caller]
+fn assert_says(said: Sensed, expected: f64) {
+    let Sensed::Distance(distance) = said else { panic!("{said:?}") };
+    assert!((distance - expected).abs() <= 1e-9, "{distance} {expected}");
+}
+
+#[test]
+fn an_ideal_sensor_says_the_distance_along_its_beam() {
+    let bench = bench("");
+    assert_says(look(&bench, &ball_at(0.0, 0.0, 65.0)), 5.0);
+    assert_says(look(&bench, &ball_at(0.0, 0.0, 52.0)), -8.0);
+    // 6, 8, 10.
+    assert_says(look(&bench, &ball_at(6.0, 0.0, 65.0)), 7.0);
+    assert_says(look(&bench, &ball_at(0.0, -6.0, 65.0)), 7.0);
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 75.0)), Sensed::OutOfRange(15.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), Sensed::OutOfRange(-12.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), Sensed::NoEcho);
+    assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), Sensed::NoEcho);
+    // Its front stands 50 mm off, and may come so near; within the ball it is blind.
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), Sensed::OutOfRange(-25.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), Sensed::NoEcho);
+    let mut world = bench.world().with_sensors(&[down()]).unwrap();
+    assert_eq!(world.sense("lazer", 1.0), None);
+    assert_eq!(world.time_s(), 0.0);
+    world.sense("laser", 0.25).unwrap();
+    assert_eq!(world.time_s(), 0.25);
+}
+
+#[test]
+fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
+    let limited = bench("echo_limit_deg = 30.0\ndazzled_deg = 6.0");
+    let at = |deg: f64| ball_at(0.0, R * deg.to_radians().sin(), 65.0);
+    let expected = |deg: f64| 15.0 - R * deg.to_radians().cos();
+    assert_says(look(&limited, &at(29.99)), expected(29.99));
+    assert_eq!(look(&limited, &at(30.01)), Sensed::NoEcho);
+    assert_says(look(&limited, &at(6.01)), expected(6.01));
+    assert_eq!(look(&limited, &at(5.99)), Sensed::Saturated);
+    assert_says(look(&bench(""), &at(39.99)), expected(39.99));
+    assert_eq!(look(&bench(""), &at(40.01)), Sensed::NoEcho);
+}
+
+#[test]
+fn a_beam_leans_and_stands_off_as_the_truth_says() {
+    // By hand: from (6, 0, 65) along (0.01, 0, -1), made a unit vector, to the ball.
+    let said = look(&bench("tilt_urad = [10000.0, 0.0]"), &ball_at(6.0, 0.0, 65.0));
+    let (p, d) = (DVec3::new(6.0, 0.0, 15.0), DVec3::new(0.01, 0.0, -1.0));
+    let (a, b, c) = (d.dot(d), p.dot(d), p.dot(p) - R * R);
+    let expected = (-b - (b * b - a * c).sqrt()) / a * a.sqrt();
+    assert!(expected > 7.05, "it leans down the slope: {expected}");
+    assert_says(said, expected);
+    let off = bench("zero_offset_um = [6000.0, 0.0, 1000.0]");
+    assert_says(look(&off, &ball_at(0.0, 0.0, 65.0)), 8.0);
+    // With the spindle a quarter round, X of the spindle is Y of the machine.
+    let quarter = |x, y| ball_at(x, y, 65.0).with(Axis::S, std::f64::consts::FRAC_PI_2);
+    assert_says(look(&off, &quarter(0.0, -6.0)), 6.0);
+    let aside = sensor("zero_mm = [0.0, 3.0, -100.0]\ndirection = [0.0, -1.0, 0.0]");
+    let seen = look_with(&bench("tilt_urad = [0.0, 0.0]"), &aside, &ball_at(0.0, 12.0, 56.0));
+    assert_says(seen, 7.0);
+    // Across a beam along Y the second direction is Z: it leans up, over the ball's shoulder.
+    let up = look_with(&bench("tilt_urad = [0.0, 20000.0]"), &aside, &ball_at(0.0, 12.0, 56.0));
+    let Sensed::Distance(up) = up else { panic!("{up:?}") };
+    assert!((7.08..7.13).contains(&up), "{up}");
+}
+
+/// The distance at which the ray comes `radius` near the centre, by bisection.
+fn bisect(origin: DVec3, along: DVec3, gap: impl Fn(DVec3) -> f64) -> f64 {
+    let (mut free, mut inside) = (-40.0, 9.0);
+    assert!(gap(origin + along * free) > 0.0 && gap(origin + along * inside) < 0.0);
+    for _ in 0..200 {
+        let middle = (free + inside) / 2.0;
+        if gap(origin + along * middle) > 0.0 { free = middle } else { inside = middle }
+    }
+    free
+}
+
+const TILTED: &str = "zero_offset_um = [120.0, -80.0, 300.0]\ntilt_urad = [2000.0, -3500.0]";
+
+#[test]
+fn a_ray_agrees_with_a_pose_by_plain_products() {
+    let mut bench = bench(TILTED);
+    bench.machine.tool_mm = TIP;
+    bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
+    bench.truth.ball_form_um = 40.0;
+    bench.truth.ball = toml::from_str::<Truth>(
+        "[[ball]]\nid = '1'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
+    )
+    .unwrap()
+    .ball;
+    let oval = drawn::ball(0, 0).oval * 0.040;
+    let centre = DVec3::new(0.2, -0.1, 50.3);
+    let gap = |point: DVec3| {
+        let u = (point - centre).normalize();
+        (point - centre).length() - R - 0.025 - u.dot(oval * u)
+    };
+    let nominal = Sensor { zero_mm: TIP, ..down() };
+    let poses = [[0.0, 0.0, 0.0], [30.0, 100.0, 200.0], [-90.0, 180.0, 90.0], [90.0, -250.0, 10.0]];
+    for [b, c, s] in poses.map(|pose: [f64; 3]| pose.map(f64::to_radians)) {
+        let others = Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s);
+        let (table, spindle) = by_products(&others);
+        let up = (table.inverse() * spindle * DVec4::Z).truncate().normalize();
+        for aside in [DVec3::ZERO, DVec3::new(4.0, 1.0, 0.0), DVec3::new(-3.0, 3.0, 2.0)] {
+            let at = solve(centre + up * 12.0 + aside.reject_from(up), &others);
+            let (table, spindle) = by_products(&at);
+            let zero = DVec3::from_array(TIP) + DVec3::new(0.120, -0.080, 0.300);
+            let origin = (table.inverse() * spindle * zero.extend(1.0)).truncate();
+            let beam = DVec4::new(0.002, -0.0035, -1.0, 0.0).normalize();
+            let along = (table.inverse() * spindle * beam).truncate();
+            assert_says(look_with(&bench, &nominal, &at), bisect(origin, along, gap));
+        }
+    }
+}
+
+#[test]
+fn every_switch_of_the_electronics_does_what_it_says() {
+    let top = ball_at(0.0, 0.0, 65.0);
+    let slope = ball_at(6.0, 0.0, 65.0);
+    assert_says(look(&bench("gain = 1.002"), &top), 5.01);
+    let wave = "linearity = [{ amplitude_um = 3.0, period_mm = 4.0, phase_deg = 0.0 }]";
+    // A period and a quarter.
+    assert_says(look(&bench(wave), &top), 5.003);
+    // The slope of 6, 8, 10 is 3/4.
+    assert_says(look(&bench("incidence_um = 16.0"), &slope), 7.009);
+    assert_says(look(&bench("incidence_um = 16.0"), &top), 5.0);
+    assert_says(look(&bench("lean_um = [4.0, 100.0]"), &slope), 7.003);
+    assert_says(look(&bench("lean_um = [4.0, 100.0]"), &ball_at(-6.0, 0.0, 65.0)), 6.997);
+    assert_says(look(&bench("lean_um = [100.0, 4.0]"), &ball_at(0.0, 6.0, 65.0)), 7.003);
+    // The mean of R − √(R² − r²) over a disc of radius a.
+    let spot = look(&bench("spot_mm = 0.2"), &top);
+    let Sensed::Distance(spot) = spot else { panic!("{spot:?}") };
+    let mean = 0.1_f64.powi(2) / (4.0 * R) + 0.1_f64.powi(4) / (24.0 * R.powi(3));
+    assert!((spot - 5.0 - mean).abs() <= 2e-9, "{spot}");
+}
+
+#[test]
+fn what_is_only_declared_is_drawn_from_the_seed() {
+    let samples = |bench: &Bench, sensor: Sensor, count: usize| -> Vec<f64> {
+        let mut world = bench.world().with_sensors(&[sensor]).unwrap();
+        world.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
+        let says = |_| match world.sense("laser", 1e-3).unwrap() {
+            Sensed::Distance(distance) => distance - 3.0,
+            other => panic!("{other:?}"),
+        };
+        (0..count).map(says).collect()
+    };
+    let noisy = Sensor { noise_um: Some(0.5), ..down() };
+    let seen = samples(&bench(""), noisy.clone(), 4000);
+    let sd = (seen.iter().map(|v| v * v).sum::<f64>() / 4000.0).sqrt();
+    assert!((sd - 0.5e-3).abs() < 0.02e-3, "{sd}");
+    assert_eq!(seen, samples(&bench(""), noisy.clone(), 4000));
+    let mut other = bench("");
+    other.truth.seed = 1;
+    assert_ne!(seen, samples(&other, noisy.clone(), 4000));
+    let quiet = samples(&bench("noise_um = 0.0"), noisy.clone(), 3);
+    assert!(quiet.iter().all(|v| v.abs() < 1e-9), "{quiet:?}");
+    // After a pause nothing comes again.
+    let mut later = bench("").world().with_sensors(&[noisy]).unwrap();
+    later.pass(1.0, []);
+    later.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
+    let Some(Sensed::Distance(again)) = later.sense("laser", 0.0) else { panic!() };
+    assert!(seen.iter().all(|v| (v + 3.0 - again).abs() > 1e-12));
+    // The curve: the declared standard deviation over machines, whatever the distance.
+    let curved = |seed| {
+        let mut bench = bench("");
+        bench.truth.seed = seed;
+        samples(&bench, Sensor { linearity_um: 4.0, ..down() }, 1)[0]
+    };
+    let sd = ((0..500).map(|seed| curved(seed).powi(2)).sum::<f64>() / 500.0).sqrt();
+    assert!((sd - 4e-3).abs() < 0.4e-3, "{sd}");
+}
+
+#[test]
+fn a_sensor_samples_by_its_own_clock() {
+    let moments = |truth: &str| -> Vec<f64> {
+        let mut world = bench(truth).world().with_sensors(&[down()]).unwrap();
+        let moment = |_| {
+            world.sense("laser", 1e-3).unwrap();
+            world.time_s()
+        };
+        (0..4000).map(moment).collect()
+    };
+    let last = |moments: &[f64]| moments[3999];
+    assert!((last(&moments("")) - 4.0).abs() < 1e-9);
+    assert!((last(&moments("clock_slow_ppm = 50.0")) - 4.0002).abs() < 1e-9);
+    let jittered = moments("clock_jitter_us = 20.0");
+    let late = jittered.iter().zip(1..).map(|(t, n)| t - f64::from(n) * 1e-3);
+    let sd = (late.map(|late| late * late).sum::<f64>() / 4000.0).sqrt();
+    assert!((sd - 20e-6).abs() < 1e-6, "{sd}");
+    assert!(jittered.windows(2).all(|pair| pair[0] <= pair[1]));
+}
+
+/// X from 0 to 6 mm and no further, at 10 mm/s after 0.05 mm of acceleration (1000 mm/s²): 0.61 s. A
+/// sample that is 200 ms late tells of the sphere at X 4.05 when 0.61 s have passed, and of X 6 after 0.81.
+#[test]
+fn a_late_sensor_tells_of_an_earlier_moment() {
+    let began = || {
+        let mut world = bench("clock_late_ms = 200.0").world().with_sensors(&[down()]).unwrap();
+        world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
+        world.dwell(1.0);
+        world
+    };
+    let depth = |x: f64| 15.0 - (R * R - x * x).sqrt();
+    let end = ball_at(6.0, 0.0, 65.0);
+    let speed = Speed::Feed { mm_min: 600.0 };
+    let mut world = began();
+    let moved = world.travel(&end, speed).duration_s;
+    assert!((moved - 0.61).abs() < 1e-9, "{moved}");
+    assert_says(world.sense("laser", 0.0).unwrap(), depth(4.05));
+    assert_says(world.sense("laser", 0.2).unwrap(), depth(6.0));
+    assert_says(world.sense("laser", 5.0).unwrap(), depth(6.0));
+    // The same on the way: where the axes are is displayed, where they were is seen.
+    let mut world = began();
+    let passing = world.sense_on_the_way("laser", &end, speed, 0.01);
+    assert!(passing.len() >= 60);
+    let at = |n: usize| (passing[n - 1].position.at(Axis::X), passing[n - 1].sensed);
+    assert!((at(50).0 - 4.95).abs() < 1e-9, "{:?}", at(50));
+    assert_says(at(50).1, depth(2.95));
+    assert_says(at(15).1, depth(0.0));
+    assert_says(at(21).1, depth(0.05));
+    assert!((world.position().at(Axis::X) - 6.0).abs() < 1e-12);
+    assert!((world.time_s() - passing[59].t_s).abs() < 0.011);
+}
+
+#[test]
+fn the_table_drifts_under_the_beam() {
+    let mut bench = bench("");
+    bench.machine.drift_um_per_h = 30.0;
+    let mut world = bench.world().with_sensors(&[down()]).unwrap();
+    world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
+    let said = world.sense("laser", 3600.0).unwrap();
+    let drift = DVec3::from_array(world.true_drift_mm(world.time_s()));
+    assert!(drift.z.abs() > 1e-3, "{drift}");
+    let sideways2 = drift.x.powi(2) + drift.y.powi(2);
+    assert_says(said, 15.0 - drift.z - (R * R - sideways2).sqrt());
+}
+
+#[test]
+fn stems_and_round_parts_are_seen_as_well() {
+    let stem = "[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0
+        stem = [1.0, 0.0, 0.0]\nstem_radius_mm = 3.0\nstem_length_mm = 40.0";
+    let over_stem = look(&Bench::balls(stem), &ball_at(20.0, 0.0, 60.0));
+    assert_says(over_stem, 7.0);
+    let part = Bench::ideal();
+    assert_says(look(&part, &ball_at(10.0, -7.0, 102.0)), 2.0);
+    let level = sensor("zero_mm = [0.0, 0.0, -100.0]\ndirection = [1.0, 0.0, 0.0]");
+    assert_says(look_with(&part, &level, &ball_at(-50.0, 0.0, 30.0)), 5.0);
+}
+
+#[test]
+fn sensors_that_cannot_be_are_refused_by_name() {
+    let refused = |truth: &str, sensors: &[Sensor]| {
+        bench(truth).world().with_sensors(sensors).unwrap_err().to_string()
+    };
+    assert!(refused("", &[]).contains("`laser`"), "{}", refused("", &[]));
+    assert!(refused("", &[down(), down()]).contains("twice"));
+    for (truth, key) in [
+        ("gain = 0.0", "gain"),
+        ("spot_mm = -1.0", "spot_mm"),
+        ("noise_um = nan", "noise_um"),
+        ("echo_limit_deg = 90.0", "echo_limit_deg"),
+        ("dazzled_deg = 45.0", "dazzled_deg"),
+        ("clock_slow_ppm = 1e6", "clock_slow_ppm"),
+        ("clock_jitter_us = -1.0", "clock_jitter_us"),
+        ("clock_late_ms = -1.0", "clock_late_ms"),
+        ("linearity = [{ amplitude_um = 1.0, period_mm = 0.0 }]", "linearity"),
+        ("tilt_urad = [inf, 0.0]", "tilt_urad"),
+    ] {
+        let said = refused(truth, &[down()]);
+        assert!(said.contains("`laser`") && said.contains(key), "{said}");
+    }
+    let blind = Sensor { direction: [0.0; 3], ..down() };
+    assert!(refused("", &[blind]).contains("direction"));
+    let narrow = Sensor { range_mm: [5.0, 5.0], ..down() };
+    assert!(refused("", &[narrow]).contains("range_mm"));
+    assert!(toml::from_str::<Truth>("[[sensor]]\nname = 'a'\ntilt = 3").is_err());
+}

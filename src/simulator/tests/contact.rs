@@ -1,0 +1,207 @@
+//! Where contact is made: against closed forms and a pose built a second way.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
+
+use super::super::flank::{Flank, Profile};
+use super::*;
+use machine::record::artefact::{Artefact, Cylinder};
+
+/// Errors of the world below, in mm, rad and mm/mm.
+pub(super) const ERRORS: [(&str, f64); 16] = [
+    ("EX0C_um", 50.0),
+    ("EY0C_um", -30.0),
+    ("EA0C_urad", -110.0),
+    ("EB0C_urad", 170.0),
+    ("EA0B_urad", 90.0),
+    ("EC0B_urad", -60.0),
+    ("EB0Z_urad", 40.0),
+    ("EA0Y_urad", -70.0),
+    ("EC0Y_urad", 55.0),
+    ("EX0S_um", 21.0),
+    ("EY0S_um", -17.0),
+    ("EXX1_um_per_m", 120.0),
+    ("EYY1_um_per_m", -80.0),
+    ("EZZ1_um_per_m", 35.0),
+    ("EXC_cos2_um", 4.0),
+    ("EBC_sin3_urad", 12.0),
+];
+pub(super) const TIP: [f64; 3] = [0.4, -0.2, -100.0];
+
+/// Plain 4×4 products, written out by hand from the conventions of the machine's chain: errors
+/// before a joint's motion in the order X, Y, Z, A, B, C, gains with it.
+pub(super) fn ball_by_products(q: &Position) -> DVec3 {
+    let (table, spindle) = by_products(q);
+    (table.inverse() * spindle * tip()).truncate()
+}
+
+pub(super) fn tip() -> DVec4 {
+    DVec4::new(TIP[0], TIP[1], TIP[2], 1.0)
+}
+
+/// Poses of table and spindle.
+pub(super) fn by_products(q: &Position) -> (DMat4, DMat4) {
+    let shift = |x, y, z| DMat4::from_translation(DVec3::new(x, y, z));
+    let rows = |r: [[f64; 3]; 3]| DMat4::from_mat3(DMat3::from_cols_array_2d(&r).transpose());
+    let about_x =
+        |a: f64| rows([[1.0, 0.0, 0.0], [0.0, a.cos(), -a.sin()], [0.0, a.sin(), a.cos()]]);
+    let about_y =
+        |b: f64| rows([[b.cos(), 0.0, b.sin()], [0.0, 1.0, 0.0], [-b.sin(), 0.0, b.cos()]]);
+    let about_z =
+        |c: f64| rows([[c.cos(), -c.sin(), 0.0], [c.sin(), c.cos(), 0.0], [0.0, 0.0, 1.0]]);
+    let [x, y, z, b, c, s] =
+        [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C, Axis::S].map(|a| q.at(a));
+    let table = shift(-x * (1.0 + 120e-6), 0.0, 0.0)
+        * about_x(90e-6)
+        * about_z(-60e-6)
+        * about_y(-b)
+        * shift(0.050 + 0.004 * (2.0 * c).cos(), -0.030, 0.0)
+        * about_x(-110e-6)
+        * about_y(170e-6 + 12e-6 * (3.0 * c).sin())
+        * about_z(-c);
+    let spindle = about_y(40e-6)
+        * shift(0.0, 0.0, z * (1.0 + 35e-6))
+        * about_x(-70e-6)
+        * about_z(55e-6)
+        * shift(0.0, y * (1.0 - 80e-6), 0.0)
+        * shift(0.021, -0.017, 0.0)
+        * about_z(s);
+    (table, spindle)
+}
+
+/// X, Y, Z that bring the ball to `target` with the other axes as they stand: the pose by products
+/// is affine in them.
+pub(super) fn solve(target: DVec3, others: &Position) -> Position {
+    let origin = ball_by_products(others);
+    let column = |axis| ball_by_products(&others.clone().with(axis, 1.0)) - origin;
+    let columns = DMat3::from_cols(column(Axis::X), column(Axis::Y), column(Axis::Z));
+    let mut xyz = columns.inverse() * (target - origin);
+    for _ in 0..2 {
+        let at: Position = Axis::LINEAR.into_iter().zip(xyz.to_array()).collect();
+        xyz += columns.inverse() * (target - ball_by_products(&others.updated_by(&at)));
+    }
+    others.updated_by(&Axis::LINEAR.into_iter().zip(xyz.to_array()).collect())
+}
+
+/// Where on the segment `from`..`to` the distance from the axis (through `foot`, along the unit
+/// vector `along`) is `radius`: the smaller root of a quadratic.
+pub(super) fn closed_form(from: DVec3, to: DVec3, foot: DVec3, along: DVec3, radius: f64) -> f64 {
+    let across = |v: DVec3| v - along * along.dot(v);
+    let (p, d) = (across(from - foot), across(to - from));
+    let (a, half_b, c) = (d.dot(d), p.dot(d), p.dot(p) - radius * radius);
+    (-half_b - (half_b * half_b - a * c).sqrt()) / a
+}
+
+#[test]
+fn regress_contact_agrees_with_a_pose_by_plain_products() {
+    let mut bench = Bench::ideal();
+    bench.machine.tool_mm = TIP;
+    bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
+    bench.truth.centre_offset_mm = [1.2, -1.6];
+    bench.truth.radius_offset_mm = 0.3;
+    let Artefact::Cylinder(Cylinder { axis, .. }) = &mut bench.artefact else { panic!() };
+    *axis = [0.02, -0.01, 1.0];
+    let (along, foot) = (DVec3::from_array(*axis).normalize(), DVec3::new(1.2, -1.6, 0.0));
+    for (number, (b, c, s)) in
+        [(0.0, 0.0, 0.0), (0.0, 45.0, 45.0), (0.0, -250.0, 10.0), (30.0, 100.0, 200.0)]
+            .map(|(b, c, s): (f64, f64, f64)| (b.to_radians(), c.to_radians(), s.to_radians()))
+            .into_iter()
+            .enumerate()
+    {
+        let mut world = bench.world();
+        let others = Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s);
+        let psi = 0.3 + 1.7 * number as f64;
+        let outward = DVec3::new(psi.cos(), psi.sin(), 0.0);
+        let start = solve(outward * 70.0 + DVec3::new(0.0, 3.0, 40.0), &others);
+        let end = solve(outward * 35.0 + DVec3::Z * 55.0, &others);
+        // The way to the start leads through the part; only the touch is judged.
+        world.travel(&start, Speed::Rapid);
+        assert!(!world.tripped());
+        let probed = world.probe(&end.only(Axis::is_linear), 60.0, 1);
+        let (from, to) = (ball_by_products(&start), ball_by_products(&end));
+        let root = closed_form(from, to, foot, along, CIRCLE + 0.3);
+        let contact = probed.contact.unwrap().position;
+        for axis in Axis::LINEAR {
+            let expected = start.at(axis) + root * (end.at(axis) - start.at(axis));
+            let error = (contact.at(axis) - expected).abs();
+            assert!(error <= 1e-9, "pose {number}, {axis}: {error:e}");
+        }
+    }
+}
+
+#[test]
+fn regress_axis_position_has_the_closed_form_of_a_tilted_line() {
+    let mut bench = Bench::ideal();
+    for (key, value) in [("EX0C_um", 50.0), ("EY0C_um", -30.0), ("EA0C_urad", -110.0)] {
+        bench.truth.errors.insert(key.to_owned(), value);
+    }
+    bench.truth.errors.insert("EB0C_urad".to_owned(), 170.0);
+    bench.truth.errors.insert("EXC_sin1_um".to_owned(), 5.0);
+    let world = bench.world();
+    let (a, b) = (-110e-6_f64, 170e-6_f64);
+    for height in [0.0, 80.0] {
+        let [x, y] = world.true_axis_mm(Axis::C, height, 0.0);
+        assert!((x - (0.050 + height * b.tan() / a.cos())).abs() < 1e-9);
+        assert!((y - (-0.030 - height * a.tan())).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
+    let form = [(2, 80.0, -40.0), (3, 900.0, 0.0), (7, 30.0, 60.0), (31, 0.0, 8.0)]
+        .map(|(n, cos_um, sin_um)| FormHarmonic { n, cos_um, sin_um });
+    let radius = |psi: f64| {
+        form.iter().fold(RADIUS + 0.2, |r, h| {
+            let angle = f64::from(h.n) * psi;
+            r + 1e-3 * (h.cos_um * angle.cos() + h.sin_um * angle.sin())
+        })
+    };
+    let flank = Flank::new(DVec3::ZERO, DVec3::Z, 100.0, Profile::new(RADIUS, form));
+    for step in 0..20 {
+        let angle = 0.314 * f64::from(step);
+        let rho = [48.2, 45.9, 60.0, 44.0][step as usize % 4];
+        let point = DVec2::from_angle(angle) * rho;
+        const SAMPLES: u32 = 200_000;
+        let dense = (0..SAMPLES)
+            .map(|i| TAU * f64::from(i) / f64::from(SAMPLES))
+            .map(|psi| point.distance(DVec2::from_angle(psi) * radius(psi)))
+            .fold(f64::INFINITY, f64::min);
+        let nearest = flank.nearest(point.extend(50.0), 0.2);
+        let sign = if rho < radius(angle) { -1.0 } else { 1.0 };
+        // A sample lies within half a spacing (0.7 µm) of the foot: 1e-7 mm at a distance of 3 mm,
+        // the spacing itself where the point lies on the profile.
+        assert!(nearest.distance.abs() <= dense + 1e-9);
+        assert!((nearest.distance - sign * dense).abs() < 8e-4, "{angle}");
+        if dense > 1.0 {
+            assert!((nearest.distance - sign * dense).abs() < 2e-7, "{angle}");
+        }
+        // One step down the normal leads to the surface.
+        let foot = point.extend(50.0) - nearest.normal * nearest.distance;
+        assert!((foot.truncate().length() - radius(foot.y.atan2(foot.x))).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn regress_the_part_ends_at_its_height() {
+    let flank = Flank::new(DVec3::ZERO, DVec3::Z, 100.0, Profile::new(RADIUS, []));
+    let at = |x: f64, z: f64| flank.nearest(DVec3::new(x, 0.0, z), 0.0);
+    assert_eq!(at(0.0, 104.0).distance, 4.0);
+    assert_eq!(at(10.0, 104.0).normal, DVec3::Z);
+    assert!((at(RADIUS + 3.0, 104.0).distance - 5.0).abs() < 1e-12);
+    assert!((at(RADIUS - 2.0, 50.0).distance + 2.0).abs() < 1e-12);
+    assert!((at(RADIUS + 2.0, -0.0).normal - DVec3::X).length() < 1e-12);
+}
+
+#[test]
+fn regress_a_lobe_is_felt_where_it_stands() {
+    let mut bench = Bench::ideal();
+    bench.truth.form = vec![FormHarmonic { n: 3, cos_um: 100.0, sin_um: 0.0 }];
+    let mut world = bench.world();
+    // On a crest and in a hollow the profile is square to its radius.
+    assert!((touch(&mut world, 0.0, 0.0, 1).0 - CIRCLE - 0.1).abs() < 1e-9);
+    assert!((touch(&mut world, TAU / 6.0, 0.0, 2).0 - CIRCLE + 0.1).abs() < 1e-9);
+    // Turned by C: a positive command of the table moves the part the other way round (ISO 841).
+    world.travel(&Position::new().with(Axis::C, FRAC_PI_2), Speed::Rapid);
+    assert!((touch(&mut world, -FRAC_PI_2, 0.0, 3).0 - CIRCLE - 0.1).abs() < 1e-9);
+}

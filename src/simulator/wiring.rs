@@ -1,0 +1,159 @@
+//! How the machine is wired, which no control knows: which motor hangs at which drive, which way
+//! round, how far it goes, and how the probe is connected. The control believes its own positions;
+//! from where the machine stood at first, the world moves otherwise.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use machine::{Axis, Position};
+
+/// `[simulated.wiring]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Wiring {
+    /// Pairs of axes that move in each other's stead (1 mm for 1°).
+    pub swapped: Vec<[Axis; 2]>,
+    pub reversed: Vec<Axis>,
+    /// How far an axis goes for each mm or degree that it is told.
+    pub gain: BTreeMap<Axis, f64>,
+    pub probe: ProbeWiring,
+}
+
+/// What the probe's input shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProbeWiring {
+    #[default]
+    Right,
+    /// Closed where the probe is open, and open where it is closed.
+    Inverted,
+    /// Always open.
+    Dead,
+    /// Always closed.
+    Stuck,
+}
+
+impl Wiring {
+    pub fn is_right(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// The wiring of a machine that stood at `origin` when it was built.
+#[derive(Debug, Clone)]
+pub(super) struct Wired {
+    /// `None`: all is right.
+    wrong: Option<(Wiring, Position)>,
+}
+
+impl Wired {
+    pub fn new(wiring: &Wiring, origin: &Position) -> Self {
+        let wrong = (!wiring.is_right()).then(|| (wiring.clone(), origin.clone()));
+        Self { wrong }
+    }
+
+    /// Where the axes truly stand that the control believes to stand at `believed`.
+    pub fn truly(&self, believed: Position) -> Position {
+        let Some((wiring, origin)) = &self.wrong else { return believed };
+        let mut stands = believed.clone();
+        for (drive, position) in believed.iter() {
+            let motor = wiring.motor(drive);
+            let gone = drive.to_edge(position - origin.at(drive)) * wiring.turns(motor);
+            if believed.get(motor).is_some() {
+                stands.set(motor, origin.at(motor) + motor.from_edge(gone));
+            }
+        }
+        stands
+    }
+
+    /// A bound on how much farther anything goes than the control believes.
+    pub fn longest(&self) -> f64 {
+        let Some((wiring, _)) = &self.wrong else { return 1.0 };
+        let mixed = |pair: &[Axis; 2]| pair[0].is_linear() != pair[1].is_linear();
+        // A degree in place of a millimetre, or the other way round; otherwise what stands elsewhere
+        // may be farther from the axis that turns.
+        let elsewhere = if wiring.swapped.iter().any(mixed) { 180.0 } else { 3.0 };
+        wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * elsewhere
+    }
+
+    /// What the probe's input shows of the truth.
+    pub fn shows(&self, closed: bool) -> bool {
+        match self.probe() {
+            ProbeWiring::Right => closed,
+            ProbeWiring::Inverted => !closed,
+            ProbeWiring::Dead => false,
+            ProbeWiring::Stuck => true,
+        }
+    }
+
+    /// Whether a contact gets through to the control at all.
+    pub fn feels(&self) -> bool {
+        matches!(self.probe(), ProbeWiring::Right | ProbeWiring::Inverted)
+    }
+
+    fn probe(&self) -> ProbeWiring {
+        self.wrong.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
+    }
+}
+
+impl Wiring {
+    /// The axis that moves when `drive` is told to.
+    fn motor(&self, drive: Axis) -> Axis {
+        let other = self.swapped.iter().find_map(|[one, other]| match drive {
+            axis if axis == *one => Some(*other),
+            axis if axis == *other => Some(*one),
+            _ => None,
+        });
+        other.unwrap_or(drive)
+    }
+
+    fn turns(&self, motor: Axis) -> f64 {
+        let sense = if self.reversed.contains(&motor) { -1.0 } else { 1.0 };
+        sense * self.gain.get(&motor).copied().unwrap_or(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wired(wiring: Wiring) -> Wired {
+        Wired::new(
+            &wiring,
+            &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0),
+        )
+    }
+
+    #[test]
+    fn from_where_it_stood_the_machine_moves_otherwise_than_the_control_believes() {
+        let told = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
+        let truly = |wiring| wired(wiring).truly(told.clone());
+        assert_eq!(truly(Wiring::default()), told);
+        let swapped = Wiring { swapped: vec![[Axis::X, Axis::Y]], ..Wiring::default() };
+        assert_eq!(truly(swapped), told.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
+        let reversed = Wiring { reversed: vec![Axis::Z], ..Wiring::default() };
+        assert_eq!(truly(reversed), told.clone().with(Axis::Z, 460.0));
+        let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
+        assert_eq!(truly(gain), told.clone().with(Axis::X, 50.8));
+        // Both at once: X hangs at the drive of Y, and turns the other way.
+        let both = Wiring {
+            swapped: vec![[Axis::X, Axis::Y]],
+            reversed: vec![Axis::X],
+            ..Wiring::default()
+        };
+        assert_eq!(truly(both), told.with(Axis::X, 3.0).with(Axis::Y, 2.0));
+    }
+
+    #[test]
+    fn the_probe_shows_what_its_wires_let_through() {
+        let shown = |probe| {
+            let wired = wired(Wiring { probe, ..Wiring::default() });
+            ([wired.shows(false), wired.shows(true)], wired.feels())
+        };
+        assert_eq!(shown(ProbeWiring::Right), ([false, true], true));
+        assert_eq!(shown(ProbeWiring::Inverted), ([true, false], true));
+        assert_eq!(shown(ProbeWiring::Dead), ([false, false], false));
+        assert_eq!(shown(ProbeWiring::Stuck), ([true, true], false));
+    }
+}

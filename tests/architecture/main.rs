@@ -1,0 +1,224 @@
+//! What cargo cannot see of the architecture: the layers inside a package, what a package without IO
+//! must not touch, import circles between files, and the length of a file. Reads `src/` with syn.
+//! `cargo test --test architecture -- --nocapture` prints who imports whom inside `trued`.
+
+mod imports;
+mod resolve;
+mod source;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use imports::{Imports, Path};
+use resolve::{Resolver, Target};
+
+/// The aim is half of it.
+const MAX_FILE_LINES: usize = 400;
+
+/// Modules of the package `trued`, lowest layer first. A module imports from lower layers only.
+const LAYERS: [&[&str]; 6] = [
+    &["store", "report"],
+    &["setup", "archive"],
+    &["run"],
+    &["service", "commissioning"],
+    &["cli"],
+    &["main"],
+];
+
+/// Modules whose submodules must not import each other: each is one method, driver or trigger.
+const SIBLINGS: [(&str, &[&str]); 3] = [
+    ("methods", &["laser_r_test", "latch_delay", "samba", "self_calibration"]),
+    ("devices", &["controllers::grbl", "controllers::linuxcnc", "controllers::modbus"]),
+    ("devices", &["sensors::can", "sensors::serial", "sensors::modbus"]),
+];
+
+/// Packages that do no IO and read no clock.
+const PURE: [&str; 4] = ["estimation", "machine", "planning", "methods"];
+const IMPURE_PATHS: [&str; 9] = [
+    "std::fs",
+    "std::net",
+    "std::process",
+    "std::env",
+    "std::thread",
+    "std::io::stdin",
+    "std::time::Instant",
+    "std::time::SystemTime",
+    "jiff",
+];
+
+struct Package {
+    name: String,
+    files: Vec<Imports>,
+    resolver: Resolver,
+}
+
+fn packages() -> Vec<Package> {
+    let of =
+        |(name, folder): (String, std::path::PathBuf)| package(name, &source::of_package(&folder));
+    source::packages().into_iter().map(of).collect()
+}
+
+fn package(name: String, sources: &[source::Source]) -> Package {
+    let files: Vec<Imports> = sources.iter().map(imports::of_file).collect();
+    let resolver = Resolver::new(&files);
+    Package { name, files, resolver }
+}
+
+#[test]
+fn imports_point_to_lower_layers() {
+    let trued = packages().into_iter().find(|package| package.name == "trued").unwrap();
+    let (imports, breaches) = upward_imports(&trued);
+    for (module, imported) in imports {
+        println!("{module:<14} {}", imported.into_iter().collect::<Vec<_>>().join(" "));
+    }
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
+fn methods_and_drivers_do_not_import_each_other() {
+    let breaches: Vec<String> = packages().iter().flat_map(sibling_imports).collect();
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
+fn packages_that_compute_do_no_io() {
+    let pure = packages().into_iter().filter(|package| PURE.contains(&package.name.as_str()));
+    let breaches: Vec<String> = pure.flat_map(|package| impure_paths(&package)).collect();
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
+fn no_file_imports_itself_through_others() {
+    let circles: Vec<String> = packages().iter().flat_map(import_circles).collect();
+    assert!(circles.is_empty(), "{} circles\n{}", circles.len(), circles.join("\n"));
+}
+
+#[test]
+fn files_are_short() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let files = packages().into_iter().flat_map(|package| package.files);
+    let long: Vec<String> = files
+        .filter_map(|file| {
+            let text = std::fs::read_to_string(root.join(&file.file)).unwrap();
+            let tests = text.find("#[cfg(test)]\nmod tests {").unwrap_or(text.len());
+            let lines = text[..tests].lines().count();
+            (lines > MAX_FILE_LINES).then(|| format!("{}: {lines} lines; split it", file.file))
+        })
+        .collect();
+    assert!(long.is_empty(), "\n{}", long.join("\n"));
+}
+
+fn upward_imports(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec<String>) {
+    let (mut imports, mut breaches) = (BTreeMap::<_, BTreeSet<_>>::new(), Vec::new());
+    let layer = |module: &str| LAYERS.iter().position(|layer| layer.contains(&module));
+    for (file, line, target) in internal_references(package) {
+        let (Some(from), Some(to)) = (file.module.first(), target.first()) else { continue };
+        if from == to {
+            continue;
+        }
+        imports.entry(from.clone()).or_default().insert(to.clone());
+        if layer(from).is_none() || layer(from) <= layer(to) {
+            breaches.push(format!("{}:{line}: `{from}` imports `{to}`", file.file));
+        }
+    }
+    (imports, breaches)
+}
+
+fn sibling_imports(package: &Package) -> Vec<String> {
+    let mut breaches = Vec::new();
+    for (_, siblings) in SIBLINGS.iter().filter(|(name, _)| *name == package.name) {
+        let sibling_of = |module: &Path| {
+            let path = module.join("::");
+            siblings.iter().find(|s| path == **s || path.starts_with(&format!("{s}::")))
+        };
+        for (file, line, target) in internal_references(package) {
+            if let (Some(from), Some(to)) = (sibling_of(&file.module), sibling_of(&target))
+                && from != to
+            {
+                breaches.push(format!("{}:{line}: `{from}` imports `{to}`", file.file));
+            }
+        }
+    }
+    breaches
+}
+
+fn impure_paths(package: &Package) -> Vec<String> {
+    let mut breaches = Vec::new();
+    for (file, reference) in references(package) {
+        let target = package.resolver.target(&reference.module, &reference.segments);
+        let Some(Target::Outside(path)) = target else { continue };
+        let path = path.join("::");
+        let impure = |entry: &&&str| path == **entry || path.starts_with(&format!("{entry}::"));
+        if let Some(entry) = IMPURE_PATHS.iter().find(impure) {
+            breaches.push(format!("{}:{}: uses `{entry}`", file.file, reference.line));
+        }
+    }
+    breaches
+}
+
+/// Groups of files that import each other: strongly connected components of the files' imports.
+fn import_circles(package: &Package) -> Vec<String> {
+    let file_of: BTreeMap<&Path, &str> = package
+        .files
+        .iter()
+        .flat_map(|file| file.modules.iter().map(|module| (module, file.file.as_str())))
+        .collect();
+    let mut edges: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    for (file, line, target) in internal_references(package) {
+        if let Some(to) = file_of.get(&target).filter(|to| **to != file.file) {
+            edges.entry(&file.file).or_default().entry(to).or_insert(line);
+        }
+    }
+    let reachable = |from: &str| {
+        let (mut found, mut open) = (BTreeSet::new(), vec![from]);
+        while let Some(file) = open.pop() {
+            for to in edges.get(file).into_iter().flat_map(BTreeMap::keys) {
+                if found.insert(*to) {
+                    open.push(*to);
+                }
+            }
+        }
+        found
+    };
+    let reach: BTreeMap<&str, BTreeSet<&str>> =
+        edges.keys().map(|file| (*file, reachable(file))).collect();
+    let (mut circles, mut done) = (Vec::new(), BTreeSet::new());
+    for (file, reached) in &reach {
+        if !reached.contains(file) || !done.insert(*file) {
+            continue;
+        }
+        let members: BTreeSet<&str> = reached
+            .iter()
+            .copied()
+            .filter(|other| reach.get(other).is_some_and(|back| back.contains(file)))
+            .collect();
+        done.extend(&members);
+        let mut text = format!("circle of {} files:", members.len());
+        for from in &members {
+            for (to, line) in edges[from].iter().filter(|(to, _)| members.contains(*to)) {
+                text += &format!("\n  {from}:{line} -> {to}");
+            }
+        }
+        circles.push(text);
+    }
+    circles
+}
+
+fn references(package: &Package) -> impl Iterator<Item = (&Imports, &imports::Reference)> {
+    let of_file = |file| {
+        let file: &Imports = file;
+        file.references.iter().map(move |reference| (file, reference))
+    };
+    package.files.iter().flat_map(of_file)
+}
+
+/// File, line and defining module of everything that a file uses of its own package.
+fn internal_references(package: &Package) -> impl Iterator<Item = (&Imports, usize, Path)> {
+    references(package).filter(|(_, reference)| !reference.is_reexport).filter_map(
+        |(file, reference)| match package.resolver.target(&reference.module, &reference.segments)? {
+            Target::Module(module) => Some((file, reference.line, module)),
+            Target::Outside(_) => None,
+        },
+    )
+}

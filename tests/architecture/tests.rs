@@ -1,0 +1,72 @@
+//! Each check fails where it should, and only there.
+
+use super::{import_circles, impure_paths, package, sibling_imports, source, upward_imports};
+
+fn parsed(name: &str, files: &[(&str, &str)]) -> super::Package {
+    let files = files.iter().map(|(module, text)| {
+        let path = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
+        (format!("{module}.rs"), path, (*text).to_owned())
+    });
+    package(name.to_owned(), &source::parse(files))
+}
+
+#[test]
+fn an_import_of_a_higher_layer_is_found_in_every_spelling() {
+    let breaches = |text: &str| {
+        let files = [
+            ("", "mod setup; mod run;"),
+            ("run", "mod inner; pub use inner::Run; pub fn go() {}"),
+            ("run::inner", "pub struct Run;"),
+            ("setup", text),
+        ];
+        upward_imports(&parsed("trued", &files)).1.len()
+    };
+    for text in [
+        "use crate::run::go;",
+        "use crate::{run::{go}};",
+        "use super::run::Run;",
+        "fn f() { crate::run::go() }",
+        "fn f() { println!(\"{:?}\", crate::run::go()) }",
+        "use crate::run as other;",
+        "pub mod inner { use crate::run::*; }",
+    ] {
+        assert!(breaches(text) > 0, "{text}");
+    }
+    assert_eq!(breaches("#[cfg(test)] mod tests { use crate::run::go; }"), 0);
+    assert_eq!(breaches("fn run() {} fn f() { run() }"), 0);
+}
+
+#[test]
+fn methods_are_separate() {
+    let files = [
+        ("", "pub mod samba; pub mod latch_delay; pub fn shared() {}"),
+        ("latch_delay", "pub fn fit() {}"),
+        ("samba", "use crate::latch_delay::fit; use crate::shared;"),
+    ];
+    assert_eq!(sibling_imports(&parsed("methods", &files)).len(), 1);
+}
+
+#[test]
+fn io_is_found_behind_a_name() {
+    let found = |text: &str| impure_paths(&parsed("methods", &[("", text)])).len();
+    assert!(found("use std::fs as files; fn f() { files::read(\"x\"); }") > 0);
+    assert!(found("fn f() -> std::time::Instant { std::time::Instant::now() }") > 0);
+    assert_eq!(found("use std::time::Duration; fn f(d: Duration) {}"), 0);
+}
+
+#[test]
+fn a_circle_is_found_and_a_seam_is_none() {
+    let circles = |a: &str, b: &str| {
+        import_circles(&parsed("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]))
+    };
+    let found =
+        circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(circles("use super::b::B;", "pub struct B;"), Vec::<String>::new());
+    // A module that publishes what its children define, and defines what they implement.
+    let files = [
+        ("", "mod child; pub use child::C; pub trait T {}"),
+        ("child", "pub struct C; impl super::T for C {}"),
+    ];
+    assert_eq!(import_circles(&parsed("methods", &files)), Vec::<String>::new());
+}

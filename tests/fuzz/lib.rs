@@ -1,0 +1,228 @@
+//! Fuzzing of everything that reads what others wrote. Each module feeds its own readers; this is
+//! what they share: kept inputs, mutations of valid files, and a bound on what comes out.
+//!
+//! In a normal test run the same few hundred inputs every time. With `TRUED_FUZZ_SECONDS` set,
+//! new ones for so long. A failure is written to `tests/data/fuzz/TARGET/` and replayed from then
+//! on.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::time::{Duration, Instant, SystemTime};
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
+
+const CASES: u32 = 300;
+/// What breaks readers: numbers at and beyond the edge, other alphabets, signs that open and never
+/// close, ends of lines and files.
+const TOKENS: [&str; 46] = [
+    "NaN",
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "1e999",
+    "-1e-320",
+    "5e-324",
+    "-0",
+    "+",
+    "-",
+    ".",
+    "0x1",
+    "4294967295",
+    "4294967296",
+    "-1",
+    "18446744073709551616",
+    "1.7976931348623157e308",
+    "(",
+    ")",
+    "[",
+    "]",
+    "{",
+    "}",
+    "<",
+    ">",
+    "\"",
+    "'",
+    "\"\"\"",
+    "%",
+    "#",
+    ";",
+    ":",
+    ",",
+    "|",
+    "=",
+    "\n",
+    "\r",
+    "\r\n",
+    "\0",
+    "\u{feff}",
+    "\u{2028}",
+    "µ",
+    "é\u{301}",
+    "\u{1d7d9}",
+    "😀",
+];
+
+/// One way to spoil a file.
+#[derive(Debug, Clone)]
+enum Spoil {
+    Flip(Index, u8),
+    Insert(Index, Vec<u8>),
+    Repeat(Index, u8, u16),
+    Cut(Index),
+    DropLine(Index),
+    DoubleLine(Index),
+    SwapLines(Index, Index),
+    /// Put something else where a number stands.
+    Number(Index, Vec<u8>),
+}
+
+/// Feed `read` with all that is kept of `target`, then with spoilt `samples`, `soup` made of `words`
+/// and plain noise. It must not panic, and its answer, the size in bytes of what it made, must not
+/// exceed 64 times the input and 64 KiB.
+pub fn fuzz(target: &str, samples: &[&[u8]], words: &[&str], read: impl Fn(&[u8]) -> usize) {
+    let check = |input: &[u8]| {
+        let made = read(input);
+        let limit = 64 * input.len() + 65_536;
+        assert!(made <= limit, "{made} bytes out of {}", input.len());
+    };
+    for file in kept(target) {
+        println!("{}", file.display());
+        check(&std::fs::read(file).unwrap());
+    }
+    for sample in samples {
+        check(sample);
+    }
+    let inputs = inputs(samples, words);
+    match std::env::var("TRUED_FUZZ_SECONDS") {
+        Err(_) => round(target, 0, &inputs, check),
+        Ok(seconds) => {
+            let until = Instant::now() + Duration::from_secs(seconds.parse().unwrap());
+            let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+            let (first, mut seed) = (epoch.as_secs(), epoch.as_secs());
+            while Instant::now() < until {
+                round(target, seed, &inputs, check);
+                seed += 1;
+            }
+            println!("{target}: {} inputs, seeds from {first}", (seed - first) * u64::from(CASES));
+        }
+    }
+}
+
+fn folder(target: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../data/fuzz").join(target)
+}
+
+fn kept(target: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder(target)).into_iter().flatten();
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+fn round(target: &str, seed: u64, inputs: &BoxedStrategy<Vec<u8>>, check: impl Fn(&[u8])) {
+    let mut key = [0; 32];
+    key[..8].copy_from_slice(&seed.to_le_bytes());
+    let random = TestRng::from_seed(RngAlgorithm::ChaCha, &key);
+    let config = Config { cases: CASES, failure_persistence: None, ..Config::default() };
+    let longest = Cell::new(0);
+    let ended = TestRunner::new_with_rng(config, random).run(inputs, |input| {
+        longest.set(longest.get().max(input.len()));
+        check(&input);
+        Ok(())
+    });
+    match ended {
+        Ok(()) => assert!(longest.get() > 100, "only short inputs"),
+        Err(TestError::Fail(why, input)) => {
+            std::fs::create_dir_all(folder(target)).unwrap();
+            let file = folder(target).join(format!("found-{seed}"));
+            std::fs::write(&file, &input).unwrap();
+            let text = String::from_utf8_lossy(&input);
+            panic!("{}: {why}\n{text:?}", file.display());
+        }
+        Err(TestError::Abort(why)) => panic!("{why}"),
+    }
+}
+
+fn inputs(samples: &[&[u8]], words: &[&str]) -> BoxedStrategy<Vec<u8>> {
+    let samples: Vec<Vec<u8>> = samples.iter().map(|sample| sample.to_vec()).collect();
+    let spoilt = (select(samples), vec(spoil(), 1..12)).prop_map(|(mut text, spoils)| {
+        for spoil in spoils {
+            apply(spoil, &mut text);
+        }
+        text
+    });
+    let words: Vec<Vec<u8>> = words.iter().map(|word| word.as_bytes().to_vec()).collect();
+    let word = prop_oneof![3 => select(words), 1 => token()];
+    let soup = vec(word, 0..60).prop_map(|words| words.concat());
+    let noise = vec(any::<u8>(), 0..400);
+    prop_oneof![6 => spoilt, 3 => soup, 1 => noise].boxed()
+}
+
+fn token() -> impl Strategy<Value = Vec<u8>> {
+    let digits = (1..500_usize).prop_map(|count| vec![b'9'; count]);
+    let known = select(TOKENS.to_vec()).prop_map(|token| token.as_bytes().to_vec());
+    let number = any::<f64>().prop_map(|value| value.to_string().into_bytes());
+    prop_oneof![6 => known, 1 => digits, 2 => number]
+}
+
+fn spoil() -> impl Strategy<Value = Spoil> {
+    let at = any::<Index>;
+    prop_oneof![
+        (at(), any::<u8>()).prop_map(|(at, bits)| Spoil::Flip(at, bits)),
+        (at(), token()).prop_map(|(at, token)| Spoil::Insert(at, token)),
+        (at(), any::<u8>(), 1..3_000_u16).prop_map(|(at, b, n)| Spoil::Repeat(at, b, n)),
+        at().prop_map(Spoil::Cut),
+        at().prop_map(Spoil::DropLine),
+        at().prop_map(Spoil::DoubleLine),
+        (at(), at()).prop_map(|(a, b)| Spoil::SwapLines(a, b)),
+        (at(), token()).prop_map(|(at, token)| Spoil::Number(at, token)),
+        (at(), token()).prop_map(|(at, token)| Spoil::Number(at, token)),
+    ]
+}
+
+fn apply(spoil: Spoil, text: &mut Vec<u8>) {
+    if text.is_empty() {
+        return;
+    }
+    match spoil {
+        Spoil::Flip(at, bits) => *at.get_mut(text) ^= bits,
+        Spoil::Insert(at, token) => {
+            let at = at.index(text.len());
+            text.splice(at..at, token);
+        }
+        Spoil::Repeat(at, byte, count) => {
+            let at = at.index(text.len());
+            // Deep brackets as well as endless lines.
+            let byte = if byte % 2 == 0 { b"[({<"[usize::from(byte) / 2 % 4] } else { byte };
+            text.splice(at..at, std::iter::repeat_n(byte, usize::from(count)));
+        }
+        Spoil::Cut(at) => text.truncate(at.index(text.len())),
+        Spoil::Number(at, token) => {
+            let is_number = |byte: &u8| byte.is_ascii_digit() || b".+-".contains(byte);
+            let (at, end) = (at.index(text.len()), text.len());
+            let from = (at..end).find(|i| is_number(&text[*i])).unwrap_or(at);
+            let to = (from..end).find(|i| !is_number(&text[*i])).unwrap_or(end);
+            text.splice(from..to, token);
+        }
+        Spoil::DropLine(_) | Spoil::DoubleLine(_) | Spoil::SwapLines(..) => {
+            let mut lines: Vec<Vec<u8>> =
+                text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+            shuffle(spoil, &mut lines);
+            *text = lines.concat();
+        }
+    }
+}
+
+fn shuffle(spoil: Spoil, lines: &mut Vec<Vec<u8>>) {
+    let count = lines.len();
+    match spoil {
+        Spoil::DropLine(at) => drop(lines.remove(at.index(count))),
+        Spoil::DoubleLine(at) => lines.insert(at.index(count), lines[at.index(count)].clone()),
+        Spoil::SwapLines(a, b) => lines.swap(a.index(count), b.index(count)),
+        _ => {}
+    }
+}
