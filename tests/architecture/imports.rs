@@ -136,6 +136,9 @@ impl<'ast> Visit<'ast> for Imports {
     }
 
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if item.content.is_none() {
+            return;
+        }
         self.module.push(item.ident.to_string());
         self.modules.push(self.module.clone());
         visit::visit_item_mod(self, item);
