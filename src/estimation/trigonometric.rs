@@ -1,9 +1,9 @@
-//! Trigonometric interpolation of periodic samples at equal steps.
+//! Trigonometric interpolation of periodic samples at equal steps. A plain Fourier sum: a revolution has
+//! at most some hundred samples.
 
 use std::f64::consts::TAU;
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex64;
+use faer::c64 as Complex64;
 
 /// The trigonometric polynomial of least degree through samples at θ_i = 2πi/N, i = 0..N.
 ///
@@ -23,15 +23,16 @@ impl Trigonometric {
         if count == 0 {
             return Self { samples: 0, coefficients: Vec::new() };
         }
-        let mut spectrum: Vec<Complex64> = samples.iter().map(|v| Complex64::from(*v)).collect();
-        FftPlanner::new().plan_fft_forward(count).process(&mut spectrum);
-        spectrum.truncate(count / 2 + 1);
-        for (order, coefficient) in spectrum.iter_mut().enumerate() {
-            // ±k fold into one term, save for the mean and the Nyquist term, which have no twin.
-            let twins = if order == 0 || 2 * order == count { 1.0 } else { 2.0 };
-            *coefficient *= twins / count as f64;
-        }
-        Self { samples: count, coefficients: spectrum }
+        let phase = |steps: usize| TAU * (steps % count) as f64 / count as f64;
+        let coefficient = |order: usize| {
+            // ±k fold into one term; the mean and the Nyquist term have no counterpart.
+            let folded = if order == 0 || 2 * order == count { 1.0 } else { 2.0 };
+            let terms = samples.iter().enumerate();
+            let sum: Complex64 = terms.map(|(i, v)| Complex64::cis(-phase(order * i)) * *v).sum();
+            sum * (folded / count as f64)
+        };
+        let coefficients = (0..=count / 2).map(coefficient).collect();
+        Self { samples: count, coefficients }
     }
 
     /// Value at `angle` (rad).
