@@ -9,7 +9,7 @@ pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
 pub fn multiply(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; matrix.nrows()];
     for (j, value) in vector.iter().enumerate() {
-        for (out, m) in product.iter_mut().zip(matrix.col(j).iter()) {
+        for (out, m) in product.iter_mut().zip(matrix.col_as_slice(j)) {
             *out += m * value;
         }
     }
