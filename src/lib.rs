@@ -1,6 +1,6 @@
-//! `trued` keeps five-axis machine tools true. Start with ARCHITECTURE.md; the folders are the floors.
+//! `trued` keeps five-axis machine tools in tolerance. Start with ARCHITECTURE.md, which says what is where.
 //!
-//! Inside the crate lengths are mm, angles rad, times s. Other units stand only at the edges, and
+//! Lengths are mm, angles rad, times s. Other units stand only at the edges, and
 //! there the unit is in the name.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
