@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use estimation::circle_lanes::fit_circles;
+use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use estimation::monte_carlo::{BLOCK, LinearPropagation};
 use faer::Mat;
-use trued::estimation::circle_lanes::fit_circles;
-use trued::estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
-use trued::estimation::monte_carlo::{BLOCK, LinearPropagation};
 
 const N: usize = 8;
 const TRIALS: usize = 1_000_000;

@@ -10,14 +10,15 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use estimation::nonlinear::Minimum;
+use estimation::random;
 use glam::{DMat3, DVec3};
+use machine::kinematics::{Chain, ErrorTerm};
+use machine::record::machine::Machine;
+use machine::{Axis, Position, frame::Point};
+use methods::samba::{Bar, Measured, Model, Problem, Seen};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use trued::base::{Axis, Point, Position, random};
-use trued::estimation::nonlinear::Minimum;
-use trued::kinematics::{Chain, ErrorTerm};
-use trued::methods::samba::{Bar, Measured, Model, Problem, Seen};
-use trued::record::machine::Machine;
 
 mod peer;
 

@@ -9,10 +9,10 @@ use std::f64::consts::TAU;
 use std::process::Command;
 use std::time::Instant;
 
+use estimation::random;
+use estimation::sphere::{Sphere, fit_sphere};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
-use trued::base::random;
-use trued::estimation::sphere::{Sphere, fit_sphere};
 
 mod peer;
 

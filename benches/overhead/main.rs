@@ -14,9 +14,9 @@ use std::error::Error;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use machine::record::reading::Reading;
 use measure::{Prepared, Round, Wire, in_memory, quantile};
-use trued::methods::NAMES;
-use trued::record::reading::Reading;
+use methods::NAMES;
 use trued::setup;
 use trued::store::{Journal, NewRun};
 

@@ -5,13 +5,13 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use trued::controllers::Controller;
-use trued::controllers::grbl::Grbl;
-use trued::controllers::modbus::{Config, ModbusControl};
-use trued::gcode::Dialect;
-use trued::link::{self, Address, Capture, Link, Wiring};
-use trued::record::event::Event;
-use trued::record::reading::Reading;
+use devices::controllers::Controller;
+use devices::controllers::grbl::Grbl;
+use devices::controllers::modbus::{Config, ModbusControl};
+use link::{Address, Capture, Link, Wiring};
+use machine::record::event::Event;
+use machine::record::reading::Reading;
+use planning::gcode::Dialect;
 use trued::run::Run;
 use trued::setup::{self, Devices, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};

@@ -9,8 +9,8 @@ use serde_json::{Map, Value, json};
 use super::compare::{check_json, check_text};
 use super::machines::SELF_CALIBRATION;
 use super::normalise::{without_hashes, without_times};
-use super::served::Served;
 use super::workspace::Workspace;
+use crate::support::daemon_process::DaemonProcess;
 
 const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 /// A cycle takes a second.
@@ -30,9 +30,9 @@ fn workspace() -> Workspace {
     Workspace::with_machine(&format!("{machine}\n{SERVE}"))
 }
 
-fn serve(workspace: &Workspace) -> Served {
+fn serve(workspace: &Workspace) -> DaemonProcess {
     let machine = workspace.path("machine.toml");
-    Served::start(&mut workspace.command(&["serve", "--machine", &machine]))
+    DaemonProcess::start(&mut workspace.command(&["serve", "--machine", &machine]))
 }
 
 /// Status, content type and body.
@@ -43,10 +43,10 @@ struct Answer {
 }
 
 impl Answer {
-    fn of(daemon: &Served, path: &str, body: Option<&Value>) -> Self {
+    fn of(daemon: &DaemonProcess, path: &str, body: Option<&Value>) -> Self {
         let config = ureq::Agent::config_builder().http_status_as_error(false).max_redirects(0);
         let agent = config.max_redirects_will_error(false).build().new_agent();
-        let url = format!("http://127.0.0.1:{}{path}", daemon.page());
+        let url = format!("http://127.0.0.1:{}{path}", daemon.http_port());
         let answer = match body {
             Some(body) => agent.post(&url).send_json(body),
             None => agent.get(&url).call(),
@@ -68,7 +68,7 @@ impl Answer {
     }
 }
 
-fn json_of(daemon: &Served, path: &str) -> Value {
+fn json_of(daemon: &DaemonProcess, path: &str) -> Value {
     serde_json::from_str(&Answer::of(daemon, path, None).body).unwrap()
 }
 
@@ -131,7 +131,7 @@ pub fn http_answers() {
 }
 
 /// Until the machine waits again and the result of its run is read from the journal, which happens later.
-fn wait_for_end(daemon: &Served) {
+fn wait_for_end(daemon: &DaemonProcess) {
     let begun = Instant::now();
     loop {
         let machine = json_of(daemon, MACHINE);
@@ -160,7 +160,7 @@ fn metric_names(text: &str) -> String {
 pub fn modbus_map() {
     let workspace = workspace();
     let daemon = serve(&workspace);
-    let mut client = Client::connect(daemon.modbus());
+    let mut client = Client::connect(daemon.modbus_port());
     let waiting = client.dump();
     let confirmed = json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true});
     let started = Answer::of(&daemon, &format!("{MACHINE}/start"), Some(&confirmed));

@@ -19,9 +19,12 @@ mod normalise;
 mod plans;
 mod runs;
 mod sensors;
-#[path = "../support/served.rs"]
+#[path = "../support"]
 #[allow(dead_code, reason = "other tests send signals to the daemon")]
-mod served;
+mod support {
+    pub mod daemon_process;
+    pub mod http;
+}
 mod wires;
 mod workspace;
 

@@ -1,16 +1,16 @@
 //! Balls, planned: the paper's set of balls on a machine like the one that is built in, 109
 //! measurements in 32 indexations.
 
-use trued::base::{Axis, Position};
-use trued::gcode::{Dialect, Program};
-use trued::methods::{Next, Source};
-use trued::planning::{
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::{Plan, Stage, Step, StepKind};
+use machine::{Axis, Position};
+use methods::{Next, Source};
+use planning::gcode::{Dialect, Program};
+use planning::proof::{Request, Staged, prove};
+use planning::{
     Access, Approach, BallTask, Clearance, Start, blocks, end_of, machine_time_s, touch_block, tour,
 };
-use trued::proof::{Request, Staged, prove};
-use trued::record::artefact::{Artefact, Balls};
-use trued::record::motion::{Block, Motion};
-use trued::record::plan::{Plan, Stage, Step, StepKind};
 
 /// The built-in machine with the paper's order of axes, room for its balls and a longer stylus.
 fn rumba() -> Plan {
@@ -318,7 +318,7 @@ fn proven(
     let text = dialect.program(&Program { title: "t", axes: &axes, log: None }, blocks).unwrap();
     let (first, dialect) = (stands.is_none(), &dialect);
     let proof = prove(&Request { plan, stages, stands, first, dialect, text: &text });
-    let refused = |refusal: trued::proof::Refusal| {
+    let refused = |refusal: planning::proof::Refusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))
     };

@@ -2,12 +2,12 @@
 //! what the same moves do to the world itself.
 
 use glam::DVec3;
-use trued::base::{Axis, Point, Position};
-use trued::kinematics::Chain;
-use trued::record::artefact::Artefact;
-use trued::record::motion::{Block, Motion};
+use machine::kinematics::Chain;
+use machine::record::artefact::Artefact;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position, frame::Point};
+use simulator::{Speed, World};
 use trued::setup::{self, MachineFile, Pace, Past};
-use trued::world::{Speed, World};
 
 /// B, C, S in degrees, and the ball (counted from 0) that is touched on top.
 const TOUCHES: [([f64; 3], usize); 5] = [

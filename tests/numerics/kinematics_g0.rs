@@ -3,11 +3,12 @@
 
 use std::f64::consts::PI;
 
+use estimation::random;
 use glam::{DMat4, DVec3, DVec4};
+use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, Topology};
+use machine::record::machine::{AxisSpec, Machine, Sense};
+use machine::{Axis, Position, frame::Point, frame::Spindle};
 use rand::{Rng, RngExt};
-use trued::base::{Axis, Point, Position, Spindle, random};
-use trued::kinematics::{Chain, ErrorParameter, ErrorTerm, Topology};
-use trued::record::machine::{AxisSpec, Machine, Sense};
 
 const LOCATIONS_AND_GAINS_13: [&str; 13] = [
     "EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1",

@@ -1,7 +1,7 @@
 //! The laser R-test on the built-in machine of paper 2: is what it says true, and as sure as it says?
 
-use trued::estimation::coverage::chi_square_bounds;
-use trued::record::estimate::Estimate;
+use estimation::coverage::chi_square_bounds;
+use machine::record::estimate::Estimate;
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;

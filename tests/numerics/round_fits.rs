@@ -3,9 +3,9 @@
 //! touches on a ball. What is left must be rounding: of the centre itself, and of the distances as the
 //! geometry amplifies it.
 
+use estimation::circle::fit_circle;
+use estimation::sphere::fit_sphere;
 use serde::Deserialize;
-use trued::estimation::circle::fit_circle;
-use trued::estimation::sphere::fit_sphere;
 
 #[derive(Deserialize)]
 struct Case {

@@ -1,9 +1,9 @@
 //! Whether the stated uncertainty is true: worlds whose sources are declared by magnitude only.
 
-use trued::base::Axis;
-use trued::methods::{Next, Source};
-use trued::record::estimate::Estimate;
-use trued::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
+use machine::Axis;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
+use methods::{Next, Source};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
@@ -70,7 +70,7 @@ fn assert_chi2(changes: &[(&str, &str)]) {
 
 fn assert_mean(mean: f64, worlds: u64) {
     let dof = 4.0 * worlds as f64;
-    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
+    let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).expect("bounds");
     let (low, high) = (low / dof, high / dof);
     println!("mean normalised χ² {mean:.3}, within [{low:.3}, {high:.3}]");
     assert!((low..high).contains(&mean), "mean normalised χ² {mean} outside [{low}, {high}]");

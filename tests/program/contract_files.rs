@@ -4,13 +4,13 @@
 use crate::support::harness::{Pool, Trials, trials};
 use std::f64::consts::PI;
 
+use machine::Axis;
+use machine::record::artefact::{Artefact, Cylinder};
+use machine::record::estimate::{Estimate, FigureKind, Unit, Verdict};
+use machine::record::machine::Sense;
+use machine::record::plan::{Plan, StepKind};
+use machine::record::reading::Flag;
 use serde_json::{Value, json};
-use trued::base::Axis;
-use trued::record::artefact::{Artefact, Cylinder};
-use trued::record::estimate::{Estimate, FigureKind, Unit, Verdict};
-use trued::record::machine::Sense;
-use trued::record::plan::{Plan, StepKind};
-use trued::record::reading::Flag;
 use trued::report::readings_csv;
 
 /// A plan as somebody may write it by hand: nothing but the keys of the contract.
@@ -176,7 +176,7 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
 
 /// A file read from JSON and written again says the same to the last bit.
 fn numbers_survive_the_files() {
-    let mut random = trued::base::random::stream(3, &[]);
+    let mut random = estimation::random::stream(3, &[]);
     for _ in 0..1000 {
         let value: f64 = rand::RngExt::random_range(&mut random, -1e3..1e3);
         let mut given = estimate();

@@ -8,13 +8,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
+use devices::controllers::grbl::{Grbl, Patience};
+use devices::controllers::{Controller, ControllerError, Halt};
+use link::Address;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
+use planning::gcode::{Dialect, Program};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use trued::base::{Axis, Position};
-use trued::controllers::grbl::{Grbl, Patience};
-use trued::controllers::{Controller, ControllerError, Halt};
-use trued::gcode::{Dialect, Program};
-use trued::link::{self, Address};
-use trued::record::motion::{Block, Motion};
 use trued::setup;
 
 const HALTS: usize = 50;

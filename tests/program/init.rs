@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
-use trued::base::Axis;
+use machine::Axis;
 use trued::setup::MachineFile;
 
 const TRUED: &str = env!("CARGO_BIN_EXE_trued");

@@ -7,9 +7,9 @@ use std::io::{BufRead, BufReader, Lines};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use trued::base::{Axis, Position};
-use trued::record::plan::Plan;
-use trued::record::reading::{Flag, Reading};
+use machine::record::plan::Plan;
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
 use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
 
 const STATE: &str = "TRUED_TEST_STATE";

@@ -6,13 +6,13 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use simulator::World;
+use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use trued::controllers::grbl::firmware::{Firmware, Options};
 use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
-use trued::world::World;
 
 pub struct GrblControl {
     pub address: SocketAddr,

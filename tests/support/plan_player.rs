@@ -1,10 +1,10 @@
 //! Somebody else's program: plays a plan on a simulated machine, knowing only the plan.
 
-use trued::base::{Axis, Position};
-use trued::methods::{Method, Next, Source};
-use trued::record::plan::{Plan, Sampling, Scan, Stage, Step};
-use trued::record::reading::{Flag, Reading};
-use trued::world::{Sensed, Speed, World};
+use machine::record::plan::{Plan, Sampling, Scan, Stage, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
+use methods::{Method, Next, Source};
+use simulator::{Sensed, Speed, World};
 
 /// Play one step: over the part, down, touch, back, up.
 pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {

@@ -6,9 +6,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use trued::controllers::grbl::firmware::{Firmware, Options};
 use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 

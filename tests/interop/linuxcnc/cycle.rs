@@ -6,7 +6,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
-use trued::record::estimate::Estimate;
+use machine::record::estimate::Estimate;
 
 use super::desk::{Desk, complaint, result};
 use super::rig::{Rig, rig};

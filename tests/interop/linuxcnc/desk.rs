@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 
 use libtest_mimic::Failed;
+use machine::record::estimate::Estimate;
 use tempfile::TempDir;
-use trued::record::estimate::Estimate;
 
 use super::rig::Rig;
 use super::streams::Streams;

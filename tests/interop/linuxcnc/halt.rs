@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
+use devices::controllers::linuxcnc::LinuxCnc;
+use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
-use trued::controllers::linuxcnc::LinuxCnc;
-use trued::controllers::{ControllerError, Driver as _, Halt};
-use trued::record::motion::{Block, Motion};
+use machine::record::motion::{Block, Motion};
 
 use super::machine::{expect, open, open_through, run, xy, z};
 use super::rig::rig;

@@ -8,15 +8,15 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::{Mutex, PoisonError};
 
+use estimation::random::stream;
 use libtest_mimic::Failed;
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+use planning::Clearance;
+use planning::gcode::rs274::{Kind, ReadMotion, read};
+use planning::gcode::{Dialect, Program};
 use rand::RngExt;
-use trued::base::random::stream;
-use trued::base::{Axis, Position};
-use trued::gcode::rs274::{Kind, ReadMotion, read};
-use trued::gcode::{Dialect, Program};
-use trued::planning::{self, Clearance};
-use trued::record::motion::{Block, Motion};
-use trued::record::plan::Plan;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Half a unit of the last decimal that it prints.

@@ -4,13 +4,13 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use devices::controllers::linuxcnc::{LinuxCnc, Settings};
+use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
-use trued::base::{Axis, Position};
-use trued::controllers::linuxcnc::{LinuxCnc, Settings};
-use trued::controllers::{ControllerError, Driver as _, Halt};
-use trued::gcode::Dialect;
-use trued::link::Address;
-use trued::record::motion::{Block, Motion, Outcome};
+use link::Address;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
 
 use super::rig::{Rig, rig};
 

@@ -1,7 +1,7 @@
 //! `trued resume` against a running LinuxCNC.
 
 use libtest_mimic::Failed;
-use trued::record::estimate::Estimate;
+use machine::record::estimate::Estimate;
 
 use super::cycle::TRUTH_UM;
 use super::desk::{Desk, complaint, result};

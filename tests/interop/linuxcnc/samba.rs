@@ -4,14 +4,14 @@
 use std::f64::consts::FRAC_PI_2;
 use std::time::Instant;
 
+use devices::controllers::Driver as _;
+use devices::controllers::linuxcnc::LinuxCnc;
+use estimation::sphere::fit_sphere;
 use glam::{DMat3, DVec3};
 use libtest_mimic::Failed;
-use trued::base::{Axis, Position};
-use trued::controllers::Driver as _;
-use trued::controllers::linuxcnc::LinuxCnc;
-use trued::estimation::sphere::fit_sphere;
-use trued::record::estimate::Estimate;
-use trued::record::motion::{Block, Motion};
+use machine::record::estimate::Estimate;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
 
 use super::desk::{Desk, complaint, result};
 use super::machine::{open, run, z};

@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
+use devices::controllers::{ControllerError, Driver as _, Prepared};
 use libtest_mimic::Failed;
+use machine::record::motion::{Block, Motion};
+use machine::{Axis, Position};
 use tokio::time::sleep;
-use trued::base::{Axis, Position};
-use trued::controllers::{ControllerError, Driver as _, Prepared};
-use trued::record::motion::{Block, Motion};
 
 use super::machine::{expect, open, run, touch, xy, z};
 use super::rig::{Rig, rig};

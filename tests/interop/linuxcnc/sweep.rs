@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use glam::{DMat4, DVec3, DVec4};
 use libtest_mimic::Failed;
-use trued::base::{Axis, Position};
-use trued::methods::{IdentifyError, Method, Next, Refused, Source};
-use trued::record::estimate::Estimate;
-use trued::record::event::Event;
-use trued::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
-use trued::record::reading::Reading;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
+use machine::record::reading::Reading;
+use machine::{Axis, Position};
+use methods::{IdentifyError, Method, Next, Refused, Source};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};

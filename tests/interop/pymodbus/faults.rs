@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use libtest_mimic::Failed;
+use link::modbus::{Framing, ModbusError, Space};
 use tokio::time::{Instant, sleep};
-use trued::link::modbus::{Framing, ModbusError, Space};
 
 use super::server::{Server, on_a_runtime};
 

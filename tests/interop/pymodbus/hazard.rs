@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use libtest_mimic::Failed;
+use link::Named;
+use link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
 use tokio::time::{sleep, timeout};
 use tokio_modbus::Slave;
 use tokio_modbus::client::{Reader, rtu};
 use tokio_serial::SerialPortBuilderExt;
-use trued::link::Named;
-use trued::link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
 
 use super::server::{Server, on_a_runtime};
 

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use estimation::random::stream;
 use libtest_mimic::Failed;
+use link::modbus::{Framing, Modbus, ModbusError, Space};
 use rand::{Rng, RngExt};
-use trued::base::random::stream;
-use trued::link::modbus::{Framing, Modbus, ModbusError, Space};
 
 use crate::support::population::population;
 

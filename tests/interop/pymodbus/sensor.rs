@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
+use devices::sensors::modbus::{Config, Registers};
+use devices::sensors::{Driver, Sample, SensorError};
 use libtest_mimic::Failed;
-use trued::base::clock::HostClock;
-use trued::link::Named;
-use trued::link::modbus::Framing;
-use trued::record::reading::Flag;
-use trued::sensors::modbus::{Config, Registers};
-use trued::sensors::{Driver, Sample, SensorError};
+use link::Named;
+use link::clock::HostClock;
+use link::modbus::Framing;
+use machine::record::reading::Flag;
 
 use super::server::{Server, on_a_runtime};
 

@@ -6,8 +6,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use super::pymodbus::python;
-use trued::link::modbus::{Allowed, Framing, Line, Modbus, Range, Settings, Space};
-use trued::link::{HostPort, Named, Pty, pty};
+use link::modbus::{Allowed, Framing, Line, Modbus, Range, Settings, Space};
+use link::{HostPort, Named, Pty, pty};
 
 pub fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
-use trued::base::Position;
-use trued::link::modbus::Framing;
-use trued::record::event::Event;
-use trued::record::reading::Reading;
+use link::modbus::Framing;
+use machine::Position;
+use machine::record::event::Event;
+use machine::record::reading::Reading;
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun, RunState};
 

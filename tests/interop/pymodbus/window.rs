@@ -5,10 +5,10 @@ use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 
 use libtest_mimic::Failed;
+use machine::{Axis, Position};
 use serde_json::Value;
-use trued::base::{Axis, Position};
+use simulator::Speed;
 use trued::setup::{self, MachineFile};
-use trued::world::Speed;
 
 use super::pymodbus::python;
 use super::server::script;

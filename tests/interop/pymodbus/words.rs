@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::process::Command;
 
 use libtest_mimic::Failed;
-use trued::link::modbus::value::Number;
+use link::modbus::value::Number;
 
 use super::pymodbus::python;
 use super::server::script;

@@ -1,9 +1,9 @@
 //! Samples that are skipped, cut short, spoilt, late, in bursts: what the driver counts is what the script
 //! says.
 
+use devices::sensors::{Driver, Sample};
 use libtest_mimic::Failed;
-use trued::record::reading::Flag;
-use trued::sensors::{Driver, Sample};
+use machine::record::reading::Flag;
 
 use super::on_a_runtime;
 use super::peer::{FRAMES, Peer, TEXT};

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use devices::sensors::{Driver, SensorError};
 use libtest_mimic::Failed;
-use trued::record::reading::Flag;
-use trued::sensors::{Driver, SensorError};
+use machine::record::reading::Flag;
 
 use super::on_a_runtime;
 use super::peer::{Peer, TEXT};

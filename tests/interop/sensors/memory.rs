@@ -3,11 +3,12 @@
 
 use std::sync::Arc;
 
+use devices::sensors::Sensor;
+use devices::sensors::serial::{Config, Serial};
 use libtest_mimic::Failed;
-use trued::base::clock::HostClock;
-use trued::sensors::Sensor;
-use trued::sensors::wires::{self, Tongue, Wire};
-use trued::world::Sensed;
+use link::clock::HostClock;
+use simulator::Sensed;
+use simulator::sensors::serial::{Format, REQUEST, data_sheet, on_demand};
 
 use super::peer::sensor;
 
@@ -31,8 +32,10 @@ pub fn is_flat() -> Result<(), Failed> {
             place += 1;
             Sensed::Distance(f64::from(place % 1000) * 0.001)
         };
-        let (at, clock) = ((Tongue::Text, Wire::Memory), Arc::new(HostClock::start()));
-        let driver = wires::serial(at, Box::new(sense), 1000.0, &sensor(), clock).await?;
+        let keys = format!("serial = \"memory\"\n{REQUEST}{}", data_sheet(Format::Text));
+        let config: Config = toml::from_str(&keys)?;
+        let flow = on_demand(Format::Text, Box::new(sense));
+        let driver = Serial::over(flow, config, &sensor(), Arc::new(HostClock::start()), 1000.0);
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);

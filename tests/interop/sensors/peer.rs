@@ -5,10 +5,10 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 
+use devices::sensors::serial::{Config, Serial};
+use link::clock::HostClock;
+use machine::record::sensor::Sensor;
 use serde::de::DeserializeOwned;
-use trued::base::clock::HostClock;
-use trued::record::sensor::Sensor;
-use trued::sensors::serial::{Config, Serial};
 
 pub const TEXT: &str = r##"
 [line]

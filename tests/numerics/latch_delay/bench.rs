@@ -1,10 +1,10 @@
 //! The built-in machine, changed, and what is measured on it.
 
+use machine::record::estimate::{Estimate, Parameter};
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use methods::{IdentifyError, Method};
 use toml::{Table, Value};
-use trued::methods::{IdentifyError, Method};
-use trued::record::estimate::{Estimate, Parameter};
-use trued::record::plan::Plan;
-use trued::record::reading::Reading;
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
@@ -61,7 +61,7 @@ impl World {
 }
 
 pub fn identified(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-    let method = trued::methods::configure("latch-delay", plan.settings.clone()).unwrap();
+    let method = methods::configure("latch-delay", plan.settings.clone()).unwrap();
     method.identify(plan, readings, &[])
 }
 

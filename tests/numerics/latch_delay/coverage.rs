@@ -1,9 +1,9 @@
 //! Whether what is stated is true, as often as stated.
 
+use estimation::coverage::COVERAGE_PROBABILITY;
+use machine::record::estimate::Estimate;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
-use trued::estimation::coverage::COVERAGE_PROBABILITY;
-use trued::record::estimate::Estimate;
 
 use crate::support::population::population;
 

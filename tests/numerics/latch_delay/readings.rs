@@ -1,8 +1,8 @@
 //! Readings that a run does not write, or not often.
 
-use trued::methods::IdentifyError;
-use trued::record::plan::{Plan, StepKind};
-use trued::record::reading::{Flag, Reading};
+use machine::record::plan::{Plan, StepKind};
+use machine::record::reading::{Flag, Reading};
+use methods::IdentifyError;
 
 use super::bench::{World, covers, identified, parameter, says};
 
@@ -22,8 +22,8 @@ fn refused(plan: &Plan, readings: &[Reading]) -> String {
 
 /// The touches go along −X: farther is less.
 fn shift(reading: &mut Reading, further_um: f64) {
-    let x = reading.position.at(trued::base::Axis::X) - further_um * 1e-3;
-    reading.position.set(trued::base::Axis::X, x);
+    let x = reading.position.at(machine::Axis::X) - further_um * 1e-3;
+    reading.position.set(machine::Axis::X, x);
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn numbers_that_are_none_are_refused() {
     let (plan, readings) = world().played(1);
     for value in [f64::NAN, f64::INFINITY] {
         let mut spoilt = readings.clone();
-        spoilt[5].position.set(trued::base::Axis::X, value);
+        spoilt[5].position.set(machine::Axis::X, value);
         assert!(refused(&plan, &spoilt).contains("as numbers"));
         let mut spoilt = readings.clone();
         spoilt[5].t_s = value;

@@ -1,7 +1,7 @@
 //! What is refused before anything moves, and when the part is found.
 
-use trued::methods::{self, Next, Refused, Source};
-use trued::record::plan::{Plan, Stage};
+use machine::record::plan::{Plan, Stage};
+use methods::{Next, Refused, Source};
 
 use super::bench::World;
 
@@ -45,7 +45,7 @@ fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
     // With 20 mm/s² and the part 2 mm nearer than stated, the feed is reached before contact.
     let run_up = (fast / 60.0_f64).powi(2) / 40.0;
     let step = &plan.steps[2];
-    let out = step.from.at(trued::base::Axis::X) - (45.0 + 3.0) - 2.0;
+    let out = step.from.at(machine::Axis::X) - (45.0 + 3.0) - 2.0;
     assert!(out > run_up, "{out} {run_up}");
 }
 
@@ -72,10 +72,10 @@ fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
     plan.steps.extend(new_steps);
     let reading = |x_mm: f64| {
         let from = &plan.steps[0].from;
-        trued::record::reading::Reading {
+        machine::record::reading::Reading {
             step: 0,
             repeat: 0,
-            position: from.clone().with(trued::base::Axis::X, from.at(trued::base::Axis::X) - x_mm),
+            position: from.clone().with(machine::Axis::X, from.at(machine::Axis::X) - x_mm),
             value_mm: None,
             sensor: "probe".to_owned(),
             t_s: 1.0,

@@ -13,10 +13,10 @@
 mod file;
 mod models;
 
+use estimation::nonlinear::minimise;
+use estimation::schur::{Rows, factor};
 use file::{Dataset, read};
 use models::{MODELS, Model};
-use trued::estimation::nonlinear::minimise;
-use trued::estimation::schur::{Rows, factor};
 
 /// The readings are given to so many digits that the residuals (1e-13 of values near 1) are mostly
 /// rounding of double precision: their sum, and with it the standard deviations, has three digits.

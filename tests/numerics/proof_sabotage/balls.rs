@@ -1,9 +1,9 @@
 //! A program that measures balls on stems, and ways to spoil it that a round part does not know.
 
-use trued::base::{Axis, Position};
-use trued::planning::{Access, Approach, BallTask};
-use trued::record::artefact::{Artefact, Balls};
-use trued::record::plan::{Plan, Stage, Step, StepKind};
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::plan::{Plan, Stage, Step, StepKind};
+use machine::{Axis, Position};
+use planning::{Access, Approach, BallTask};
 use trued::setup::{MachineFile, header};
 
 use super::program::{Place, Rendered};

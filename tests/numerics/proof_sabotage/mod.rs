@@ -5,10 +5,10 @@ mod balls;
 mod program;
 mod sabotage;
 
+use machine::record::artefact::Artefact;
+use machine::{Axis, Position};
+use planning::proof::Refusal;
 use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
-use trued::base::{Axis, Position};
-use trued::proof::Refusal;
-use trued::record::artefact::Artefact;
 
 /// Steps are drawn by this.
 const SEED: u64 = 20_250_314;

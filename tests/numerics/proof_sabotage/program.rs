@@ -1,12 +1,11 @@
 //! Whole programs of real plans, and where in them a step does what.
 
-use trued::base::{Axis, Position};
-use trued::gcode::{Dialect, Program};
-use trued::methods;
-use trued::planning::{self, Clearance};
-use trued::proof::{Refusal, Request, Staged, prove};
-use trued::record::plan::{Plan, Stage};
-use trued::record::proof::Proof;
+use machine::record::plan::{Plan, Stage};
+use machine::record::proof::Proof;
+use machine::{Axis, Position};
+use planning::Clearance;
+use planning::gcode::{Dialect, Program};
+use planning::proof::{Refusal, Request, Staged, prove};
 use trued::setup::{MachineFile, header};
 
 pub const SIMULATED: &str = include_str!("../../../config/simulated.toml");

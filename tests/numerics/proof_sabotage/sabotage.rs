@@ -1,7 +1,7 @@
 //! Ways to spoil a program. Each changes a copy of the lines at a step and says between which lines
 //! (indices into the spoiled lines, both included) the damage must be named.
 
-use trued::record::artefact::Artefact;
+use machine::record::artefact::Artefact;
 
 use super::program::{Place, Rendered};
 

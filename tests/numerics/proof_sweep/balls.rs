@@ -1,8 +1,8 @@
 //! The same for balls on stems, each somewhere within its uncertainty: single moves, and touches.
 
+use planning::gcode::Dialect;
+use planning::proof::{MARGIN_MM, Reason};
 use rayon::prelude::*;
-use trued::gcode::Dialect;
-use trued::proof::{MARGIN_MM, Reason};
 
 use crate::support::population::population;
 

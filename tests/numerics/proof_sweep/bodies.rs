@@ -2,8 +2,8 @@
 
 use std::cell::OnceCell;
 
+use machine::record::plan::Plan;
 use serde_json::json;
-use trued::record::plan::Plan;
 
 use super::{Axes, Dice, Kind, Matrix, Point, Solid, between, length, mapped, minus, unmapped};
 

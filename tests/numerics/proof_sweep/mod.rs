@@ -6,12 +6,12 @@
 mod balls;
 mod bodies;
 
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+use planning::gcode::Dialect;
+use planning::proof::{MARGIN_MM, Reason, Request, Staged, prove};
 use rayon::prelude::*;
 use serde_json::json;
-use trued::base::{Axis, Position};
-use trued::gcode::Dialect;
-use trued::proof::{MARGIN_MM, Reason, Request, Staged, prove};
-use trued::record::plan::Plan;
 
 use crate::support::population::population;
 

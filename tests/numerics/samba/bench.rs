@@ -2,14 +2,14 @@
 
 use std::collections::BTreeSet;
 
+use machine::record::artefact::Artefact;
+use machine::record::estimate::{Estimate, Parameter};
+use machine::record::event::Event;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::{Flag, Reading};
+use methods::{IdentifyError, Method, Next, Refused, Source};
+use planning::{Clearance, Start, end_of, touch_block};
 use toml::{Table, Value};
-use trued::methods::{IdentifyError, Method, Next, Refused, Source};
-use trued::planning::{Clearance, Start, end_of, touch_block};
-use trued::record::artefact::Artefact;
-use trued::record::estimate::{Estimate, Parameter};
-use trued::record::event::Event;
-use trued::record::plan::{Plan, Stage};
-use trued::record::reading::{Flag, Reading};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};

@@ -38,7 +38,7 @@ fn covers(name: &str, world: World) {
     let worlds = Played::of(world).measure(0..seeds);
     let dof = (16 * seeds) as f64;
     let mean = worlds.iter().map(chi2).sum::<f64>() / dof;
-    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
+    let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
     let (low, high) = (low / dof, high / dof);
     let told = |what: &str| {
         let says = |m: &&Measured| m.estimate.warnings.iter().any(|line| line.contains(what));

@@ -97,7 +97,7 @@ fn u_is_true_in_worlds_inside_the_model() {
     let seeds = population(200);
     let mean = mean_chi2(0..seeds, &small(World::inside_the_model()));
     let dof = 13.0 * seeds as f64;
-    let (low, high) = trued::estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
+    let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
     println!("mean of χ²/13: {mean:.3}, within [{:.3}, {:.3}]", low / dof, high / dof);
     assert!((low / dof..high / dof).contains(&mean), "{mean}");
 }

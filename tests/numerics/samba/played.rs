@@ -1,13 +1,13 @@
 //! The printed plan, played on the world itself by somebody who knows nothing but the plan: without the
 //! wire and without searching, so that many seeds take little time.
 
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
+use methods::Method;
 use rayon::prelude::*;
-use trued::base::{Axis, Position};
-use trued::methods::{self, Method};
-use trued::record::plan::{Plan, Step};
-use trued::record::reading::{Flag, Reading};
+use simulator::{Speed, World};
 use trued::setup::{self, MachineFile};
-use trued::world::{Speed, World};
 
 use super::bench::{self, Measured};
 

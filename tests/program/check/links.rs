@@ -1,9 +1,8 @@
 //! Planted mistakes between the machine and the program: ports, speeds, kinds, registers, and settings of
 //! the control.
 
+use machine::record::question::{Answer, Question};
 use trued::commissioning::{Answering, Person, Summary};
-use trued::link;
-use trued::record::question::{Answer, Question};
 use trued::setup::{MachineFile, Pace, Site};
 
 use super::bench::{against, machine, runtime, through, with_control};

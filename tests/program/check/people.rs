@@ -1,10 +1,10 @@
 //! Whom a check asks, and what happens without them.
 
-use trued::base::Axis;
+use machine::Axis;
+use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
+use simulator::Bystander;
 use trued::commissioning::{Answering, Nobody, Part, Person, Summary, Verdict};
-use trued::record::question::{Answer, Jog, Question, Seen, Stylus};
 use trued::setup::{MachineFile, Site};
-use trued::world::Bystander;
 
 use super::bench::{failures, machine, runtime, through};
 

@@ -2,8 +2,8 @@
 
 use std::io;
 
+use link::can::{CanError, Frame, Heard, Id};
 use trued::commissioning::Summary;
-use trued::link::can::{CanError, Frame, Heard, Id};
 
 use super::bench::runtime;
 use super::mistakes::Mistake;

@@ -4,17 +4,17 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use devices::sensors::{Named, Opening, can};
+use link::Clock;
+use link::can::{Can, CanError, Frame, Heard, Id};
+use machine::record::sensor;
+use simulator::Sensed;
+use simulator::sensors::modbus::{Measures, serve_on_tcp};
 use tokio::io::AsyncWriteExt as _;
 use tokio::sync::mpsc;
-use trued::base::Clock;
 use trued::commissioning::{Nobody, Summary};
-use trued::link;
-use trued::link::can::{Can, CanError, Frame, Heard, Id};
-use trued::record::sensor;
-use trued::sensors::modbus::simulated::{Measures, serve_on_tcp};
-use trued::sensors::{Named, Opening, Reached, can};
+use trued::setup::machine_file::Reached;
 use trued::setup::{MachineFile, Site};
-use trued::world::Sensed;
 
 use super::bench::{machine, runtime, through};
 

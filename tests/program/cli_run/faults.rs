@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-use trued::link::faults::{BadWire, Direction, Harm};
+use simulator::faulty_wire::{BadWire, Direction, Harm};
 
 use super::{MachineShop, machine, stderr, with_control};
 

@@ -6,12 +6,12 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
+use simulator::World;
+use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
-use trued::controllers::grbl::firmware::{Firmware, Options};
 use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
-use trued::world::World;
 
 pub struct Control {
     pub address: SocketAddr,

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStderr, Command, Stdio};
 
-use trued::gcode::Dialect;
+use planning::gcode::Dialect;
 use trued::setup::MachineFile;
 use trued::setup::Pace;
 

@@ -76,6 +76,6 @@ pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
     let stored = journal.load(trued::store::RunId(1)).unwrap();
     let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
-    use trued::record::estimate::Verdict;
+    use machine::record::estimate::Verdict;
     assert_eq!(verdicts, [Verdict::None, Verdict::None, Verdict::Fail]);
 }

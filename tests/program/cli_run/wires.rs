@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-use trued::link::{self, Address};
+use link::Address;
 
 use super::{MachineShop, changed, estimate, machine, stderr, with_control};
 

@@ -4,11 +4,11 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use estimation::random;
+use machine::record::reading::Reading;
 use rand::RngExt;
 use rusqlite::Connection;
 use serde_json::json;
-use trued::base::random;
-use trued::record::reading::Reading;
 use trued::store::{Journal, RunId, RunState};
 
 use super::event_listener::{Heard, Listener};

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use estimation::random;
 use rand::RngExt;
-use trued::base::random;
 
 use super::{Bench, assert_kept, assert_whole};
 use crate::support::recording_control::RecordingControl;

@@ -6,7 +6,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use trued::record::reading::Reading;
+use machine::record::reading::Reading;
 use trued::report::readings_csv;
 
 mod faults;

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
+use estimation::random;
+use machine::record::reading::Reading;
 use rand::RngExt;
-use trued::base::random;
-use trued::record::reading::Reading;
 use trued::store::{Journal, RunState};
 
 use super::image::{Disk, Event, events};

@@ -3,15 +3,15 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use devices::controllers::Controller;
+use devices::controllers::grbl::{Grbl, Patience};
+use estimation::random::stream;
+use link::Link;
+use machine::record::event::Event;
+use planning::gcode::Dialect;
 use rand::RngExt;
-use trued::base::random::stream;
-use trued::controllers::Controller;
-use trued::controllers::grbl::firmware::{Fault, FaultKind, Firmware, Options};
-use trued::controllers::grbl::{Grbl, Patience};
-use trued::gcode::Dialect;
-use trued::link::Link;
-use trued::link::faults::{BadWire, Planned};
-use trued::record::event::Event;
+use simulator::controls::grbl::{Fault, FaultKind, Firmware, Options};
+use simulator::faulty_wire::{BadWire, Planned};
 use trued::run::{Run, RunError};
 use trued::setup::Pace;
 use trued::setup::{self, Devices, MachineFile};
@@ -59,7 +59,7 @@ pub struct Ended {
     pub result: Result<(), RunError>,
     pub moved: bool,
     /// Steps of the whole plan as far as it was written.
-    pub readings: Vec<trued::record::reading::Reading>,
+    pub readings: Vec<machine::record::reading::Reading>,
     pub stored: StoredRun,
     /// Between the driver and the bad wire, and between the wire and the control.
     pub near: Vec<Entry>,

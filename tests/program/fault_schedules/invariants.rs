@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
-use trued::base::Axis;
-use trued::controllers::ControllerError;
-use trued::record::event::Event;
-use trued::record::reading::Reading;
+use devices::controllers::ControllerError;
+use machine::Axis;
+use machine::record::event::Event;
+use machine::record::reading::Reading;
 use trued::run::RunError;
 use trued::store::RunState;
 

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bench::{Bench, Ended, Schedule};
-use trued::controllers::grbl::firmware::FaultKind;
+use simulator::controls::grbl::FaultKind;
 
 const FULL_SCHEDULES: u64 = 500;
 

@@ -5,7 +5,7 @@ use std::fs::OpenOptions;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Command, Stdio};
 
-use trued::record::estimate::Estimate;
+use machine::record::estimate::Estimate;
 
 use super::laser_shop::{TRUTH, assert_near_truth, parameter};
 

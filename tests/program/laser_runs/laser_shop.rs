@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
-use trued::base::Axis;
-use trued::record::estimate::{Estimate, Parameter};
-use trued::record::reading::Reading;
+use machine::Axis;
+use machine::record::estimate::{Estimate, Parameter};
+use machine::record::reading::Reading;
 
 use super::sender::{self, Sender};
 use crate::support::grbl_control::GrblControl;

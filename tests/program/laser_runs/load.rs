@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use trued::record::reading::Flag;
+use machine::record::reading::Flag;
+use simulator::{Sensed, World};
 use trued::setup::Pace;
 use trued::store::{Journal, RunId};
-use trued::world::{Sensed, World};
 
 use super::laser_shop::file;
 use crate::support::grbl_control::GrblControl;

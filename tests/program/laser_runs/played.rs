@@ -4,14 +4,15 @@
 
 use std::sync::{Arc, Mutex};
 
-use trued::base::{Axis, Clock, Position};
-use trued::controllers::{self, Controller, ControllerError, Halt, Introduction, Look};
-use trued::link::LinkError;
-use trued::record::motion::{Block, Motion, Outcome};
-use trued::record::reading::Flag;
-use trued::record::sensor;
-use trued::record::track::Track;
-use trued::sensors::{self, Sample, Sensor, SensorError};
+use devices::controllers::{self, Controller, ControllerError, Halt, Introduction, Look};
+use devices::sensors::{self, Sample, Sensor, SensorError};
+use link::Clock;
+use link::LinkError;
+use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::reading::Flag;
+use machine::record::sensor;
+use machine::record::track::Track;
+use machine::{Axis, Position};
 
 pub const MIDDLE_MM: f64 = 80.0;
 pub const PERIOD_S: f64 = 1e-3;

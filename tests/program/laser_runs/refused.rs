@@ -5,9 +5,9 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use trued::base::Axis;
-use trued::record::plan::{Plan, Step};
-use trued::record::reading::{Flag, Reading};
+use machine::Axis;
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
 use trued::report::readings_csv;
 use trued::setup::{self, MachineFile};
 
@@ -110,7 +110,7 @@ fn saying(bytes: Vec<u8>) -> String {
 
 pub fn what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves() {
     let line = b"M0,+01.23450,0001\r\n".repeat(12);
-    let noise = trued::link::heard(&line, 115_200, 9600);
+    let noise = link::heard(&line, 115_200, 9600);
     let speed = ["mostly noise comes where lines should", "another bit rate than the sensor"];
     refused(&saying(noise), &["run", METHOD], &speed);
     let text = b"M0,STANDBY,0001\r\n".to_vec();

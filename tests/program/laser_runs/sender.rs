@@ -7,8 +7,8 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use trued::base::Position;
-use trued::world::{Sensed, World};
+use machine::Position;
+use simulator::{Sensed, World};
 
 /// `[sensor.serial]` for it.
 pub fn table(address: SocketAddr) -> String {

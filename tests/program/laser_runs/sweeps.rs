@@ -1,15 +1,15 @@
 //! Something happens in the middle of a scan in motion: the machine is held where it is, the error says what
 //! to do, nothing of the scan is kept and all that went before is; and a person lets the run go on.
 
-use trued::base::{Axis, Position};
-use trued::controllers::Halt;
-use trued::methods::{IdentifyError, Method, Next, Refused, Source};
-use trued::record::estimate::Estimate;
-use trued::record::event::Event as Told;
-use trued::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
-use trued::record::reading::{Flag, Reading};
+use devices::controllers::Halt;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event as Told;
+use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
+use methods::{IdentifyError, Method, Next, Refused, Source};
 use trued::run::{Interrupted, Run, RunError};
-use trued::sensors::Reached;
+use trued::setup::machine_file::Reached;
 use trued::setup::{self, Devices, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 

@@ -1,10 +1,10 @@
 //! A run of the real program on a simulated machine.
 
-use trued::methods::Method;
-use trued::record::estimate::Estimate;
-use trued::record::event::Event;
-use trued::record::plan::Plan;
-use trued::record::reading::Reading;
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use methods::Method;
 use trued::run::{Run, RunError};
 use trued::setup::{self, Devices, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};

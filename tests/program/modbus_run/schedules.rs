@@ -7,18 +7,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use devices::controllers::Controller;
+use devices::controllers::modbus::{Config, ModbusControl, Patience};
+use estimation::random::stream;
+use link::{Pty, pty};
+use machine::Axis;
+use machine::record::reading::Reading;
+use planning::gcode::Dialect;
 use rand::RngExt;
-use tokio::net::TcpListener;
-use trued::base::Axis;
-use trued::base::random::stream;
-use trued::controllers::Controller;
-use trued::controllers::modbus::firmware::{
+use simulator::controls::modbus::{
     Entry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
 };
-use trued::controllers::modbus::{Config, ModbusControl, Patience};
-use trued::gcode::Dialect;
-use trued::link::{Pty, pty};
-use trued::record::reading::Reading;
+use tokio::net::TcpListener;
 use trued::setup::{self, Devices, MachineFile, Pace};
 
 use crate::support::population::population;
