@@ -14,8 +14,6 @@ pub mod nonlinear;
 pub mod null_names;
 pub mod propagated;
 mod radial;
-mod radial_lanes;
-mod radial_many;
 pub mod random;
 pub mod schur;
 pub mod smooth;

@@ -5,8 +5,9 @@
 use faer::{Mat, Side};
 use rayon::prelude::*;
 
-use super::radial::{Radial, TOLERANCE, careful};
-use super::radial_lanes::{Frame, Sums, residuals, sums};
+use super::gauss_newton::careful;
+use super::lanes::{Frame, Sums, residuals, sums};
+use super::{Radial, TOLERANCE};
 
 /// Fewer are for the careful way.
 const MANY: usize = 1024;

@@ -1,44 +1,16 @@
-//! What circle and sphere have in common: points at one distance from a centre, in D dimensions.
-//! The sum of the squared radial deviations is least (geometric or orthogonal distance fit).
+//! Circle or sphere by Gauss–Newton steps from an algebraic start, for points of any number and kind.
 
 use faer::Mat;
 
-use super::linear::{LinearProblem, LinearSolution, solve};
-use super::radial_many;
-
-/// In the unit of the points.
-pub(super) struct Radial<const D: usize> {
-    pub centre: [f64; D],
-    pub radius: f64,
-    /// Distance from the centre less radius, one per point.
-    pub residuals: Vec<f64>,
-    /// Of centre and radius, for a standard uncertainty of 1 of each radial deviation.
-    pub covariance: Mat<f64>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum RadialError {
-    TooFew(usize),
-    /// The points lie in one line (D = 2) or plane (D = 3), or coincide.
-    Flat,
-    NotFinite,
-    NotConverged,
-}
+use super::{Radial, RadialError, TOLERANCE};
+use crate::linear::{LinearProblem, LinearSolution, solve};
 
 /// Thickness over length below which points count as flat.
 const FLATNESS: f64 = 1e-7;
 const MAX_STEPS: usize = 1000;
-/// In standard uncertainties that a radial deviation of one radius would cause: what the rounding of
-/// the distances can cause.
-pub(super) const TOLERANCE: f64 = 4e-15;
 /// Where the deviations are as large as the radius, steps become small slowly, or circle in their own
 /// rounding: after [`MAX_STEPS`] this is near enough.
 const SETTLED: f64 = 1e-9;
-
-/// Fits centre and radius.
-pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
-    radial_many::fit(points).map_or_else(|| careful(points), Ok)
-}
 
 /// Algebraic start (Kåsa 1976), then Gauss–Newton, each step halved until the deviations shrink.
 pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
