@@ -7,7 +7,7 @@ use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::{Response, Slave};
 
 use super::ask::{Ask, Shape};
-use super::owner::Inbox;
+use super::inbox::Inbox;
 use super::wire::Wire;
 use super::{Framing, Line, ModbusError, Settings};
 use crate::wiring::Wired;

@@ -30,6 +30,7 @@ mod ask;
 mod device;
 mod error;
 mod exchange;
+mod inbox;
 mod line;
 mod owner;
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! The thread that owns a connection, and the order in which requests go out.
 
-use std::collections::VecDeque;
 use std::io;
 
 use tokio::sync::{mpsc, oneshot};
 
 use super::ask::Ask;
 use super::exchange::Exchange;
+use super::inbox::Inbox;
 use super::{Ahead, Job, Line, ModbusError, Settings, Space};
 use crate::LinkError;
 use crate::wiring::Wiring;
@@ -15,32 +15,6 @@ use crate::wiring::Wiring;
 pub(super) struct Ends {
     pub(super) queue: mpsc::UnboundedReceiver<Job>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
-}
-
-/// Urgent writes: they are seen while a request is under way.
-pub(super) struct Inbox {
-    queue: mpsc::UnboundedReceiver<Ahead>,
-    waiting: VecDeque<Ahead>,
-}
-
-impl Inbox {
-    /// Wait until one is there. Can be given up without harm.
-    pub(super) async fn come(&mut self) {
-        if self.has_come() {
-            return;
-        }
-        match self.queue.recv().await {
-            Some(ahead) => self.waiting.push_back(ahead),
-            None => std::future::pending().await,
-        }
-    }
-
-    pub(super) fn has_come(&mut self) -> bool {
-        while let Ok(ahead) = self.queue.try_recv() {
-            self.waiting.push_back(ahead);
-        }
-        !self.waiting.is_empty()
-    }
 }
 
 /// Start the thread and let it open its line.
@@ -57,7 +31,7 @@ pub(super) async fn start(line: Line, settings: Settings, ends: Ends) -> Result<
             return drop(opened.send(Err(error)));
         }
         let _ = opened.send(Ok(()));
-        let inbox = Inbox { queue: ends.urgent_queue, waiting: VecDeque::new() };
+        let inbox = Inbox::new(ends.urgent_queue);
         Owner { exchange, inbox, held: false }.run(ends.queue).await;
     };
     std::thread::Builder::new()
@@ -93,7 +67,7 @@ impl Owner {
     }
 
     async fn go_ahead(&mut self) {
-        while let Some(Ahead { ask, last }) = self.inbox.waiting.pop_front() {
+        while let Some(Ahead { ask, last }) = self.inbox.pop() {
             self.held |= last;
             self.exchange.perform_now(&ask, &mut self.inbox).await;
         }
