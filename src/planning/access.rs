@@ -6,15 +6,13 @@ use std::f64::consts::{PI, TAU};
 use glam::{DAffine3, DMat4, DVec3, DVec4};
 
 use super::PlanningError;
-use super::surroundings::Surroundings;
+use super::surroundings::{CLEAR, Surroundings};
 use machine::kinematics::KinematicsError;
 use machine::record::artefact::{Artefact, Ball};
 use machine::record::machine::{Carrier, Machine};
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point};
 
-/// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
-pub(super) const CLEAR: f64 = 0.6;
 /// The four touches round the ball and where they may move to instead: by how much in azimuth, and how
 /// far up, degrees. On the equator the centre is found best: the nearest way out comes first.
 const INSTEAD: [(f64, f64); 12] = [

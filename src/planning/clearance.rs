@@ -10,6 +10,9 @@ use machine::{Axis, Position};
 
 /// Free distance between the tool and what it passes over unguarded, mm.
 pub(super) const MARGIN: f64 = 10.0;
+/// Free distance that guarded moves over a ball keep, and that a block ends with, mm. More than what
+/// the proof asks of rapids, so that the next block may set out fast.
+pub(super) const LIFT: f64 = 3.0;
 /// Rotary axes are looked at this often on their way, rad.
 const ROTARY_STRIDE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 

@@ -15,6 +15,7 @@ mod limits;
 mod measured;
 mod order;
 mod over_balls;
+mod path;
 pub mod proof;
 mod round;
 mod scan;

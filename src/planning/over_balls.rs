@@ -6,16 +6,13 @@
 //! - To another rotary position: fast, 10 mm above whatever turns below on *this* way.
 //! - From where nobody knows: over the upper end of Z, one thing after the other.
 
-use super::clearance::MARGIN;
-use super::touch::{Path, height};
+use super::clearance::{LIFT, MARGIN};
+use super::path::{Path, height};
 use super::{Clearance, PlanningError, round};
 use machine::record::machine::Machine;
 use machine::record::plan::{Plan, Step};
 use machine::{Axis, Position};
 
-/// Free distance that guarded moves over a ball keep, and that a block ends with, mm. More than what
-/// the proof asks of rapids, so that the next block may set out fast.
-pub(super) const LIFT: f64 = 3.0;
 /// Rounding of a position, mm.
 const SLACK: f64 = 1e-6;
 /// Two touches whose starts are no further apart, seen from above, are of one ball or as good, mm.

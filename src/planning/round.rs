@@ -8,9 +8,9 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3};
 
+use super::clearance::LIFT;
 use super::hull::Body;
 use super::limits;
-use super::over_balls::LIFT;
 use super::surroundings::{Obstacle, Surroundings};
 use machine::artefact::Shape;
 use machine::kinematics::KinematicsError;

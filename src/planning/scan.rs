@@ -1,7 +1,7 @@
 //! One scan as motions: nothing is touched, so nothing is guarded; the proof keeps all of it away from
 //! everything.
 
-use super::touch::{Path, height};
+use super::path::{Path, height};
 use super::{Clearance, PlanningError, Start, limits, touch_block};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};

@@ -9,7 +9,6 @@ use glam::{DVec2, DVec3};
 use parry3d_f64::shape::SupportMap;
 
 use super::PlanningError;
-use super::access::CLEAR;
 use super::hull::{Body, Upright, apart_by};
 use machine::artefact;
 use machine::kinematics::{Carried, Chain, Side};
@@ -18,6 +17,8 @@ use machine::record::machine::{Carrier, Solid};
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::Spindle};
 
+/// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
+pub(super) const CLEAR: f64 = 0.6;
 /// Directions across which two bodies are looked at from above.
 const DIRECTIONS: u32 = 16;
 /// Heights are found to within this, mm.

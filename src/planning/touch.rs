@@ -1,12 +1,10 @@
 //! One touch as a safe sequence of motions.
 
+use super::path::{Path, SAME, height};
 use super::{Clearance, PlanningError, limits, over_balls};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
-
-/// Positions nearer than this are the same, mm or rad.
-const SAME: f64 = 1e-9;
 
 /// From where, and whether for the first time, a block goes to the part.
 #[derive(Debug, Clone, Copy, Default)]
@@ -77,10 +75,6 @@ fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> Posit
     height(safe_z)
 }
 
-pub(super) fn height(z: f64) -> Position {
-    Position::new().with(Axis::Z, z)
-}
-
 /// The first approach is to a part that is only roughly known, or after a stop, with a probe that
 /// has not yet shown that it lives.
 fn near_feed(plan: &Plan, start: Start<'_>) -> f64 {
@@ -127,50 +121,5 @@ fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
         Ok(())
     } else {
         Err(PlanningError::GuardTooFast { feed, way, overtravel })
-    }
-}
-
-/// Motions so far, and where they lead.
-pub(super) struct Path {
-    pub stands: Position,
-    pub motions: Vec<Motion>,
-    /// Of guarded moves.
-    near_feed: f64,
-}
-
-impl Path {
-    pub fn rapid(&mut self, to: &Position) {
-        self.feed(to, |to| Motion::Rapid { to });
-    }
-
-    pub fn guarded(&mut self, to: &Position) {
-        let feed_mm_min = self.near_feed;
-        self.feed(to, |to| Motion::Guarded { to, feed_mm_min });
-    }
-
-    /// Nothing yet, from where the machine `stands`.
-    pub fn from(stands: Option<&Position>, near_feed: f64) -> Self {
-        Self { stands: stands.cloned().unwrap_or_default(), motions: Vec::new(), near_feed }
-    }
-
-    /// Only the axes that have somewhere to go; no motion if there is none.
-    pub fn feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
-        let moved: Position =
-            to.iter().filter(|(axis, value)| !self.stands_at(*axis, *value)).collect();
-        if !moved.is_empty() {
-            self.stands = self.stands.updated_by(&moved);
-            self.motions.push(motion(moved));
-        }
-    }
-
-    pub fn orient(&mut self, s: Option<f64>) {
-        if let Some(s) = s.filter(|s| !self.stands_at(Axis::S, *s)) {
-            self.stands.set(Axis::S, s);
-            self.motions.push(Motion::Orient { s });
-        }
-    }
-
-    pub fn stands_at(&self, axis: Axis, value: f64) -> bool {
-        self.stands.get(axis).is_some_and(|at| (at - value).abs() <= SAME)
     }
 }

@@ -2,46 +2,22 @@
 
 use include_dir::{Dir, include_dir};
 use minijinja::Environment;
-use serde::Deserialize;
 
-use super::error::{DialectError, RenderError};
-use super::options::Options;
-use super::render;
-use machine::Axis;
-use machine::record::motion::Block;
+use super::environment::environment;
+use super::error::DialectError;
+use super::options::{Options, ProbeFault};
+use super::spec::Spec;
+use machine::record::machine::{Machine, Probe};
+use machine::record::motion::Motion;
 
 static TEMPLATES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
 
 /// The languages that have a reader.
 const LANGUAGES: [&str; 1] = ["rs274"];
 
-/// `dialect.toml`.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Spec {
-    pub name: String,
-    pub language: String,
-    /// How a file's name ends, without the dot.
-    pub extension: String,
-    pub decimals_mm: usize,
-    pub decimals_deg: usize,
-    /// Axes that have a word.
-    pub axes: Vec<Axis>,
-    /// The slot in which the programs work: there, work coordinates are machine coordinates.
-    pub work_offset: String,
-    #[serde(default)]
-    pub inputs: Inputs,
-}
-
-/// How a control names inputs that the machine file may refer to.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Inputs {
-    #[default]
-    None,
-    Numbers,
-    Letters,
-}
+/// A probe that was switched on is ready after this time; the heads of controls that are sent line
+/// by line wait as long.
+const PROBE_WAKES_S: f64 = 1.0;
 
 /// One way of writing programs: words, decimals and a template for each neutral motion. A motion
 /// without a template is one that the control cannot do.
@@ -50,17 +26,6 @@ pub struct Dialect {
     pub(super) spec: Spec,
     pub(super) templates: Environment<'static>,
     pub(super) options: Options,
-}
-
-/// What head and foot need to know.
-#[derive(Debug, Clone, Copy)]
-pub struct Program<'a> {
-    /// A comment for the person who reads the program.
-    pub title: &'a str,
-    /// The machine's axes.
-    pub axes: &'a [Axis],
-    /// Absolute path of the file that takes the results, where the control writes one itself.
-    pub log: Option<&'a str>,
 }
 
 impl Dialect {
@@ -91,7 +56,7 @@ impl Dialect {
         if !LANGUAGES.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
         }
-        let mut templates = render::environment();
+        let mut templates = environment();
         for file in folder.files() {
             if file.path().extension().is_some_and(|extension| extension == "j2") {
                 let name = file.path().file_stem().unwrap_or_default().to_string_lossy();
@@ -110,39 +75,55 @@ impl Dialect {
         &self.spec.extension
     }
 
-    /// The lines that set all modal state.
-    pub fn head(&self, program: &Program) -> Result<Vec<String>, RenderError> {
-        render::frame(self, "head", program)
-    }
-
-    /// The lines that restore what the head changed, as far as the language allows.
-    pub fn foot(&self, program: &Program) -> Result<Vec<String>, RenderError> {
-        render::frame(self, "foot", program)
-    }
-
-    /// The lines of one block; the N words carry the step's id.
+    /// This dialect with what `machine` and `probe` declare.
     ///
     /// # Errors
-    /// A value that is not finite, an axis without a word, a motion that the control cannot do.
-    pub fn block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
-        render::block(self, block)
+    /// A word that is more or less than one M word, that means something else already or two things
+    /// at once; an input that this control does not name so.
+    pub fn with(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
+        let options = Options::new(machine, probe)?;
+        self.spec.inputs.check("[probe] error_input", options.error_input.as_deref())?;
+        self.spec.inputs.check("[probe] battery_input", options.battery_input.as_deref())?;
+        self.options = options;
+        Ok(self)
     }
 
-    /// The lines that show `text` to a person and wait until somebody starts the program again.
-    ///
-    /// # Errors
-    /// A control that cannot wait so.
-    pub fn ask(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
-        render::ask(self, step, text)
+    /// The same without the word that switches the probe off: for a control that gets a program a
+    /// block, and the last word in a program of its own.
+    pub fn keeping_probe_on(&self) -> Self {
+        let mut same = self.clone();
+        same.options.probe_off = None;
+        same
     }
 
-    /// A whole program: head, blocks, foot; each line ends with a newline.
-    pub fn program(&self, program: &Program, blocks: &[Block]) -> Result<String, RenderError> {
-        let mut lines = self.head(program)?;
-        for block in blocks {
-            lines.extend(self.block(block)?);
-        }
-        lines.extend(self.foot(program)?);
-        Ok(lines.into_iter().map(|line| line + "\n").collect())
+    pub fn switches_probe_on(&self) -> bool {
+        self.options.probe_on.is_some()
+    }
+
+    pub fn switches_probe_off(&self) -> bool {
+        self.options.probe_off.is_some()
+    }
+
+    /// How long after the head what it switches is ready, s; `None`: it switches nothing.
+    pub fn wakes_s(&self) -> Option<f64> {
+        let probe = self.options.probe_on.iter().map(|_| PROBE_WAKES_S);
+        let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
+        probe.chain(clamps).reduce(f64::max)
+    }
+
+    /// How long the clamps rest in the lines of `motion`, s.
+    pub fn clamps_rest_s(&self, motion: &Motion) -> f64 {
+        let Motion::Rapid { to } = motion else { return 0.0 };
+        let moved = self.options.clamps.iter().filter(|(axis, _)| to.get(**axis).is_some());
+        moved.map(|(_, clamp)| 2.0 * clamp.wait_s).sum()
+    }
+
+    /// The inputs that tell of the probe's health, and what each says when it is on.
+    pub fn health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
+        let inputs = [
+            (&self.options.error_input, ProbeFault::Error),
+            (&self.options.battery_input, ProbeFault::Battery),
+        ];
+        inputs.into_iter().filter_map(|(input, fault)| Some((input.as_deref()?, fault)))
     }
 }

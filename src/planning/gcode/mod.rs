@@ -5,6 +5,7 @@
 //! the motion that was meant ([`Dialect::proves`]).
 
 mod dialect;
+mod environment;
 mod error;
 #[cfg(test)]
 mod fuzz;
@@ -14,9 +15,11 @@ mod options_tests;
 mod proof;
 mod render;
 pub mod rs274;
+mod spec;
 #[cfg(test)]
 mod tests;
 
-pub use dialect::{Dialect, Program};
+pub use dialect::Dialect;
 pub use error::{DialectError, Disagreement, RenderError};
 pub use options::ProbeFault;
+pub use render::Program;

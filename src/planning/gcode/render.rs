@@ -1,49 +1,85 @@
-//! Templates to lines. Every number passes the filter `num`; the formatter refuses a bare one.
+//! Templates to lines.
 
 use std::error::Error as _;
 use std::f64::consts::TAU;
 
-use super::dialect::{Dialect, Program};
+use super::dialect::Dialect;
 use super::error::RenderError;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
+use minijinja::Error;
 use minijinja::value::Value;
-use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior};
 
 const MAX_N: u32 = 99_999;
 
-/// Strict undefined; `num` is the only way in which a number gets into a program.
-pub(super) fn environment() -> Environment<'static> {
-    let mut environment = Environment::new();
-    environment.set_undefined_behavior(UndefinedBehavior::Strict);
-    environment.set_formatter(no_bare_number);
-    environment.add_filter("num", num);
-    environment
+/// What head and foot need to know.
+#[derive(Debug, Clone, Copy)]
+pub struct Program<'a> {
+    /// A comment for the person who reads the program.
+    pub title: &'a str,
+    /// The machine's axes.
+    pub axes: &'a [Axis],
+    /// Absolute path of the file that takes the results, where the control writes one itself.
+    pub log: Option<&'a str>,
 }
 
-fn no_bare_number(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
-    if value.is_number() && !value.is_integer() {
-        let why = "a number is printed without the filter num";
-        return Err(Error::new(ErrorKind::InvalidOperation, why));
+impl Dialect {
+    /// The lines that set all modal state.
+    pub fn head(&self, program: &Program) -> Result<Vec<String>, RenderError> {
+        frame(self, "head", program)
     }
-    minijinja::escape_formatter(out, state, value)
-}
 
-/// Fixed decimals, no minus before a zero; an error for what is not finite.
-fn num(value: f64, decimals: usize) -> Result<String, Error> {
-    if !value.is_finite() {
-        return Err(Error::new(ErrorKind::InvalidOperation, "not finite")
-            .with_source(RenderError::NotFinite(value)));
+    /// The lines that restore what the head changed, as far as the language allows.
+    pub fn foot(&self, program: &Program) -> Result<Vec<String>, RenderError> {
+        frame(self, "foot", program)
     }
-    let text = format!("{value:.decimals$}");
-    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
-    Ok(if is_zero { text.trim_start_matches('-').to_owned() } else { text })
+
+    /// The lines of one block; the N words carry the step's id.
+    ///
+    /// # Errors
+    /// A value that is not finite, an axis without a word, a motion that the control cannot do.
+    pub fn block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
+        if block.step > MAX_N {
+            return Err(RenderError::StepTooLarge(block.step));
+        }
+        let mut all = Vec::new();
+        for (i, motion) in block.motions.iter().enumerate() {
+            let (template, mut names) = motion_names(self, motion)?;
+            names.push(("n", Value::from(block.step)));
+            names.push(("repeat", Value::from(block.repeat)));
+            // Number of the motion within its block.
+            names.push(("i", Value::from(i)));
+            all.extend(lines(self, template, names)?);
+        }
+        Ok(all)
+    }
+
+    /// The lines that show `text` to a person and wait until somebody starts the program again.
+    ///
+    /// # Errors
+    /// A control that cannot wait so.
+    pub fn ask(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
+        if step > MAX_N {
+            return Err(RenderError::StepTooLarge(step));
+        }
+        lines(self, "ask", vec![("n", step.into()), ("text", harmless(text).into())])
+    }
+
+    /// A whole program: head, blocks, foot; each line ends with a newline.
+    pub fn program(&self, program: &Program, blocks: &[Block]) -> Result<String, RenderError> {
+        let mut lines = self.head(program)?;
+        for block in blocks {
+            lines.extend(self.block(block)?);
+        }
+        lines.extend(self.foot(program)?);
+        Ok(lines.into_iter().map(|line| line + "\n").collect())
+    }
 }
 
 /// What a template may use; a name that is not there is undefined, and thereby refused.
 type Names = Vec<(&'static str, Value)>;
 
-pub(super) fn frame(
+fn frame(
     dialect: &Dialect,
     template: &'static str,
     program: &Program,
@@ -61,29 +97,6 @@ pub(super) fn frame(
 fn harmless(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
     text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
-}
-
-pub(super) fn ask(dialect: &Dialect, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
-    if step > MAX_N {
-        return Err(RenderError::StepTooLarge(step));
-    }
-    lines(dialect, "ask", vec![("n", step.into()), ("text", harmless(text).into())])
-}
-
-pub(super) fn block(dialect: &Dialect, block: &Block) -> Result<Vec<String>, RenderError> {
-    if block.step > MAX_N {
-        return Err(RenderError::StepTooLarge(block.step));
-    }
-    let mut all = Vec::new();
-    for (i, motion) in block.motions.iter().enumerate() {
-        let (template, mut names) = motion_names(dialect, motion)?;
-        names.push(("n", Value::from(block.step)));
-        names.push(("repeat", Value::from(block.repeat)));
-        // Number of the motion within its block.
-        names.push(("i", Value::from(i)));
-        all.extend(lines(dialect, template, names)?);
-    }
-    Ok(all)
 }
 
 /// The template for a motion and what it has to say: `to` (axis words), `feed` (mm/min), `s_deg`

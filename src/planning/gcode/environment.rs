@@ -1,0 +1,34 @@
+//! The template environment. Every number passes the filter `num`; the formatter refuses a bare one.
+
+use minijinja::value::Value;
+use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior};
+
+use super::error::RenderError;
+
+/// Strict undefined; `num` is the only way in which a number gets into a program.
+pub(super) fn environment() -> Environment<'static> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_formatter(no_bare_number);
+    environment.add_filter("num", num);
+    environment
+}
+
+fn no_bare_number(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
+    if value.is_number() && !value.is_integer() {
+        let why = "a number is printed without the filter num";
+        return Err(Error::new(ErrorKind::InvalidOperation, why));
+    }
+    minijinja::escape_formatter(out, state, value)
+}
+
+/// Fixed decimals, no minus before a zero; an error for what is not finite.
+fn num(value: f64, decimals: usize) -> Result<String, Error> {
+    if !value.is_finite() {
+        return Err(Error::new(ErrorKind::InvalidOperation, "not finite")
+            .with_source(RenderError::NotFinite(value)));
+    }
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
+    Ok(if is_zero { text.trim_start_matches('-').to_owned() } else { text })
+}

@@ -1,0 +1,54 @@
+//! `dialect.toml`: what a dialect's folder states beside its templates.
+
+use serde::Deserialize;
+
+use super::error::DialectError;
+use machine::Axis;
+
+/// `dialect.toml`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Spec {
+    pub name: String,
+    pub language: String,
+    /// How a file's name ends, without the dot.
+    pub extension: String,
+    pub decimals_mm: usize,
+    pub decimals_deg: usize,
+    /// Axes that have a word.
+    pub axes: Vec<Axis>,
+    /// The slot in which the programs work: there, work coordinates are machine coordinates.
+    pub work_offset: String,
+    #[serde(default)]
+    pub inputs: Inputs,
+}
+
+/// How a control names inputs that the machine file may refer to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Inputs {
+    #[default]
+    None,
+    Numbers,
+    Letters,
+}
+
+impl Inputs {
+    pub(super) fn check(self, key: &str, input: Option<&str>) -> Result<(), DialectError> {
+        let Some(input) = input else { return Ok(()) };
+        let (holds, why) = match self {
+            Self::None => (false, "this control has no inputs that it can look at"),
+            Self::Numbers => {
+                let number = input.parse::<u8>().is_ok_and(|number| number < 64);
+                (number, "this control counts its inputs from 0 to 63")
+            }
+            Self::Letters => {
+                let is_letter = |c: char| c.is_ascii_uppercase() && c != 'P';
+                let one = input.len() == 1 && input.chars().all(is_letter);
+                (one, "this control names its inputs by one letter, and P is the probe itself")
+            }
+        };
+        let (key, value) = (key.to_owned(), input.to_owned());
+        if holds { Ok(()) } else { Err(DialectError::Option { key, value, why: why.to_owned() }) }
+    }
+}
