@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row, frame};
-use super::observe::{Scanned, Spot};
+use super::spots::{Scanned, Spot};
 use super::track::Seen;
 use machine::Axis;
 

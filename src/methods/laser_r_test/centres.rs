@@ -8,7 +8,7 @@
 use faer::Mat;
 use glam::{DMat3, DVec3};
 
-use super::observe::Scanned;
+use super::spots::Scanned;
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::Rows;
 
@@ -174,6 +174,11 @@ impl Centres {
         }
         gain
     }
+}
+
+/// What the sensor says of a distance, less 1: the fit's unknown is the distance of what it says.
+pub fn sensor_gain(unknown: f64) -> f64 {
+    1.0 / (1.0 + unknown) - 1.0
 }
 
 /// Whether these dwell points fix a centre: not if the normals lie in one plane through it, all on one

@@ -5,8 +5,9 @@ use glam::{DMat3, DVec3};
 use super::bench::Bench;
 use super::centres::{Centres, Row, fixes_centre, frame};
 use super::label::Pass;
-use super::observe::{Observed, Scanned};
+use super::observe::Observed;
 use super::settings::heights;
+use super::spots::{Scanned, Spot};
 use crate::Refused;
 use machine::{Axis, Position};
 
@@ -31,7 +32,7 @@ pub struct Grouped {
     pub groups: Vec<Group>,
     pub centres: Centres,
     /// Of each row: X, Y, Z, samples, time.
-    pub spots: Vec<super::observe::Spot>,
+    pub spots: Vec<Spot>,
     /// Of each row: index of its scan, and of the dwell point in it.
     pub from: Vec<(usize, usize)>,
     /// Different heights among the scans that the beam is found from.

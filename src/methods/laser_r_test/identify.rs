@@ -9,15 +9,14 @@ use super::model::{Model, Problem, Sight, placed};
 use super::observe::{Observed, observe};
 use super::outputs;
 use super::parameters::{self, Chosen};
+use super::parts::Parts;
 use super::sources::{UncertaintySource, sources};
 use super::uncertainty::{self, Effects, Solved, by_covariance, by_trials};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
-use estimation::misfit::Misfit;
-use estimation::monte_carlo::{Summary, Trials};
+use estimation::monte_carlo::Trials;
 use estimation::nonlinear::{Minimum, NonlinearError};
 use estimation::null_names::name_null_space;
-use estimation::propagated::Propagated;
 use estimation::whitening::whitening;
 use machine::record::estimate::Estimate;
 use machine::record::reading::Reading;
@@ -26,23 +25,6 @@ use machine::record::reading::Reading;
 const MOST_TRIALS: usize = 40_000;
 /// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
-
-/// Everything that the estimate is written from.
-pub struct Parts<'a> {
-    pub bench: &'a Bench<'a>,
-    pub observed: Observed,
-    pub grouped: Grouped,
-    pub fitted: Minimum,
-    pub chosen: Chosen,
-    pub problem: Problem,
-    pub minimum: Minimum,
-    pub names: Vec<String>,
-    pub survey: Survey,
-    pub into_table: Vec<DMat3>,
-    pub misfit: Misfit,
-    pub propagated: Propagated,
-    pub monte_carlo: Summary,
-}
 
 pub fn identify(bench: &Bench<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     Ok(outputs::estimate(&parts(bench, readings)?))

@@ -15,8 +15,10 @@ mod observe;
 mod outputs;
 mod paper;
 mod parameters;
+mod parts;
 mod settings;
 mod sources;
+mod spots;
 mod stages;
 #[cfg(test)]
 mod tests;

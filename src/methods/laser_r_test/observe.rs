@@ -2,50 +2,22 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::bench::Bench;
 use super::cells::{cells, thin_ways};
 use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
 use super::model::linear;
+use super::spots::{Scanned, Spot};
 use super::track::Track;
 use crate::decision::revisit::granted_mm;
 use crate::{IdentifyError, Refused};
-use machine::Position;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
 use machine::record::reading::{Flag, Reading};
 
 /// Axes that move less than this stand, mm.
 const STANDS_MM: f64 = 0.005;
-
-/// One place at which samples were taken, or one cell of a continuous scan: their mean.
-#[derive(Debug, Clone, Copy)]
-pub struct Spot {
-    /// X, Y, Z.
-    pub xyz: DVec3,
-    /// The same as how far the spindle stands from the table, machine frame.
-    pub at: DVec3,
-    /// Reading.
-    pub value: f64,
-    pub samples: usize,
-    pub t_s: f64,
-    /// X, Y, Z in mm/s, and the sign of the last motion of each (0 where that is not known): means.
-    pub velocity: DVec3,
-    pub toward: DVec3,
-}
-
-/// One step's dwell points. The rotary axes stand.
-#[derive(Debug, Clone)]
-pub struct Scanned {
-    pub pass: Pass,
-    pub label: String,
-    /// All rotary axes.
-    pub rotary: Position,
-    /// Spindle frame to machine frame.
-    pub spindle: DMat3,
-    pub spots: Vec<Spot>,
-}
 
 /// All scans, and what was not used.
 #[derive(Debug, Clone, Default)]

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::centres::BEAM;
-use super::identify::Parts;
+use super::centres::sensor_gain;
 use super::label::in_words;
 use super::model::placed;
+use super::parts::Parts;
 use super::words;
 use estimation::coverage;
 use machine::kinematics::{ErrorParameter, Shape};
@@ -15,17 +15,14 @@ use machine::record::estimate::{
 };
 use machine::{Axis, Position};
 
-/// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
-/// looks down), and what the sensor's scale deviates from 1.
-const BEAM_NAMES: [&str; BEAM] = ["beam_x", "beam_y", "gain"];
-/// Its place among them.
+/// Index of the gain among the beam's unknowns.
 const GAIN: usize = 2;
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts, &parts.minimum.x);
     let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
     let own = parts.minimum.x.len();
-    let count = own + parts.grouped.centres.common() + clocks(parts).0.len();
+    let count = own + parts.grouped.centres.common() + parts.clocks().0.len();
     let dof = parts.minimum.residuals.len().saturating_sub(own);
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
@@ -50,25 +47,6 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     }
 }
 
-/// Names and values of the sensor's latency and of what the axes lose where they turn round.
-fn clocks(parts: &Parts<'_>) -> (Vec<String>, Vec<f64>) {
-    let latency = parts.observed.latency.as_ref();
-    latency.map_or_else(Default::default, |latency| (latency.names(), latency.values()))
-}
-
-/// Which of them an unknown is.
-fn clock(parts: &Parts<'_>, i: usize) -> Option<usize> {
-    i.checked_sub(parts.names.len() + parts.grouped.centres.common())
-}
-
-pub fn symbol(parts: &Parts<'_>, i: usize) -> String {
-    if let Some(k) = clock(parts, i) {
-        return clocks(parts).0.get(k).cloned().unwrap_or_default();
-    }
-    let of_beam = || BEAM_NAMES.get(i - parts.names.len()).map(|name| (*name).to_owned());
-    parts.names.get(i).cloned().or_else(of_beam).unwrap_or_default()
-}
-
 fn unit(parts: &Parts<'_>, i: usize) -> Unit {
     let own = parts.names.len();
     let of_machine = |p: &ErrorParameter| match (p.shape(), p.component().is_linear()) {
@@ -76,7 +54,7 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
         (_, true) => Unit::Um,
         (_, false) => Unit::Urad,
     };
-    match clock(parts, i) {
+    match parts.clock(i) {
         Some(0) => return Unit::Ms,
         Some(_) => return Unit::Um,
         None => {}
@@ -89,19 +67,14 @@ fn unit(parts: &Parts<'_>, i: usize) -> Unit {
 }
 
 fn value(parts: &Parts<'_>, i: usize) -> f64 {
-    if let Some(k) = clock(parts, i) {
-        return clocks(parts).1.get(k).copied().unwrap_or_default();
+    if let Some(k) = parts.clock(i) {
+        return parts.clocks().1.get(k).copied().unwrap_or_default();
     }
     let of_beam = |k: Option<usize>| k.and_then(|k| parts.fitted.x.get(k)).copied();
     let own = i.checked_sub(parts.names.len());
     let beam = of_beam(own).unwrap_or_default();
-    let beam = if own == Some(GAIN) { gain(beam) } else { beam };
+    let beam = if own == Some(GAIN) { sensor_gain(beam) } else { beam };
     parts.minimum.x.get(i).copied().unwrap_or(beam)
-}
-
-/// What the sensor says of a distance, less 1: the fit's unknown is the distance of what it says.
-pub fn gain(unknown: f64) -> f64 {
-    1.0 / (1.0 + unknown) - 1.0
 }
 
 fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
@@ -114,7 +87,7 @@ fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
     });
     let by_trials = parts.monte_carlo.standard_deviation.get(i);
     Parameter {
-        symbol: symbol(parts, i),
+        symbol: parts.symbol(i),
         value: unit.from_internal(value(parts, i)),
         unit,
         u: unit.from_internal(u),
@@ -134,7 +107,7 @@ fn covariance(parts: &Parts<'_>, count: usize) -> Covariance {
     let full = &parts.propagated.covariance;
     let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
     Covariance {
-        symbols: (0..count).map(|i| symbol(parts, i)).collect(),
+        symbols: (0..count).map(|i| parts.symbol(i)).collect(),
         rows: (0..count).map(row).collect(),
     }
 }
@@ -215,19 +188,6 @@ fn in_turn(parts: &Parts<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
     order
 }
 
-/// Residuals of each scan: largest less smallest, mm.
-pub fn forms(parts: &Parts<'_>) -> Vec<f64> {
-    let off = parts.grouped.centres.off(&parts.fitted.x);
-    let of_group = |group: usize| {
-        let rows = parts.grouped.centres.rows.iter().zip(&off);
-        let here = rows.filter(|(row, _)| row.group == group).map(|(_, off)| *off);
-        let (least, most) =
-            here.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), off| (a.min(off), b.max(off)));
-        most - least
-    };
-    (0..parts.grouped.groups.len()).map(of_group).collect()
-}
-
 /// The form of each scan, in the order of the poses, and how the points of all scans scatter about
 /// their spheres.
 fn functions(parts: &Parts<'_>) -> Vec<Function> {
@@ -243,7 +203,7 @@ fn functions(parts: &Parts<'_>) -> Vec<Function> {
     };
     let points = parts.grouped.centres.off(&parts.fitted.x);
     vec![
-        of("form", "pose", forms(parts), FigureKind::Points),
+        of("form", "pose", parts.forms(), FigureKind::Points),
         of("deviation", "point", points, FigureKind::Histogram),
     ]
 }

@@ -1,10 +1,10 @@
 //! What a reader of the estimate must know beside its numbers.
 
-use super::identify::Parts;
+use super::centres::sensor_gain;
 use super::label::Pass;
 use super::observe::Observed;
-use super::outputs::{self, forms, symbol};
 use super::paper;
+use super::parts::Parts;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
 
@@ -64,7 +64,7 @@ fn gain(parts: &Parts<'_>) -> Option<String> {
     if parts.bench.touches() {
         return None;
     }
-    let (gain, u) = (outputs::gain(*parts.fitted.x.get(2)?), parts.propagated.u(index));
+    let (gain, u) = (sensor_gain(*parts.fitted.x.get(2)?), parts.propagated.u(index));
     (gain.abs() > FAR * u && gain.abs() > GAIN).then(|| {
         format!(
             "the sensor says {:+.0} um/m more than X, Y and Z move (u {:.0}): check its scale, and that \
@@ -76,7 +76,7 @@ fn gain(parts: &Parts<'_>) -> Option<String> {
 }
 
 fn form(parts: &Parts<'_>) -> Option<String> {
-    let forms = forms(parts);
+    let forms = parts.forms();
     let worst = forms.iter().zip(&parts.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
     let (form, group) = worst?;
     let (of, remedy) = match parts.bench.touches() {
@@ -112,7 +112,7 @@ fn noise(parts: &Parts<'_>) -> Option<String> {
 fn disagreement(parts: &Parts<'_>) -> Option<String> {
     let count = parts.propagated.covariance.nrows();
     let off = (0..count).filter(|i| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
-    let names: Vec<String> = off.map(|i| symbol(parts, i)).collect();
+    let names: Vec<String> = off.map(|i| parts.symbol(i)).collect();
     (!names.is_empty()).then(|| {
         format!(
             "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the Monte Carlo one \

@@ -4,40 +4,17 @@ use faer::Mat;
 
 use super::algebra::dot;
 use super::axis_circle::{AxisCircle, axis_circle};
-use super::fit::{Fit, Solved};
 use super::model::DRIFTING;
-use super::outputs::{self, Output, OutputFunction};
+use super::outputs;
 use super::paper::PaperForm;
+use super::parts::Parts;
 use super::sense::Sense;
-use super::settings::{Settings, Spindle};
-use super::uncertainty::{Propagated, TouchScale};
+use super::settings::Spindle;
 use estimation::coverage;
-use estimation::monte_carlo::Summary;
 use machine::record::estimate::{
     BudgetLine, CircleFigure, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit,
     Verdict,
 };
-use machine::record::plan::Plan;
-
-/// Everything that the estimate is written from.
-pub struct Parts<'a> {
-    pub plan: &'a Plan,
-    pub settings: &'a Settings,
-    /// In the machine frame, mm.
-    pub heights: &'a [f64],
-    pub fit: Fit,
-    pub solved: Solved,
-    pub chi2: f64,
-    pub scale: TouchScale,
-    pub parameters: Vec<Output>,
-    pub functions: Vec<OutputFunction>,
-    pub propagated: Propagated,
-    pub monte_carlo: Summary,
-    pub sense: Sense,
-    pub timed: bool,
-    /// Readings that no step connects with the rest.
-    pub left_out: usize,
-}
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let solution = &parts.fit.solution;

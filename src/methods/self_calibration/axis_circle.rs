@@ -3,7 +3,7 @@
 
 use faer::Mat;
 
-use super::assemble::Parts;
+use super::parts::Parts;
 use estimation::circle::{Circle, fit_circle};
 
 pub struct AxisCircle {

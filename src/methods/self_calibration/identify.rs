@@ -3,12 +3,13 @@
 use faer::Mat;
 
 use super::algebra::dot;
-use super::assemble::{self, Parts};
+use super::assemble;
 use super::design::Design;
 use super::fit::{Fit, Solved};
 use super::model::{Layout, Observation};
 use super::observe::observe;
 use super::outputs::{self, Output, OutputFunction};
+use super::parts::Parts;
 use super::plan::Planner;
 use super::sense;
 use super::settings::Settings;

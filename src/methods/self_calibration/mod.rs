@@ -14,6 +14,7 @@ mod model;
 mod observe;
 mod outputs;
 mod paper;
+mod parts;
 mod plan;
 mod sense;
 mod settings;
