@@ -6,13 +6,9 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::program::{self, Program};
-use super::{Map, ModbusControl, map};
-use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
-use link::Clock;
+use super::{Map, map};
 use link::HostPort;
 use link::modbus::{Device, DeviceKeys, Framing, Parity};
-use machine::record::machine::Machine;
-use planning::gcode::Dialect;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -47,7 +43,7 @@ pub struct Config {
     pub(super) map: Map,
     /// A resident program behind the window, instead of lines.
     pub(super) program: Option<Arc<Program>>,
-    dialect: String,
+    pub(super) dialect: String,
 }
 
 type Behind = (Map, Option<Arc<Program>>);
@@ -81,36 +77,5 @@ impl TryFrom<Keys> for Config {
         let device = Device::try_from(device)?;
         let (map, program) = window(registers.unwrap_or_default(), program)?;
         Ok(Self { device, map, program, dialect })
-    }
-}
-
-impl Named for Config {
-    fn dialect(&self) -> &str {
-        &self.dialect
-    }
-
-    fn at(&self) -> String {
-        self.device.in_full()
-    }
-
-    fn open<'a>(
-        &'a self,
-        machine: &'a Machine,
-        dialect: Dialect,
-        _clock: Arc<dyn Clock>,
-    ) -> Opening<'a> {
-        Box::pin(async move {
-            let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
-            Ok(Controller::spawn(driver, halt))
-        })
-    }
-
-    fn diagnose<'a>(
-        &'a self,
-        machine: &'a Machine,
-        failed: &'a ControllerError,
-        leave: Leave,
-    ) -> Diagnosing<'a> {
-        Box::pin(self.suspects(machine, failed, leave))
     }
 }

@@ -8,9 +8,10 @@ use tokio::time::{Instant, sleep};
 
 use super::Config;
 use super::fault::{PROBE_CLOSED, stands_after};
+use super::patience::Patience;
 use super::program::Program;
 use super::status::Status;
-use super::window::{Patience, Window};
+use super::window::Window;
 use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
 use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};

@@ -20,7 +20,9 @@ mod driver;
 mod fault;
 mod introduce;
 mod map;
+mod open;
 mod otherwise;
+mod patience;
 mod prepare;
 mod program;
 mod start;
@@ -33,6 +35,6 @@ mod window;
 pub use config::Config;
 pub use driver::ModbusControl;
 use map::Map;
-pub use window::Patience;
+pub use patience::Patience;
 
 pub const KIND: &str = "modbus";

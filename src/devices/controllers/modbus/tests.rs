@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::json;
 use tokio::net::TcpListener;
 
-use super::window::Patience;
+use super::patience::Patience;
 use super::{Config, ModbusControl};
 use crate::controllers::{ControllerError, Driver, Halt};
 use machine::record::artefact::Artefact;

@@ -5,8 +5,8 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::fault::silent;
+use super::patience::Patience;
 use super::status::{State, Status};
-use super::window::Patience;
 use crate::controllers::ControllerError;
 
 #[derive(Default)]

@@ -10,6 +10,7 @@ use tokio::time::{Instant, sleep};
 
 use super::fault::{ends_it, may_pass, out_of_step, refused, reset, silent};
 use super::map::Map;
+use super::patience::Patience;
 use super::status::{State, Status};
 use super::watch::Watch;
 use crate::controllers::{ControllerError, Halt};
@@ -18,30 +19,6 @@ use link::modbus::{Line, Modbus, ModbusError, Settings, Urgent};
 
 /// How often trued's own heartbeat goes out while nothing else does.
 const BEAT: Duration = Duration::from_millis(500);
-
-/// How long the driver waits, host time.
-#[derive(Debug, Clone, Copy)]
-pub struct Patience {
-    /// A living control takes a chunk, and tells its state, within this time.
-    pub answer: Duration,
-    /// The longest pause between two questions.
-    pub poll: Duration,
-    /// A control that says it moves shows another position within this time.
-    pub stall: Duration,
-    /// The control's heartbeat changes within this time.
-    pub heartbeat: Duration,
-}
-
-impl Default for Patience {
-    fn default() -> Self {
-        Self {
-            answer: Duration::from_secs(4),
-            poll: Duration::from_millis(20),
-            stall: Duration::from_secs(10),
-            heartbeat: Duration::from_secs(2),
-        }
-    }
-}
 
 /// A chunk that the control was told to take.
 pub(super) struct Pending {

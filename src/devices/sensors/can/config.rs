@@ -5,13 +5,10 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::driver::Driver;
 use crate::sensors::field::Order;
 use crate::sensors::layout::{CounterKeys, Layout, StatusKeys, ValueKeys};
-use crate::sensors::{Named, Opening, Sensor};
 use link::Clock;
 use link::can::{Can, CanError, Id};
-use machine::record::sensor;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -50,7 +47,7 @@ fn usual_timeout() -> f64 {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    interface: String,
+    pub(super) interface: String,
     pub(super) id: Id,
     pub(super) timeout: Duration,
     pub(super) layout: Layout,
@@ -80,19 +77,6 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-impl Named for Config {
-    fn at(&self) -> String {
-        format!("frames {} on CAN interface {}", self.id, self.interface)
-    }
-
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
-        Box::pin(async move {
-            let can = self.listen(clock.clone())?;
-            Ok(self.over(can, sensor, clock, None))
-        })
-    }
-}
-
 impl Config {
     /// Open its interface.
     ///
@@ -100,18 +84,5 @@ impl Config {
     /// A kernel without CAN, no such interface.
     pub fn listen(&self, clock: Arc<dyn Clock>) -> Result<Can, CanError> {
         Can::open(&self.interface, self.id, clock)
-    }
-
-    /// Its frames come from `can`; `served` is kept as long as they are wanted. Call inside a tokio
-    /// runtime.
-    pub fn over(
-        &self,
-        can: Can,
-        sensor: &sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        served: Option<Arc<()>>,
-    ) -> Sensor {
-        let driver = Driver::new(self, can, sensor.range_mm, clock);
-        Sensor::spawn(sensor.name.clone(), driver.beside(served))
     }
 }

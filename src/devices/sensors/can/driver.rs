@@ -7,10 +7,11 @@ use super::Config;
 use super::bus::Bus;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Layout;
-use crate::sensors::{Driver as Seam, Prepared, Sample, SensorError};
+use crate::sensors::{Driver as Seam, Named, Opening, Prepared, Sample, Sensor, SensorError};
 use link::Clock;
 use link::can::{Can, Frame, Heard, Id};
 use machine::record::reading::Flag;
+use machine::record::sensor;
 
 /// How many samples, and how long, are enough to know its rate.
 const ENOUGH: usize = 50;
@@ -162,5 +163,33 @@ impl Seam for Driver {
 
     fn on_demand(&self) -> bool {
         self.can.is_on_demand()
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        format!("frames {} on CAN interface {}", self.id, self.interface)
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let can = self.listen(clock.clone())?;
+            Ok(self.over(can, sensor, clock, None))
+        })
+    }
+}
+
+impl Config {
+    /// Its frames come from `can`; `served` is kept as long as they are wanted. Call inside a tokio
+    /// runtime.
+    pub fn over(
+        &self,
+        can: Can,
+        sensor: &sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        served: Option<Arc<()>>,
+    ) -> Sensor {
+        let driver = Driver::new(self, can, sensor.range_mm, clock);
+        Sensor::spawn(sensor.name.clone(), driver.beside(served))
     }
 }

@@ -1,18 +1,13 @@
 //! `[sensor.modbus]`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::Registers;
 use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
-use crate::sensors::{Named, Opening, Sensor};
-use link::Clock;
 use link::HostPort;
 use link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
-use machine::record::sensor;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -83,18 +78,5 @@ impl Config {
     pub(super) fn settings(&self) -> Settings {
         let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
         Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
-    }
-}
-
-impl Named for Config {
-    fn at(&self) -> String {
-        self.device.in_full()
-    }
-
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
-        Box::pin(async move {
-            let driver = Registers::open(self.clone(), sensor, clock, None).await?;
-            Ok(Sensor::spawn(sensor.name.as_str(), driver))
-        })
     }
 }

@@ -8,7 +8,7 @@ use super::Config;
 use super::standing::Standing;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, Named, Prepared, Sample, SensorError};
+use crate::sensors::{Driver, Named, Opening, Prepared, Sample, Sensor, SensorError};
 use link::Clock;
 use link::modbus::{Modbus, ModbusError};
 use machine::record::reading::Flag;
@@ -186,5 +186,18 @@ impl Driver for Registers {
 
     fn on_demand(&self) -> bool {
         self.simulated_hz.is_some()
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        self.device.in_full()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let driver = Registers::open(self.clone(), sensor, clock, None).await?;
+            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+        })
     }
 }

@@ -1,17 +1,13 @@
 //! `[sensor.serial]`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Deserialize;
 
 use super::form::Form;
-use super::{Serial, frame, line};
-use crate::sensors::{Named, Opening, Sensor};
-use link::Clock;
+use super::{frame, line};
 use link::HostPort;
-use machine::record::sensor;
 
 const USUAL_BAUD: u32 = 115_200;
 
@@ -92,18 +88,5 @@ impl Config {
             link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => Some(baud),
             link::Named::Tcp(_) => None,
         }
-    }
-}
-
-impl Named for Config {
-    fn at(&self) -> String {
-        self.at.in_full()
-    }
-
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
-        Box::pin(async move {
-            let driver = Serial::open(self.clone(), sensor, clock).await?;
-            Ok(Sensor::spawn(sensor.name.as_str(), driver))
-        })
     }
 }

@@ -10,7 +10,7 @@ use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, MOST_SILENT, Prepared, Sample, SensorError};
+use crate::sensors::{Driver, MOST_SILENT, Named, Opening, Prepared, Sample, Sensor, SensorError};
 use link::Clock;
 use link::{Came, Flow};
 use machine::record::reading::Flag;
@@ -263,5 +263,18 @@ impl Driver for Serial {
 
     fn on_demand(&self) -> bool {
         self.simulated_hz.is_some()
+    }
+}
+
+impl Named for Config {
+    fn at(&self) -> String {
+        self.at.in_full()
+    }
+
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+        Box::pin(async move {
+            let driver = Serial::open(self.clone(), sensor, clock).await?;
+            Ok(Sensor::spawn(sensor.name.as_str(), driver))
+        })
     }
 }
