@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use super::WorldError;
 use super::drawn::{self, LengthDraw};
-use super::surface::Nearest;
+use super::nearest::Nearest;
 use super::truth::Truth;
 use machine::record::artefact;
 

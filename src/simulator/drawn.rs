@@ -7,8 +7,8 @@ use glam::{DMat3, DVec3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::flank::FormHarmonic;
 use super::sensor_truth::Wave;
-use super::truth::FormHarmonic;
 use estimation::random;
 use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 use machine::{Axis, Position};

@@ -3,9 +3,20 @@
 use std::f64::consts::PI;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
 
-use super::surface::Nearest;
-use super::truth::FormHarmonic;
+use super::nearest::Nearest;
+
+/// `cos·cos(nψ) + sin·sin(nψ)`, ψ counter-clockwise about the artefact's axis.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormHarmonic {
+    pub n: u32,
+    #[serde(default)]
+    pub cos_um: f64,
+    #[serde(default)]
+    pub sin_um: f64,
+}
 
 /// The solid, standing in the table frame.
 #[derive(Debug, Clone, PartialEq)]

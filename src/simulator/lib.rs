@@ -10,12 +10,14 @@
 mod balls;
 mod beam;
 mod bystander;
+mod check;
 pub mod controls;
 mod drawn;
 mod error;
 pub mod faulty_wire;
 mod flank;
 pub mod interpreter;
+mod nearest;
 mod path;
 mod ramp;
 mod sag;
@@ -36,10 +38,11 @@ use std::collections::BTreeMap;
 pub use beam::Sensed;
 pub use bystander::Bystander;
 pub use error::WorldError;
+pub use flank::FormHarmonic;
 pub use ramp::Speed;
 pub use sensing::Passing;
 pub use sensor_truth::{SensorTruth, Wave};
-pub use truth::{ErrorMotion, FormHarmonic, Latch, Truth};
+pub use truth::{ErrorMotion, Latch, Truth};
 
 use machine::record::artefact::Artefact;
 use machine::record::machine::{AxisSpec, Machine, Probe};
@@ -120,7 +123,7 @@ impl World {
         artefact: &Artefact,
         truth: &Truth,
     ) -> Result<Self, WorldError> {
-        error::check(machine, probe, truth)?;
+        check::check(machine, probe, truth)?;
         let scene = Scene::new(machine, probe, artefact, truth)?;
         let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
         command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));

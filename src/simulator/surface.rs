@@ -6,15 +6,9 @@ use super::WorldError;
 use super::balls::Balls;
 use super::drawn;
 use super::flank::{Flank, Profile};
+use super::nearest::Nearest;
 use super::truth::Truth;
 use machine::record::artefact::{Artefact, Cylinder};
-
-/// Nearest point of the surface: signed distance (negative inside) and outward normal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Nearest {
-    pub distance: f64,
-    pub normal: DVec3,
-}
 
 /// The true artefact, standing in the table frame.
 #[derive(Debug, Clone)]

@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
+use super::flank::FormHarmonic;
 use super::sensor_truth::SensorTruth;
 use super::warmth::Warmth;
 use super::wiring::Wiring;
@@ -81,17 +82,6 @@ pub struct ErrorMotion {
     pub cos_urad: f64,
     #[serde(default)]
     pub sin_urad: f64,
-}
-
-/// `cos·cos(nψ) + sin·sin(nψ)`, ψ counter-clockwise about the artefact's axis.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FormHarmonic {
-    pub n: u32,
-    #[serde(default)]
-    pub cos_um: f64,
-    #[serde(default)]
-    pub sin_um: f64,
 }
 
 /// One ball as it is.

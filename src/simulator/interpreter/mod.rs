@@ -3,6 +3,7 @@
 //! reads back our text for the proof shares none of this.
 
 mod job;
+mod line;
 mod modal;
 mod sort;
 mod words;

@@ -3,19 +3,11 @@
 use machine::{Axis, Position};
 
 use super::job::Job;
-use super::sort::{Line, Once};
+use super::line::{Line, Motion, Once};
 use super::words::{Code, Word};
 
 const MM_PER_INCH: f64 = 25.4;
 const SLOTS: usize = 6;
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Motion {
-    Rapid,
-    Feed,
-    Probe { strict: bool },
-    Off,
-}
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Modal {

@@ -1,42 +1,9 @@
-//! The words of one line, sorted by what they are for.
+//! Sorts a word into its line, or into what the control remembers.
 
-use super::modal::{Modal, Motion};
+use super::line::{Line, Motion, Once};
+use super::modal::Modal;
 use super::words::{Code, Word};
 use machine::Axis;
-
-/// G codes that act once.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Once {
-    Dwell,
-    SetOffset,
-    MachineCoordinates,
-    Shift,
-    ShiftOff,
-}
-
-/// The words of one line, sorted.
-#[derive(Debug, Default)]
-pub(super) struct Line {
-    groups: Vec<u8>,
-    letters: Vec<char>,
-    pub axes: Vec<(Axis, f64)>,
-    pub motion: Option<Motion>,
-    pub once: Option<Once>,
-    pub orient: bool,
-    pub output: bool,
-    pub ends: bool,
-    pub feed: Option<f64>,
-    /// Words that some command must use up.
-    pub values: Vec<(char, f64)>,
-}
-
-impl Line {
-    /// Use up the word `letter`.
-    pub(super) fn value(&mut self, letter: char) -> Option<f64> {
-        let place = self.values.iter().position(|(name, _)| *name == letter)?;
-        Some(self.values.remove(place).1)
-    }
-}
 
 impl Modal {
     /// Take one word into `line`, or into what is remembered.
@@ -44,8 +11,7 @@ impl Modal {
         match word.letter {
             'G' => return self.sort_g((word.value * 10.0).round() as u32, line),
             'M' => return Self::sort_m(word.value, line),
-            letter if line.letters.contains(&letter) => return Err(25),
-            letter => line.letters.push(letter),
+            letter => line.claim_letter(letter)?,
         }
         if let Some(axis) = axes.iter().find(|axis| axis.letter() == word.letter) {
             line.axes.push((*axis, word.value));
@@ -82,7 +48,7 @@ impl Modal {
             40 | 100 | 530 | 920 | 921 => 0,
             _ => return Err(20),
         };
-        claim(line, group)?;
+        line.claim_group(group)?;
         match tenths {
             0 => line.motion = Some(Motion::Rapid),
             10 => line.motion = Some(Motion::Feed),
@@ -114,15 +80,6 @@ impl Modal {
         line.orient |= value == 19.0;
         line.output |= matches!(value, 62.0..=65.0);
         line.ends |= matches!(value, 2.0 | 30.0);
-        claim(line, group)
+        line.claim_group(group)
     }
-}
-
-/// One word of a modal group a line.
-fn claim(line: &mut Line, group: u8) -> Result<(), Code> {
-    if line.groups.contains(&group) {
-        return Err(21);
-    }
-    line.groups.push(group);
-    Ok(())
 }

@@ -1,6 +1,6 @@
 //! A chunk: whether it is taken, and once.
 
-use super::registers::{ACKNOWLEDGE, CHUNK, CRC, LENGTH, SEQUENCE};
+use super::layout::{ACKNOWLEDGE, CHUNK, CRC, LENGTH, SEQUENCE};
 use super::{Entry, Firmware, Mode};
 
 pub(super) const BAD_LENGTH: u16 = 1;

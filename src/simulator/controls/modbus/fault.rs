@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::registers::{HOLD, SEQUENCE};
+use super::layout::{HOLD, SEQUENCE};
 use super::{Entry, Firmware, Mode};
 use crate::Latch;
 use crate::interpreter::Sham;

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use super::chunk::BAD_TEXT;
-use super::registers::steps;
+use super::layout::steps;
 use super::{
     Entry, FaultKind, Firmware, HARD_LIMIT, HEARTBEAT, HEARTBEAT_LOST, Mode, NO_CONTACT,
     PROBE_CLOSED, SOFT_LIMIT,

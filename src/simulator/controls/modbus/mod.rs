@@ -7,6 +7,7 @@
 mod chunk;
 mod fault;
 mod job;
+mod layout;
 mod registers;
 mod resident;
 mod serve;
@@ -131,8 +132,8 @@ pub struct Firmware {
 impl Firmware {
     pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
         let (resident, size) = match options.resident {
-            true => (Some(Resident::default()), registers::OF_PROGRAM),
-            false => (None, registers::OF_LINES),
+            true => (Some(Resident::default()), layout::OF_PROGRAM),
+            false => (None, layout::OF_LINES),
         };
         Self {
             options,

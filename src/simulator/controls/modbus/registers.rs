@@ -1,33 +1,16 @@
-//! Where the items lie, as published, and what a request reads and writes.
+//! What a request reads and writes.
 
 use tokio_modbus::{ExceptionCode, Request, Response};
 
+use super::layout::{ACKNOWLEDGE, HEARTBEAT, HOLD, SEQUENCE, steps};
 use super::resident::Slot;
 use super::{Entry, Firmware, Mode};
-use machine::{Axis, Position};
-
-/// Holding registers of the command block, with lines and with the table of a program.
-pub(super) const OF_LINES: usize = 106;
-pub(super) const OF_PROGRAM: usize = 334;
-pub(super) const HOLD: usize = 0;
-pub(super) const SEQUENCE: usize = 1;
-const HEARTBEAT: usize = 2;
-pub(super) const ACKNOWLEDGE: usize = 3;
-pub(super) const CRC: usize = 4;
-pub(super) const LENGTH: usize = 5;
-pub(super) const CHUNK: usize = 6;
+use machine::Position;
 
 const VERSION: u16 = 1;
 const PROGRAM_VERSION: u16 = 101;
-pub(super) const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Of the heartbeat.
 const BEATS_PER_S: f64 = 20.0;
-
-/// Steps of 0.001 mm or degree, rounded as a report with three decimals is.
-pub(super) fn steps(position: &Position) -> Vec<i32> {
-    let step = |axis: Axis| format!("{:.3}", axis.to_edge(position.at(axis))).replace('.', "");
-    AXES.map(|axis| step(axis).parse().unwrap_or(i32::MAX)).to_vec()
-}
 
 fn words_of(position: &Position) -> Vec<u16> {
     steps(position).iter().flat_map(|steps| words(&steps.to_be_bytes())).collect()

@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use super::chunk::{BAD_LENGTH, BAD_ROW};
-use super::registers::AXES;
+use super::layout::AXES;
 use super::{Entry, FaultKind, Firmware};
 use crate::interpreter::Job;
 use machine::{Axis, Position};
