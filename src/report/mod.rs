@@ -7,6 +7,7 @@ mod planned;
 mod proven;
 pub mod readings_csv;
 mod related;
+mod rows;
 #[cfg(test)]
 mod tests;
 mod vectors;

@@ -3,6 +3,7 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
+use super::rows::Rows;
 use super::{figure, number, planned, proven, related, vectors};
 use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
 use machine::record::plan::Plan;
@@ -183,8 +184,6 @@ fn budget(parameters: &[Parameter]) -> Value {
         .collect();
     context! { sources, rows }
 }
-
-pub type Rows = Vec<(String, String)>;
 
 fn quality(estimate: &Estimate) -> Rows {
     let mut rows = vec![

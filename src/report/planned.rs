@@ -1,7 +1,7 @@
 //! The plan in a few rows: with what was measured, what, and how often.
 
 use super::number;
-use super::page::Rows;
+use super::rows::Rows;
 use machine::record::artefact::{Artefact, Balls, Cylinder};
 use machine::record::plan::{Plan, StepKind};
 use machine::record::sensor::Sensor;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::number::fixed;
-use super::page::Rows;
+use super::rows::Rows;
 use machine::record::reading::Reading;
 
 /// No thermometer at a machine is better, °C.
