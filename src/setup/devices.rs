@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex};
 
 use super::machine_file::MachineFile;
 use super::simulated::Served;
-use super::{Pace, Sensors, SetupError, Site, Thermometers};
+use super::{Sensors, SetupError, Thermometers};
 use devices::controllers::Controller;
 use link::Clock;
 use link::clock::HostClock;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
-use simulator::{Truth, World};
+use simulator::World;
 
 /// The machine as a run needs it.
 pub struct Devices {
@@ -70,22 +70,4 @@ pub struct Past<'a> {
 pub fn dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
     let named = Dialect::named(file.controller.control.dialect())?;
     Ok(named.with(&file.machine, &file.probe)?)
-}
-
-/// Open the machine's control. Call inside a tokio runtime.
-pub async fn devices(
-    file: &MachineFile,
-    pace: Pace,
-    past: Past<'_>,
-) -> Result<Devices, SetupError> {
-    Site::new(file)?.after(past).open(pace).await
-}
-
-/// The simulated truth of a machine file.
-pub fn world(file: &MachineFile) -> Result<World, SetupError> {
-    let truth: Truth = file.simulated()?.unwrap_or_default();
-    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
-    let thermometers: Vec<_> = file.thermometers.iter().map(|entry| entry.name.as_str()).collect();
-    let world = World::new(&file.machine, &file.probe, &file.artefact, &truth)?;
-    Ok(world.with_sensors(&sensors)?.with_thermometers(&thermometers)?)
 }

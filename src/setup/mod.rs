@@ -11,10 +11,11 @@ mod sensors;
 mod simulated;
 mod site;
 mod thermometers;
+mod world;
 
 use std::path::Path;
 
-pub use self::devices::{Devices, Past, devices, dialect, world};
+pub use self::devices::{Devices, Past, dialect};
 pub use built_in::{BuiltIn, built_in};
 pub use controls::configure;
 pub use draft::Draft;
@@ -23,8 +24,9 @@ pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
 pub use sensors::{Mounted, Sensors, sensor};
 pub use simulated::Served;
-pub use site::Site;
+pub use site::{Site, devices};
 pub use thermometers::Thermometers;
+pub use world::world;
 
 use machine::record::plan::{PLAN_VERSION, Plan};
 use methods::Method;

@@ -67,3 +67,12 @@ impl<'a> Site<'a> {
         }
     }
 }
+
+/// Open the machine's control. Call inside a tokio runtime.
+pub async fn devices(
+    file: &MachineFile,
+    pace: Pace,
+    past: Past<'_>,
+) -> Result<Devices, SetupError> {
+    Site::new(file)?.after(past).open(pace).await
+}

@@ -1,0 +1,13 @@
+//! The simulated world of a machine file.
+
+use super::{MachineFile, SetupError};
+use simulator::{Truth, World};
+
+/// The simulated truth of a machine file.
+pub fn world(file: &MachineFile) -> Result<World, SetupError> {
+    let truth: Truth = file.simulated()?.unwrap_or_default();
+    let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
+    let thermometers: Vec<_> = file.thermometers.iter().map(|entry| entry.name.as_str()).collect();
+    let world = World::new(&file.machine, &file.probe, &file.artefact, &truth)?;
+    Ok(world.with_sensors(&sensors)?.with_thermometers(&thermometers)?)
+}
