@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{Fault, Journal, Pending, StoreError, read, write};
+use super::{Fault, Journal, Pending, StoreError, columns};
 
 /// A call that changes something.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -49,7 +49,7 @@ pub(super) fn add(connection: &Connection, audit: &Audit) -> Result<(), Fault> {
     connection.execute(
         "INSERT INTO audit (at, who, what, why, machine, run, outcome)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-        params![write::now(), who, what, why, machine, run, outcome],
+        params![columns::now(), who, what, why, machine, run, outcome],
     )?;
     Ok(())
 }
@@ -73,7 +73,7 @@ fn newest(
             run: row.get(5)?,
             outcome: row.get(6)?,
         };
-        Ok(Audited { seq: row.get(7)?, at: read::parsed(row, 0)?, audit })
+        Ok(Audited { seq: row.get(7)?, at: columns::parsed(row, 0)?, audit })
     })?;
     Ok(rows.collect::<Result<_, _>>()?)
 }

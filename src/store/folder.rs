@@ -5,6 +5,9 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
+/// The journal's file in the state directory.
+pub(super) const JOURNAL: &str = "journal.sqlite";
+
 /// Make `dir` and its parents, as far as they are missing.
 pub(super) fn make(dir: &Path) -> io::Result<()> {
     let parent = dir.parent().filter(|parent| !parent.as_os_str().is_empty());

@@ -12,26 +12,16 @@ use std::time::{Duration, Instant};
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
+use super::folder::{self, JOURNAL};
 use super::{
-    Fault, MachineLock, Measured, Progress, RunId, RunState, RunSummary, StoreError, StoredRun,
+    Fault, MachineLock, Measured, NewRun, Progress, RunId, RunState, RunSummary, Signature,
+    StoreError, StoredRun,
 };
-use super::{folder, read, scan, schema, write};
+use super::{read, scan, schema, signature, write};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
-use machine::record::plan::{Plan, Stage, Step};
+use machine::record::plan::{Stage, Step};
 use machine::record::reading::Reading;
-
-/// What is known of a run when it begins.
-#[derive(Debug, Clone)]
-pub struct NewRun {
-    /// The machine file as it was read.
-    pub config: String,
-    /// With the steps known so far; usually none.
-    pub plan: Plan,
-}
-
-/// Its name in the state directory.
-pub(super) const FILE: &str = "journal.sqlite";
 
 type Job = Box<dyn FnOnce(&mut Connection) + Send>;
 
@@ -86,7 +76,7 @@ impl Journal {
         dir: &Path,
         wrote: impl Fn(Duration) + Send + 'static,
     ) -> Result<Self, StoreError> {
-        let path = dir.join(FILE);
+        let path = dir.join(JOURNAL);
         Self::start(dir, &path, wrote).map_err(StoreError::at(&path))
     }
 
@@ -138,6 +128,12 @@ impl Journal {
     pub fn estimate(&self, run: RunId, estimate: &Estimate) -> Pending<String> {
         let estimate = estimate.clone();
         self.submit(move |connection| write::estimate(connection, run, &estimate))
+    }
+
+    /// Add a signature for good.
+    pub fn sign(&self, run: RunId, signature: &Signature) -> Pending<()> {
+        let signature = signature.clone();
+        self.submit(move |connection| signature::add(connection, run, &signature))
     }
 
     /// The run is now in `state`: ended, held, or running again.

@@ -12,6 +12,7 @@ use machine::record::reading::{Reading, Temperatures};
 
 mod audit;
 mod backup;
+mod columns;
 mod error;
 mod folder;
 mod journal;
@@ -23,6 +24,7 @@ mod scan;
 mod schedule;
 mod schema;
 mod signature;
+mod snapshot;
 mod state_dir;
 #[cfg(test)]
 mod tests;
@@ -31,7 +33,7 @@ mod write;
 pub use audit::{Audit, Audited};
 pub use backup::backup;
 pub use error::{Fault, StoreError};
-pub use journal::{Journal, NewRun, Pending};
+pub use journal::{Journal, Pending};
 pub use lock::{Holder, LockError, MachineLock};
 pub use page::{Newest, Wanted};
 pub use schedule::{Arming, Outcome, Slot};
@@ -86,6 +88,15 @@ impl RunState {
     fn parse(text: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|state| state.as_str() == text)
     }
+}
+
+/// What is known of a run when it begins.
+#[derive(Debug, Clone)]
+pub struct NewRun {
+    /// The machine file as it was read.
+    pub config: String,
+    /// With the steps known so far; usually none.
+    pub plan: Plan,
 }
 
 /// The head of a run: what a list of runs shows.

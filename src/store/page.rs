@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::Deserialize;
 
-use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, read};
+use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, columns, read};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::reading::Reading;
 
@@ -102,7 +102,7 @@ fn readings(
     there.optional()?.ok_or(Fault::NoRun(run))?;
     let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
     let counts: Vec<(i64, u32)> =
-        read::rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+        columns::rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
     let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::READINGS))?;
     let end = after.saturating_add(most);
     let (mut all, mut some) = (0, Vec::new());
@@ -129,8 +129,8 @@ fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Faul
          WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
         params![machine, RunState::Finished.as_str()],
         |row| {
-            let Said { verdict, parameters } = read::json(row, 2)?;
-            let (run, ended) = (RunId(row.get(0)?), read::parsed(row, 1)?);
+            let Said { verdict, parameters } = columns::from_json(row, 2)?;
+            let (run, ended) = (RunId(row.get(0)?), columns::parsed(row, 1)?);
             Ok(Newest { run, ended, verdict, parameters })
         },
     );

@@ -1,12 +1,9 @@
 //! Reading the journal back.
 
-use std::str::FromStr;
-
-use rusqlite::types::Type;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 
+use super::columns::{damaged, from_json, parsed, rows};
 use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
 use super::{scan, signature};
 use machine::Axis;
@@ -70,13 +67,13 @@ fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
     struct Values {
         parameters: Vec<Parameter>,
     }
-    let Values { parameters } = json(row, 3)?;
+    let Values { parameters } = from_json(row, 3)?;
     Ok(Measured {
         run: RunId(row.get(0)?),
         started: parsed(row, 1)?,
         method: row.get(2)?,
         parameters,
-        temperatures_c: json(row, 4)?,
+        temperatures_c: from_json(row, 4)?,
     })
 }
 
@@ -93,7 +90,7 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
         summary,
         config,
         plan: plan(&snapshot, run)?,
-        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
+        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
         readings: rows(&snapshot, READINGS, run, readings)?.concat(),
         measured_until: snapshot
             .query_row(
@@ -104,7 +101,7 @@ pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, 
             )
             .optional()?,
         events: rows(&snapshot, "SELECT at, event FROM events", run, |row| {
-            Ok((parsed(row, 0)?, json(row, 1)?))
+            Ok((parsed(row, 0)?, from_json(row, 1)?))
         })?,
         estimates: rows(
             &snapshot,
@@ -120,7 +117,7 @@ pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progre
     let snapshot = connection.transaction()?;
     Ok(Progress {
         plan: uninterrupted(&snapshot, run)?,
-        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| json(row, 0))?,
+        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
         done: rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
             Ok((row.get(0)?, row.get(1)?))
         })?,
@@ -134,17 +131,19 @@ pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
 
 fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     let mut plan: Plan = connection
-        .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| json(row, 0))
+        .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| from_json(row, 0))
         .optional()?
         .ok_or(Fault::NoRun(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
-    plan.steps = statement.query_map([run.0], |row| json(row, 0))?.collect::<Result<_, _>>()?;
+    plan.steps =
+        statement.query_map([run.0], |row| from_json(row, 0))?.collect::<Result<_, _>>()?;
     Ok(plan)
 }
 
 /// When the run was interrupted, on the readings' clock; once each.
 fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
-    let events = rows(connection, "SELECT event FROM events", run, |row| json::<Event>(row, 0))?;
+    let events =
+        rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
     let mut gaps: Vec<f64> = events
         .into_iter()
         .filter_map(|event| match event {
@@ -154,17 +153,6 @@ fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
         .collect();
     gaps.dedup();
     Ok(gaps)
-}
-
-pub(super) fn rows<T>(
-    connection: &Connection,
-    select: &str,
-    run: RunId,
-    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
-) -> Result<Vec<T>, Fault> {
-    let mut statement = connection.prepare(&format!("{select} WHERE run = ?1 ORDER BY seq"))?;
-    let rows = statement.query_map(params![run.0], read)?.collect::<Result<Vec<_>, _>>()?;
-    Ok(rows)
 }
 
 pub(super) fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
@@ -202,7 +190,7 @@ fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
         sensor: row.get(3)?,
         t_s: row.get(4)?,
         flag: parsed(row, 5)?,
-        temperatures_c: json(row, 6)?,
+        temperatures_c: from_json(row, 6)?,
     };
     for (column, axis) in (7..).zip(Axis::ALL) {
         if let Some(value) = row.get(column)? {
@@ -215,28 +203,8 @@ fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
 fn estimate(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
     Ok(StoredEstimate {
         made: parsed(row, 0)?,
-        estimate: json(row, 1)?,
+        estimate: from_json(row, 1)?,
         sha256: row.get(2)?,
         program_version: row.get(3)?,
     })
-}
-
-pub(super) fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
-    let text: String = row.get(column)?;
-    serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
-}
-
-pub(super) fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
-    row: &Row<'_>,
-    column: usize,
-) -> rusqlite::Result<T> {
-    let text: String = row.get(column)?;
-    text.parse().map_err(|error: T::Err| damaged(column, error.into()))
-}
-
-pub(super) fn damaged(
-    column: usize,
-    why: Box<dyn std::error::Error + Send + Sync>,
-) -> rusqlite::Error {
-    rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
 }

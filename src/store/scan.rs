@@ -3,7 +3,7 @@
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
-use super::{Fault, RunId, write};
+use super::{Fault, RunId, columns};
 use machine::Axis;
 use machine::record::reading::{Flag, Reading};
 
@@ -30,11 +30,11 @@ pub(super) fn keep(
 ) -> Result<(), Fault> {
     let Some(first) = samples.first() else { return Ok(()) };
     let what = || format!("the scan of step {}", first.step);
-    if !samples.iter().all(write::is_finite) {
+    if !samples.iter().all(columns::is_finite) {
         return Err(Fault::NotFinite { what: what() });
     }
     let kept: Vec<Kept> = samples.iter().map(Kept::of).collect();
-    let text = write::json(&what(), &kept)?;
+    let text = columns::to_json(&what(), &kept)?;
     connection
         .execute(
             "INSERT INTO readings (run, step, repeat, sensor, t_s, flag, temperatures_c, kept, samples)
@@ -45,8 +45,8 @@ pub(super) fn keep(
                 first.repeat,
                 first.sensor,
                 first.t_s,
-                write::json(&what(), &first.temperatures_c)?,
-                write::now(),
+                columns::to_json(&what(), &first.temperatures_c)?,
+                columns::now(),
                 text
             ],
         )

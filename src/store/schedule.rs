@@ -5,7 +5,7 @@ use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 use serde::Serialize;
 
-use super::{Audit, Fault, Journal, Pending, RunId, StoreError, audit, read, write};
+use super::{Audit, Fault, Journal, Pending, RunId, StoreError, audit, columns, write};
 
 /// A person lets a cycle start while nobody is there.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -184,7 +184,7 @@ fn end(
     transaction.execute(
         "UPDATE armings SET ended = ?3, ended_why = ?4
          WHERE machine = ?1 AND ended IS NULL AND (?2 IS NULL OR cycle = ?2)",
-        params![machine, cycle, write::now(), why],
+        params![machine, cycle, columns::now(), why],
     )?;
     Ok(open)
 }
@@ -202,7 +202,7 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
     )?;
     let rows = statement.query_map([machine], |row| {
         let ended = match row.get::<_, Option<String>>(5)? {
-            Some(_) => Some((read::parsed(row, 5)?, row.get(6)?)),
+            Some(_) => Some((columns::parsed(row, 5)?, row.get(6)?)),
             None => None,
         };
         let arming = Arming {
@@ -210,8 +210,8 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
             cycle: row.get(0)?,
             who: row.get(1)?,
             why: row.get(2)?,
-            armed: read::parsed(row, 3)?,
-            until: read::parsed(row, 4)?,
+            armed: columns::parsed(row, 3)?,
+            until: columns::parsed(row, 4)?,
             ended,
             broken: None,
         };
@@ -251,7 +251,7 @@ fn schedules(
         let seen = transaction.query_row(
             "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
             params![machine, name, calendar],
-            |row| read::parsed(row, 0),
+            |row| columns::parsed(row, 0),
         );
         Ok(seen.optional()?.unwrap_or_else(|| whole(now)))
     });
@@ -280,7 +280,7 @@ fn keep(connection: &mut Connection, slot: &Slot) -> Result<bool, Fault> {
          WHERE outcome = 'missed' AND excluded.outcome <> 'missed'
             OR outcome = 'started' AND (excluded.outcome IN ('ran', 'failed', 'skipped')
                                         OR run = 0 AND excluded.run > 0)",
-        params![machine, schedule, at, cycle, write::now(), outcome, why, run],
+        params![machine, schedule, at, cycle, columns::now(), outcome, why, run],
     )?;
     transaction.execute(
         "UPDATE schedules SET seen = ?3 WHERE machine = ?1 AND schedule = ?2 AND seen < ?3",
@@ -305,12 +305,12 @@ fn slot(machine: &str, row: &Row<'_>) -> rusqlite::Result<Slot> {
     Ok(Slot {
         machine: machine.to_owned(),
         schedule: row.get(0)?,
-        at: read::parsed(row, 1)?,
+        at: columns::parsed(row, 1)?,
         cycle: row.get(2)?,
         outcome: Outcome::ALL
             .into_iter()
             .find(|known| known.as_str() == outcome)
-            .ok_or_else(|| read::damaged(3, format!("unknown outcome `{outcome}`").into()))?,
+            .ok_or_else(|| columns::damaged(3, format!("unknown outcome `{outcome}`").into()))?,
         why: row.get(4)?,
         run: row.get(5)?,
     })

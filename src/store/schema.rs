@@ -6,9 +6,10 @@
 use std::path::Path;
 use std::time::Duration;
 
+use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 
-use super::{Fault, backup};
+use super::{Fault, snapshot};
 
 /// One entry a version; never change one that was released, add another.
 const MIGRATIONS: [&str; 7] = [
@@ -209,13 +210,20 @@ fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
     let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
     let missing = missing.ok_or(Fault::Newer { found, known })?;
     if found > 0 && !missing.is_empty() {
-        backup::before_migration(path, found)?;
+        keep_version(path, found)?;
     }
     for migration in missing {
         transaction.execute_batch(migration)?;
     }
     transaction.pragma_update(None, "user_version", known)?;
     Ok(transaction.commit()?)
+}
+
+/// The journal at `path` as it is before it is brought up from version `found`, kept beside it.
+fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
+    let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
+    let kept = path.with_file_name(format!("journal-v{found}-{now}.sqlite"));
+    snapshot::keep(&open_reader(path)?, &kept)
 }
 
 fn version(connection: &Connection) -> Result<i64, Fault> {

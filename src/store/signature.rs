@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{Fault, Journal, Pending, RunId, read, write};
+use super::{Fault, RunId, columns};
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Signature {
@@ -14,21 +14,17 @@ pub struct Signature {
     pub estimate_sha256: String,
 }
 
-impl Journal {
-    /// Add it for good.
-    pub fn sign(&self, run: RunId, signature: &Signature) -> Pending<()> {
-        let signature = signature.clone();
-        self.submit(move |connection| add(connection, run, &signature))
-    }
-}
-
-fn add(connection: &mut Connection, run: RunId, signature: &Signature) -> Result<(), Fault> {
+pub(super) fn add(
+    connection: &mut Connection,
+    run: RunId,
+    signature: &Signature,
+) -> Result<(), Fault> {
     let Signature { who, remark, estimate_sha256 } = signature;
     connection
         .execute(
             "INSERT INTO signatures (run, at, who, remark, estimate_sha256)
              VALUES (?1, ?2, ?3, ?4, ?5)",
-            params![run.0, write::now(), who, remark, estimate_sha256],
+            params![run.0, columns::now(), who, remark, estimate_sha256],
         )
         .map_err(Fault::of_run(run))?;
     Ok(())
@@ -40,8 +36,8 @@ pub(super) fn of_run(
     run: RunId,
 ) -> Result<Vec<(Timestamp, Signature)>, Fault> {
     let select = "SELECT at, who, remark, estimate_sha256 FROM signatures";
-    read::rows(connection, select, run, |row| {
+    columns::rows(connection, select, run, |row| {
         let (who, remark, estimate_sha256) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        Ok((read::parsed(row, 0)?, Signature { who, remark, estimate_sha256 }))
+        Ok((columns::parsed(row, 0)?, Signature { who, remark, estimate_sha256 }))
     })
 }

@@ -1,12 +1,9 @@
 //! What the writer's thread does: each function is one transaction, committed when it returns.
 
-use jiff::Timestamp;
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 
-use super::journal::NewRun;
-use super::{Fault, RunId, RunState, read, sha256_text};
+use super::columns::{is_finite, now, to_json};
+use super::{Fault, NewRun, RunId, RunState, read, sha256_text};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -30,7 +27,7 @@ pub(super) fn begin(connection: &mut Connection, new: &NewRun) -> Result<RunId, 
             PROGRAM_VERSION,
             new.config,
             sha256_text(&new.config),
-            json("the plan", &head)?,
+            to_json("the plan", &head)?,
         ],
     )?;
     let run = RunId(transaction.last_insert_rowid());
@@ -49,7 +46,7 @@ pub(super) fn stage(
     transaction
         .execute(
             "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
-            params![run.0, json("the stage", stage)?],
+            params![run.0, to_json("the stage", stage)?],
         )
         .map_err(Fault::of_run(run))?;
     add_steps(&transaction, run, new_steps)?;
@@ -59,7 +56,7 @@ pub(super) fn stage(
 /// The plan grows: new steps, and the hash of the plan as it stands now.
 fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), Fault> {
     for step in steps {
-        let text = json(&format!("step {}", step.id), step)?;
+        let text = to_json(&format!("step {}", step.id), step)?;
         transaction.execute(
             "INSERT INTO steps (run, id, step) VALUES (?1, ?2, ?3)",
             params![run.0, step.id, text],
@@ -69,7 +66,7 @@ fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Resul
 }
 
 fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
-    let hash = sha256_text(&json("the plan", &read::plan(transaction, run)?)?);
+    let hash = sha256_text(&to_json("the plan", &read::plan(transaction, run)?)?);
     transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
     Ok(())
 }
@@ -105,7 +102,7 @@ pub(super) fn reading(
                 reading.sensor,
                 reading.t_s,
                 reading.flag.as_str(),
-                json(&what(), &reading.temperatures_c)?,
+                to_json(&what(), &reading.temperatures_c)?,
                 now(),
             ],
         )
@@ -113,13 +110,8 @@ pub(super) fn reading(
     Ok(())
 }
 
-pub(super) fn is_finite(reading: &Reading) -> bool {
-    let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
-    numbers.chain([reading.t_s]).all(f64::is_finite)
-}
-
 pub(super) fn event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), Fault> {
-    let text = json("an event", event)?;
+    let text = to_json("an event", event)?;
     let transaction = begin_writing(connection)?;
     transaction
         .execute(
@@ -138,7 +130,7 @@ pub(super) fn estimate(
     run: RunId,
     estimate: &Estimate,
 ) -> Result<String, Fault> {
-    let text = json("the estimate", estimate)?;
+    let text = to_json("the estimate", estimate)?;
     let hash = sha256_text(&text);
     connection
         .execute(
@@ -202,19 +194,4 @@ pub(super) fn mark_interrupted(
 /// Immediate, so that two processes that write never fail half-way into a transaction.
 pub(super) fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
-}
-
-pub(super) fn now() -> String {
-    Timestamp::now().to_string()
-}
-
-/// JSON that can be read back: a number that is not finite becomes `null`, which no number reads.
-pub(super) fn json<T: Serialize + DeserializeOwned>(
-    what: &str,
-    value: &T,
-) -> Result<String, Fault> {
-    let not_finite = |_| Fault::NotFinite { what: what.to_owned() };
-    let text = serde_json::to_string(value).map_err(not_finite)?;
-    serde_json::from_str::<T>(&text).map_err(not_finite)?;
-    Ok(text)
 }

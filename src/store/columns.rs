@@ -1,0 +1,65 @@
+//! Values as the journal's columns hold them, and back: JSON, times, numbers.
+
+use std::str::FromStr;
+
+use jiff::Timestamp;
+use rusqlite::types::Type;
+use rusqlite::{Connection, Row, params};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::{Fault, RunId};
+use machine::record::reading::Reading;
+
+pub(super) fn now() -> String {
+    Timestamp::now().to_string()
+}
+
+/// JSON that can be read back: a number that is not finite becomes `null`, which no number reads.
+pub(super) fn to_json<T: Serialize + DeserializeOwned>(
+    what: &str,
+    value: &T,
+) -> Result<String, Fault> {
+    let not_finite = |_| Fault::NotFinite { what: what.to_owned() };
+    let text = serde_json::to_string(value).map_err(not_finite)?;
+    serde_json::from_str::<T>(&text).map_err(not_finite)?;
+    Ok(text)
+}
+
+/// Whether all numbers of `reading` can be kept: SQLite would keep a NaN as NULL.
+pub(super) fn is_finite(reading: &Reading) -> bool {
+    let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
+    numbers.chain([reading.t_s]).all(f64::is_finite)
+}
+
+/// What `select` finds of a run, in the order of its rows.
+pub(super) fn rows<T>(
+    connection: &Connection,
+    select: &str,
+    run: RunId,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>, Fault> {
+    let mut statement = connection.prepare(&format!("{select} WHERE run = ?1 ORDER BY seq"))?;
+    let rows = statement.query_map(params![run.0], read)?.collect::<Result<Vec<_>, _>>()?;
+    Ok(rows)
+}
+
+pub(super) fn from_json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
+    let text: String = row.get(column)?;
+    serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
+}
+
+pub(super) fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
+    row: &Row<'_>,
+    column: usize,
+) -> rusqlite::Result<T> {
+    let text: String = row.get(column)?;
+    text.parse().map_err(|error: T::Err| damaged(column, error.into()))
+}
+
+pub(super) fn damaged(
+    column: usize,
+    why: Box<dyn std::error::Error + Send + Sync>,
+) -> rusqlite::Error {
+    rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
+}

@@ -1,0 +1,52 @@
+//! A copy of an open journal as one file.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use rusqlite::Connection;
+use rusqlite::backup::{Backup, StepResult};
+
+use super::{Fault, folder};
+
+/// Under its name only once it is whole and on the disk.
+pub(super) fn keep(source: &Connection, file: &Path) -> Result<(), Fault> {
+    if file.exists() {
+        return Err(Fault::Exists);
+    }
+    let part = part(file);
+    let kept = fill(source, &part).and_then(|()| Ok(fs::rename(&part, file)?));
+    if let Err(fault) = kept {
+        let _ = fs::remove_file(&part);
+        return Err(fault);
+    }
+    let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty());
+    Ok(folder::sync(parent.unwrap_or(Path::new(".")))?)
+}
+
+fn part(file: &Path) -> PathBuf {
+    let mut name = file.file_name().unwrap_or_default().to_owned();
+    name.push(".part");
+    file.with_file_name(name)
+}
+
+fn fill(source: &Connection, part: &Path) -> Result<(), Fault> {
+    // Of a copy that did not come to its end.
+    match fs::remove_file(part) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
+        _ => {}
+    }
+    let mut copy = Connection::open(part)?;
+    // All pages in one look: with a write-ahead log no writer waits for a reader.
+    match Backup::new(source, &mut copy)?.step(-1)? {
+        StepResult::Done => {}
+        _ => return Err(Fault::Busy),
+    }
+    // One file, with no log beside it.
+    copy.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
+    let said: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
+    match said.as_str() {
+        "ok" => Ok(()),
+        _ => Err(Fault::Damaged(said)),
+    }
+}
