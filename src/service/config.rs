@@ -7,8 +7,10 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::schedule::entry::{self, Entry};
-use super::triggers::modbus::map::CYCLES;
 use link::{HostPort, Named};
+
+/// Cycle numbers run from 1 to this: the Modbus map has one start coil for each.
+pub const MAX_CYCLES: u16 = 8;
 
 /// What the machine itself must say before a cycle starts from outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -215,8 +217,8 @@ impl TryFrom<Keys> for Config {
 
 fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
     for (index, cycle) in cycles.iter().enumerate() {
-        if !(1..=CYCLES).contains(&cycle.number) {
-            return Err(format!("cycle number {} is not from 1 to {CYCLES}", cycle.number));
+        if !(1..=MAX_CYCLES).contains(&cycle.number) {
+            return Err(format!("cycle number {} is not from 1 to {MAX_CYCLES}", cycle.number));
         }
         if cycles[..index].iter().any(|other| other.number == cycle.number) {
             return Err(format!("cycle number {} is given twice", cycle.number));

@@ -15,7 +15,6 @@ use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 
 use super::board::{Refusal, State};
-use super::desk::Desk;
 use machine::record::estimate::Verdict;
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
@@ -127,23 +126,21 @@ impl Metrics {
         tally
     }
 
-    /// As it stands, in the OpenMetrics text format.
+    /// The state of `machine`, and how long ago its worker last made progress.
+    pub fn set_machine(&self, machine: &str, now: State, progress_age: Duration) {
+        for state in State::ALL {
+            let labels = [("machine", machine.to_owned().into()), ("state", state.word().into())];
+            self.state.get_or_create(&labels).set(i64::from(state == now));
+        }
+        let labels = [("machine", machine.to_owned().into())];
+        self.progress_age.get_or_create(&labels).set(progress_age.as_secs_f64());
+    }
+
+    /// All of it, in the OpenMetrics text format.
     ///
     /// # Errors
     /// None that is known: a `String` takes all that is written to it.
-    pub fn text<'a>(
-        &self,
-        machines: impl Iterator<Item = (&'a str, &'a Desk)>,
-    ) -> Result<String, std::fmt::Error> {
-        for (name, desk) in machines {
-            let now = desk.board().state;
-            for state in State::ALL {
-                let labels = [("machine", name.to_owned().into()), ("state", state.word().into())];
-                self.state.get_or_create(&labels).set(i64::from(state == now));
-            }
-            let labels = [("machine", name.to_owned().into())];
-            self.progress_age.get_or_create(&labels).set(desk.pulse().age().as_secs_f64());
-        }
+    pub fn text(&self) -> Result<String, std::fmt::Error> {
         let mut text = String::new();
         text::encode(&mut text, &self.registry)?;
         Ok(text)

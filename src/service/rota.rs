@@ -10,7 +10,6 @@ use serde::Serialize;
 use tokio::sync::oneshot;
 
 use super::board::Said;
-use super::desk::Desk;
 use crate::store::{Arming, Journal, Slot, StoreError};
 
 /// What the machine says of itself, and of what a cycle without anybody there needs beyond.
@@ -72,10 +71,10 @@ pub struct Agenda {
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn agenda(journal: &Journal, desk: &Desk, machine: &str) -> Result<Agenda, StoreError> {
+pub fn agenda(journal: &Journal, rota: &Rota, machine: &str) -> Result<Agenda, StoreError> {
     const LAST: usize = 50;
     Ok(Agenda {
-        planned: desk.rota().planned(),
+        planned: rota.planned(),
         armed: journal.armings(machine)?,
         last: journal.slots(machine, LAST)?,
     })

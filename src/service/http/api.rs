@@ -1,7 +1,5 @@
 //! What can be read: machines, runs, plans, readings by pages, estimates, trends.
 
-use std::sync::Arc;
-
 use axum::Json;
 use axum::extract::{Path, Query, State};
 use serde::{Deserialize, Serialize};
@@ -10,6 +8,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::Web;
+use super::journal::read_journal;
 use super::openapi::views::{AuditView, ComparisonView, Contract, RunView, SeriesView};
 use super::problem::Problem;
 use super::standing::Standing;
@@ -38,25 +37,6 @@ pub fn routes() -> OpenApiRouter<Web> {
         .routes(routes!(compared))
 }
 
-/// Beside the thread that answers: the disk may be slow.
-pub(super) async fn look<T: Send + 'static>(
-    web: &Web,
-    read: impl FnOnce(&Journal) -> T + Send + 'static,
-) -> Result<T, Problem> {
-    let journal = Arc::clone(&web.journal);
-    // Who goes away while he waits for his turn leaves nothing behind that would be read for nobody.
-    let turn = Arc::clone(&web.readers).acquire_owned().await;
-    let read = move || {
-        let read = read(&journal);
-        drop(turn);
-        read
-    };
-    tokio::task::spawn_blocking(read).await.map_err(|_| {
-        let status = axum::http::StatusCode::INTERNAL_SERVER_ERROR;
-        Problem::new(status, "no-answer", "the question ended without answer", "ask again")
-    })
-}
-
 /// All machines, and how they stand.
 #[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<Standing>)))]
 async fn machines(State(web): State<Web>) -> Json<Vec<Standing>> {
@@ -82,7 +62,7 @@ async fn trends(
 ) -> Result<Json<Vec<Series>>, Problem> {
     let served = web.machine(&name).is_some();
     let limits = web.tolerance(&name);
-    let found = look(&web, move |journal| {
+    let found = read_journal(&web, move |journal| {
         // One that is not served any more has its runs still.
         match served || journal.machines()?.contains(&name) {
             true => Ok(history(journal, &name, &limits)?),
@@ -143,7 +123,10 @@ async fn runs(
     State(web): State<Web>,
     Query(asked): Query<RunsAsked>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
-    Ok(Json(look(&web, move |journal| journal.some_runs(asked.wanted(), asked.most())).await??))
+    Ok(Json(
+        read_journal(&web, move |journal| journal.some_runs(asked.wanted(), asked.most()))
+            .await??,
+    ))
 }
 
 /// Who asked for what, and what came of it, newest first.
@@ -152,7 +135,7 @@ async fn audit(
     State(web): State<Web>,
     Query(Earlier { before, limit }): Query<Earlier>,
 ) -> Result<Json<Vec<Audited>>, Problem> {
-    Ok(Json(look(&web, move |journal| journal.audits(before, most(limit))).await??))
+    Ok(Json(read_journal(&web, move |journal| journal.audits(before, most(limit))).await??))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -171,7 +154,7 @@ struct OneRun {
 /// A run, and what happened on the way.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", params(("run" = i64, Path)), responses((status = OK, body = OneRun)))]
 async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
-    let stored = look(&web, move |journal| journal.load(RunId(run))).await??;
+    let stored = read_journal(&web, move |journal| journal.load(RunId(run))).await??;
     Ok(Json(OneRun {
         stages: stored.stages.len(),
         steps: stored.plan.steps.len(),
@@ -184,7 +167,7 @@ async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun
 /// Its plan, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/plan", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
 async fn plan(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
-    Ok(Json(look(&web, move |journal| journal.load(RunId(run))).await??.plan))
+    Ok(Json(read_journal(&web, move |journal| journal.load(RunId(run))).await??.plan))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -203,7 +186,7 @@ async fn readings(
     Query(slice): Query<Further>,
 ) -> Result<Json<Readings>, Problem> {
     let (after, most) = (slice.after.unwrap_or(0), most(slice.limit));
-    let some = look(&web, move |journal| journal.some_readings(RunId(run), after, most));
+    let some = read_journal(&web, move |journal| journal.some_readings(RunId(run), after, most));
     let (all, readings) = some.await??;
     Ok(Json(Readings { all, after, readings }))
 }
@@ -214,7 +197,7 @@ async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<E
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
         Ok(journal.load(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
     };
-    let found = look(&web, read).await??;
+    let found = read_journal(&web, read).await??;
     found.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
 }
 
@@ -237,5 +220,5 @@ async fn compared(
 
 /// For the page as well.
 pub(super) async fn of_two(web: &Web, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
-    Ok(look(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
+    Ok(read_journal(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
 }

@@ -16,8 +16,11 @@ pub fn routes() -> Router<Web> {
 }
 
 async fn metrics(State(web): State<Web>) -> Response {
-    let machines = web.machines.iter().map(|machine| (machine.name.as_str(), &machine.desk));
-    match web.metrics.text(machines) {
+    for machine in web.machines.iter() {
+        let desk = &machine.desk;
+        web.metrics.set_machine(&machine.name, desk.board().state, desk.pulse().age());
+    }
+    match web.metrics.text() {
         Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS)], text).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }

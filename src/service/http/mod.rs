@@ -9,6 +9,7 @@ mod api;
 mod connections;
 mod events;
 mod guard;
+mod journal;
 mod metrics;
 mod openapi;
 mod page;

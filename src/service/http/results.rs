@@ -9,7 +9,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 use utoipa::ToSchema;
 
-use super::api::look;
+use super::journal::read_journal;
 use super::openapi::views::VerdictView;
 use super::{Shown, Web};
 use crate::service::desk::Desk;
@@ -106,7 +106,7 @@ pub async fn follow(web: Web, machine: Shown) {
         let seen = ended(&machine.desk);
         let (last, name) = (machine.last.clone(), machine.name.clone());
         // Without an answer nothing is known, and the page says so.
-        let _ = look(&web, move |journal| last.look(journal, &name)).await;
+        let _ = read_journal(&web, move |journal| last.look(journal, &name)).await;
         let other =
             async { while changes.changed().await.is_ok() && ended(&machine.desk) == seen {} };
         let _ = tokio::time::timeout(AGAIN, other).await;

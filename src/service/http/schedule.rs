@@ -13,7 +13,7 @@ use utoipa_axum::routes;
 
 use super::access::Caller;
 use super::actions::{Words, kept, to_the_end};
-use super::api::look;
+use super::journal::read_journal;
 use super::openapi::views::AgendaView;
 use super::page::for_people;
 use super::problem::Problem;
@@ -40,8 +40,8 @@ async fn schedule(
 }
 
 async fn of(web: &Web, machine: &Shown) -> Result<Agenda, Problem> {
-    let (desk, name) = (machine.desk.clone(), machine.name.clone());
-    Ok(look(web, move |journal| agenda(journal, &desk, &name)).await??)
+    let (rota, name) = (machine.desk.rota().clone(), machine.name.clone());
+    Ok(read_journal(web, move |journal| agenda(journal, &rota, &name)).await??)
 }
 
 #[derive(Debug, Deserialize, ToSchema)]

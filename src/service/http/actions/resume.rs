@@ -13,7 +13,7 @@ use crate::run::{Again, AgainError, Question, can_resume};
 use crate::service::ask::Looked;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
-use crate::service::http::api::look;
+use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::service::http::standing::Standing;
 use crate::store::RunId;
@@ -47,7 +47,7 @@ pub async fn resume(
     let (GoOn { run, who, why, free, whole, homed }, to_page) = words.split();
     let (who, why) = (caller.signs(&who)?, kept(&why));
     let run = RunId(run);
-    let stored = look(&web, move |journal| journal.load(run)).await??;
+    let stored = read_journal(&web, move |journal| journal.load(run)).await??;
     if stored.summary.machine != name {
         return Err(Problem::not_found(format!("run {run} of {name}")));
     }

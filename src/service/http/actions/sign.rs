@@ -12,7 +12,7 @@ use super::words::{Words, kept};
 use crate::archive::report::ReportError;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
-use crate::service::http::api::look;
+use crate::service::http::journal::read_journal;
 use crate::service::http::openapi::views::SignatureView;
 use crate::service::http::problem::Problem;
 use crate::store::{Audit, RunId, Signature};
@@ -38,7 +38,7 @@ pub async fn sign(
 ) -> Result<Response, Problem> {
     let (Sign { who, why, estimate }, to_page) = words.split();
     let (run, who) = (RunId(run), caller.signs(&who)?);
-    let stored = look(&web, move |journal| journal.load(run)).await??;
+    let stored = read_journal(&web, move |journal| journal.load(run)).await??;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     if last.sha256 != estimate {
         return Err(Problem::new(

@@ -11,7 +11,7 @@ use crate::archive::history::history;
 use crate::run::{can_resume, question};
 use crate::service::board::Failure;
 use crate::service::config::Demand;
-use crate::service::http::api::look;
+use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::service::http::results::Told;
 use crate::service::http::standing::Standing;
@@ -30,7 +30,8 @@ pub async fn page(
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let tokens = web.access.demanded();
     // Figures are drawn beside the thread that takes holds.
-    look(&web, move |journal| whole("machine.html", tokens, values(journal, &machine)?)).await?
+    read_journal(&web, move |journal| whole("machine.html", tokens, values(journal, &machine)?))
+        .await?
 }
 
 fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
@@ -45,7 +46,7 @@ fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::of_method).collect::<Vec<_>>(),
         runs,
-        schedule => schedule::panel(&agenda(journal, desk, name)?),
+        schedule => schedule::panel(&agenda(journal, desk.rota(), name)?),
     })
 }
 
@@ -60,7 +61,7 @@ pub async fn live(
     let change = *machine.desk.changes().borrow();
     let make = async {
         let machine = machine.clone();
-        let made = look(&web, move |journal| {
+        let made = read_journal(&web, move |journal| {
             machine.last.look(journal, &machine.name)?;
             let views = views::of_run(journal, RunId(machine.desk.board().run.into()))?;
             render("live.html", context! { machine => standing(&machine), views })

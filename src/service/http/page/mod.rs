@@ -3,6 +3,7 @@
 
 mod compare;
 mod machine;
+mod middleware;
 mod refused;
 mod run;
 mod runs;
@@ -23,7 +24,8 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::refused::{as_page, for_people, is_json};
+pub use self::middleware::for_people;
+pub use self::refused::{as_page, is_json};
 pub use self::shared::Shared;
 use super::Web;
 use super::problem::Problem;

@@ -1,16 +1,13 @@
 //! What a person is told whose request came to nothing: the words of the answer as a page.
 
 use axum::body::to_bytes;
-use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
-use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use minijinja::context;
 use serde::Deserialize;
 
 use super::whole;
-use crate::service::http::access::Caller;
 
 /// No answer of this kind is longer, bytes.
 const MOST: usize = 64 * 1024;
@@ -19,17 +16,6 @@ const MOST: usize = 64 * 1024;
 struct Words {
     message: String,
     remedy: String,
-}
-
-/// Answers that say why not become a page, unless a program asked.
-pub async fn for_people(request: Request, next: Next) -> Response {
-    let program = is_json(request.headers());
-    let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);
-    let response = next.run(request).await;
-    match program {
-        true => response,
-        false => as_page(response, tokens).await,
-    }
 }
 
 /// If it says why there is no answer. `tokens`: as for [`whole`].

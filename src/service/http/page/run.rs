@@ -9,14 +9,14 @@ use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
 use crate::report::warmth;
 use crate::service::http::Web;
-use crate::service::http::api::look;
+use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun, Wanted};
 use ::machine::record::estimate::Estimate;
 
 pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     let tokens = web.access.demanded();
-    look(&web, move |journal| {
+    read_journal(&web, move |journal| {
         let stored = journal.load(RunId(run))?;
         let before = before(journal, &stored.summary)?;
         super::whole("run.html", tokens, values(&stored, before))
@@ -26,7 +26,7 @@ pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<S
 
 /// The report is a page of its own.
 pub async fn whole(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
-    Ok(Html(look(&web, move |journal| report(journal, RunId(run))).await??))
+    Ok(Html(read_journal(&web, move |journal| report(journal, RunId(run))).await??))
 }
 
 /// The finished run of the same kind before this one, to compare it with.

@@ -6,7 +6,8 @@ use minijinja::context;
 
 use super::{row, whole};
 use crate::service::http::Web;
-use crate::service::http::api::{RunsAsked, look};
+use crate::service::http::api::RunsAsked;
+use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 
 pub async fn page(
@@ -14,7 +15,7 @@ pub async fn page(
     Query(asked): Query<RunsAsked>,
 ) -> Result<Html<String>, Problem> {
     let tokens = web.access.demanded();
-    look(&web, move |journal| {
+    read_journal(&web, move |journal| {
         let (wanted, most) = (asked.wanted(), asked.most());
         // One more than is shown tells whether there are more.
         let mut runs = journal.some_runs(wanted, most + 1)?;

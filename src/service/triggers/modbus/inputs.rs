@@ -3,9 +3,10 @@
 use std::time::{Duration, Instant};
 
 use super::map::{
-    ACKNOWLEDGE, ARTEFACT, AUTO, COILS, CYCLES, DOOR, ENABLE, IDLE, PROBE, START, STOP, TEMPERATURE,
+    ACKNOWLEDGE, ARTEFACT, AUTO, COILS, DOOR, ENABLE, IDLE, PROBE, START, STOP, TEMPERATURE,
 };
 use crate::service::board::Said;
+use crate::service::config::MAX_CYCLES;
 use crate::service::rota::Told;
 
 /// A coil must have been low for this long before its rise counts: contacts bounce.
@@ -108,7 +109,7 @@ impl Inputs {
 fn wishes(rises: &[u16]) -> Vec<Wish> {
     let starts: Vec<u16> =
         rises.iter().filter_map(|coil| coil.checked_sub(START)).filter(|k| *k > 0).collect();
-    debug_assert!(starts.iter().all(|k| *k <= CYCLES));
+    debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
     let mut wishes = Vec::new();
     if rises.contains(&STOP) {
         wishes.push(Wish::Stop);

@@ -2,10 +2,8 @@
 //! table in docs/modbus.md is compared with it.
 
 use crate::service::board::{Board, Said};
+use crate::service::config::MAX_CYCLES;
 use machine::record::estimate::{Parameter, Unit, Verdict};
-
-/// Cycle `k` is started by coil `START + k`.
-pub const CYCLES: u16 = 8;
 
 /// Coils: written by the control, read back as written.
 pub const ENABLE: u16 = 0;
@@ -18,8 +16,9 @@ pub const PROBE: u16 = 5;
 pub const ARTEFACT: u16 = 6;
 pub const TEMPERATURE: u16 = 7;
 pub const IDLE: u16 = 8;
+/// Cycle `k` is started by coil `START + k`.
 pub const START: u16 = 10;
-pub const COILS: usize = (START + CYCLES + 1) as usize;
+pub const COILS: usize = (START + MAX_CYCLES + 1) as usize;
 
 /// The one holding register: changes as long as the control lives.
 pub const ALIVE: u16 = 0;
@@ -61,7 +60,7 @@ pub const ROWS: [(&str, usize, &str); 25] = [
     ("coil", TEMPERATURE as usize, "temperature"),
     ("coil", IDLE as usize, "idle"),
     ("coil", START as usize + 1, "start 1"),
-    ("coil", (START + CYCLES) as usize, "start 8"),
+    ("coil", (START + MAX_CYCLES) as usize, "start 8"),
     ("holding", ALIVE as usize, "alive"),
     ("input", HEARTBEAT, "heartbeat"),
     ("input", STATE, "state"),

@@ -1,0 +1,28 @@
+//! The journal, read for an answer.
+
+use std::sync::Arc;
+
+use axum::http::StatusCode;
+
+use super::Web;
+use super::problem::Problem;
+use crate::store::Journal;
+
+/// Beside the thread that answers: the disk may be slow.
+pub async fn read_journal<T: Send + 'static>(
+    web: &Web,
+    read: impl FnOnce(&Journal) -> T + Send + 'static,
+) -> Result<T, Problem> {
+    let journal = Arc::clone(&web.journal);
+    // Who goes away while he waits for his turn leaves nothing behind that would be read for nobody.
+    let turn = Arc::clone(&web.readers).acquire_owned().await;
+    let read = move || {
+        let read = read(&journal);
+        drop(turn);
+        read
+    };
+    tokio::task::spawn_blocking(read).await.map_err(|_| {
+        let status = StatusCode::INTERNAL_SERVER_ERROR;
+        Problem::new(status, "no-answer", "the question ended without answer", "ask again")
+    })
+}

@@ -1,0 +1,19 @@
+//! Shows a person's failed request as a page.
+
+use axum::extract::Request;
+use axum::middleware::Next;
+use axum::response::Response;
+
+use super::refused::{as_page, is_json};
+use crate::service::http::access::Caller;
+
+/// Answers that say why not become a page, unless a program asked.
+pub async fn for_people(request: Request, next: Next) -> Response {
+    let program = is_json(request.headers());
+    let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);
+    let response = next.run(request).await;
+    match program {
+        true => response,
+        false => as_page(response, tokens).await,
+    }
+}
