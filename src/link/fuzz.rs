@@ -3,7 +3,7 @@
 use super::Replay;
 use super::capture::Speech;
 use super::lines::{Assembler, Received};
-use fuzz::fuzz;
+use testing::fuzz::fuzz;
 
 const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
 

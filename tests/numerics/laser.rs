@@ -5,7 +5,7 @@ use machine::record::estimate::Estimate;
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
-use crate::support::population::{population, ratio_bounds};
+use testing::population::{population, ratio_bounds};
 
 const METHOD: &str = "laser-r-test";
 /// Paper 2, Table 5, as [simulated.errors] of the built-in machine has it: symbol, value.

@@ -15,5 +15,4 @@ mod worlds;
 #[path = "../support"]
 mod support {
     pub mod plan_player;
-    pub mod population;
 }

@@ -7,7 +7,7 @@ use methods::{Next, Source};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
-use crate::support::population::{population, ratio_bounds};
+use testing::population::{population, ratio_bounds};
 
 const FULL_WORLDS: u64 = 200;
 

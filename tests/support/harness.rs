@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
-use super::population::is_full;
+use testing::population::is_full;
 
 /// A trial that exceeds its limit is named, and the process exits.
 const GATE_LIMIT: Duration = Duration::from_secs(10 * 60);

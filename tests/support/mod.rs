@@ -6,6 +6,5 @@ pub mod harness;
 pub mod http;
 pub mod machine_shop;
 pub mod plan_player;
-pub mod population;
 pub mod pymodbus;
 pub mod recording_control;

@@ -17,6 +17,7 @@ use estimation::linear::survey;
 use estimation::monte_carlo::LinearPropagation;
 use estimation::random::stream;
 use estimation::{circle, linear};
+use testing::population::population;
 
 fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
@@ -243,7 +244,7 @@ fn paper_table_6_circle_centre() {
     };
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
     let mut rng = stream(11, &[6]);
-    let trials = 100_000;
+    let trials = population(100_000) as u32;
     let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
     for _ in 0..trials {
         let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();

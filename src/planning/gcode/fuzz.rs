@@ -1,7 +1,7 @@
 //! Any text as a program.
 
 use super::rs274::{self, ReadMotion};
-use fuzz::fuzz;
+use testing::fuzz::fuzz;
 
 const GRBL: &[u8] = include_bytes!("../../../gcode-templates/grbl/golden.nc");
 const LINUXCNC: &[u8] = include_bytes!("../../../gcode-templates/linuxcnc/golden.ngc");

@@ -1,9 +1,9 @@
 //! Any file as readings.
 
 use super::{read, write};
-use fuzz::fuzz;
 use machine::Axis;
 use machine::record::reading::Reading;
+use testing::fuzz::fuzz;
 
 const FILE: &[u8] = b"# trued-readings 1
 # run 3: self-calibration on bench

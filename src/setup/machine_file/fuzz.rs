@@ -2,10 +2,10 @@
 
 use super::{MachineFile, balls_csv};
 use crate::setup;
-use fuzz::fuzz;
 use machine::artefact;
 use machine::record::artefact::Balls;
 use methods::{NAMES, Source};
+use testing::fuzz::fuzz;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
 const GRBL: &[u8] = include_bytes!("../../../config/grblhal-serial.toml");

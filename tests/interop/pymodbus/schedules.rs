@@ -7,7 +7,7 @@ use libtest_mimic::Failed;
 use link::modbus::{Framing, Modbus, ModbusError, Space};
 use rand::{Rng, RngExt};
 
-use crate::support::population::population;
+use testing::population::population;
 
 use super::server::{Server, on_a_runtime};
 

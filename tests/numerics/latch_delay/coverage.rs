@@ -5,7 +5,7 @@ use machine::record::estimate::Estimate;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use crate::support::population::population;
+use testing::population::population;
 
 use super::bench::{World, covers, parameter, says};
 

@@ -4,7 +4,7 @@ use planning::gcode::Dialect;
 use planning::proof::{MARGIN_MM, Reason};
 use rayon::prelude::*;
 
-use crate::support::population::population;
+use testing::population::population;
 
 use super::bodies::{Bench, Sampled, Seen, apart};
 use super::{

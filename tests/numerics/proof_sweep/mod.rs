@@ -13,7 +13,7 @@ use planning::proof::{MARGIN_MM, Reason, Request, Staged, prove};
 use rayon::prelude::*;
 use serde_json::json;
 
-use crate::support::population::population;
+use testing::population::population;
 
 type Matrix = [[f64; 4]; 4];
 type Point = [f64; 3];

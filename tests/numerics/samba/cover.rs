@@ -5,7 +5,7 @@
 use super::bench::{self, Measured, World};
 use super::played::Played;
 use super::{SYMBOLS, small_budget};
-use crate::support::population::{count_bound, population, ratio_bounds};
+use testing::population::{count_bound, population, ratio_bounds};
 
 const STYLUS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
 

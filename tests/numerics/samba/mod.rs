@@ -8,8 +8,8 @@ mod designs;
 mod moved;
 mod played;
 
-use crate::support::population::{count_bound, population};
 use bench::{Bench, Failed, Measured, Series, World};
+use testing::population::{count_bound, population};
 
 const SYMBOLS: [(&str, &str); 13] = [
     ("EA0B", "EA0B_urad"),

@@ -7,10 +7,10 @@ mod invariants;
 mod tape;
 
 use crate::support::harness::{Pool, Trials, trials};
-use crate::support::population::population;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use testing::population::population;
 
 use bench::{Bench, Ended, Schedule};
 use simulator::controls::grbl::FaultKind;

@@ -21,7 +21,7 @@ use simulator::controls::modbus::{
 use tokio::net::TcpListener;
 use trued::setup::{self, Devices, MachineFile, Pace};
 
-use crate::support::population::population;
+use testing::population::population;
 
 use super::bench::{Bench, Measured, machine};
 

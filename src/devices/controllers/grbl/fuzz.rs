@@ -1,7 +1,7 @@
 //! Whatever a control may say.
 
 use super::message::{Message, Status};
-use fuzz::fuzz;
+use testing::fuzz::fuzz;
 
 const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]
 [VER:1.1f.20260817:]

@@ -6,8 +6,8 @@ use super::prepare;
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;
-use fuzz::fuzz;
 use link::Link;
+use testing::fuzz::fuzz;
 
 const LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
 from 17 4 50.000000 0.000000 60.000000

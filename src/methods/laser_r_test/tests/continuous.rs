@@ -21,6 +21,7 @@ use estimation::coverage::chi_square_bounds;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Sampling, Step};
 use machine::record::reading::Reading;
+use testing::population::{population, ratio_bounds};
 
 /// Samples are rarer than usual, so that the tests stay quick.
 fn flowing() -> Settings {
@@ -118,17 +119,18 @@ fn lost_motion_alone_is_found() {
 
 #[test]
 fn regress_latency_and_errors_scatter_as_predicted() {
-    const SEEDS: u64 = 40;
+    const FULL: u64 = 40;
+    let seeds = population(FULL);
     let names = [&FIVE[..], &["latency", "reversal_X", "reversal_Y"]].concat();
     let truth: Vec<f64> =
         TABLE_5.iter().zip(EDGE).map(|(t, edge)| t * edge).chain([3.3, 4.0, 4.0]).collect();
     let (mut squares, mut predicted) = (vec![0.0; 8], vec![0.0; 8]);
-    for seed in 0..SEEDS {
+    for seed in 0..seeds {
         let estimate = estimated(&late(0.5, seed), &flowing());
         for (i, name) in names.iter().enumerate() {
             let (value, u) = found(&estimate, name);
-            squares[i] += (value - truth[i]).powi(2) / SEEDS as f64;
-            predicted[i] += u * u / SEEDS as f64;
+            squares[i] += (value - truth[i]).powi(2) / seeds as f64;
+            predicted[i] += u * u / seeds as f64;
         }
     }
     let ratio = |i: usize| squares[i] / predicted[i];
@@ -137,10 +139,11 @@ fn regress_latency_and_errors_scatter_as_predicted() {
         println!("{name}: observed {observed:.4}, predicted {predicted:.4}");
     }
     let mean = (0..5).map(ratio).sum::<f64>() / 5.0;
-    assert!((0.85..=1.15).contains(&mean.sqrt()), "{}", mean.sqrt());
-    let (low, high) = chi_square_bounds(SEEDS as f64, 0.99).unwrap();
+    let (low, high) = ratio_bounds(5 * seeds, 5 * FULL, (0.85, 1.15));
+    assert!((low..=high).contains(&mean.sqrt()), "{}", mean.sqrt());
+    let (low, high) = chi_square_bounds(seeds as f64, 0.99).unwrap();
     for (i, name) in names.iter().enumerate() {
-        let chi2 = ratio(i) * SEEDS as f64;
+        let chi2 = ratio(i) * seeds as f64;
         assert!((low..=high).contains(&chi2), "{name}: {chi2}");
     }
 }

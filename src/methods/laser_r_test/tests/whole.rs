@@ -16,6 +16,7 @@ use estimation::coverage::chi_square_bounds;
 use estimation::random::stream;
 use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
+use testing::population::{count_bound, population};
 
 /// A smooth function of standard deviation 1, less its value at 0, changing over `length`.
 fn smooth(seed: u64, key: u64, length: f64, at: f64) -> f64 {
@@ -72,10 +73,11 @@ fn square(estimate: &Estimate) -> f64 {
 
 #[test]
 fn regress_the_declared_uncertainty_covers_what_is_declared() {
-    const SEEDS: u64 = 100;
+    const FULL: u64 = 100;
+    let seeds = population(FULL);
     let own = Settings { samples: 5, ..settings() };
     let (mut sum, mut above) = (0.0, 0);
-    for seed in 0..SEEDS {
+    for seed in 0..seeds {
         let world = World { shift, curve, ..table_5(0.5, seed) };
         let mut start = plan();
         start.machine.axes.values_mut().for_each(|spec| spec.resolution_um = 0.0);
@@ -86,10 +88,11 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
         above +=
             usize::from(estimate.warnings.iter().any(|line| line.contains("does not explain")));
     }
-    let (low, high) = chi_square_bounds(5.0 * SEEDS as f64, 0.99).unwrap();
-    println!("χ² {sum:.0} of {}, bounds {low:.0} to {high:.0}; above {above}", 5 * SEEDS);
+    let (low, high) = chi_square_bounds(5.0 * seeds as f64, 0.99).unwrap();
+    println!("χ² {sum:.0} of {}, bounds {low:.0} to {high:.0}; above {above}", 5 * seeds);
     assert!((low..=high).contains(&sum), "{sum}");
-    assert!(above <= 3, "{above} false alarms");
+    // A misfit is declared at 1 %.
+    assert!(above as u64 <= count_bound(seeds, FULL, (0.01, 3)), "{above} false alarms");
 }
 
 #[test]

@@ -18,6 +18,7 @@ use estimation::random::stream;
 use estimation::schur::factor;
 use machine::record::artefact::{Ball, Balls};
 use machine::{Axis, Position};
+use testing::population::{population, ratio_bounds};
 
 /// Of each coordinate of a measurement, and of the bar, mm.
 const NOISE_MM: f64 = 1e-3;
@@ -211,14 +212,15 @@ fn check_requirements(kind: Kind, problem: &Problem, exact: &Measured) {
 }
 
 fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
-    const SEEDS: usize = 200;
+    const FULL: u64 = 200;
+    let seeds = population(FULL);
     let start = problem.start(exact);
     let at_truth = problem.solve(exact, start).unwrap();
     let covariance = at_truth.factored.covariance();
     let mut squares = vec![0.0; problem.unknowns()];
     let mut chi2 = 0.0;
-    for seed in 0..SEEDS {
-        let mut normal = StandardNormal.sample_iter(stream(seed as u64, &[4]));
+    for seed in 0..seeds {
+        let mut normal = StandardNormal.sample_iter(stream(seed, &[4]));
         let mut next = || -> f64 { normal.next().unwrap() };
         let mut noisy = exact.clone();
         for xyz in &mut noisy.xyz {
@@ -232,12 +234,13 @@ fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
             *sum += (x - expected).powi(2);
         }
     }
+    let (low, high) = ratio_bounds(seeds, FULL, (0.85, 1.15));
     for (i, sum) in squares.iter().enumerate() {
-        let ratio = (sum / SEEDS as f64 / covariance[(i, i)]).sqrt();
-        assert!((0.85..=1.15).contains(&ratio), "{kind:?}, unknown {i}: {ratio}");
+        let ratio = (sum / seeds as f64 / covariance[(i, i)]).sqrt();
+        assert!((low..=high).contains(&ratio), "{kind:?}, unknown {i}: {ratio}");
     }
-    // 200 sums of 3·109 + 1 − 34 squares: within four standard deviations of their mean.
-    let dof = (SEEDS * (3 * 109 + 1 - 34)) as f64;
+    // Sums of 3·109 + 1 − 34 squares: within four standard deviations of their mean.
+    let dof = (seeds * (3 * 109 + 1 - 34)) as f64;
     assert!((chi2 / dof - 1.0).abs() < 4.0 * (2.0 / dof).sqrt(), "{}", chi2 / dof);
 }
 

@@ -18,6 +18,7 @@ use machine::record::estimate::{Estimate, Parameter};
 use machine::record::plan::{PLAN_VERSION, Plan, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
+use testing::population::population;
 
 const BALL_MM: f64 = 10.0;
 const STYLUS_MM: f64 = 3.0;
@@ -230,20 +231,21 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
 /// positioning and straightness of the linear axes, which no unknown describes, are declared.
 #[test]
 fn regress_the_covariance_covers_over_seeds() {
-    const SEEDS: u64 = 60;
+    const FULL: u64 = 60;
+    let seeds = population(FULL);
     for motion_um in [0.0, 1.5] {
         let (mut joint, mut misfits, mut unknowns) = (0.0, 0, 0);
-        for seed in 0..SEEDS {
+        for seed in 0..seeds {
             let estimate = World { seed, motion_um, ..SOUND }.identify_with(100).unwrap();
             unknowns = estimate.unknowns;
             joint += joint_chi2(&estimate);
             misfits += usize::from(says(&estimate, &["does not explain"]));
         }
-        let dof = (SEEDS as usize * unknowns) as f64;
+        let dof = (seeds as usize * unknowns) as f64;
         let (low, high) = coverage::chi_square_bounds(dof, 0.99).unwrap();
         println!("{motion_um} µm: χ² {:.3} of {:.3} to {:.3}", joint / dof, low / dof, high / dof);
         assert!((low..=high).contains(&joint), "{motion_um} µm: {}", joint / dof);
-        assert!(misfits <= 1, "{motion_um} µm: {misfits} of {SEEDS} called a misfit");
+        assert!(misfits <= 1, "{motion_um} µm: {misfits} of {seeds} called a misfit");
     }
 }
 
