@@ -1,4 +1,4 @@
-//! One published problem and the typed failures; all of NIST's stand in tests/nist_strd.
+//! One published problem and the typed failures; all of NIST's stand in tests/numerics/nist_strd.
 
 use super::*;
 use crate::linear::LinearError;

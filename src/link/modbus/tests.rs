@@ -1,4 +1,4 @@
-//! Against tokio-modbus's own server; the independent peer is in `tests/peer_pymodbus/`.
+//! Against tokio-modbus's own server; the independent peer is in `tests/interop/pymodbus/`.
 
 use std::future;
 use std::sync::{Arc, Mutex};

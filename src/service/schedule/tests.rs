@@ -1,5 +1,5 @@
 //! The keeper over a real desk and a real journal, on a clock that the test sets. What the daemon does of
-//! it, on a clock that is set under it, is in `tests/schedule/`.
+//! it, on a clock that is set under it, is in `tests/program/schedule/`.
 
 use std::sync::{Arc, Mutex};
 

@@ -1,5 +1,5 @@
 //! The driver against a linuxcncrsh that is nothing but words, as the real one says them; a test makes it
-//! odd. What the real one does is tried in `tests/peer_linuxcnc`.
+//! odd. What the real one does is tried in `tests/interop/linuxcnc`.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
