@@ -1,6 +1,8 @@
 //! Interoperability with foreign programs: LinuxCNC, pymodbus, python3, the CAN of a real kernel, Chromium.
 //! A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
 
+#![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
+
 mod linuxcnc;
 mod page;
 mod pymodbus;
