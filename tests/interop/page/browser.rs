@@ -3,14 +3,12 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use axum::http::Method;
-use fantoccini::elements::Element;
-use fantoccini::wd::{TimeoutConfiguration, WebDriverCompatibleCommand};
-use fantoccini::{Client, ClientBuilder, Locator};
-use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
+
+use super::webdriver::{WebDriverClient, WebElement};
 
 /// For whatever is waited for; a computer that compiles as well is slow.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -48,113 +46,85 @@ impl Driver {
     }
 }
 
-/// Runs a trial with a browser of its own.
-pub fn in_browser(trial: impl AsyncFnOnce(Browser)) {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async { trial(Browser::open(Driver::start()).await).await });
-}
-
 pub struct Browser {
-    pub client: Client,
+    pub client: WebDriverClient,
     /// Outlives the client.
     _driver: Driver,
 }
 
-/// What WebDriver alone does not know: `what` below the session.
-#[derive(Debug)]
-struct Vendor {
-    what: &'static str,
-    body: Value,
-}
-
-impl WebDriverCompatibleCommand for Vendor {
-    fn endpoint(
-        &self,
-        base: &url::Url,
-        session: Option<&str>,
-    ) -> Result<url::Url, url::ParseError> {
-        base.join(&format!("session/{}/{}", session.unwrap_or_default(), self.what))
-    }
-
-    fn method_and_body(&self, _: &url::Url) -> (Method, Option<String>) {
-        (Method::POST, Some(self.body.to_string()))
-    }
-}
-
 impl Browser {
-    pub async fn open(driver: Driver) -> Self {
-        let wanted = json!({
+    pub fn open() -> Self {
+        let driver = Driver::start();
+        let capabilities = json!({
             // As root, as in a container, Chromium has no sandbox of its own.
             "goog:chromeOptions": {"args": ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]},
             "goog:loggingPrefs": {"browser": "ALL"},
         });
-        let Value::Object(wanted) = wanted else { unreachable!() };
-        let mut builder = ClientBuilder::new(HttpConnector::new());
-        let at = format!("http://127.0.0.1:{}", driver.port);
-        let client = builder.capabilities(wanted).connect(&at).await.expect("a session");
-        let patience = TimeoutConfiguration::new(Some(PATIENCE), Some(PATIENCE), None);
-        client.update_timeouts(patience).await.expect("patience");
+        let client =
+            WebDriverClient::open(driver.port, &capabilities, PATIENCE).expect("a session");
         Self { client, _driver: driver }
     }
 
-    /// Of Chrome's own protocol.
-    pub async fn tell(&self, command: &str, params: Value) {
-        let body = json!({"cmd": command, "params": params});
-        self.client.issue_cmd(Vendor { what: "goog/cdp/execute", body }).await.expect(command);
+    /// A command of the Chrome DevTools Protocol.
+    pub fn devtools(&self, command: &str, params: &Value) {
+        self.client.devtools(command, params).expect(command);
     }
 
-    /// What stood in the console since it was asked for last.
-    pub async fn console(&self) -> Vec<String> {
-        let body = json!({"type": "browser"});
-        let said = self.client.issue_cmd(Vendor { what: "se/log", body }).await.expect("the log");
-        let lines = said.as_array().expect("a list").iter();
-        lines.map(|line| format!("{}: {}", line["level"], line["message"])).collect()
+    /// Console entries since the last call.
+    pub fn console(&self) -> Vec<String> {
+        let entries = self.client.console().expect("the log");
+        entries.iter().map(|entry| format!("{}: {}", entry["level"], entry["message"])).collect()
     }
 
-    pub async fn size(&self, [width, height]: [u32; 2]) {
+    pub fn size(&self, [width, height]: [u32; 2]) {
         let metrics =
             json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
-        self.tell("Emulation.setDeviceMetricsOverride", metrics).await;
+        self.devtools("Emulation.setDeviceMetricsOverride", &metrics);
     }
 
-    pub async fn find(&self, css: &str) -> Element {
-        let found = self.client.wait().at_most(PATIENCE).for_element(Locator::Css(css)).await;
-        match found {
-            Ok(element) => element,
-            Err(error) => panic!("{css}: {error}\n{}", self.text("body").await),
+    pub fn find(&self, css: &str) -> WebElement<'_> {
+        let started = Instant::now();
+        loop {
+            match self.client.find(css) {
+                Ok(element) => return element,
+                Err(error) if error.code != "no such element" || started.elapsed() > PATIENCE => {
+                    panic!("{css}: {error}\n{}", self.text("body"))
+                }
+                Err(_) => sleep(Duration::from_millis(250)),
+            }
         }
     }
 
     /// Of what is there now.
-    pub async fn text(&self, css: &str) -> String {
+    pub fn text(&self, css: &str) -> String {
         let script = "const found = document.querySelector(arguments[0]); return found ? found.innerText : ''";
-        let text = self.client.execute(script, vec![json!(css)]).await;
+        let text = self.client.execute(script, &[json!(css)]);
         text.ok().and_then(|text| text.as_str().map(str::to_owned)).unwrap_or_default()
     }
 
     /// Wait for it.
-    pub async fn until(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
+    pub fn until(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
-            let text = self.text(css).await;
+            let text = self.text(css);
             if right(&text) {
                 return text;
             }
             assert!(started.elapsed() < PATIENCE, "{css}: {text}");
-            tokio::time::sleep(Duration::from_millis(50)).await;
+            sleep(Duration::from_millis(50));
         }
     }
 
     /// Fill in and send the form to `action`: fields by name, and each box that is to be ticked.
-    pub async fn send(&self, action: &str, fields: &[(&str, &str)]) {
+    pub fn send(&self, action: &str, fields: &[(&str, &str)]) {
         let form = format!("form[action$='{action}']");
         let tick = "for (const box of document.querySelectorAll(arguments[0])) box.click()";
-        self.find(&form).await;
+        self.find(&form);
         let boxes = format!("{form} input[type=checkbox]");
-        self.client.execute(tick, vec![json!(boxes)]).await.expect("boxes");
+        self.client.execute(tick, &[json!(boxes)]).expect("boxes");
         for (name, value) in fields {
-            self.find(&format!("{form} [name={name}]")).await.send_keys(value).await.expect(name);
+            self.find(&format!("{form} [name={name}]")).send_keys(value).expect(name);
         }
-        self.find(&format!("{form} button")).await.click().await.expect("a button");
+        self.find(&format!("{form} button")).click().expect("a button");
     }
 }

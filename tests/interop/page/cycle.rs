@@ -1,6 +1,6 @@
 //! A cycle from the page: started, watched, held on the way, resumed, watched to its verdict, signed.
 
-use super::browser::{Browser, in_browser};
+use super::browser::Browser;
 use super::look;
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::HTTP;
@@ -31,85 +31,84 @@ pub fn shop() -> MachineShop {
 }
 
 /// Touches so far, as the page says.
-async fn measured(browser: &Browser, at_least: usize) {
+fn measured(browser: &Browser, at_least: usize) {
     let count = |text: &str| text.lines().last().and_then(|line| line.parse::<usize>().ok());
     let is = |text: &str| count(text).is_some_and(|count| count >= at_least);
-    browser.until("#live .card:last-child", is).await;
+    browser.until("#live .card:last-child", is);
 }
 
-async fn glance(browser: &Browser, words: &str) {
-    browser.until("#live .glance", |text| text.starts_with(words)).await;
+fn glance(browser: &Browser, words: &str) {
+    browser.until("#live .glance", |text| text.starts_with(words));
 }
 
 pub fn held_and_signed() {
-    in_browser(async |browser| {
-        let shop = shop();
-        shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
-        // Time for a browser that is slow to hold it on its way.
-        shop.change("positions = 5", "positions = 8");
-        let daemon = shop.serve("real");
-        let (client, at) = (&browser.client, address(&daemon));
-        client.goto(&at).await.unwrap();
-        glance(&browser, "unknown").await;
-        look::at(&browser, "unknown").await;
+    let browser = Browser::open();
+    let shop = shop();
+    shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
+    // Time for a browser that is slow to hold it on its way.
+    shop.change("positions = 5", "positions = 8");
+    let daemon = shop.serve("real");
+    let (client, at) = (&browser.client, address(&daemon));
+    client.goto(&at).unwrap();
+    glance(&browser, "unknown");
+    look::at(&browser, "unknown");
 
-        browser.send("/start", &[("who", "Ada")]).await;
-        glance(&browser, "waits: a person is asked").await;
-        browser.until("#asked .question", |text| text == "part and stylus are clean").await;
-        look::at(&browser, "asked").await;
-        browser.send("/answer", &[("who", "Ada")]).await;
-        glance(&browser, "measuring").await;
-        assert_eq!(browser.text("#asked").await, "");
-        // The part is located by five touches; four references follow.
-        measured(&browser, 12).await;
-        browser.find("#live svg .mark.now").await;
-        let hold = "const box = document.querySelector('button.hold').getBoundingClientRect();
+    browser.send("/start", &[("who", "Ada")]);
+    glance(&browser, "waits: a person is asked");
+    browser.until("#asked .question", |text| text == "part and stylus are clean");
+    look::at(&browser, "asked");
+    browser.send("/answer", &[("who", "Ada")]);
+    glance(&browser, "measuring");
+    assert_eq!(browser.text("#asked"), "");
+    // The part is located by five touches; four references follow.
+    measured(&browser, 12);
+    browser.find("#live svg .mark.now");
+    let hold = "const box = document.querySelector('button.hold').getBoundingClientRect();
         return box.top >= 0 && box.bottom <= innerHeight";
-        for place in ["0", "document.body.scrollHeight"] {
-            client.execute(&format!("scrollTo(0, {place})"), vec![]).await.unwrap();
-            assert_eq!(client.execute(hold, vec![]).await.unwrap(), true, "hold is out of reach");
-        }
-        browser.send("/hold", &[]).await;
-        glance(&browser, "held").await;
-        assert_eq!(shop.states(), ["held"]);
-        let before = shop.json(&["runs", "--json"])[0].clone();
-        look::at(&browser, "held").await;
+    for place in ["0", "document.body.scrollHeight"] {
+        client.execute(&format!("scrollTo(0, {place})"), &[]).unwrap();
+        assert_eq!(client.execute(hold, &[]).unwrap(), true, "hold is out of reach");
+    }
+    browser.send("/hold", &[]);
+    glance(&browser, "held");
+    assert_eq!(shop.states(), ["held"]);
+    let before = shop.json(&["runs", "--json"])[0].clone();
+    look::at(&browser, "held");
 
-        browser.send("/resume", &[("who", "Grace")]).await;
-        glance(&browser, "measuring").await;
-        // Those from before count.
-        measured(&browser, 18).await;
-        look::at(&browser, "measuring").await;
-        glance(&browser, "true").await;
-        assert_eq!(shop.states(), ["finished"]);
-        assert_eq!(shop.json(&["runs", "--json"])[0]["started"], before["started"]);
-        look::at(&browser, "true").await;
+    browser.send("/resume", &[("who", "Grace")]);
+    glance(&browser, "measuring");
+    // Those from before count.
+    measured(&browser, 18);
+    look::at(&browser, "measuring");
+    glance(&browser, "true");
+    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.json(&["runs", "--json"])[0]["started"], before["started"]);
+    look::at(&browser, "true");
 
-        browser.find("a[href='/runs/1']").await.click().await.unwrap();
-        browser.until(".glance", |text| text.contains("not signed")).await;
-        look::at(&browser, "run").await;
-        browser.send("/sign", &[("who", "Lise"), ("why", "as it was in May")]).await;
-        let signed = "signed by Lise (as it was in May) on ";
-        browser.until(".glance", |text| text.contains(signed)).await;
-        look::at(&browser, "signed").await;
-        browser.find("a[href='/runs/1/report']").await.click().await.unwrap();
-        browser.until(".under", |_| true).await;
-        assert!(browser.text("header").await.contains("Signed by Lise (as it was in May) on "));
-        assert_eq!(look::serious(&browser).await, Vec::<String>::new());
-        assert_eq!(browser.console().await, Vec::<String>::new());
+    browser.find("a[href='/runs/1']").click().unwrap();
+    browser.until(".glance", |text| text.contains("not signed"));
+    look::at(&browser, "run");
+    browser.send("/sign", &[("who", "Lise"), ("why", "as it was in May")]);
+    let signed = "signed by Lise (as it was in May) on ";
+    browser.until(".glance", |text| text.contains(signed));
+    look::at(&browser, "signed");
+    browser.find("a[href='/runs/1/report']").click().unwrap();
+    browser.until(".under", |_| true);
+    assert!(browser.text("header").contains("Signed by Lise (as it was in May) on "));
+    assert_eq!(look::serious(&browser), Vec::<String>::new());
+    assert_eq!(browser.console(), Vec::<String>::new());
 
-        assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
-        let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-        let asked = "a person was asked: part and stylus are clean";
-        for words in [
-            asked,
-            "done, said Ada",
-            "held: ",
-            "acknowledged by Grace",
-            "resumed after a gap",
-            "signed by Lise",
-        ] {
-            assert!(told.contains(words), "{words} in {told}");
-        }
-    });
+    assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
+    let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    let asked = "a person was asked: part and stylus are clean";
+    for words in [
+        asked,
+        "done, said Ada",
+        "held: ",
+        "acknowledged by Grace",
+        "resumed after a gap",
+        "signed by Lise",
+    ] {
+        assert!(told.contains(words), "{words} in {told}");
+    }
 }

@@ -1,8 +1,9 @@
 //! A page that is left open for days shows what is so now, or nothing.
 
+use std::thread::sleep;
 use std::time::Duration;
 
-use super::browser::{Browser, in_browser};
+use super::browser::Browser;
 use super::cycle::{address, shop};
 use super::look;
 use crate::support::daemon_process::DaemonProcess;
@@ -22,70 +23,66 @@ fn with_schedule() -> MachineShop {
 }
 
 /// What comes is known to the service a moment after it is ready.
-async fn planned(browser: &Browser, daemon: &DaemonProcess) {
+fn planned(browser: &Browser, daemon: &DaemonProcess) {
     let at = address(daemon);
-    browser.client.goto(&at).await.unwrap();
+    browser.client.goto(&at).unwrap();
     for _ in 0..100 {
-        if browser.text("main").await.contains("dawn") {
+        if browser.text("main").contains("dawn") {
             return;
         }
-        tokio::time::sleep(Duration::from_millis(200)).await;
-        browser.client.goto(&at).await.unwrap();
+        sleep(Duration::from_millis(200));
+        browser.client.goto(&at).unwrap();
     }
     panic!("the schedule is not told");
 }
 
 /// Its connection stays open, and says nothing more.
 pub fn stands_still() {
-    in_browser(async |browser| {
-        let shop = with_schedule();
-        let daemon = shop.serve("real");
-        planned(&browser, &daemon).await;
-        browser.send("/start", &[("who", "Ada")]).await;
-        browser
-            .until("#live", |text| text.starts_with("measuring") && text.contains("time left"))
-            .await;
-        assert!(browser.text("main").await.contains("dawn"));
-        daemon.signal("STOP");
-        let away = |text: &str| text.contains("no connection") && !text.contains("as of");
-        let seen = browser.until("main", away).await;
-        assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
-        assert_eq!(browser.client.title().await.unwrap(), "no connection");
-        // The way to the hold is not taken away by what the page believes.
-        browser.find("button.hold").await;
-        look::at(&browser, "stands-still").await;
-        daemon.signal("CONT");
-        let back = |text: &str| {
-            !text.contains("no connection")
-                && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
-        };
-        browser.until("main", back).await;
-    });
+    let browser = Browser::open();
+    let shop = with_schedule();
+    let daemon = shop.serve("real");
+    planned(&browser, &daemon);
+    browser.send("/start", &[("who", "Ada")]);
+    browser.until("#live", |text| text.starts_with("measuring") && text.contains("time left"));
+    assert!(browser.text("main").contains("dawn"));
+    daemon.signal("STOP");
+    let away = |text: &str| text.contains("no connection") && !text.contains("as of");
+    let seen = browser.until("main", away);
+    assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
+    assert_eq!(browser.client.title().unwrap(), "no connection");
+    // The way to the hold is not taken away by what the page believes.
+    browser.find("button.hold");
+    look::at(&browser, "stands-still");
+    daemon.signal("CONT");
+    let back = |text: &str| {
+        !text.contains("no connection")
+            && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
+    };
+    browser.until("main", back);
 }
 
 /// Somebody arms a schedule elsewhere: a page that nobody touches says so after a minute. What is open on it
 /// stays open, and what was typed stays typed.
 pub fn slowly() {
-    in_browser(async |browser| {
-        let shop = with_schedule();
-        let daemon = shop.serve("fast");
-        let client = &browser.client;
-        planned(&browser, &daemon).await;
-        browser.until("#schedule", |text| text.contains("not armed")).await;
-        let touched = "document.querySelector('#arm details').open = true;
+    let browser = Browser::open();
+    let shop = with_schedule();
+    let daemon = shop.serve("fast");
+    let client = &browser.client;
+    planned(&browser, &daemon);
+    browser.until("#schedule", |text| text.contains("not armed"));
+    let touched = "document.querySelector('#arm details').open = true;
         document.querySelector('#arm [name=until]').value = '3d';
         window.untouched = true";
-        client.execute(touched, vec![]).await.unwrap();
-        let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
-        assert!(armed.status.success(), "{armed:?}");
-        // The minute is over at once.
-        let later = "const now = Date.now; Date.now = () => now() + 61000";
-        client.execute(later, vec![]).await.unwrap();
-        browser.until("#schedule", |text| text.contains("armed by Ada until")).await;
-        let kept = "return [window.untouched, document.querySelector('#arm details').open,
+    client.execute(touched, &[]).unwrap();
+    let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
+    assert!(armed.status.success(), "{armed:?}");
+    // The minute is over at once.
+    let later = "const now = Date.now; Date.now = () => now() + 61000";
+    client.execute(later, &[]).unwrap();
+    browser.until("#schedule", |text| text.contains("armed by Ada until"));
+    let kept = "return [window.untouched, document.querySelector('#arm details').open,
         document.querySelector('#arm [name=until]').value]";
-        let kept = client.execute(kept, vec![]).await.unwrap();
-        assert_eq!(kept, serde_json::json!([true, true, "3d"]));
-        assert_eq!(browser.console().await, Vec::<String>::new());
-    });
+    let kept = client.execute(kept, &[]).unwrap();
+    assert_eq!(kept, serde_json::json!([true, true, "3d"]));
+    assert_eq!(browser.console(), Vec::<String>::new());
 }

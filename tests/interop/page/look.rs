@@ -12,21 +12,21 @@ const SIZES: [(&str, [u32; 2]); 2] = [("desktop", [1280, 900]), ("tablet", [820,
 
 /// At both widths, in the light and in the dark: a picture, nothing that axe-core calls serious, nothing
 /// wider than the screen, no target that a glove misses.
-pub async fn at(browser: &Browser, name: &str) {
+pub fn at(browser: &Browser, name: &str) {
     for (width, size) in SIZES {
-        browser.size(size).await;
+        browser.size(size);
         for scheme in ["light", "dark"] {
             let feature = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
-            browser.tell("Emulation.setEmulatedMedia", feature).await;
-            picture(browser, &format!("{name}-{width}-{scheme}")).await;
+            browser.devtools("Emulation.setEmulatedMedia", &feature);
+            picture(browser, &format!("{name}-{width}-{scheme}"));
             let where_ = format!("{name}, {width}, {scheme}");
-            assert_eq!(serious(browser).await, Vec::<String>::new(), "{where_}");
+            assert_eq!(serious(browser), Vec::<String>::new(), "{where_}");
         }
         let where_ = format!("{name}, {width}");
-        assert_eq!(small(browser).await, Vec::<String>::new(), "{where_}");
+        assert_eq!(small(browser), Vec::<String>::new(), "{where_}");
         let over =
             "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        assert_eq!(browser.client.execute(over, vec![]).await.unwrap(), json!(0), "{where_}");
+        assert_eq!(browser.client.execute(over, &[]).unwrap(), json!(0), "{where_}");
     }
 }
 
@@ -34,35 +34,34 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("page")
 }
 
-async fn picture(browser: &Browser, name: &str) {
+fn picture(browser: &Browser, name: &str) {
     std::fs::create_dir_all(folder()).unwrap();
-    let png = browser.client.screenshot().await.unwrap();
+    let png = browser.client.screenshot().unwrap();
     std::fs::write(folder().join(format!("{name}.png")), png).unwrap();
 }
 
 /// What axe-core finds, serious or worse.
-pub async fn serious(browser: &Browser) -> Vec<String> {
+pub fn serious(browser: &Browser) -> Vec<String> {
     let script = std::fs::read_to_string(axe().unwrap()).unwrap();
-    browser.client.execute(&script, vec![]).await.expect("axe-core");
-    let ask = "const done = arguments[arguments.length - 1];
-        axe.run().then((found) => done(found.violations.map((fault) => ({
+    browser.client.execute(&script, &[]).expect("axe-core");
+    let ask = "return axe.run().then((found) => found.violations.map((fault) => ({
             id: fault.id, impact: fault.impact, help: fault.help,
-            where: fault.nodes.map((node) => node.html).slice(0, 3) }))),
-            (error) => done([{ impact: 'serious', id: String(error) }]))";
-    let found = browser.client.execute_async(ask, vec![]).await.expect("what it finds");
+            where: fault.nodes.map((node) => node.html).slice(0, 3) })),
+            (error) => [{ impact: 'serious', id: String(error) }])";
+    let found = browser.client.execute(ask, &[]).expect("what it finds");
     let found = found.as_array().expect("a list").clone();
     let bad = |fault: &&Value| matches!(fault["impact"].as_str(), Some("serious" | "critical"));
     found.iter().filter(bad).map(ToString::to_string).collect()
 }
 
 /// Whatever is to be hit with a glove and is less than 48 pixels high, or wide.
-async fn small(browser: &Browser) -> Vec<String> {
+fn small(browser: &Browser) -> Vec<String> {
     let ask = "return [...document.querySelectorAll('a, button, input, select, summary')]
         .filter((one) => one.offsetParent && one.type !== 'hidden')
         .map((one) => [one.closest('label') || one, one.outerHTML])
         .map(([hit, html]) => [hit.getBoundingClientRect(), html])
         .filter(([box]) => box.height < 47.5 || box.width < 47.5)
         .map(([box, html]) => `${Math.round(box.width)} x ${Math.round(box.height)}: ${html}`)";
-    let found = browser.client.execute(ask, vec![]).await.expect("sizes");
+    let found = browser.client.execute(ask, &[]).expect("sizes");
     found.as_array().expect("a list").iter().map(ToString::to_string).collect()
 }

@@ -1,4 +1,4 @@
-//! The page as a person uses it: headless Chromium, driven by fantoccini, against the program. The browser
+//! The page as a person uses it: headless Chromium behind chromedriver, against the program. The browser
 //! and its driver are Debian's `chromium` and `chromium-driver`; axe-core, which looks for what keeps people
 //! from using a page, is made by `tests/peers/axe/fetch`. Without them these trials are skipped, with the
 //! reason; with `TRUED_REQUIRE_PEERS=1` they fail. Pictures of what was seen are in `page` below the
@@ -9,6 +9,7 @@ mod cycle;
 mod life;
 mod look;
 mod states;
+mod webdriver;
 
 use std::path::{Path, PathBuf};
 
