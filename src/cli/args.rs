@@ -8,7 +8,7 @@ use crate::service::Role;
 
 /// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
 #[derive(Debug, Parser)]
-#[command(name = "trued", version, about)]
+#[command(name = "trued", version, about, color = clap::ColorChoice::Never)]
 pub struct Cli {
     /// Where journal and locks are kept [default: $STATE_DIRECTORY, then the user's state folder].
     #[arg(long, global = true, value_name = "DIR")]

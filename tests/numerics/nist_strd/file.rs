@@ -1,6 +1,6 @@
 //! One of NIST's files: starts and certified values from line 41, data from line 61.
 
-pub const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/nist_strd");
+pub const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/nist_strd");
 
 pub struct Dataset {
     pub starts: [Vec<f64>; 2],

@@ -1,5 +1,6 @@
 //! Numerical results of the library: no trial runs the program. Each submodule stands for itself.
 
+#![cfg(test)]
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
 mod ball_motions;
