@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 /// After the first tenth of the runs.
 const GROWTH_KIB: u64 = 5 * 1024;
 const IDLE_KIB: u64 = 40 * 1024;
+const ALLOCATED_KIB: u64 = 16 * 1024;
 /// Of a core.
 const IDLE_LOAD: f64 = 0.01;
 
@@ -41,8 +42,11 @@ fn soak(runs: u64, readers: usize) {
     // Idle is what it is after all of that, with its readers and its journal.
     let load = idle_load(&daemon, Duration::from_secs(10));
     let idle = daemon.memory_kib("VmRSS");
-    println!("idle for 10 s: {idle} KiB, {:.2} % of a core", load * 100.0);
-    assert!(idle < IDLE_KIB, "{idle} KiB while it waits");
+    let allocated = daemon.memory_kib("RssAnon");
+    println!("idle for 10 s: {idle} KiB ({allocated} allocated), {:.2} % of a core", load * 100.0);
+    assert!(allocated < ALLOCATED_KIB, "{allocated} KiB allocated while it waits");
+    // The code of a development build alone is larger than that of the program that is installed.
+    assert!(cfg!(debug_assertions) || idle < IDLE_KIB, "{idle} KiB while it waits");
     assert!(load < IDLE_LOAD, "{load}");
     assert_eq!(daemon.http().machine()["state"], "waiting");
 }
