@@ -1,4 +1,4 @@
-//! Floor 6: what the journal holds, for people: how a run went, its report, a machine's history.
+//! What the journal holds, for people: how a run went, its report, a machine's history.
 //! Nothing is measured and nothing is written here.
 
 pub mod compare;

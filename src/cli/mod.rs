@@ -1,4 +1,4 @@
-//! Floor 9: the commands. They read files, build the parts, show progress and choose the exit
+//! The commands. They read files, build the parts, show progress and choose the exit
 //! code; they compute nothing.
 
 /// A line on standard output.

@@ -1,4 +1,4 @@
-//! Floor 8: `trued check`. Part by part, does the machine do what its file says? Each part looks at
+//! `trued check`. Part by part, does the machine do what its file says? Each part looks at
 //! one thing, says what it found, and names the mistake with its remedy. Nothing moves that a person
 //! has not allowed just before, and that was not proven; what nobody can answer for is told as not
 //! looked at.

@@ -1,4 +1,4 @@
-//! Floor 5: files and pages for people and programs; knows kinds of figure, never methods.
+//! Files and pages for people and programs; knows kinds of figure, never methods.
 
 mod figure;
 mod number;

@@ -1,4 +1,4 @@
-//! Floor 7: the state machine of one run. Sole owner of the devices. It asks the method for the
+//! The state machine of one run. Sole owner of the devices. It asks the method for the
 //! next stage, checks every block of it before the first moves, executes step by step, and makes
 //! each reading durable before the next touch.
 //!

@@ -1,4 +1,4 @@
-//! Floor 8: `trued serve`. For each machine an attendant on a thread of its own: it holds the machine's
+//! `trued serve`. For each machine an attendant on a thread of its own: it holds the machine's
 //! lock, waits for triggers, runs a cycle, judges, waits again. One journal and one page for all.
 //!
 //! What may start a cycle is in [`desk`]; each folder here is a way in. A cycle that ends with the

@@ -1,4 +1,4 @@
-//! Floor 5: the one journal (SQLite, write-ahead log, every commit synced) and the machine lock.
+//! The one journal (SQLite, write-ahead log, every commit synced) and the machine lock.
 //! Nothing is acknowledged that is not durable; nothing here interprets a result.
 
 use jiff::Timestamp;

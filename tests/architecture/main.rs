@@ -18,6 +18,22 @@ use resolve::{Resolver, Target};
 /// The aim is half of it.
 const MAX_FILE_LINES: usize = 400;
 
+/// What each package may depend on (DESIGN's table); tests may depend on more. Cargo itself refuses
+/// circles only.
+const PACKAGE_DEPENDENCIES: [(&str, &[&str]); 7] = [
+    ("estimation", &[]),
+    ("machine", &[]),
+    ("link", &[]),
+    ("planning", &["estimation", "machine"]),
+    ("methods", &["estimation", "machine", "planning"]),
+    ("devices", &["link", "machine", "planning"]),
+    ("simulator", &["estimation", "link", "machine"]),
+];
+
+/// Random numbers without a seed: `estimation::random::stream` is the only source.
+const UNSEEDED_RANDOM: [&str; 5] =
+    ["rand::rng", "rand::random", "rand::make_rng", "rand::rngs::ThreadRng", "rand::rngs::SysRng"];
+
 /// Modules of the package `trued`, lowest layer first. A module imports from lower layers only.
 const LAYERS: [&[&str]; 6] = [
     &["store", "report"],
@@ -83,9 +99,34 @@ fn methods_and_drivers_do_not_import_each_other() {
 }
 
 #[test]
+fn packages_depend_on_lower_packages_only() {
+    let of = |(name, folder): (String, PathBuf)| {
+        let allowed = PACKAGE_DEPENDENCIES.iter().find(|(package, _)| *package == name)?.1;
+        let manifest = std::fs::read_to_string(folder.join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = manifest.parse().unwrap();
+        let dependencies = manifest["dependencies"].as_table().unwrap().keys();
+        let ours = |name: &&String| PACKAGE_DEPENDENCIES.iter().any(|(own, _)| own == *name);
+        let refused = dependencies.filter(ours).filter(|name| !allowed.contains(&name.as_str()));
+        Some(refused.map(|refused| format!("`{name}` depends on `{refused}`")).collect::<Vec<_>>())
+    };
+    let checked: Vec<_> = source::packages().into_iter().filter_map(of).collect();
+    assert_eq!(checked.len(), PACKAGE_DEPENDENCIES.len(), "a package is missing from the table");
+    let breaches = checked.concat();
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
+fn every_random_number_has_a_seed() {
+    let uses = |package| used_paths(package, &UNSEEDED_RANDOM);
+    let breaches: Vec<String> = PACKAGES.iter().flat_map(uses).collect();
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
 fn packages_that_compute_do_no_io() {
     let pure = PACKAGES.iter().filter(|package| PURE.contains(&package.name.as_str()));
-    let breaches: Vec<String> = pure.flat_map(impure_paths).collect();
+    let breaches: Vec<String> =
+        pure.flat_map(|package| used_paths(package, &IMPURE_PATHS)).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
@@ -119,7 +160,7 @@ fn upward_imports(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec
             continue;
         }
         imports.entry(from.clone()).or_default().insert(to.clone());
-        if layer(from).is_none() || layer(from) <= layer(to) {
+        if layer(from).is_none() || layer(to).is_none() || layer(from) <= layer(to) {
             breaches.push(format!("{}:{line}: `{from}` imports `{to}`", file.file));
         }
     }
@@ -144,14 +185,15 @@ fn sibling_imports(package: &Package) -> Vec<String> {
     breaches
 }
 
-fn impure_paths(package: &Package) -> Vec<String> {
+/// Where a package uses one of `paths` of other crates.
+fn used_paths(package: &Package, paths: &[&str]) -> Vec<String> {
     let mut breaches = Vec::new();
     for (file, reference) in references(package) {
         let target = package.resolver.target(&reference.module, &reference.segments);
         let Some(Target::Outside(path)) = target else { continue };
         let path = path.join("::");
-        let impure = |entry: &&&str| path == **entry || path.starts_with(&format!("{entry}::"));
-        if let Some(entry) = IMPURE_PATHS.iter().find(impure) {
+        let inside = |entry: &&&str| path == **entry || path.starts_with(&format!("{entry}::"));
+        if let Some(entry) = paths.iter().find(inside) {
             breaches.push(format!("{}:{}: uses `{entry}`", file.file, reference.line));
         }
     }

@@ -1,6 +1,7 @@
 //! Each check fails where it should, and only there.
 
-use super::{import_circles, impure_paths, package, sibling_imports, source, upward_imports};
+use super::{IMPURE_PATHS, UNSEEDED_RANDOM};
+use super::{import_circles, package, sibling_imports, source, upward_imports, used_paths};
 
 fn parsed(name: &str, files: &[(&str, &str)]) -> super::Package {
     let files = files.iter().map(|(module, text)| {
@@ -48,10 +49,25 @@ fn methods_are_separate() {
 
 #[test]
 fn io_is_found_behind_a_name() {
-    let found = |text: &str| impure_paths(&parsed("methods", &[("", text)])).len();
+    let found = |text: &str| used_paths(&parsed("methods", &[("", text)]), &IMPURE_PATHS).len();
     assert!(found("use std::fs as files; fn f() { files::read(\"x\"); }") > 0);
     assert!(found("fn f() -> std::time::Instant { std::time::Instant::now() }") > 0);
     assert_eq!(found("use std::time::Duration; fn f(d: Duration) {}"), 0);
+}
+
+#[test]
+fn random_without_a_seed_is_found() {
+    let found = |text: &str| used_paths(&parsed("methods", &[("", text)]), &UNSEEDED_RANDOM).len();
+    assert!(found("fn f() -> u8 { rand::random() }") > 0);
+    assert!(found("use rand::{rng as any, Rng}; fn f() { any(); }") > 0);
+    assert_eq!(found("use rand::Rng; fn f(stream: &mut impl Rng) {}"), 0);
+}
+
+#[test]
+fn a_module_without_a_layer_is_refused() {
+    let files =
+        [("", "mod run; mod extra;"), ("run", "use crate::extra::x;"), ("extra", "pub fn x() {}")];
+    assert_eq!(upward_imports(&parsed("trued", &files)).1.len(), 1);
 }
 
 #[test]

@@ -53,8 +53,7 @@ fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
     off.dot(matrix.inverse() * off)
 }
 
-/// Mean over the worlds of χ²/4; its 99 % bounds follow from χ² with 4·200 degrees of freedom.
-/// Mean normalised χ² of so many worlds within its bounds.
+/// The mean over the worlds of χ²/4 lies within the 99 % bounds of χ² with 4·worlds degrees of freedom.
 fn assert_chi2(changes: &[(&str, &str)]) {
     let worlds = population(FULL_WORLDS);
     let mut sum = 0.0;

@@ -248,7 +248,7 @@ impl Admission {
     }
 
     /// Blocks until the pool has a place for the trial of this rank.
-    fn wait(admission: &Arc<Self>, pool: Pool, rank: usize) -> Place {
+    fn wait(admission: &Arc<Self>, pool: Pool, rank: usize) -> PoolSlot {
         let mut state = admission.state();
         state.waiting.insert((pool, rank));
         let blocked = |state: &mut AdmissionState| !state.admits(pool, rank);
@@ -258,17 +258,17 @@ impl Admission {
         drop(state);
         // The next of the pool may have a place as well.
         admission.changed.notify_all();
-        Place { admission: Arc::clone(admission), pool }
+        PoolSlot { admission: Arc::clone(admission), pool }
     }
 }
 
 /// A place of a pool, until dropped.
-struct Place {
+struct PoolSlot {
     admission: Arc<Admission>,
     pool: Pool,
 }
 
-impl Drop for Place {
+impl Drop for PoolSlot {
     fn drop(&mut self) {
         self.admission.change(|state| *state.running.entry(self.pool).or_default() -= 1);
     }

@@ -1,4 +1,4 @@
-//! Floor 5: the seam to displacement sensors, and the thermometers beside them. A driver delivers one sample after the other, as they
+//! The seam to displacement sensors, and the thermometers beside them. A driver delivers one sample after the other, as they
 //! come; its task owns the link, and no future of it is ever dropped half-way.
 //!
 //! A sample that cannot be trusted is flagged and has no value: nothing is interpolated, and nothing

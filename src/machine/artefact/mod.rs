@@ -1,4 +1,4 @@
-//! Floor 2: what an artefact is made of, as bodies with places. The nouns themselves stand in
+//! What an artefact is made of, as bodies with places. The nouns themselves stand in
 //! `record`. Table frame, mm.
 
 mod check;

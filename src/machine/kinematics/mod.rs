@@ -1,4 +1,4 @@
-//! Floor 2: one chain for every machine. Topology, error parameters, exact pose, its Jacobian and
+//! One chain for every machine. Topology, error parameters, exact pose, its Jacobian and
 //! its inverse. No input or output.
 //!
 //! Each joint and each error parameter is a one-parameter motion exp(value·φ(q)·e_k). Location

@@ -1,4 +1,4 @@
-//! The estimate: the result as it leaves the house, values in the units that stand beside them.
+//! The estimate: the published result. Each value has its unit beside it.
 
 use serde::{Deserialize, Serialize};
 

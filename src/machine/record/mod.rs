@@ -1,4 +1,4 @@
-//! Floor 1: the nouns that travel between the rooms. They are data; nothing here acts.
+//! The data of a run: machine, plan, stage, step, motion, event, reading, estimate.
 
 pub mod artefact;
 pub mod estimate;

@@ -1,4 +1,4 @@
-//! Floor 3: decision rules, and what a machine's history says.
+//! Decision rules, and what a machine's history says.
 
 pub mod difference;
 pub mod references;

@@ -1,4 +1,4 @@
-//! Floor 3: neutral motion to the text of a control, and back.
+//! Neutral motion to the text of a control, and back.
 //!
 //! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); adding one needs no Rust. A
 //! *language* is a reader ([`rs274`]); what a dialect rendered can be read back and compared with

@@ -1,4 +1,4 @@
-//! Floor 4: what must hold before a stage may move. It looks at the *rendered text as read back*
+//! What must hold before a stage may move. It looks at the *rendered text as read back*
 //! and at the plan's steps, never at what the planner meant: a slip anywhere between step and text
 //! is seen here. It moves nothing.
 //!

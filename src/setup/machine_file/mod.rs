@@ -1,7 +1,7 @@
 //! The machine file: TOML that a person writes and the program never rewrites.
 //!
 //! An unknown key, a wrong unit, a wrong type, a missing key or an impossible value is an error with
-//! file, line and key. Sections that belong to other rooms (`[method.NAME]`, `[simulated]`) are
+//! file, line and key. Sections that belong to other modules (`[method.NAME]`, `[simulated]`) are
 //! kept as text and handed to their owner's type on request; their errors have lines all the same.
 
 use std::collections::BTreeMap;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Least-squares circles and spheres to 60 digits: makes references.json, which tests/round_fits.rs
+"""Least-squares circles and spheres to 60 digits: makes references.json, which tests/numerics/round_fits.rs
 reads. Needs mpmath. python3 references.py > references.json
 
 The minimum of sum((|p - c| - r)^2) by Newton's method with the full second derivative, at 100 digits,

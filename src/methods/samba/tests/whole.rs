@@ -18,7 +18,7 @@ use machine::record::estimate::{Estimate, Parameter};
 use machine::record::plan::{PLAN_VERSION, Plan, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
-use testing::population::population;
+use testing::population::{count_bound, population};
 
 const BALL_MM: f64 = 10.0;
 const STYLUS_MM: f64 = 3.0;
@@ -245,7 +245,8 @@ fn regress_the_covariance_covers_over_seeds() {
         let (low, high) = coverage::chi_square_bounds(dof, 0.99).unwrap();
         println!("{motion_um} µm: χ² {:.3} of {:.3} to {:.3}", joint / dof, low / dof, high / dof);
         assert!((low..=high).contains(&joint), "{motion_um} µm: {}", joint / dof);
-        assert!(misfits <= 1, "{motion_um} µm: {misfits} of {seeds} called a misfit");
+        let most = count_bound(seeds, FULL, (0.01, 1));
+        assert!(misfits as u64 <= most, "{motion_um} µm: {misfits} of {seeds} called a misfit");
     }
 }
 

@@ -1,5 +1,5 @@
-//! How the nouns of lower floors look to a program. They know nothing of HTTP, so their schemas stand here;
-//! a test holds them against what is really written. What has a contract and a version of its own (plan,
+//! HTTP schemas of the types of lower layers, which do not depend on HTTP. A test compares each schema with
+//! what the program writes. What has a contract and a version of its own (plan,
 //! reading, estimate, series) is not described a second time.
 #![allow(dead_code, reason = "only their schemas are used")]
 
