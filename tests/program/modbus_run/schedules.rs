@@ -59,6 +59,14 @@ impl Way {
     }
 }
 
+/// Distance of the seeds, `wanted` or the next above it that has no divisor in common with the number
+/// of kinds: the seed modulo that number is the kind of fault, so that each seed gives another kind.
+fn stride(wanted: u64, kinds: u64) -> u64 {
+    let is_coprime =
+        |stride: &u64| (2..=kinds).all(|d| !(kinds.is_multiple_of(d) && stride.is_multiple_of(d)));
+    (wanted..).find(is_coprime).unwrap_or(1)
+}
+
 /// A fault of the wire that a run survives, and one of any kind.
 fn faults(way: &Way, seed: u64) -> Vec<Fault> {
     let mut draw = stream(seed, &[78, u64::from(way.resident)]);
@@ -321,6 +329,7 @@ fn all_schedules(way: &Way, besides: &str) {
         return;
     }
     let schedules = population(way.full_schedules);
+    let stride = stride(way.full_schedules / schedules, way.kinds().len() as u64);
     let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         // Most of the time a run waits for an answer that does not come.
@@ -331,9 +340,7 @@ fn all_schedules(way: &Way, besides: &str) {
                     if number >= schedules {
                         return;
                     }
-                    // The seed modulo the number of kinds chooses the kind of fault: consecutive seeds
-                    // give different kinds.
-                    let seed = number;
+                    let seed = number * stride;
                     let ended = run(way, faults(way, seed));
                     let breaches = breaches(&ended, &clean);
                     all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
@@ -352,7 +359,7 @@ fn all_schedules(way: &Way, besides: &str) {
     let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
     assert!(breached.is_empty(), "{breached:#?}");
     if schedules < way.full_schedules {
-        // One fault in four is of a kind that ends the run before it acts.
+        // Too few for each kind of fault: several must have come about.
         let least = (schedules.min(way.kinds().len() as u64) / 4).max(1) as usize;
         assert!(endings.len() > 1 && kinds.len() >= least, "{endings:?} {kinds:?}");
         return;
