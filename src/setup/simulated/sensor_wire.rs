@@ -12,10 +12,10 @@ use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_pty, serve_on_tc
 use simulator::sensors::serial::{Format, REQUEST, on_demand, send_on_pty, send_on_tcp};
 use simulator::sensors::{Sense, serial as simulated_serial};
 
-/// What stands between the daemon and a simulated sensor.
+/// The wire between the daemon and a simulated sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
-    /// Inside this process: its time stands still while nobody asks.
+    /// Inside this process: simulated time advances only with the samples that are requested.
     Memory,
     Pty,
     Tcp,
@@ -23,7 +23,7 @@ pub enum Wire {
 
 impl Wire {
     /// # Errors
-    /// Another name, in words.
+    /// An unknown name.
     pub fn of(name: &str) -> Result<Self, String> {
         match name {
             "memory" => Ok(Self::Memory),
@@ -34,7 +34,7 @@ impl Wire {
     }
 
     /// # Errors
-    /// Registers are not served in memory, in words.
+    /// `Memory`: registers are served over TCP or a pseudo-terminal only.
     pub fn beyond_memory(self) -> Result<Self, String> {
         match self {
             Self::Memory => {
@@ -56,8 +56,8 @@ pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorErr
     })
 }
 
-/// Start a sensor on a serial line, `rate_hz` samples a second, and the driver for it. In memory it
-/// says a sample when it is asked, on another wire by itself. Call inside a tokio runtime.
+/// Start a sensor on a serial line, `rate_hz` samples a second, and the driver for it. In memory the
+/// sensor sends a sample on request, on another wire unsolicited. Call inside a tokio runtime.
 ///
 /// # Errors
 /// What opening says.
