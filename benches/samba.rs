@@ -12,11 +12,11 @@ use std::time::Instant;
 
 use estimation::nonlinear::Minimum;
 use estimation::random;
-use glam::{DMat3, DVec3};
 use machine::kinematics::{Chain, ErrorTerm};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 use methods::samba::{Bar, Measured, Model, Problem, Seen};
+use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
@@ -32,8 +32,8 @@ const TRIALS: usize = 10_000;
 /// What is asked for: the peer's time over ours, and the seconds of the re-solves.
 const LEAST_RATIO: f64 = 20.0;
 const MOST_S: f64 = 5.0;
-const TOOL: DVec3 = DVec3::new(-0.012, -0.012, -326.746);
-const NOMINAL_TOOL: DVec3 = DVec3::new(0.0, 0.0, -326.717);
+const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
+const NOMINAL_TOOL: Vector3<f64> = Vector3::new(0.0, 0.0, -326.717);
 const SCRIPT: &str = include_str!("samba_scipy.py");
 
 /// Paper 4, table 2.
@@ -125,7 +125,7 @@ fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
             let mut drawn = measured.clone();
             for xyz in &mut drawn.xyz {
                 let mut next = || -> f64 { normal.next().unwrap_or_default() };
-                *xyz += DVec3::new(next(), next(), next()) * NOISE_MM;
+                *xyz += Vector3::new(next(), next(), next()) * NOISE_MM;
             }
             for length in &mut drawn.lengths {
                 *length += normal.next().unwrap_or_default() * U_BAR_MM;
@@ -164,13 +164,13 @@ fn data() -> Result<Data, Box<dyn Error>> {
         for (ball, centre) in balls.iter().enumerate() {
             let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
             let linear = chain.linear_axes_for(target, tip, &place, &terms)?;
-            stands.push((ball, Axis::LINEAR.map(|axis| linear.at(axis))));
+            stands.push((ball, linear.xyz()));
         }
         stands.sort_by(|a, b| b.1[2].total_cmp(&a.1[2]));
         stands.truncate(MEASUREMENTS / 24 + usize::from(k < MEASUREMENTS % 24));
         for (ball, xyz) in stands {
             let xyz = xyz.map(|value| value + next() * NOISE_MM);
-            seen.push(Seen { place: k, ball, whitening: DMat3::IDENTITY / NOISE_MM });
+            seen.push(Seen { place: k, ball, whitening: Matrix3::identity() / NOISE_MM });
             table.push(([angles[0], angles[1], angles[2], xyz[0], xyz[1], xyz[2]], ball));
         }
         places.push(place);
@@ -179,21 +179,21 @@ fn data() -> Result<Data, Box<dyn Error>> {
     let model = Model::new(&machine, &parameters)?;
     let bars = vec![Bar { from: 0, to: 7, u_mm: U_BAR_MM }];
     let measured = Measured {
-        xyz: table.iter().map(|(row, _)| DVec3::new(row[3], row[4], row[5])).collect(),
-        lengths: vec![balls[0].distance(balls[7])],
+        xyz: table.iter().map(|(row, _)| Vector3::new(row[3], row[4], row[5])).collect(),
+        lengths: vec![balls[0].metric_distance(&balls[7])],
     };
     let problem = Problem::new(model, places, seen, bars, balls.len(), NOMINAL_TOOL);
     Ok(Data { problem, measured, table, balls: balls.len() })
 }
 
 /// Paper 4, table 3.
-fn balls() -> Result<Vec<DVec3>, Box<dyn Error>> {
+fn balls() -> Result<Vec<Vector3<f64>>, Box<dyn Error>> {
     let text = include_str!("../tests/data/paper4-table3.csv");
     let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
     lines
         .map(|line| {
             let numbers: Vec<f64> = line.split(',').map(str::parse).collect::<Result<_, _>>()?;
-            Ok(DVec3::from_slice(&numbers[1..4]))
+            Ok(Vector3::from_column_slice(&numbers[1..4]))
         })
         .collect()
 }

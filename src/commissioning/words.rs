@@ -1,5 +1,7 @@
 //! What a person is asked, in words; and what will be seen of a jog, from the machine's chain.
 
+use nalgebra::Vector3;
+
 use machine::kinematics::{Chain, Side};
 use machine::record::machine::{Carrier, Machine};
 use machine::record::question::{Jog, Question, Stylus};
@@ -88,20 +90,19 @@ pub(super) fn look_for(machine: &Machine, stands: &Position, jog: &Jog) -> Optio
     let what = if carried.side() == Side::Tool { "the spindle" } else { "the table" };
     let by = amount(jog.axis, jog.by.abs());
     Some(if jog.axis.is_linear() {
-        let (axis, along) = largest(moved.translation.to_array())?;
+        let (axis, along) = largest(moved.translation.vector)?;
         format!("{what} goes {by} towards {}{axis}", if along < 0.0 { "−" } else { "+" })
     } else {
-        let (axis, angle) = glam::DQuat::from_mat3(&moved.matrix3).to_axis_angle();
         // Right-handed about an axis: anticlockwise for who looks against it.
-        let (about, along) = largest((axis * angle).to_array())?;
+        let (about, along) = largest(moved.rotation.scaled_axis())?;
         let way = if along < 0.0 { "clockwise" } else { "anticlockwise" };
         format!("{what} turns {by} {way}, seen from +{about}")
     })
 }
 
 /// The machine axis that lies nearest to a direction, and how far it goes along it.
-fn largest(way: [f64; 3]) -> Option<(Axis, f64)> {
-    let named = Axis::LINEAR.into_iter().zip(way);
+fn largest(way: Vector3<f64>) -> Option<(Axis, f64)> {
+    let named = Axis::LINEAR.into_iter().zip(way.iter().copied());
     named.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
 }
 

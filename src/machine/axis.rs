@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use std::fmt;
 use std::str::FromStr;
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A machine axis; `S` is the orientation of the spindle about its own axis.
@@ -25,6 +26,16 @@ impl Axis {
 
     pub fn is_linear(self) -> bool {
         matches!(self, Axis::X | Axis::Y | Axis::Z)
+    }
+
+    /// Nominal direction, of travel or of the axis of rotation, after ISO 841: X, Y and Z as A, B and C.
+    /// The spindle turns about Z.
+    pub fn direction(self) -> Vector3<f64> {
+        match self {
+            Axis::X | Axis::A => Vector3::x(),
+            Axis::Y | Axis::B => Vector3::y(),
+            Axis::Z | Axis::C | Axis::S => Vector3::z(),
+        }
     }
 
     pub fn letter(self) -> char {
@@ -107,6 +118,16 @@ impl Position {
     /// The axis position, 0 where the axis is not named.
     pub fn at(&self, axis: Axis) -> f64 {
         self.get(axis).unwrap_or(0.0)
+    }
+
+    /// Of X, Y and Z alone, mm.
+    pub fn from_xyz(xyz: Vector3<f64>) -> Self {
+        Axis::LINEAR.into_iter().zip(xyz.iter().copied()).collect()
+    }
+
+    /// X, Y and Z, mm; 0 where an axis is not named.
+    pub fn xyz(&self) -> Vector3<f64> {
+        Axis::LINEAR.map(|axis| self.at(axis)).into()
     }
 
     pub fn iter(&self) -> impl Iterator<Item = (Axis, f64)> + '_ {

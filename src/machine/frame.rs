@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use glam::DVec3;
+use nalgebra::{IsometryMatrix3, Vector3};
 
 /// Machine frame: origin at the nominal intersection (or foot of the common normal) of the rotary
 /// axes, directions of X, Y, Z after ISO 841.
@@ -15,19 +15,32 @@ pub struct Table;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spindle;
 
+/// Where one frame lies in another: rotation matrix and translation, mm. It takes points of the first
+/// frame to the second.
+pub type Pose = IsometryMatrix3<f64>;
+
+/// Two unit vectors at right angles to the unit vector `along` and to each other: right, up and
+/// `along` are right-handed.
+pub fn across(along: Vector3<f64>) -> [Vector3<f64>; 2] {
+    let mut aside = Vector3::zeros();
+    aside[along.iamin()] = 1.0;
+    let right = aside.cross(&along).normalize();
+    [right, along.cross(&right)]
+}
+
 /// A point in frame `F`, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point<F> {
-    pub mm: DVec3,
+    pub mm: Vector3<f64>,
     frame: PhantomData<F>,
 }
 
 impl<F> Point<F> {
     pub fn new(x: f64, y: f64, z: f64) -> Self {
-        Self::from_vec(DVec3::new(x, y, z))
+        Self::from_vec(Vector3::new(x, y, z))
     }
 
-    pub fn from_vec(mm: DVec3) -> Self {
+    pub fn from_vec(mm: Vector3<f64>) -> Self {
         Self { mm, frame: PhantomData }
     }
 }

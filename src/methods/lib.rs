@@ -16,10 +16,12 @@ pub mod self_calibration;
 pub use asking::asking;
 
 use self::asking::Asking;
+use machine::kinematics::KinematicsError;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
+use planning::PlanningError;
 
 /// What a method wants next.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +41,19 @@ pub enum Next {
 pub struct Refused {
     pub why: String,
     pub instead: String,
+}
+
+impl From<PlanningError> for Refused {
+    fn from(error: PlanningError) -> Self {
+        Self { why: error.to_string(), instead: error.remedy() }
+    }
+}
+
+impl From<KinematicsError> for Refused {
+    fn from(error: KinematicsError) -> Self {
+        let instead = "correct [machine] and [axes] in the machine file".to_owned();
+        Self { why: error.to_string(), instead }
+    }
 }
 
 /// Readings that cannot be turned into an estimate.

@@ -3,15 +3,16 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DAffine3, DMat4, DVec3, DVec4};
+use nalgebra::{Matrix4, Vector3};
 
 use super::PlanningError;
 use super::surroundings::{CLEAR, Surroundings};
+use machine::frame::{Point, Pose};
 use machine::kinematics::KinematicsError;
 use machine::record::artefact::{Artefact, Ball};
 use machine::record::machine::{Carrier, Machine};
 use machine::record::plan::Plan;
-use machine::{Axis, Position, frame::Point};
+use machine::{Axis, Position};
 
 /// The four touches round the ball and where they may move to instead: by how much in azimuth, and how
 /// far up, degrees. On the equator the centre is found best: the nearest way out comes first.
@@ -45,7 +46,7 @@ pub struct Contact {
     /// of something; further ones by azimuth and elevation, `+117^35`.
     pub name: String,
     /// Outward normal, machine frame.
-    pub normal: DVec3,
+    pub normal: Vector3<f64>,
 }
 
 impl Contact {
@@ -133,7 +134,7 @@ impl Access {
         }
         let spindle = self.spindle(rotary)?;
         let normal =
-            |azimuth: f64, elevation: f64| spindle.transform_vector3(on_sphere(azimuth, elevation));
+            |azimuth: f64, elevation: f64| spindle.transform_vector(&on_sphere(azimuth, elevation));
         let free = |contact: &Contact| self.free(ball, rotary, contact, stand);
         let mut blocked = None;
         let mut contacts = Vec::new();
@@ -165,13 +166,13 @@ impl Access {
     }
 
     /// The spindle's frame as far as S does not turn it.
-    fn spindle(&self, rotary: &Position) -> Result<DAffine3, Unreachable> {
+    fn spindle(&self, rotary: &Position) -> Result<Pose, Unreachable> {
         if !self.about.upright(rotary) {
             return Err(Unreachable::Tilted);
         }
         let carried = self.about.chain.carried(Carrier::Spindle);
         let commands = Axis::ALL.map(|axis| rotary.at(axis));
-        Ok(carried.map_or(DAffine3::IDENTITY, |carried| carried.pose(&commands)))
+        Ok(carried.map_or(Pose::identity(), |carried| carried.pose(&commands)))
     }
 
     fn check_rotary(&self, rotary: &Position) -> Result<(), Unreachable> {
@@ -198,12 +199,12 @@ impl Access {
         &self,
         ball: &Ball,
         rotary: &Position,
-        normal: DVec3,
+        normal: Vector3<f64>,
         far: f64,
     ) -> Result<Position, KinematicsError> {
         let chain = &self.about.chain;
-        let table = chain.machine_from_table(rotary, &[]).matrix3;
-        let target = DVec3::from_array(ball.centre_mm) + table.transpose() * normal * far;
+        let table = chain.machine_from_table(rotary, &[]).rotation;
+        let target = Vector3::from(ball.centre_mm) + table.inverse() * normal * far;
         let rotary = rotary.only(|axis| !axis.is_linear());
         let linear =
             chain.linear_axes_for(Point::from_vec(target), self.about.tip, &rotary, &[])?;
@@ -239,15 +240,15 @@ impl Access {
     }
 }
 
-fn named(name: &str, normal: DVec3) -> Contact {
+fn named(name: &str, normal: Vector3<f64>) -> Contact {
     Contact { name: name.to_owned(), normal }
 }
 
 /// Degrees, seen from the spindle: azimuth from X towards Y, elevation from the equator to the pole.
-fn on_sphere(azimuth: f64, elevation: f64) -> DVec3 {
+fn on_sphere(azimuth: f64, elevation: f64) -> Vector3<f64> {
     let ((sin, cos), (up, out)) =
         (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
-    DVec3::new(out * cos, out * sin, up)
+    Vector3::new(out * cos, out * sin, up)
 }
 
 /// Points spread evenly from the equator up to 75°: a spiral by the golden angle.
@@ -265,7 +266,7 @@ fn spread() -> impl Iterator<Item = (String, f64, f64)> {
 fn extend(contacts: &mut Vec<Contact>, mut more: Vec<Contact>, touches: usize) {
     while contacts.len() < touches {
         let nearest = |one: &Contact| {
-            let angles = contacts.iter().map(|other| other.normal.dot(one.normal));
+            let angles = contacts.iter().map(|other| other.normal.dot(&one.normal));
             angles.fold(f64::NEG_INFINITY, f64::max)
         };
         let apart = |(_, a): &(usize, &Contact), (_, b): &(usize, &Contact)| {
@@ -279,16 +280,12 @@ fn extend(contacts: &mut Vec<Contact>, mut more: Vec<Contact>, touches: usize) {
 /// Standard deviation of the fitted centre in its worst direction, in those of one touch; centre and
 /// radius are fitted.
 fn worst_direction(contacts: &[Contact]) -> f64 {
-    let rows = contacts.iter().map(|contact| contact.normal.extend(1.0));
-    let information = rows.fold(DMat4::ZERO, |sum, row| {
-        sum + DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w)
-    });
+    let rows = contacts.iter().map(|contact| contact.normal.push(1.0));
+    let information: Matrix4<f64> = rows.map(|row| row * row.transpose()).sum();
     if information.determinant() < 1e-6 {
         return f64::INFINITY;
     }
-    let cofactor = information.inverse();
+    let Some(cofactor) = information.try_inverse() else { return f64::INFINITY };
     // Not less than the largest eigenvalue.
-    let rows = [cofactor.x_axis, cofactor.y_axis, cofactor.z_axis];
-    let sum = |row: &DVec4| row.truncate().abs().element_sum();
-    rows.iter().map(sum).fold(0.0, f64::max).sqrt()
+    (0..3).map(|i| cofactor.column(i).xyz().abs().sum()).fold(0.0, f64::max).sqrt()
 }

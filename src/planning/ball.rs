@@ -105,7 +105,7 @@ impl Access {
                     to: to.as_written(),
                     feed_mm_min: task.approach.feed_mm_min(probe),
                     sensor: "probe".to_owned(),
-                    normal: contact.normal.to_array(),
+                    normal: contact.normal.into(),
                     scan: None,
                     text: None,
                 })
@@ -118,7 +118,7 @@ impl Access {
     /// # Errors
     /// A machine whose linear axes do not span space.
     pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, Unreachable> {
-        let centre = self.position(ball, rotary, glam::DVec3::Z, 0.0)?;
+        let centre = self.position(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
         Ok(centre.only(Axis::is_linear))
     }
 }

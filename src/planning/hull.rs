@@ -1,12 +1,10 @@
 //! Convex bodies about the tool, machine directions, and whether they stand far enough apart.
 
-use glam::{DMat3, DVec3};
-use parry3d_f64::math::Pose;
-use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex, closest_points};
-use parry3d_f64::shape::SupportMap;
-
 use machine::artefact::Shape;
 use machine::record::machine::Solid;
+use nalgebra::{Rotation3, Vector3};
+
+use super::gjk::{Support, directions, gap_across};
 
 /// Higher than any machine, mm.
 const ENDLESS: f64 = 2000.0;
@@ -16,7 +14,7 @@ const ENDLESS: f64 = 2000.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Upright {
     /// Middles of its lower end, first and last.
-    pub way: [DVec3; 2],
+    pub way: [Vector3<f64>; 2],
     pub radius: f64,
 }
 
@@ -25,12 +23,12 @@ pub(super) struct Upright {
 pub(super) enum Body {
     Round(Shape),
     /// Corners.
-    Box(Vec<DVec3>),
+    Box(Vec<Vector3<f64>>),
 }
 
 impl Body {
     pub fn of(solid: &Solid) -> Self {
-        let (from, to) = (DVec3::from_array(solid.from_mm), DVec3::from_array(solid.to_mm));
+        let (from, to) = (Vector3::from(solid.from_mm), Vector3::from(solid.to_mm));
         match solid.radius_mm {
             Some(radius) => Self::Round(Shape::Cylinder { from, to, radius }),
             None => Self::cuboid(solid.from_mm, solid.to_mm),
@@ -40,11 +38,11 @@ impl Body {
     /// Between two opposite corners.
     pub fn cuboid(one: [f64; 3], other: [f64; 3]) -> Self {
         let [x, y, z] = [0, 1, 2].map(|axis| [one[axis], other[axis]]);
-        let plane = |x| y.into_iter().flat_map(move |y| z.map(|z| DVec3::new(x, y, z)));
+        let plane = |x| y.into_iter().flat_map(move |y| z.map(|z| Vector3::new(x, y, z)));
         Self::Box(x.into_iter().flat_map(plane).collect())
     }
 
-    pub fn turned(&self, by: &DMat3) -> Self {
+    pub fn turned(&self, by: &Rotation3<f64>) -> Self {
         match self {
             Self::Box(corners) => Self::Box(corners.iter().map(|corner| *by * *corner).collect()),
             Self::Round(Shape::Ball { centre, radius }) => {
@@ -59,13 +57,13 @@ impl Body {
 
     pub fn top(&self) -> f64 {
         match self {
-            Self::Round(shape) => shape.highest(DVec3::Z),
+            Self::Round(shape) => shape.highest(Vector3::z()),
             Self::Box(corners) => corners.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max),
         }
     }
 
     /// Points and a radius about each, in whose hull it lies.
-    pub fn points(&self) -> (Vec<DVec3>, f64) {
+    pub fn points(&self) -> (Vec<Vector3<f64>>, f64) {
         match self {
             Self::Round(Shape::Ball { centre, radius }) => (vec![*centre], *radius),
             Self::Round(Shape::Cylinder { from, to, radius }) => (vec![*from, *to], *radius),
@@ -75,51 +73,43 @@ impl Body {
 }
 
 /// Farthest of the points along a direction.
-fn farthest(points: &[DVec3], direction: DVec3) -> DVec3 {
-    let further = |best: DVec3, next: &DVec3| {
-        if next.dot(direction) > best.dot(direction) { *next } else { best }
+fn farthest(points: &[Vector3<f64>], direction: Vector3<f64>) -> Vector3<f64> {
+    let further = |best: Vector3<f64>, next: &Vector3<f64>| {
+        if next.dot(&direction) > best.dot(&direction) { *next } else { best }
     };
     points.iter().fold(points.first().copied().unwrap_or_default(), further)
 }
 
-impl SupportMap for Body {
-    fn local_support_point(&self, direction: DVec3) -> DVec3 {
+impl Support for Body {
+    fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
         match self {
             Self::Box(corners) => farthest(corners, direction),
             Self::Round(Shape::Ball { centre, radius }) => {
-                *centre + *radius * direction.normalize_or_zero()
+                *centre + *radius * direction.try_normalize(0.0).unwrap_or_default()
             }
             Self::Round(Shape::Cylinder { from, to, radius }) => {
-                let axis = (*to - *from).normalize_or_zero();
-                let out = (direction - axis * axis.dot(direction)).normalize_or_zero();
+                let axis = (*to - *from).try_normalize(0.0).unwrap_or_default();
+                let out = (direction - axis * axis.dot(&direction))
+                    .try_normalize(0.0)
+                    .unwrap_or_default();
                 farthest(&[*from, *to], direction) + *radius * out
             }
         }
     }
 }
 
-impl SupportMap for Upright {
-    fn local_support_point(&self, direction: DVec3) -> DVec3 {
-        let out = DVec3::new(direction.x, direction.y, 0.0).normalize_or_zero();
+impl Support for Upright {
+    fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
+        let out =
+            Vector3::new(direction.x, direction.y, 0.0).try_normalize(0.0).unwrap_or_default();
         let up = if direction.z > 0.0 { ENDLESS } else { 0.0 };
-        farthest(&self.way, direction) + self.radius * out + DVec3::Z * up
+        farthest(&self.way, direction) + self.radius * out + Vector3::z() * up
     }
 }
 
-/// Are the two at least so far apart? What cannot be shown counts as no: parry's GJK proposes a
-/// direction, and the planes across it decide.
+/// Are the two at least so far apart? What cannot be shown counts as no.
 pub(super) fn apart_by(tool: &Upright, body: &Body, distance: f64) -> bool {
-    let gap = |direction: DVec3| {
-        let direction = direction.normalize_or_zero();
-        (body.local_support_point(-direction) - tool.local_support_point(direction)).dot(direction)
-    };
-    let mut simplex = VoronoiSimplex::new();
-    simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, tool, body, DVec3::NEG_Z));
-    match closest_points(&Pose::IDENTITY, tool, body, f64::MAX, true, &mut simplex) {
-        GJKResult::Intersection => false,
-        GJKResult::ClosestPoints(p, q, direction) => gap(direction).max(gap(q - p)) >= distance,
-        GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
-            gap(direction) >= distance
-        }
-    }
+    directions(tool, body, -Vector3::z(), f64::MAX)
+        .into_iter()
+        .any(|direction| gap_across(tool, body, direction) >= distance)
 }

@@ -10,6 +10,7 @@ mod ball;
 mod clearance;
 mod error;
 pub mod gcode;
+mod gjk;
 mod hull;
 mod limits;
 mod measured;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use estimation::sphere::{Sphere, SphereError, fit_sphere};
 use machine::kinematics::{Chain, KinematicsError};
@@ -15,9 +15,9 @@ pub struct MeasuredBall {
     /// X, Y, Z with the centre of the stylus ball in the ball's centre, and the rotary axes.
     pub position: Position,
     /// Its centre in the table frame of the nominal machine, mm.
-    pub centre_mm: DVec3,
+    pub centre_mm: Vector3<f64>,
     /// Of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: times u².
-    pub cofactor: DMat3,
+    pub cofactor: Matrix3<f64>,
     /// Of the ball alone: the stylus ball, as stated, is taken off. Pre-travel makes it smaller.
     pub diameter_mm: f64,
     /// Largest less smallest residual of the fitted sphere, mm.
@@ -61,27 +61,23 @@ pub fn measured_ball(
     probe: &Probe,
 ) -> Result<MeasuredBall, BallDoubt> {
     let chain = Chain::new(machine)?;
-    let tip = Point::from_vec(DVec3::from_array(machine.tool_mm));
+    let tip = Point::from_vec(Vector3::from(machine.tool_mm));
     let at_table = |position: &Position| chain.tip_in_table(position, tip, &[]).mm;
-    let points: Vec<[f64; 3]> = touches.iter().map(|at| at_table(at).to_array()).collect();
+    let points: Vec<[f64; 3]> = touches.iter().map(|at| at_table(at).into()).collect();
     let first = touches.first().cloned().unwrap_or_default();
     let rotary = first.only(|axis| !axis.is_linear());
     let fitted: Sphere = fit_sphere(&points).map_err(|source| {
         let (ball, at) = (ball.to_owned(), in_words(&rotary));
         BallDoubt::Fit { ball, at, source }
     })?;
-    let centre = DVec3::from_array(fitted.centre);
+    let centre = Vector3::from(fitted.centre);
     let xyz = chain.linear_axes_for(Point::from_vec(centre), tip, &rotary, &[])?;
-    // p_w is affine in X, Y, Z: differences over one millimetre are its derivatives.
-    let origin = at_table(&rotary);
-    let column = |axis: Axis| at_table(&rotary.clone().with(axis, 1.0)) - origin;
-    let [x, y, z] = Axis::LINEAR.map(column);
-    let table_from_axes = DMat3::from_cols(x, y, z).inverse();
-    let of_table = DMat3::from_cols_array_2d(&fitted.centre_covariance(1.0));
+    let axes_from_table = chain.linear_inverse(&rotary, &[])?;
+    let of_table = Matrix3::from(fitted.centre_covariance(1.0));
     Ok(MeasuredBall {
         position: rotary.updated_by(&xyz),
         centre_mm: centre,
-        cofactor: table_from_axes * of_table * table_from_axes.transpose(),
+        cofactor: axes_from_table * of_table * axes_from_table.transpose(),
         diameter_mm: 2.0 * (fitted.radius - probe.ball_radius_mm),
         form_mm: fitted.form(),
     })

@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DQuat, DVec3};
+use nalgebra::{Rotation3, Unit, Vector3};
 
 use super::clearance::LIFT;
 use super::hull::Body;
@@ -27,7 +27,7 @@ const SLACK: f64 = 1e-3;
 struct OneBall {
     name: String,
     /// Table frame, mm.
-    centre: DVec3,
+    centre: Vector3<f64>,
     /// Of the stylus ball's centre from its own where the two touch, mm.
     reach: f64,
     /// It may stand off its place by this, mm.
@@ -46,7 +46,7 @@ pub(super) fn round(
     let ball = about.ball_at(start)?;
     let (here, there) = (about.off(&ball, stands), about.off(&ball, start));
     let near = ball.reach + ball.loose;
-    let about_it = |off: DVec3| (near..near + 2.0 * LIFT).contains(&off.length());
+    let about_it = |off: Vector3<f64>| (near..near + 2.0 * LIFT).contains(&off.norm());
     // Below its middle the stylus would come nearer with its stem than with its ball.
     let upper = here.z.min(there.z) >= -SLACK;
     if !(about_it(here) && about_it(there) && upper) {
@@ -70,8 +70,8 @@ pub(super) fn round(
 pub(super) fn aside(about: &Surroundings, machine: &Machine, start: &Position) -> Option<Position> {
     let ball = about.ball_at(start)?;
     let there = about.off(&ball, start);
-    let far = (ball.reach + ball.loose + LIFT + SLACK).max(there.length());
-    let end = place(about, machine, &ball, (start, there.try_normalize()? * far))?;
+    let far = (ball.reach + ball.loose + LIFT + SLACK).max(there.norm());
+    let end = place(about, machine, &ball, (start, there.try_normalize(0.0)? * far))?;
     let free = about.passes(start, &end, &ball.name) && about.is_clear(&end, LIFT);
     free.then_some(end)
 }
@@ -80,7 +80,7 @@ fn place(
     about: &Surroundings,
     machine: &Machine,
     ball: &OneBall,
-    (rotary, off): (&Position, DVec3),
+    (rotary, off): (&Position, Vector3<f64>),
 ) -> Option<Position> {
     let place = about.beside(ball, rotary, off).ok()?;
     limits::within(&place.only(Axis::is_linear), machine).then_some(place)
@@ -88,15 +88,18 @@ fn place(
 
 /// Where the tangents from two places to a ball about the origin meet that goes through the nearer of
 /// them, in the plane of all three; nothing if the straight way is clear of it. `None`: too far round.
-fn corner(here: DVec3, there: DVec3) -> Option<Vec<DVec3>> {
-    let radius = here.length().min(there.length());
-    let (u, v) = (here.try_normalize()?, there.try_normalize()?);
-    let to_tangent = |from: DVec3| (radius / from.length()).min(1.0).acos();
-    let left = u.angle_between(v) - to_tangent(here) - to_tangent(there);
+fn corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3<f64>>> {
+    let radius = here.norm().min(there.norm());
+    let (u, v) = (here.try_normalize(0.0)?, there.try_normalize(0.0)?);
+    let to_tangent = |from: Vector3<f64>| (radius / from.norm()).min(1.0).acos();
+    let left = u.angle(&v) - to_tangent(here) - to_tangent(there);
     if left <= 0.0 {
         return Some(Vec::new());
     }
-    let turn = DQuat::from_axis_angle(u.cross(v).try_normalize()?, to_tangent(here) + left / 2.0);
+    let turn = Rotation3::from_axis_angle(
+        &Unit::try_new(u.cross(&v), 0.0)?,
+        to_tangent(here) + left / 2.0,
+    );
     (left <= WIDEST).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
 }
 
@@ -112,14 +115,14 @@ impl Surroundings {
             }),
             _ => None,
         };
-        let gap = |ball: &OneBall| self.off(ball, at).length() - ball.reach;
+        let gap = |ball: &OneBall| self.off(ball, at).norm() - ball.reach;
         let balls = self.obstacles.iter().filter_map(ball);
         balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
     }
 
     /// The stylus ball's centre as seen from that of a ball, machine directions.
-    fn off(&self, ball: &OneBall, at: &Position) -> DVec3 {
-        let table = self.chain.machine_from_table(at, &[]).matrix3;
+    fn off(&self, ball: &OneBall, at: &Position) -> Vector3<f64> {
+        let table = self.chain.machine_from_table(at, &[]).rotation;
         table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
     }
 
@@ -131,10 +134,10 @@ impl Surroundings {
         &self,
         ball: &OneBall,
         rotary: &Position,
-        off: DVec3,
+        off: Vector3<f64>,
     ) -> Result<Position, KinematicsError> {
         let rotary = rotary.only(|axis| !axis.is_linear());
-        let table = self.chain.machine_from_table(&rotary, &[]).matrix3;
+        let table = self.chain.machine_from_table(&rotary, &[]).rotation;
         let target = Point::from_vec(ball.centre + table.transpose() * off);
         let linear = self.chain.linear_axes_for(target, self.tip, &rotary, &[])?;
         Ok(rotary.updated_by(&linear))

@@ -5,10 +5,10 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec2, DVec3};
-use parry3d_f64::shape::SupportMap;
+use nalgebra::{Vector2, Vector3};
 
 use super::PlanningError;
+use super::gjk::Support;
 use super::hull::{Body, Upright, apart_by};
 use machine::artefact;
 use machine::kinematics::{Carried, Chain, Side};
@@ -88,15 +88,15 @@ impl Surroundings {
             let body = Body::cuboid(keepout.min_mm, keepout.max_mm);
             add(&keepout.name, Carrier::Bed, body, false);
         }
-        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
         Ok(Self { chain, tip, tool, obstacles, ball_radius, loose, max_z })
     }
 
     /// Centre of the stylus ball in the machine frame.
-    pub fn tip_at(&self, position: &Position) -> DVec3 {
-        self.chain.machine_from_spindle(position, &[]).transform_point3(self.tip.mm)
+    pub fn tip_at(&self, position: &Position) -> Vector3<f64> {
+        self.chain.machine_from_spindle(position, &[]).transform_point(&self.tip.mm.into()).coords
     }
 
     /// Z command from which on the stylus ball is `margin` higher than all that Z can pass over, the
@@ -155,8 +155,8 @@ impl Surroundings {
     pub fn apart_from_above(&self, from: &Position, to: &Position) -> f64 {
         let level = from.updated_by(&to.only(|axis| !axis.is_linear()));
         let [from, to] = [&level, to].map(|at| self.chain.tip_in_table(at, self.tip, &[]).mm);
-        let table = self.chain.machine_from_table(&level, &[]).matrix3;
-        (table * (to - from)).truncate().length()
+        let table = self.chain.machine_from_table(&level, &[]).rotation;
+        (table * (to - from)).xy().norm()
     }
 
     /// Is the tool `margin` clear of everything?
@@ -182,14 +182,14 @@ impl Surroundings {
         let at = |z: f64| Position::new().with(Axis::Z, z);
         let over_table = |position: &Position| {
             let table = self.chain.machine_from_table(position, &[]);
-            self.tip_at(position).z - table.translation.z
+            self.tip_at(position).z - table.translation.vector.z
         };
         over_table(&at(1.0)) > over_table(&at(0.0))
     }
 
     /// Does the spindle stand upright?
     pub fn upright(&self, pose: &Position) -> bool {
-        let axis = self.chain.machine_from_spindle(pose, &[]).matrix3 * DVec3::Z;
+        let axis = self.chain.machine_from_spindle(pose, &[]).rotation * Vector3::z();
         axis.z > 1.0 - 1e-9
     }
 
@@ -204,8 +204,8 @@ impl Surroundings {
     }
 
     /// Centre of the stylus ball from the origin of the obstacle's carrier, machine directions.
-    fn as_seen_by(&self, obstacle: &Obstacle, position: &Position) -> DVec3 {
-        self.tip_at(position) - obstacle.carried.pose(&commands(position)).translation
+    fn as_seen_by(&self, obstacle: &Obstacle, position: &Position) -> Vector3<f64> {
+        self.tip_at(position) - obstacle.carried.pose(&commands(position)).translation.vector
     }
 }
 
@@ -228,15 +228,15 @@ fn tool(plan: &Plan) -> Vec<Element> {
     if probe.body_radius_mm > 0.0 {
         tool.push(part("probe body", false, probe.body_radius_mm, probe.stem_length_mm));
     }
-    let tip = DVec3::from_array(plan.machine.tool_mm);
+    let tip = Vector3::from(plan.machine.tool_mm);
     let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
     for solid in plan.solids.iter().filter(carried) {
         let body = Body::of(solid);
         let (points, radius) = body.points();
         // The stylus may stand beside the spindle's axis, and S turns it about that.
-        let aside = |p: &DVec3| p.truncate().length() + tip.truncate().length();
+        let aside = |p: &Vector3<f64>| p.xy().norm() + tip.xy().norm();
         let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
-        let bottom = body.local_support_point(DVec3::NEG_Z).z - tip.z;
+        let bottom = body.support(-Vector3::z()).z - tip.z;
         tool.push(part(&solid.name, false, wide, bottom));
     }
     tool
@@ -245,28 +245,28 @@ fn tool(plan: &Plan) -> Vec<Element> {
 impl Obstacle {
     /// Turned as it stands, from the origin of its carrier.
     fn seen(&self, position: &Position) -> Body {
-        self.body.turned(&self.carried.pose(&commands(position)).matrix3)
+        self.body.turned(&self.carried.pose(&commands(position)).rotation)
     }
 }
 
 impl Element {
     /// On a way of the stylus ball, higher by `rise`.
-    fn on(&self, way: [DVec3; 2], rise: f64) -> Upright {
-        Upright { way: way.map(|at| at + DVec3::Z * (self.bottom + rise)), radius: self.radius }
+    fn on(&self, way: [Vector3<f64>; 2], rise: f64) -> Upright {
+        Upright { way: way.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
     }
 
     /// Quickly: neither above the body nor beside it.
-    fn might_meet(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> bool {
+    fn might_meet(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> bool {
         let lowest = way[0].z.min(way[1].z) + self.bottom;
         lowest < body.top() + margin && beside(way, body) < self.radius + margin
     }
 
-    fn is_clear(&self, way: [DVec3; 2], body: &Body, margin: f64) -> bool {
+    fn is_clear(&self, way: [Vector3<f64>; 2], body: &Body, margin: f64) -> bool {
         !self.might_meet(&way, body, margin) || apart_by(&self.on(way, 0.0), body, margin)
     }
 
     /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.
-    fn rise(&self, way: &[DVec3; 2], body: &Body, margin: f64) -> f64 {
+    fn rise(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> f64 {
         if apart_by(&self.on(*way, 0.0), body, margin) {
             return f64::NEG_INFINITY;
         }
@@ -283,12 +283,15 @@ impl Element {
 
 /// A body is at least this far from a straight way, seen from above: across the direction that shows
 /// most.
-fn beside(way: &[DVec3; 2], body: &Body) -> f64 {
+fn beside(way: &[Vector3<f64>; 2], body: &Body) -> f64 {
     let (points, radius) = body.points();
-    let across = |k: u32| DVec2::from_angle(2.0 * PI * f64::from(k) / f64::from(DIRECTIONS));
-    let between = |u: DVec2| {
-        let near = points.iter().map(|p| p.truncate().dot(u)).fold(f64::INFINITY, f64::min);
-        near - way[0].truncate().dot(u).max(way[1].truncate().dot(u))
+    let across = |k: u32| {
+        let (sin, cos) = (2.0 * PI * f64::from(k) / f64::from(DIRECTIONS)).sin_cos();
+        Vector2::new(cos, sin)
+    };
+    let between = |u: Vector2<f64>| {
+        let near = points.iter().map(|p| p.xy().dot(&u)).fold(f64::INFINITY, f64::min);
+        near - way[0].xy().dot(&u).max(way[1].xy().dot(&u))
     };
     (0..DIRECTIONS).map(across).map(between).fold(f64::NEG_INFINITY, f64::max) - radius
 }

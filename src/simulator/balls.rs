@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::WorldError;
 use super::drawn::{self, LengthDraw};
@@ -17,19 +17,19 @@ pub(super) struct Balls {
 
 #[derive(Debug, Clone, PartialEq)]
 struct Ball {
-    centre: DVec3,
+    centre: Vector3<f64>,
     radius: f64,
     /// The radius along the unit vector u is longer by uᵀ·form·u: an oval.
-    form: DMat3,
+    form: Matrix3<f64>,
     stem: Option<Stem>,
     /// From when on it stands off by how much.
-    moves: Vec<(f64, DVec3)>,
+    moves: Vec<(f64, Vector3<f64>)>,
 }
 
 /// A cylinder with flat ends, from the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Stem {
-    along: DVec3,
+    along: Vector3<f64>,
     length: f64,
     radius: f64,
 }
@@ -48,8 +48,8 @@ impl Balls {
 
     /// From `point` in the table frame at the time `t_s`. Of what lies inside several bodies the
     /// deepest counts.
-    pub fn nearest(&self, point: DVec3, t_s: f64) -> Nearest {
-        let far = Nearest { distance: f64::INFINITY, normal: DVec3::Z };
+    pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> Nearest {
+        let far = Nearest { distance: f64::INFINITY, normal: Vector3::z() };
         let place = |ball: &Ball| point - ball.shift(t_s);
         let at_least = |ball: &Ball| ball.at_least(place(ball));
         // The one that seems nearest first: of most others no oval need be looked at then.
@@ -59,7 +59,7 @@ impl Balls {
     }
 
     #[cfg(test)]
-    pub fn centre(&self, index: usize, t_s: f64) -> DVec3 {
+    pub fn centre(&self, index: usize, t_s: f64) -> Vector3<f64> {
         self.balls[index].centre + self.balls[index].shift(t_s)
     }
 }
@@ -68,44 +68,43 @@ impl Ball {
     fn new(index: usize, stated: &artefact::Ball, truth: &Truth) -> Self {
         let own = truth.ball.iter().find(|ball| ball.id == stated.id).cloned().unwrap_or_default();
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
-        let along = DVec3::from_array(stated.stem).normalize_or_zero();
+        let along = Vector3::from(stated.stem).try_normalize(0.0).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
         let drawn = drawn::ball(truth.seed, index);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
         Self {
-            centre: DVec3::from_array(stated.centre_mm)
+            centre: Vector3::from(stated.centre_mm)
                 + truth.centre_offset()
-                + DVec3::from_array(own.offset_mm)
+                + Vector3::from(own.offset_mm)
                 + drawn.centre * truth.ball_offset_mm,
             radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
             form: drawn.oval * (form_um * 1e-3),
-            stem: (length > 0.0 && radius > 0.0 && along != DVec3::ZERO).then_some(Stem {
+            stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(Stem {
                 along,
                 length,
                 radius,
             }),
-            moves: moves.map(|moved| (moved.at_s, DVec3::from_array(moved.by_mm))).collect(),
+            moves: moves.map(|moved| (moved.at_s, Vector3::from(moved.by_mm))).collect(),
         }
     }
 
     fn is_sound(&self) -> bool {
-        let form = self.form.to_cols_array().into_iter().map(f64::abs).sum::<f64>();
-        self.centre.is_finite() && self.radius > 2.0 * form && self.radius.is_finite()
+        let centre = self.centre.iter().all(|place| place.is_finite());
+        centre && self.radius > 2.0 * self.form.abs().sum() && self.radius.is_finite()
     }
 
-    fn shift(&self, t_s: f64) -> DVec3 {
+    fn shift(&self, t_s: f64) -> Vector3<f64> {
         self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
     /// No point of the ball is nearer than this.
-    fn at_least(&self, point: DVec3) -> f64 {
-        let form: f64 = self.form.to_cols_array().into_iter().map(f64::abs).sum();
-        (point - self.centre).length() - self.radius - 2.0 * form
+    fn at_least(&self, point: Vector3<f64>) -> f64 {
+        (point - self.centre).norm() - self.radius - 2.0 * self.form.abs().sum()
     }
 
     /// The nearer one of `best` and this ball with its stem.
-    fn nearer(&self, point: DVec3, best: Nearest) -> Nearest {
+    fn nearer(&self, point: Vector3<f64>, best: Nearest) -> Nearest {
         let from_centre = point - self.centre;
         let mut best = best;
         if self.at_least(point) < best.distance {
@@ -123,22 +122,22 @@ impl Ball {
 
     /// The foot of the perpendicular: `point` = r(u)·u + distance·normal(u). Round, it is along the
     /// point's own direction; for an oval of micrometres each round leaves a thousandth of the error.
-    fn nearest(&self, point: DVec3) -> Nearest {
-        let mut direction = point.normalize_or(DVec3::Z);
-        let mut nearest = Nearest { distance: point.length() - self.radius, normal: direction };
-        if self.form == DMat3::ZERO {
+    fn nearest(&self, point: Vector3<f64>) -> Nearest {
+        let mut direction = point.try_normalize(0.0).unwrap_or(Vector3::z());
+        let mut nearest = Nearest { distance: point.norm() - self.radius, normal: direction };
+        if self.form == Matrix3::zeros() {
             return nearest;
         }
         for _ in 0..ROUNDS {
             let pulled = self.form * direction;
-            let longer = direction.dot(pulled);
+            let longer = direction.dot(&pulled);
             let radius = self.radius + longer;
             let slope = 2.0 * (pulled - direction * longer);
             let normal = (direction - slope / radius).normalize();
-            let distance = (point - direction * radius).dot(normal);
+            let distance = (point - direction * radius).dot(&normal);
             nearest = Nearest { distance, normal };
-            let next = (point - normal * distance).normalize_or(direction);
-            if next.distance_squared(direction) < SAME_DIRECTION {
+            let next = (point - normal * distance).try_normalize(0.0).unwrap_or(direction);
+            if (next - direction).norm_squared() < SAME_DIRECTION {
                 break;
             }
             direction = next;
@@ -152,10 +151,10 @@ const ROUNDS: usize = 30;
 const SAME_DIRECTION: f64 = 1e-28;
 
 impl Stem {
-    fn nearest(&self, from_centre: DVec3) -> Nearest {
-        let along = from_centre.dot(self.along);
+    fn nearest(&self, from_centre: Vector3<f64>) -> Nearest {
+        let along = from_centre.dot(&self.along);
         let across = from_centre - self.along * along;
-        let (reach, outward) = (across.length(), across.normalize_or(DVec3::X));
+        let (reach, outward) = (across.norm(), across.try_normalize(0.0).unwrap_or(Vector3::x()));
         let side = reach - self.radius;
         let end = (along - self.length / 2.0).abs() - self.length / 2.0;
         let cap = self.along * (along - self.length / 2.0).signum();
@@ -182,8 +181,8 @@ fn hold_lengths(balls: &mut [Ball], stated: &artefact::Balls, truth: &Truth) {
             let ends = (places.get(length.from.as_str()), places.get(length.to.as_str()));
             let (Some(&from), Some(&to)) = ends else { continue };
             let apart = balls[to].centre - balls[from].centre;
-            let short = true_length(number, length, truth) - apart.length();
-            let half = apart.normalize_or(DVec3::X) * (short / 2.0);
+            let short = true_length(number, length, truth) - apart.norm();
+            let half = apart.try_normalize(0.0).unwrap_or(Vector3::x()) * (short / 2.0);
             balls[from].centre -= half;
             balls[to].centre += half;
             worst = worst.max(short.abs());

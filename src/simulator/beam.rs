@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::WorldError;
 use super::drawn;
@@ -26,10 +26,10 @@ pub enum Sensed {
 /// A sensor as it truly sits in the spindle, at S = 0 in the machine's directions.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beam {
-    zero: DVec3,
-    along: DVec3,
+    zero: Vector3<f64>,
+    along: Vector3<f64>,
     /// Unit vectors across its nominal direction, of `tilt_urad` and `lean_um`.
-    across: [DVec3; 2],
+    across: [Vector3<f64>; 2],
     range: [f64; 2],
     /// It sees nothing nearer or farther.
     reach: [f64; 2],
@@ -47,17 +47,17 @@ impl Beam {
         number: usize,
     ) -> Result<Self, WorldError> {
         let nonsense = |key| Err(WorldError::Sensor { name: nominal.name.clone(), key });
-        let direction = DVec3::from_array(nominal.direction).normalize_or_zero();
-        let zero = DVec3::from_array(nominal.zero_mm);
+        let zero = Vector3::from(nominal.zero_mm);
         let [least, greatest] = nominal.range_mm;
         let span = greatest - least;
-        if direction == DVec3::ZERO {
+        // `>` is false for NaN as well.
+        let direction = Vector3::from(nominal.direction).try_normalize(0.0);
+        let Some(direction) = direction.filter(|direction| direction.norm() > 0.0) else {
             return nonsense("direction");
-        }
-        if !zero.is_finite() {
+        };
+        if !zero.iter().all(|place| place.is_finite()) {
             return nonsense("zero_mm");
         }
-        // `>` is false for NaN as well.
         if !(span > 0.0 && span.is_finite()) {
             return nonsense("range_mm");
         }
@@ -71,7 +71,7 @@ impl Beam {
         let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
         let drawn = || drawn::linearity(seed, number, nominal.linearity_um, span);
         Ok(Self {
-            zero: zero + DVec3::from_array(truth.zero_offset_um) * 1e-3,
+            zero: zero + Vector3::from(truth.zero_offset_um) * 1e-3,
             along: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
             across,
             range: nominal.range_mm,
@@ -85,7 +85,7 @@ impl Beam {
     /// `deviate`: what noise adds, in standard deviations.
     pub fn says(&self, sight: &Sight<'_>, deviate: f64) -> Sensed {
         let Some(hit) = self.spot(sight) else { return Sensed::NoEcho };
-        let facing = -hit.normal.dot(self.along);
+        let facing = -hit.normal.dot(&self.along);
         if facing < self.truth.echo_limit_deg.to_radians().cos() {
             return Sensed::NoEcho;
         }
@@ -103,8 +103,8 @@ impl Beam {
 
     /// Mean distance over the light spot, and the normal in its middle.
     fn spot(&self, sight: &Sight<'_>) -> Option<Hit> {
-        let first = |from: DVec3| sight.first(self.zero + from, self.along, self.reach);
-        let middle = first(DVec3::ZERO)?;
+        let first = |from: Vector3<f64>| sight.first(self.zero + from, self.along, self.reach);
+        let middle = first(Vector3::zeros())?;
         if self.truth.spot_mm == 0.0 {
             return Some(middle);
         }
@@ -113,7 +113,8 @@ impl Beam {
         let mut sum = 0.0;
         for across in self.across {
             // Across the true beam: the mean over a slanted disc would be another one.
-            let step = across.reject_from(self.along).normalize_or_zero() * aside;
+            let step = across - self.along * self.along.dot(&across);
+            let step = step.try_normalize(0.0).unwrap_or_default() * aside;
             sum += first(step)?.distance + first(-step)?.distance;
         }
         Some(Hit { distance: sum / 4.0, ..middle })
@@ -129,10 +130,10 @@ impl Beam {
     }
 
     /// What a surface that does not face the beam adds, mm.
-    fn slanted(&self, normal: DVec3, facing: f64) -> f64 {
+    fn slanted(&self, normal: Vector3<f64>, facing: f64) -> f64 {
         let tangent2 = (1.0 - facing * facing).max(0.0) / (facing * facing);
         // Of the distance over a way across the beam.
-        let slopes = self.across.map(|across| normal.dot(across) / facing);
+        let slopes = self.across.map(|across| normal.dot(&across) / facing);
         let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
         (self.truth.incidence_um * tangent2 + lean) * 1e-3
     }
@@ -148,14 +149,14 @@ fn slanting(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> S
 }
 
 /// Unit vectors across `direction`, near the two axes that are not nearest to it.
-fn across(direction: DVec3) -> [DVec3; 2] {
+fn across(direction: Vector3<f64>) -> [Vector3<f64>; 2] {
     let size = direction.abs();
     let [first, second] = if size.z >= size.x && size.z >= size.y {
-        [DVec3::X, DVec3::Y]
+        [Vector3::x(), Vector3::y()]
     } else if size.y >= size.x {
-        [DVec3::X, DVec3::Z]
+        [Vector3::x(), Vector3::z()]
     } else {
-        [DVec3::Y, DVec3::Z]
+        [Vector3::y(), Vector3::z()]
     };
-    [first, second].map(|axis| axis.reject_from(direction).normalize())
+    [first, second].map(|axis| (axis - direction * direction.dot(&axis)).normalize())
 }

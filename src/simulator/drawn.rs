@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -86,9 +86,9 @@ pub(super) fn linearity(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -
 }
 
 /// True minus stated stylus centre, spindle frame; as long as the sigma given.
-pub(super) fn stylus_offset(seed: u64, sigma: f64) -> DVec3 {
+pub(super) fn stylus_offset(seed: u64, sigma: f64) -> Vector3<f64> {
     let draw = |axis| sigma * first_normal(seed, Source::Stylus, &[axis]);
-    DVec3::new(draw(0), draw(1), 0.0)
+    Vector3::new(draw(0), draw(1), 0.0)
 }
 
 /// Harmonics 16 to 64 of the artefact's form, together of standard deviation `sigma_um`.
@@ -106,25 +106,24 @@ pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BallDraw {
     /// Each coordinate.
-    pub centre: DVec3,
+    pub centre: Vector3<f64>,
     pub diameter: f64,
     /// Symmetric and without trace: uᵀ·oval·u has mean 0 and, over balls, variance 1 for every u.
-    pub oval: DMat3,
+    pub oval: Matrix3<f64>,
 }
 
 pub(super) fn ball(seed: u64, index: usize) -> BallDraw {
     let draw = |part| first_normal(seed, Source::Ball, &[index as u64, part]);
     // uᵀSu of S with variance 1 on and 1/2 off the diagonal has variance 1; a third of the trace less
     // leaves 2/3 of it.
-    let full = DMat3::from_diagonal(DVec3::new(draw(4), draw(5), draw(6)))
+    let full = Matrix3::from_diagonal(&Vector3::new(draw(4), draw(5), draw(6)))
         + off_diagonal([draw(7), draw(8), draw(9)]) * 0.5_f64.sqrt();
-    let trace = full.x_axis.x + full.y_axis.y + full.z_axis.z;
-    let oval = (full - DMat3::from_diagonal(DVec3::splat(trace / 3.0))) * 1.5_f64.sqrt();
-    BallDraw { centre: DVec3::new(draw(0), draw(1), draw(2)), diameter: draw(3), oval }
+    let oval = (full - Matrix3::from_diagonal_element(full.trace() / 3.0)) * 1.5_f64.sqrt();
+    BallDraw { centre: Vector3::new(draw(0), draw(1), draw(2)), diameter: draw(3), oval }
 }
 
-fn off_diagonal([xy, xz, yz]: [f64; 3]) -> DMat3 {
-    DMat3::from_cols_array_2d(&[[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+fn off_diagonal([xy, xz, yz]: [f64; 3]) -> Matrix3<f64> {
+    Matrix3::from([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 }
 
 /// What sets one certified length apart from its certificate, in standard deviations.
@@ -157,7 +156,7 @@ impl Lobing {
 
     /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It fades towards the
     /// pole of the stylus, where the direction has no meaning.
-    pub fn at(&self, n: DVec3) -> f64 {
+    pub fn at(&self, n: Vector3<f64>) -> f64 {
         let (level, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
         let sum: f64 =
             self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
@@ -248,7 +247,7 @@ pub(super) struct LinearErrors {
     /// Of each axis along X, Y and Z.
     motions: [[RandomFunction; 3]; 3],
     /// How far X goes with Y, X with Z, Y with Z, rad.
-    square: DVec3,
+    square: Vector3<f64>,
 }
 
 impl LinearErrors {
@@ -259,13 +258,13 @@ impl LinearErrors {
             RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
         };
         let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
-        Self { motions: std::array::from_fn(along), square: DVec3::ZERO }
+        Self { motions: std::array::from_fn(along), square: Vector3::zeros() }
     }
 
     /// With axes that are not square, each two of this standard deviation, rad.
     pub fn askew(self, seed: u64, sigma: f64) -> Self {
         let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
-        Self { square: DVec3::new(draw(0), draw(1), draw(2)), ..self }
+        Self { square: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }
 
     /// The same functions, fast within these distances of zero on X, Y and Z, mm.
@@ -281,13 +280,13 @@ impl LinearErrors {
     }
 
     /// True minus commanded position, machine frame, mm.
-    pub fn at(&self, command: [f64; 3]) -> DVec3 {
+    pub fn at(&self, command: [f64; 3]) -> Vector3<f64> {
         let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
-            DVec3::from_array(along.each_ref().map(|function| function.at(q)))
+            Vector3::from(along.each_ref().map(|function| function.at(q)))
         };
-        let motions: DVec3 = self.motions.iter().zip(command).map(of_axis).sum();
+        let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
         let ([_, y, z], square) = (command, self.square);
-        motions + DVec3::new(square.x * y + square.y * z, square.z * z, 0.0)
+        motions + Vector3::new(square.x * y + square.y * z, square.z * z, 0.0)
     }
 }
 
@@ -334,7 +333,7 @@ impl RotaryErrors {
 /// Slow thermal motion of the table against the spindle, and growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drift {
-    table_mm_per_s: DVec3,
+    table_mm_per_s: Vector3<f64>,
     radius_mm_per_s: f64,
 }
 
@@ -350,12 +349,12 @@ impl Drift {
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * first_normal(seed, Source::Drift, &[part]);
-        let table_mm_per_s = DVec3::new(draw(0), draw(1), draw(3));
+        let table_mm_per_s = Vector3::new(draw(0), draw(1), draw(3));
         Self { table_mm_per_s, radius_mm_per_s: draw(2) }
     }
 
     /// Displacement of the table, machine frame, mm.
-    pub fn table(&self, t_s: f64) -> DVec3 {
+    pub fn table(&self, t_s: f64) -> Vector3<f64> {
         self.table_mm_per_s * Self::effective_s(t_s)
     }
 

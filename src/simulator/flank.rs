@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::nearest::Nearest;
@@ -21,31 +21,32 @@ pub struct FormHarmonic {
 /// The solid, standing in the table frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Flank {
-    foot: DVec3,
+    foot: Vector3<f64>,
     /// Columns: the artefact's own x, y and axis.
-    frame: DMat3,
+    frame: Rotation3<f64>,
     height: f64,
     profile: Profile,
 }
 
 impl Flank {
     /// `axis` must not be zero. The artefact's own x is the table's X, turned the shortest way.
-    pub fn new(foot: DVec3, axis: DVec3, height: f64, profile: Profile) -> Self {
-        let frame = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, axis.normalize()));
+    pub fn new(foot: Vector3<f64>, axis: Vector3<f64>, height: f64, profile: Profile) -> Self {
+        let upside_down = || Rotation3::from_axis_angle(&Vector3::y_axis(), PI);
+        let frame = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_else(upside_down);
         Self { foot, frame, height, profile }
     }
 
     /// From `point` in the table frame, the radius grown by `growth`.
-    pub fn nearest(&self, point: DVec3, growth: f64) -> Nearest {
-        let own = self.frame.transpose() * (point - self.foot);
-        let (across, outward) = self.profile.nearest(own.truncate(), growth);
+    pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> Nearest {
+        let own = self.frame.inverse() * (point - self.foot);
+        let (across, outward) = self.profile.nearest(own.xy(), growth);
         let along = (own.z - self.height / 2.0).abs() - self.height / 2.0;
-        let end = DVec3::Z * (own.z - self.height / 2.0).signum();
+        let end = Vector3::z() * (own.z - self.height / 2.0).signum();
         let (distance, normal) = if across > 0.0 && along > 0.0 {
             let distance = across.hypot(along);
-            (distance, (outward.extend(0.0) * across + end * along) / distance)
+            (distance, (outward.push(0.0) * across + end * along) / distance)
         } else if across > along {
-            (across, outward.extend(0.0))
+            (across, outward.push(0.0))
         } else {
             (along, end)
         };
@@ -86,16 +87,17 @@ impl Profile {
     }
 
     /// Signed distance of `point` from the profile grown by `growth`, and the outward normal.
-    fn nearest(&self, point: DVec2, growth: f64) -> (f64, DVec2) {
-        let (rho, angle) = (point.length(), point.y.atan2(point.x));
+    fn nearest(&self, point: Vector2<f64>, growth: f64) -> (f64, Vector2<f64>) {
+        let (rho, angle) = (point.norm(), point.y.atan2(point.x));
         let [r, ..] = self.radius(angle);
         let psi = if self.terms.is_empty() { angle } else { self.foot(rho, angle, growth) };
         let [r_foot, slope, _] = self.radius(psi);
-        let radial = DVec2::from_angle(psi);
+        let (sin, cos) = psi.sin_cos();
+        let (radial, round) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
         let gap = point - radial * (r_foot + growth);
         let side = if rho < r + growth { -1.0 } else { 1.0 };
-        let normal = (radial * (r_foot + growth) - radial.perp() * slope).normalize();
-        (side * gap.length(), normal)
+        let normal = (radial * (r_foot + growth) - round * slope).normalize();
+        (side * gap.norm(), normal)
     }
 
     /// Angle of the profile's nearest point. Only a window about the point's own angle can hold it;

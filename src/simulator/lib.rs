@@ -267,12 +267,12 @@ impl World {
 
     /// For tests alone: how far the table has crept by `t_s`, machine frame, mm.
     pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
-        self.scene.drift_at(t_s).to_array()
+        self.scene.drift_at(t_s).into()
     }
 
     /// For tests alone: the stylus-ball centre from the spindle datum, mm.
     pub fn true_stylus_mm(&self) -> [f64; 3] {
-        self.scene.stylus().to_array()
+        self.scene.stylus().into()
     }
 
     fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {

@@ -1,10 +1,10 @@
 //! The nearest point of a surface.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 /// Nearest point of the surface: signed distance (negative inside) and outward normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Nearest {
     pub distance: f64,
-    pub normal: DVec3,
+    pub normal: Vector3<f64>,
 }

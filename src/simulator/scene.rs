@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use glam::{DMat2, DVec2, DVec3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::WorldError;
 use super::drawn::{self, Drift, LinearErrors, Lobing, RotaryErrors};
@@ -25,8 +25,8 @@ pub(super) struct Scene {
     rotary_errors: Vec<RotaryErrors>,
     drift: Drift,
     /// Stylus-ball centre as stated, and as it is; spindle frame.
-    tool: DVec3,
-    tip: DVec3,
+    tool: Vector3<f64>,
+    tip: Vector3<f64>,
     ball_radius: f64,
     lobing: Lobing,
     surface: Surface,
@@ -59,7 +59,7 @@ impl Scene {
             .filter(|(_, spec)| spec.error_motion_um != 0.0)
             .map(|(axis, spec)| Ok(RotaryErrors::draw(seed, *axis, spec.error_motion_um * 1e-3)?))
             .collect();
-        let tool = DVec3::from_array(machine.tool_mm);
+        let tool = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
@@ -68,7 +68,7 @@ impl Scene {
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
             tip: tool
-                + DVec3::from_array(truth.tool_offset_um) * 1e-3
+                + Vector3::from(truth.tool_offset_um) * 1e-3
                 + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
             ball_radius: probe.ball_radius_mm,
             lobing: Lobing::draw(seed, probe.lobing_um * 1e-3),
@@ -84,12 +84,12 @@ impl Scene {
     }
 
     /// Displacement of the table, machine frame, mm.
-    pub fn drift_at(&self, t_s: f64) -> DVec3 {
+    pub fn drift_at(&self, t_s: f64) -> Vector3<f64> {
         self.drift.table(t_s)
     }
 
     /// The true stylus-ball centre, spindle frame, mm.
-    pub fn stylus(&self) -> DVec3 {
+    pub fn stylus(&self) -> Vector3<f64> {
         self.tip
     }
 
@@ -111,11 +111,11 @@ impl Scene {
         if axis == Axis::S {
             return self.tip.x.hypot(self.tip.y);
         }
-        DVec3::from_array(linear(position)).length() + self.tip.length() + self.axes_reach
+        position.xyz().norm() + self.tip.norm() + self.axes_reach
     }
 
     /// Distance and outward normal of the surface, the latter in the spindle frame.
-    fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, DVec3) {
+    fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
         let Sight { stand, surface, growth, .. } = self.sight(axes, command, t_s);
         let nearest = surface.nearest(stand.on_table(self.tip), growth, t_s);
         (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
@@ -128,7 +128,7 @@ impl Scene {
         let stand = Stand {
             table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
             spindle: self.chain.machine_from_spindle(axes, &errors),
-            shift: self.linear_errors.at(linear(command)) - self.drift.table(t_s),
+            shift: self.linear_errors.at(command.xyz().into()) - self.drift.table(t_s),
         };
         Sight { stand, surface: &self.surface, growth: self.drift.radius(t_s), t_s }
     }
@@ -153,29 +153,34 @@ impl Scene {
             .copied()
             .collect();
         let [u, v, w] = match axis {
-            Axis::A => [DVec3::Y, DVec3::Z, DVec3::X],
-            Axis::B => [DVec3::Z, DVec3::X, DVec3::Y],
-            _ => [DVec3::X, DVec3::Y, DVec3::Z],
+            Axis::A => [Vector3::y(), Vector3::z(), Vector3::x()],
+            Axis::B => [Vector3::z(), Vector3::x(), Vector3::y()],
+            _ => [Vector3::x(), Vector3::y(), Vector3::z()],
         };
-        let moved = |at: DVec2| {
+        let moved = |at: Vector2<f64>| {
             let stylus = w * along + u * at.x + v * at.y;
             let turn = self.half_turn(axis, stylus, &lasting, t_s);
-            DVec2::new(turn.dot(u), turn.dot(v))
+            Vector2::new(turn.dot(&u), turn.dot(&v))
         };
         // Affine in the position: three values give the root exactly.
-        let origin = moved(DVec2::ZERO);
-        let slope = DMat2::from_cols(moved(DVec2::X) - origin, moved(DVec2::Y) - origin);
-        if slope.determinant().abs() < 1e-3 {
-            return [f64::NAN; 2];
-        }
-        (-(slope.inverse() * origin)).to_array()
+        let origin = moved(Vector2::zeros());
+        let slope =
+            Matrix2::from_columns(&[Vector2::x(), Vector2::y()].map(|at| moved(at) - origin));
+        let inverse = slope.try_inverse().filter(|_| slope.determinant().abs() >= 1e-3);
+        inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
     }
 
     /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn.
-    fn half_turn(&self, axis: Axis, stylus: DVec3, errors: &[ErrorTerm], t_s: f64) -> DVec3 {
+    fn half_turn(
+        &self,
+        axis: Axis,
+        stylus: Vector3<f64>,
+        errors: &[ErrorTerm],
+        t_s: f64,
+    ) -> Vector3<f64> {
         let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
         let Ok(stands) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
-            return DVec3::NAN;
+            return Vector3::repeat(f64::NAN);
         };
         let height = [0.0, 0.0, stands.at(Axis::Z)];
         let shift = self.linear_errors.at(height) - self.drift.table(t_s);
@@ -189,15 +194,11 @@ impl Scene {
     }
 }
 
-fn linear(position: &Position) -> [f64; 3] {
-    Axis::LINEAR.map(|axis| position.at(axis))
-}
-
 fn reach(machine: &Machine) -> f64 {
     machine
         .axes
         .iter()
         .filter(|(axis, _)| !axis.is_linear())
-        .map(|(_, spec)| DVec3::from_array(spec.point_mm).length())
+        .map(|(_, spec)| Vector3::from(spec.point_mm).norm())
         .fold(0.0, f64::max)
 }

@@ -1,6 +1,6 @@
 //! What lies before a straight line of sight: the nearest true surface on its way.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::ramp::first_crossing;
 use super::stand::Stand;
@@ -22,13 +22,13 @@ pub(super) struct Hit {
     /// From the line's origin, mm.
     pub distance: f64,
     /// Outward unit normal of the surface there, spindle frame.
-    pub normal: DVec3,
+    pub normal: Vector3<f64>,
 }
 
 impl Sight<'_> {
     /// The first surface that the line through `origin` along the unit vector `along` (spindle
     /// frame) enters between the distances `reach`; `None` also where it begins inside a body.
-    pub fn first(&self, origin: DVec3, along: DVec3, reach: [f64; 2]) -> Option<Hit> {
+    pub fn first(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<Hit> {
         let [near, far] = reach;
         let length = far - near;
         let start = self.stand.on_table(origin + along * near);

@@ -1,6 +1,6 @@
 //! The seam for what can be touched: nearest point of a true artefact's surface.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::WorldError;
 use super::balls::Balls;
@@ -33,7 +33,7 @@ impl Surface {
 
     /// From `point` in the table frame at the time `t_s`. `growth`: of the radius of a round part;
     /// what drift does to the radius of a small ball is far below a micrometre.
-    pub fn nearest(&self, point: DVec3, growth: f64, t_s: f64) -> Nearest {
+    pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
         match self {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
@@ -45,12 +45,13 @@ fn flank(cylinder: &Cylinder, truth: &Truth) -> Result<Flank, WorldError> {
     let rough = drawn::roughness(truth.seed, truth.roughness_um);
     let radius = cylinder.radius_mm + truth.radius_offset_mm;
     let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
-    let direction = DVec3::from_array(cylinder.axis);
-    let sound = direction.is_finite() && direction.length() > 0.0 && cylinder.height_mm > 0.0;
+    let direction = Vector3::from(cylinder.axis);
+    let finite = direction.iter().all(|part| part.is_finite());
+    let sound = finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
     // `>` is false for NaN as well.
     if !(sound && profile.smallest_radius() > 0.0) {
         return Err(WorldError::Artefact);
     }
-    let foot = DVec3::from_array(cylinder.centre_mm) + truth.centre_offset();
+    let foot = Vector3::from(cylinder.centre_mm) + truth.centre_offset();
     Ok(Flank::new(foot, direction, cylinder.height_mm, profile))
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec2, DVec3};
+use nalgebra::{Vector2, Vector3};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
@@ -146,8 +146,8 @@ pub enum SagLaw {
 
 impl Truth {
     /// Of the artefact as a whole, table frame, mm.
-    pub(super) fn centre_offset(&self) -> DVec3 {
-        DVec2::from_array(self.centre_offset_mm).extend(0.0)
+    pub(super) fn centre_offset(&self) -> Vector3<f64> {
+        Vector2::from(self.centre_offset_mm).push(0.0)
     }
 
     /// Refuse what only balls can have.

@@ -7,6 +7,8 @@ use serde_json::Value;
 
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 const ABSOLUTE_TOLERANCE: f64 = 1e-12;
+/// Of the figures' points, µm: differences of positions of some 500 mm, which are rounded to 1e-13 mm.
+const FIGURE_TOLERANCE_UM: f64 = 1e-9;
 /// A message names this many differences; all are counted.
 const MAX_LISTED_DIFFERENCES: usize = 20;
 const WRITE_VARIABLE: &str = "TRUED_WRITE_BASELINE";
@@ -105,7 +107,9 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
         }
         (Value::Number(a), Value::Number(b)) => {
             let (a, b) = (a.to_string(), b.to_string());
-            if !are_numbers_equal(&a, &b) {
+            let is_figure = path.starts_with("$.arrows") || path.starts_with("$.functions");
+            let floor = if is_figure { FIGURE_TOLERANCE_UM } else { ABSOLUTE_TOLERANCE };
+            if !are_numbers_equal(&a, &b, floor) {
                 differences.add(path, &a, &b);
             }
         }
@@ -142,7 +146,9 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
             (stored, actual) => (stored.unwrap_or_default(), actual.unwrap_or_default()),
         };
         let is_equal = stored.text == actual.text
-            || stored.is_number && actual.is_number && are_numbers_equal(stored.text, actual.text);
+            || stored.is_number
+                && actual.is_number
+                && are_numbers_equal(stored.text, actual.text, ABSOLUTE_TOLERANCE);
         if !is_equal {
             let place = format!("line {line}, column {}", stored.column.max(actual.column));
             differences.add(&place, stored.text, actual.text);
@@ -155,7 +161,7 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
 }
 
 /// Integers are equal to the last digit; numbers of which one has a fraction or an exponent, within the tolerance.
-fn are_numbers_equal(stored: &str, actual: &str) -> bool {
+fn are_numbers_equal(stored: &str, actual: &str, floor: f64) -> bool {
     let is_integer = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
     if stored == actual {
         return true;
@@ -166,7 +172,7 @@ fn are_numbers_equal(stored: &str, actual: &str) -> bool {
     match (stored.parse::<f64>(), actual.parse::<f64>()) {
         (Ok(a), Ok(b)) if a.is_finite() && b.is_finite() => {
             let tolerance = RELATIVE_TOLERANCE * a.abs().max(b.abs());
-            (a - b).abs() <= tolerance.max(ABSOLUTE_TOLERANCE)
+            (a - b).abs() <= tolerance.max(floor)
         }
         _ => false,
     }

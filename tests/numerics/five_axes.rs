@@ -1,11 +1,11 @@
 //! Five axes and the spindle's orientation over the grbl wire: what the simulated control executes is
 //! what the same moves do to the world itself.
 
-use glam::DVec3;
 use machine::kinematics::Chain;
 use machine::record::artefact::Artefact;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position, frame::Point};
+use nalgebra::Vector3;
 use simulator::{Speed, World};
 use trued::setup::{self, MachineFile, Pace, Past};
 
@@ -24,10 +24,10 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
     let turned = Position::new().with(Axis::B, b.to_radians()).with(Axis::C, c.to_radians());
     let oriented = turned.clone().with(Axis::S, s.to_radians());
     let chain = Chain::new(&file.machine).unwrap();
-    let up = chain.machine_from_table(&turned, &[]).matrix3.transpose() * DVec3::Z;
-    let tip = Point::from_vec(DVec3::from_array(file.machine.tool_mm));
+    let up = chain.machine_from_table(&turned, &[]).rotation.inverse() * Vector3::z();
+    let tip = Point::from_vec(Vector3::from(file.machine.tool_mm));
     let over = |off: f64| {
-        let target = DVec3::from_array(balls.balls[ball].centre_mm) + up * off;
+        let target = Vector3::from(balls.balls[ball].centre_mm) + up * off;
         chain.linear_axes_for(Point::from_vec(target), tip, &oriented, &[]).unwrap()
     };
     let height = |off: f64| over(off).only(|axis| axis == Axis::Z);

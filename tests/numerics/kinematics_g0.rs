@@ -4,10 +4,10 @@
 use std::f64::consts::PI;
 
 use estimation::random;
-use glam::{DMat4, DVec3, DVec4};
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, Topology};
 use machine::record::machine::{AxisSpec, Machine, Sense};
 use machine::{Axis, Position, frame::Point, frame::Spindle};
+use nalgebra::{Matrix4, Vector3, Vector4};
 use rand::{Rng, RngExt};
 
 const LOCATIONS_AND_GAINS_13: [&str; 13] = [
@@ -121,9 +121,9 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
             let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
             // Entries of a table are exactly zero away from their own angle.
             if parameter.factor(pose.at(parameter.axis())) == 0.0 {
-                assert_eq!(column.length(), 0.0);
+                assert_eq!(column.norm(), 0.0);
             } else {
-                worst = worst.max((*column - difference).length() / difference.length());
+                worst = worst.max((*column - difference).norm() / difference.norm());
             }
         }
     }
@@ -174,26 +174,26 @@ fn regress_jacobian_of_other_machines() {
 }
 
 /// Homogeneous matrices written out element by element, as in a textbook (row by row).
-fn htm(rows: [[f64; 4]; 3]) -> DMat4 {
-    let [x, y, z] = rows.map(DVec4::from_array);
-    DMat4::from_cols(x, y, z, DVec4::W).transpose()
+fn htm(rows: [[f64; 4]; 3]) -> Matrix4<f64> {
+    let [x, y, z] = rows.map(Vector4::from);
+    Matrix4::from_columns(&[x, y, z, Vector4::w()]).transpose()
 }
 
-fn d_xyz(x: f64, y: f64, z: f64) -> DMat4 {
+fn d_xyz(x: f64, y: f64, z: f64) -> Matrix4<f64> {
     htm([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]])
 }
 
-fn d_a(a: f64) -> DMat4 {
+fn d_a(a: f64) -> Matrix4<f64> {
     let (s, c) = a.sin_cos();
     htm([[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0]])
 }
 
-fn d_b(b: f64) -> DMat4 {
+fn d_b(b: f64) -> Matrix4<f64> {
     let (s, c) = b.sin_cos();
     htm([[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0]])
 }
 
-fn d_c(c: f64) -> DMat4 {
+fn d_c(c: f64) -> Matrix4<f64> {
     let (s, c) = c.sin_cos();
     htm([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 }
@@ -223,10 +223,10 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
         let pose = pose(&mut random);
         let product = d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.at(Axis::B));
         let product = product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.at(Axis::C));
-        let point = DVec3::new(80.0, -60.0, 60.0);
-        let expected = product.transform_point3(point);
-        let actual = chain.machine_from_table(&pose, &errors).transform_point3(point);
-        worst = worst.max(actual.distance(expected));
+        let point = Vector3::new(80.0, -60.0, 60.0);
+        let expected = product.transform_point(&point.into()).coords;
+        let actual = chain.machine_from_table(&pose, &errors).transform_point(&point.into()).coords;
+        worst = worst.max(actual.metric_distance(&expected));
     }
     println!("worst deviation from Eq. (1): {worst:.1e} mm");
     assert!(worst <= 1e-12, "{worst:e} mm");
@@ -257,10 +257,18 @@ fn paper_4_machine_as_plain_matrix_products() {
         let tool = (d_b(eb0z) * d_xyz(0.0, 0.0, q(Axis::Z) * (1.0 + ezz1)))
             * (d_a(ea0y) * d_c(ec0y) * d_xyz(0.0, q(Axis::Y) * (1.0 + eyy1), 0.0))
             * (d_xyz(ex0s, ey0s, 0.0) * d_c(q(Axis::S)));
-        let expected = workpiece.inverse().transform_point3(tool.transform_point3(tip.mm));
+        let expected = workpiece
+            .try_inverse()
+            .unwrap()
+            .transform_point(&tool.transform_point(&tip.mm.into()))
+            .coords;
         let actual = chain.tip_in_table(&pose, tip, &errors).mm;
         // The general matrix inverse of this second way rounds more than the chain itself.
-        assert!(actual.distance(expected) <= 5e-12, "{:e}", actual.distance(expected));
+        assert!(
+            actual.metric_distance(&expected) <= 5e-12,
+            "{:e}",
+            actual.metric_distance(&expected)
+        );
     }
 }
 

@@ -1,5 +1,7 @@
 //! Whether the stated uncertainty is true: worlds whose sources are declared by magnitude only.
 
+use nalgebra::{Matrix4, Vector4};
+
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
@@ -46,11 +48,9 @@ fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
     let off: Vec<f64> =
         estimate.parameters.iter().zip(truth).take(4).map(|(p, t)| p.value - t).collect();
     let rows = &estimate.covariance.rows;
-    let matrix = glam::DMat4::from_cols_array_2d(&std::array::from_fn(|i| {
-        std::array::from_fn(|j| rows[j][i])
-    }));
-    let off = glam::DVec4::from_slice(&off);
-    off.dot(matrix.inverse() * off)
+    let matrix = Matrix4::from_fn(|i, j| rows[i][j]);
+    let off = Vector4::from_column_slice(&off);
+    off.dot(&(matrix.try_inverse().unwrap() * off))
 }
 
 /// The mean over the worlds of χ²/4 lies within the 99 % bounds of χ² with 4·worlds degrees of freedom.

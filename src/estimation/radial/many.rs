@@ -161,15 +161,16 @@ mod tests {
     /// A cap of `half` rad about a slanted axis, far from the origin, with deviations of `noise`.
     fn cap(count: usize, half: f64, noise: f64) -> Vec<[f64; 3]> {
         let mut stream = random::stream(7, &[count as u64]);
-        let axis = glam::DVec3::new(0.6, -0.3, 0.7).normalize();
-        let (u, v) = axis.any_orthonormal_pair();
+        let axis = nalgebra::Vector3::new(0.6, -0.3, 0.7).normalize();
+        let u = axis.cross(&nalgebra::Vector3::x()).normalize();
+        let v = axis.cross(&u);
         let point = |_| {
             let z: f64 = stream.random_range(half.cos()..1.0);
             let (sin, cos) = stream.random_range(0.0..TAU).sin_cos();
             let level = (1.0 - z * z).sqrt();
             let radius = 10.0 + noise * stream.random_range(-1.0..1.0);
             let offset = (u * (level * cos) + v * (level * sin) + axis * z) * radius;
-            (glam::DVec3::new(1e3, -200.0, 500.0) + offset).to_array()
+            (nalgebra::Vector3::new(1e3, -200.0, 500.0) + offset).into()
         };
         (0..count).map(point).collect()
     }

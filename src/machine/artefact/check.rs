@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use crate::record::artefact::{Ball, Balls, Length};
 
@@ -33,7 +33,7 @@ pub fn check(balls: &Balls) -> Checked {
             apart(&at, ball, other)?;
         }
     }
-    let centres: BTreeMap<&str, DVec3> =
+    let centres: BTreeMap<&str, Vector3<f64>> =
         balls.balls.iter().map(|ball| (ball.id.as_str(), centre(ball))).collect();
     let mut lengths = balls.lengths.iter().enumerate();
     lengths.try_for_each(|(index, length)| {
@@ -67,8 +67,8 @@ fn alone(at: &At, ball: &Ball) -> Checked {
     at.that(stem_radius_mm < radius_mm, "stem_radius_mm", || {
         format!("is {stem_radius_mm}; the stem must be thinner than its ball (radius {radius_mm})")
     })?;
-    let direction = DVec3::from_array(*stem).try_normalize();
-    at.that(direction.is_some(), "stem", || {
+    let length = Vector3::from(*stem).norm();
+    at.that(length > 0.0 && length.is_finite(), "stem", || {
         "must have a direction, from the ball to the stem's foot: [0, 0, -1]".to_owned()
     })?;
     at.that(*stem_length_mm == 0.0 || stem_length_mm > radius_mm, "stem_length_mm", || {
@@ -83,7 +83,7 @@ fn apart(at: &At, ball: &Ball, other: &Ball) -> Checked {
     at.that(ball.id != other.id, "id", || {
         format!("is `{}`, and so is another one's: give each ball its own", ball.id)
     })?;
-    let distance = centre(ball).distance(centre(other));
+    let distance = centre(ball).metric_distance(&centre(other));
     at.that(distance > ball.radius_mm + other.radius_mm, "centre_mm", || {
         format!("stands {distance:.3} mm from ball `{}`: the two would touch", other.id)
     })?;
@@ -102,7 +102,7 @@ fn apart(at: &At, ball: &Ball, other: &Ball) -> Checked {
 fn certified(
     at: &At,
     length: &Length,
-    centres: &BTreeMap<&str, DVec3>,
+    centres: &BTreeMap<&str, Vector3<f64>>,
     uncertainty_mm: f64,
 ) -> Checked {
     let Length { from, to, mm, u_mm, u_temperature_k, .. } = length;
@@ -118,7 +118,7 @@ fn certified(
     at.that(*u_temperature_k >= 0.0, "u_temperature_k", || {
         format!("is {u_temperature_k}; it must not be negative")
     })?;
-    let stated = one.zip(other).map_or(0.0, |(one, other)| one.distance(*other));
+    let stated = one.zip(other).map_or(0.0, |(one, other)| one.metric_distance(other));
     at.that((mm - stated).abs() <= 2.0 * uncertainty_mm, "mm", || {
         format!(
             "is {mm}, but balls `{from}` and `{to}` are stated {stated:.3} mm apart: more than twice \
@@ -127,8 +127,8 @@ fn certified(
     })
 }
 
-fn centre(ball: &Ball) -> DVec3 {
-    DVec3::from_array(ball.centre_mm)
+fn centre(ball: &Ball) -> Vector3<f64> {
+    Vector3::from(ball.centre_mm)
 }
 
 /// Radius of the stem as far as it is declared.
@@ -138,8 +138,8 @@ fn one_stem(ball: &Ball) -> f64 {
 
 /// Distance of the centre of `of` from the middle line of the stem of `ball`.
 fn to_stem(ball: &Ball, of: &Ball) -> f64 {
-    let along = DVec3::from_array(ball.stem).normalize_or_zero();
+    let along = Vector3::from(ball.stem).try_normalize(0.0).unwrap_or_default();
     let from_ball = centre(of) - centre(ball);
-    let foot = along * from_ball.dot(along).clamp(0.0, ball.stem_length_mm.max(0.0));
-    from_ball.distance(foot)
+    let foot = along * from_ball.dot(&along).clamp(0.0, ball.stem_length_mm.max(0.0));
+    from_ball.metric_distance(&foot)
 }

@@ -1,6 +1,6 @@
 //! The bodies of an artefact.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use crate::record::artefact::{Artefact, Ball, Balls, Cylinder};
 
@@ -18,26 +18,26 @@ pub struct Part {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     Ball {
-        centre: DVec3,
+        centre: Vector3<f64>,
         radius: f64,
     },
     /// Between the centres of its two ends.
     Cylinder {
-        from: DVec3,
-        to: DVec3,
+        from: Vector3<f64>,
+        to: Vector3<f64>,
         radius: f64,
     },
 }
 
 impl Shape {
     /// How far the body reaches along the unit vector `up`, from the origin.
-    pub fn highest(&self, up: DVec3) -> f64 {
+    pub fn highest(&self, up: Vector3<f64>) -> f64 {
         match *self {
-            Shape::Ball { centre, radius } => centre.dot(up) + radius,
+            Shape::Ball { centre, radius } => centre.dot(&up) + radius,
             Shape::Cylinder { from, to, radius } => {
-                let axis = (to - from).normalize_or_zero();
+                let axis = (to - from).try_normalize(0.0).unwrap_or_default();
                 // The rim: what of `up` lies across the axis.
-                from.dot(up).max(to.dot(up)) + radius * (up - axis * axis.dot(up)).length()
+                from.dot(&up).max(to.dot(&up)) + radius * (up - axis * axis.dot(&up)).norm()
             }
         }
     }
@@ -54,20 +54,21 @@ pub fn parts(artefact: &Artefact) -> Vec<Part> {
 }
 
 fn round(cylinder: &Cylinder) -> Part {
-    let from = DVec3::from_array(cylinder.centre_mm);
-    let axis = DVec3::from_array(cylinder.axis).normalize_or(DVec3::Z);
+    let from = Vector3::from(cylinder.centre_mm);
+    let axis = Vector3::from(cylinder.axis).try_normalize(0.0).unwrap_or(Vector3::z());
     let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
     Part { name: "artefact".to_owned(), shape: Shape::Cylinder { from, to, radius }, touched: true }
 }
 
 fn ball(ball: &Ball) -> Part {
-    let (centre, radius) = (DVec3::from_array(ball.centre_mm), ball.radius_mm);
+    let (centre, radius) = (Vector3::from(ball.centre_mm), ball.radius_mm);
     Part { name: format!("ball {}", ball.id), shape: Shape::Ball { centre, radius }, touched: true }
 }
 
 fn stem(ball: &Ball) -> Option<Part> {
-    let from = DVec3::from_array(ball.centre_mm);
-    let to = from + DVec3::from_array(ball.stem).normalize_or_zero() * ball.stem_length_mm;
+    let from = Vector3::from(ball.centre_mm);
+    let to = from
+        + Vector3::from(ball.stem).try_normalize(0.0).unwrap_or_default() * ball.stem_length_mm;
     let radius = ball.stem_radius_mm;
     let declared = radius > 0.0 && from != to;
     declared.then(|| Part {

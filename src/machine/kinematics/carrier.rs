@@ -1,11 +1,12 @@
 //! Any part of the machine that carries something: its pose, and how far what it carries can stray
 //! while the axes move. Nominal: error parameters are not looked at.
 
-use glam::{DAffine3, DVec3};
+use nalgebra::Vector3;
 
 use super::chain::Chain;
 use super::joint::Joint;
 use crate::Axis;
+use crate::frame::Pose;
 use crate::record::machine::Carrier;
 
 /// Positions of all axes in the order of [`Axis::ALL`], mm and rad.
@@ -29,7 +30,7 @@ pub struct Carried {
 /// A carrier on its way. The way is looked at in many places, and most joints stand still on most
 /// ways: their motion, with its sine and cosine, is made once.
 #[derive(Debug)]
-pub struct Going<'a>(Vec<(&'a Joint, Option<DAffine3>)>);
+pub struct Going<'a>(Vec<(&'a Joint, Option<Pose>)>);
 
 impl Chain {
     /// `None`: the machine has no such axis.
@@ -56,8 +57,8 @@ impl Chain {
 
 impl Carried {
     /// Pose of the carrier in the machine frame.
-    pub fn pose(&self, commands: &Commands) -> DAffine3 {
-        self.joints.iter().rev().fold(DAffine3::IDENTITY, |pose, joint| {
+    pub fn pose(&self, commands: &Commands) -> Pose {
+        self.joints.iter().rev().fold(Pose::identity(), |pose, joint| {
             joint.nominal(commands[joint.axis() as usize]) * pose
         })
     }
@@ -108,14 +109,16 @@ impl Going<'_> {
         &self,
         middle: &Commands,
         half: &Commands,
-        corners: &[DVec3],
+        corners: &[Vector3<f64>],
         radius: f64,
-    ) -> (DAffine3, f64) {
-        let (mut pose, mut stray) = (DAffine3::IDENTITY, 0.0);
+    ) -> (Pose, f64) {
+        let (mut pose, mut stray) = (Pose::identity(), 0.0);
         for (joint, still) in self.0.iter().rev() {
             let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
             if half > 0.0 {
-                let distances = corners.iter().map(|p| joint.distance(pose.transform_point3(*p)));
+                let distances = corners
+                    .iter()
+                    .map(|p| joint.distance(pose.transform_point(&(*p).into()).coords));
                 stray += joint.longest(half, distances.fold(0.0, f64::max) + radius);
             }
             pose = still.unwrap_or_else(|| joint.nominal(command)) * pose;

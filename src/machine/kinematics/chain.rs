@@ -1,13 +1,14 @@
 //! The chain: exact poses of both branches, and the exact inverse for the linear axes.
 
-use glam::{DAffine3, DMat3, DVec3};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 use super::KinematicsError;
 use super::joint::Joint;
 use super::parameter::{ErrorParameter, ErrorTerm};
 use super::topology::Topology;
+use crate::frame::{Point, Pose, Spindle, Table};
 use crate::record::machine::Machine;
-use crate::{Axis, Position, frame::Point, frame::Spindle, frame::Table};
+use crate::{Axis, Position};
 
 /// Kinematics of one machine: each joint and each error is its own one-parameter motion.
 ///
@@ -39,7 +40,7 @@ impl Chain {
         let workpiece = branch(topology.workpiece(), -1.0)?;
         let tool = branch(topology.tool(), 1.0)?;
         let chain = Self { topology, workpiece, tool };
-        chain.linear_columns(&Position::new(), &[])?;
+        chain.linear_inverse(&Position::new(), &[])?;
         Ok(chain)
     }
 
@@ -58,12 +59,12 @@ impl Chain {
     }
 
     /// Pose of the table in the machine frame.
-    pub fn machine_from_table(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    pub fn machine_from_table(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         pose(&self.workpiece, position, errors)
     }
 
     /// Pose of the spindle in the machine frame.
-    pub fn machine_from_spindle(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    pub fn machine_from_spindle(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         pose(&self.tool, position, errors)
     }
 
@@ -74,8 +75,9 @@ impl Chain {
         tip: Point<Spindle>,
         errors: &[ErrorTerm],
     ) -> Point<Table> {
-        let in_machine = self.machine_from_spindle(position, errors).transform_point3(tip.mm);
-        Point::from_vec(into_frame(&self.machine_from_table(position, errors), in_machine))
+        let in_machine = self.machine_from_spindle(position, errors) * Point3::from(tip.mm);
+        let table = self.machine_from_table(position, errors);
+        Point::from_vec(table.inverse_transform_point(&in_machine).coords)
     }
 
     /// X, Y, Z that bring `tip` to `target` with all other axes as in `others`, whose X, Y, Z are
@@ -91,51 +93,47 @@ impl Chain {
         others: &Position,
         errors: &[ErrorTerm],
     ) -> Result<Position, KinematicsError> {
-        let inverse = self.linear_columns(others, errors)?.inverse();
-        let at = |xyz: DVec3| others.updated_by(&linear(xyz));
-        let missing = |xyz: DVec3| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
+        let inverse = self.linear_inverse(others, errors)?;
+        let at = |xyz: Vector3<f64>| others.updated_by(&Position::from_xyz(xyz));
+        let missing = |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
         // The second solve takes away the rounding of the first.
-        let first = inverse * missing(DVec3::ZERO);
-        Ok(linear(first + inverse * missing(first)))
+        let first = inverse * missing(Vector3::zeros());
+        Ok(Position::from_xyz(first + inverse * missing(first)))
     }
 
-    /// As [`Chain::linear_jacobian`], which must have an inverse.
-    fn linear_columns(
+    /// ∂(X, Y, Z)/∂p_w, the inverse of [`Chain::linear_jacobian`].
+    ///
+    /// # Errors
+    /// Errors so large that X, Y, Z no longer span space.
+    pub fn linear_inverse(
         &self,
         position: &Position,
         errors: &[ErrorTerm],
-    ) -> Result<DMat3, KinematicsError> {
+    ) -> Result<Matrix3<f64>, KinematicsError> {
         let columns = self.linear_jacobian(position, errors);
-        if columns.determinant().abs() > 1e-3 { Ok(columns) } else { Err(KinematicsError::Flat) }
+        let spans = columns.determinant().abs() > 1e-3;
+        columns.try_inverse().filter(|_| spans).ok_or(KinematicsError::Flat)
     }
 
     /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
-    pub fn linear_jacobian(&self, position: &Position, errors: &[ErrorTerm]) -> DMat3 {
-        let into_table = self.machine_from_table(position, errors).matrix3.transpose();
-        let mut columns = DMat3::ZERO;
+    pub fn linear_jacobian(&self, position: &Position, errors: &[ErrorTerm]) -> Matrix3<f64> {
+        let into_table = self.machine_from_table(position, errors).rotation.inverse();
+        let mut columns = Matrix3::zeros();
         for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
-            let mut prefix = DMat3::IDENTITY;
+            let mut prefix = Rotation3::identity();
             for joint in branch {
                 if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis()) {
-                    let before = prefix * joint.before(position, errors).matrix3;
-                    *columns.col_mut(index) = into_table * before * joint.advance(errors) * side;
+                    let before = prefix * joint.before(position, errors).rotation;
+                    columns
+                        .set_column(index, &(into_table * before * joint.advance(errors) * side));
                 }
-                prefix *= joint.motion(position, errors).matrix3;
+                prefix *= joint.motion(position, errors).rotation;
             }
         }
         columns
     }
 }
 
-fn pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
-    branch.iter().fold(DAffine3::IDENTITY, |outer, joint| outer * joint.motion(position, errors))
-}
-
-/// The rigid inverse, by transposing: exact where a general inverse would round.
-pub(super) fn into_frame(frame: &DAffine3, point: DVec3) -> DVec3 {
-    frame.matrix3.transpose() * (point - frame.translation)
-}
-
-fn linear(xyz: DVec3) -> Position {
-    Axis::LINEAR.into_iter().zip(xyz.to_array()).collect()
+fn pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
+    branch.iter().fold(Pose::identity(), |outer, joint| outer * joint.motion(position, errors))
 }

@@ -1,11 +1,12 @@
 //! Analytic Jacobian of the tip on the table with respect to the error parameters.
 
-use glam::{DAffine3, DVec3};
+use nalgebra::Vector3;
 
 use super::chain::Chain;
-use super::joint::{COMPONENTS, Joint, unit};
+use super::joint::{COMPONENTS, Joint};
 use super::parameter::{ErrorParameter, ErrorTerm, Shape};
-use crate::{Position, frame::Point, frame::Spindle};
+use crate::Position;
+use crate::frame::{Point, Pose, Spindle};
 
 impl Chain {
     /// ∂p_w/∂θ for each of `parameters`, in their order, exact at `errors`: mm per mm, per rad or
@@ -19,12 +20,12 @@ impl Chain {
         tip: Point<Spindle>,
         errors: &[ErrorTerm],
         parameters: &[ErrorParameter],
-    ) -> Vec<DVec3> {
+    ) -> Vec<Vector3<f64>> {
         let workpiece = placed(&self.workpiece, position, errors);
         let tool = placed(&self.tool, position, errors);
-        let tip = tool.1.transform_point3(tip.mm);
-        let into_table = workpiece.1.matrix3.transpose();
-        let mut columns = vec![DVec3::ZERO; parameters.len()];
+        let tip = tool.1.transform_point(&tip.mm.into()).coords;
+        let into_table = workpiece.1.rotation.inverse();
+        let mut columns = vec![Vector3::zeros(); parameters.len()];
         for (branch, side) in [(&workpiece.0, -1.0), (&tool.0, 1.0)] {
             for placed in branch {
                 for (column, parameter) in columns.iter_mut().zip(parameters) {
@@ -42,8 +43,8 @@ impl Chain {
 /// A joint in its place: the pose that carries it, and the same with its location errors.
 struct Placed<'a> {
     joint: &'a Joint,
-    prefix: DAffine3,
-    before: DAffine3,
+    prefix: Pose,
+    before: Pose,
 }
 
 /// All joints of a branch, and the pose of its end.
@@ -51,8 +52,8 @@ fn placed<'a>(
     branch: &'a [Joint],
     position: &Position,
     errors: &[ErrorTerm],
-) -> (Vec<Placed<'a>>, DAffine3) {
-    let mut prefix = DAffine3::IDENTITY;
+) -> (Vec<Placed<'a>>, Pose) {
+    let mut prefix = Pose::identity();
     let place = |joint: &'a Joint| {
         let before = prefix * joint.before(position, errors);
         let placed = Placed { joint, prefix, before };
@@ -68,21 +69,21 @@ fn velocity(
     parameter: ErrorParameter,
     position: &Position,
     errors: &[ErrorTerm],
-    tip: DVec3,
-) -> DVec3 {
+    tip: Vector3<f64>,
+) -> Vector3<f64> {
     let factor = parameter.factor(position.at(joint.axis()));
-    let generator = unit(parameter.component());
+    let generator = parameter.component().direction();
     if parameter.shape() == Shape::Gain {
-        return before.transform_vector3(generator) * joint.sign() * factor;
+        return before.transform_vector(&generator) * joint.sign() * factor;
     }
     let at = COMPONENTS
         .into_iter()
         .take_while(|component| *component != parameter.component())
         .fold(*prefix, |outer, component| outer * joint.error_motion(component, position, errors));
-    let direction = at.transform_vector3(generator);
+    let direction = at.transform_vector(&generator);
     if parameter.component().is_linear() {
         direction * factor
     } else {
-        direction.cross(tip - at.transform_point3(joint.point())) * factor
+        direction.cross(&(tip - at.transform_point(&joint.point().into()).coords)) * factor
     }
 }

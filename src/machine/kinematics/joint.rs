@@ -2,10 +2,11 @@
 
 use std::f64::consts::PI;
 
-use glam::{DAffine3, DMat3, DVec3};
+use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
 use super::KinematicsError;
 use super::parameter::{ErrorTerm, Shape};
+use crate::frame::Pose;
 use crate::record::machine::{AxisSpec, Machine};
 use crate::{Axis, Position};
 
@@ -17,9 +18,9 @@ pub(super) struct Joint {
     axis: Axis,
     /// Branch times sense: the joint moves by `sign · command`.
     sign: f64,
-    direction: DVec3,
+    direction: Vector3<f64>,
     /// A point on a rotary axis; zero for a linear one. Angular errors turn about it.
-    point: DVec3,
+    point: Vector3<f64>,
 }
 
 impl Joint {
@@ -28,17 +29,21 @@ impl Joint {
         match machine.axes.get(&axis) {
             Some(spec) => Self::from_spec(axis, side, spec),
             None if axis == Axis::S => {
-                Ok(Self { axis, sign: side, direction: unit(axis), point: DVec3::ZERO })
+                Ok(Self { axis, sign: side, direction: axis.direction(), point: Vector3::zeros() })
             }
             None => Err(KinematicsError::NotInAxes { axis, topology: machine.topology.clone() }),
         }
     }
 
     fn from_spec(axis: Axis, side: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
-        let stated = DVec3::from_array(spec.direction);
-        let direction = if stated == DVec3::ZERO { unit(axis) } else { stated.normalize_or_zero() };
-        let point = if axis.is_linear() { DVec3::ZERO } else { DVec3::from_array(spec.point_mm) };
-        if direction == DVec3::ZERO || !direction.is_finite() || !point.is_finite() {
+        let stated = Vector3::from(spec.direction);
+        let direction = if stated == Vector3::zeros() {
+            axis.direction()
+        } else {
+            stated.try_normalize(0.0).unwrap_or_default()
+        };
+        let point = if axis.is_linear() { Vector3::zeros() } else { Vector3::from(spec.point_mm) };
+        if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {
             return Err(KinematicsError::Direction { axis });
         }
         Ok(Self { axis, sign: side * spec.positive.sign(), direction, point })
@@ -52,25 +57,25 @@ impl Joint {
         self.sign
     }
 
-    pub(super) fn point(&self) -> DVec3 {
+    pub(super) fn point(&self) -> Vector3<f64> {
         self.point
     }
 
     /// The joint's motion without errors.
-    pub(super) fn nominal(&self, command: f64) -> DAffine3 {
+    pub(super) fn nominal(&self, command: f64) -> Pose {
         if self.axis.is_linear() {
-            DAffine3::from_translation(self.sign * command * self.direction)
+            Pose::from(Translation3::from(self.sign * command * self.direction))
         } else {
             turn(self.direction, self.point, self.sign * command)
         }
     }
 
     /// Distance of `point` from the axis of rotation; 0 for a linear joint.
-    pub(super) fn distance(&self, point: DVec3) -> f64 {
+    pub(super) fn distance(&self, point: Vector3<f64>) -> f64 {
         if self.axis.is_linear() {
             return 0.0;
         }
-        self.direction.cross(point - self.point).length()
+        self.direction.cross(&(point - self.point)).norm()
     }
 
     /// The longest way between two places of a point `reach` away from the axis of rotation, while
@@ -80,27 +85,27 @@ impl Joint {
     }
 
     /// Location errors and error motions, then the joint, then gains.
-    pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         self.before(position, errors) * self.after(position, errors)
     }
 
     /// The joint itself, with its gains.
-    pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         let command = position.at(self.axis);
         if self.axis.is_linear() {
-            DAffine3::from_translation(self.sign * command * self.along(errors))
+            Pose::from(Translation3::from(self.sign * command * self.along(errors)))
         } else {
             turn(self.direction, self.point, self.sign * command)
         }
     }
 
     /// Location errors and error motions: one motion a component, in the order of [`COMPONENTS`].
-    pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> DAffine3 {
+    pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         if self.own(errors).next().is_none() {
-            return DAffine3::IDENTITY;
+            return Pose::identity();
         }
         let command = position.at(self.axis);
-        COMPONENTS.into_iter().fold(DAffine3::IDENTITY, |outer, component| {
+        COMPONENTS.into_iter().fold(Pose::identity(), |outer, component| {
             match self.amount(component, command, errors) {
                 0.0 => outer,
                 amount => outer * self.moved(component, amount),
@@ -114,7 +119,7 @@ impl Joint {
         component: Axis,
         position: &Position,
         errors: &[ErrorTerm],
-    ) -> DAffine3 {
+    ) -> Pose {
         self.moved(component, self.amount(component, position.at(self.axis), errors))
     }
 
@@ -125,24 +130,24 @@ impl Joint {
             .sum()
     }
 
-    fn moved(&self, component: Axis, amount: f64) -> DAffine3 {
+    fn moved(&self, component: Axis, amount: f64) -> Pose {
         if component.is_linear() {
-            DAffine3::from_translation(unit(component) * amount)
+            Pose::from(Translation3::from(component.direction() * amount))
         } else {
-            turn(unit(component), self.point, amount)
+            turn(component.direction(), self.point, amount)
         }
     }
 
     /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
-    pub(super) fn advance(&self, errors: &[ErrorTerm]) -> DVec3 {
+    pub(super) fn advance(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
         self.sign * self.along(errors)
     }
 
     /// Travel per unit of command: the direction and the gains.
-    fn along(&self, errors: &[ErrorTerm]) -> DVec3 {
+    fn along(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
         self.own(errors)
             .filter(|e| e.parameter.shape() == Shape::Gain)
-            .fold(self.direction, |sum, e| sum + unit(e.parameter.component()) * e.value)
+            .fold(self.direction, |sum, e| sum + e.parameter.component().direction() * e.value)
     }
 
     fn own<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
@@ -151,17 +156,12 @@ impl Joint {
     }
 }
 
-/// Nominal direction of an axis or an error component after ISO 841; the spindle turns about Z.
-pub(super) fn unit(axis: Axis) -> DVec3 {
-    match axis {
-        Axis::X | Axis::A => DVec3::X,
-        Axis::Y | Axis::B => DVec3::Y,
-        Axis::Z | Axis::C | Axis::S => DVec3::Z,
-    }
+fn is_finite(vector: Vector3<f64>) -> bool {
+    vector.iter().all(|value| value.is_finite())
 }
 
 /// Rotation about the line through `point` along the unit vector `direction`.
-fn turn(direction: DVec3, point: DVec3, angle: f64) -> DAffine3 {
-    let rotation = DMat3::from_axis_angle(direction, angle);
-    DAffine3::from_mat3_translation(rotation, point - rotation * point)
+fn turn(direction: Vector3<f64>, point: Vector3<f64>, angle: f64) -> Pose {
+    let rotation = Rotation3::from_axis_angle(&Unit::new_unchecked(direction), angle);
+    Pose::rotation_wrt_point(rotation, point.into())
 }

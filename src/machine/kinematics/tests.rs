@@ -2,11 +2,12 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::*;
+use crate::Position;
+use crate::frame::{Point, Pose, Spindle};
 use crate::record::machine::{AxisSpec, Carrier, Machine, Sense};
-use crate::{Position, frame::Point, frame::Spindle};
 
 fn machine(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
@@ -34,8 +35,13 @@ fn at(x: f64, y: f64, z: f64) -> Position {
 }
 
 #[track_caller]
-fn assert_near(actual: DVec3, expected: DVec3) {
-    assert!(actual.distance(expected) < 1e-12, "{actual} instead of {expected}");
+fn assert_same(actual: Pose, expected: Pose) {
+    let off = actual.to_homogeneous() - expected.to_homogeneous();
+    assert!(off.abs().max() < 1e-12, "{actual} instead of {expected}");
+}
+
+fn assert_near(actual: Vector3<f64>, expected: Vector3<f64>) {
+    assert!(actual.metric_distance(&expected) < 1e-12, "{actual} instead of {expected}");
 }
 
 /// METHODS section 1: a probe at machine angle φ touches the workpiece at φ + C.
@@ -47,7 +53,7 @@ fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
         let mut machine = machine("wCFXYZt");
         machine.axes.get_mut(&Axis::C).unwrap().positive = sense;
         let angle = phi + sign * c;
-        let expected = DVec3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
+        let expected = Vector3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
         assert_near(Chain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm, expected);
     }
 }
@@ -57,7 +63,7 @@ fn without_rotation_the_tip_is_the_command_on_every_machine() {
     for topology in ["wFXYZt", "wXYFZt", "wCBXFZYSt", "wCAYFXZt", "wAFXYZBt"] {
         let chain = Chain::new(&machine(topology)).unwrap();
         let point = chain.tip_in_table(&at(1.0, -2.0, 3.0), Point::new(0.0, 0.0, -9.0), &[]);
-        assert_near(point.mm, DVec3::new(1.0, -2.0, -6.0));
+        assert_near(point.mm, Vector3::new(1.0, -2.0, -6.0));
     }
 }
 
@@ -68,9 +74,9 @@ fn a_rotary_axis_turns_about_its_point_and_direction() {
     machine.axes.get_mut(&Axis::C).unwrap().direction = [0.0, 0.0, -2.0];
     let chain = Chain::new(&machine).unwrap();
     let on_axis = at(10.0, 20.0, 5.0).with(Axis::C, 1.0);
-    assert_near(chain.tip_in_table(&on_axis, tip(), &[]).mm, DVec3::new(10.0, 20.0, 5.0));
+    assert_near(chain.tip_in_table(&on_axis, tip(), &[]).mm, Vector3::new(10.0, 20.0, 5.0));
     let beside = at(11.0, 20.0, 5.0).with(Axis::C, PI / 2.0);
-    assert_near(chain.tip_in_table(&beside, tip(), &[]).mm, DVec3::new(10.0, 19.0, 5.0));
+    assert_near(chain.tip_in_table(&beside, tip(), &[]).mm, Vector3::new(10.0, 19.0, 5.0));
 }
 
 /// A gain lengthens the motion, with the joint's sign: seen on the table it is + on both branches.
@@ -79,7 +85,7 @@ fn gains_lengthen_the_motion_on_both_branches() {
     for topology in ["wCXFYZt", "wCFXYZt"] {
         let chain = Chain::new(&machine(topology)).unwrap();
         let point = chain.tip_in_table(&at(100.0, 0.0, 0.0), tip(), &[term("EXX1", 1e-4)]);
-        assert_near(point.mm, DVec3::new(100.01, 0.0, 0.0));
+        assert_near(point.mm, Vector3::new(100.01, 0.0, 0.0));
     }
 }
 
@@ -90,7 +96,7 @@ fn a_location_error_moves_the_axis_itself() {
     let errors = [term("EX0C", 0.05), term("EY0C", -0.03)];
     for c in [0.0, 1.0, 4.0] {
         let point = chain.tip_in_table(&at(0.05, -0.03, 0.0).with(Axis::C, c), tip(), &errors);
-        assert_near(point.mm, DVec3::ZERO);
+        assert_near(point.mm, Vector3::zeros());
     }
 }
 
@@ -134,16 +140,25 @@ fn every_carrier_stands_where_its_axes_bring_it() {
     let named: Position = Axis::ALL.into_iter().zip(position).collect();
     let pose = |carrier| chain.carried(carrier).unwrap().pose(&position);
     let table = chain.machine_from_table(&named, &[]);
-    assert!(pose(Carrier::Table).abs_diff_eq(table, 1e-12));
-    assert!(pose(Carrier::Axis(Axis::C)).abs_diff_eq(table, 1e-12));
+    assert_same(pose(Carrier::Table), table);
+    assert_same(pose(Carrier::Axis(Axis::C)), table);
     let spindle = chain.machine_from_spindle(&named, &[]);
-    assert!(pose(Carrier::Axis(Axis::S)).abs_diff_eq(spindle, 1e-12));
-    let point = DVec3::new(1.0, 2.0, 3.0);
+    assert_same(pose(Carrier::Axis(Axis::S)), spindle);
+    let point = Vector3::new(1.0, 2.0, 3.0);
     // X carries the table's side, so it goes the other way; the spindle's body does not turn.
-    assert_near(pose(Carrier::Axis(Axis::X)).transform_point3(point), DVec3::new(-10.0, 2.0, 3.0));
-    assert_near(pose(Carrier::Axis(Axis::Z)).transform_point3(point), DVec3::new(1.0, 2.0, 26.0));
-    assert_near(pose(Carrier::Spindle).transform_point3(point), DVec3::new(1.0, -5.0, 26.0));
-    assert_near(pose(Carrier::Bed).transform_point3(point), point);
+    assert_near(
+        pose(Carrier::Axis(Axis::X)).transform_point(&point.into()).coords,
+        Vector3::new(-10.0, 2.0, 3.0),
+    );
+    assert_near(
+        pose(Carrier::Axis(Axis::Z)).transform_point(&point.into()).coords,
+        Vector3::new(1.0, 2.0, 26.0),
+    );
+    assert_near(
+        pose(Carrier::Spindle).transform_point(&point.into()).coords,
+        Vector3::new(1.0, -5.0, 26.0),
+    );
+    assert_near(pose(Carrier::Bed).transform_point(&point.into()).coords, point);
     let side = |carrier| chain.carried(carrier).map(|carried| carried.side());
     assert_eq!(side(Carrier::Axis(Axis::B)), Some(Side::Work));
     assert_eq!(side(Carrier::Axis(Axis::Y)), Some(Side::Tool));
@@ -158,16 +173,16 @@ fn the_bound_on_straying_holds_and_is_reached() {
     machine.axes.get_mut(&Axis::B).unwrap().point_mm = [5.0, 0.0, -20.0];
     let chain = Chain::new(&machine).unwrap();
     let carried = chain.carried(Carrier::Table).unwrap();
-    let corners = [DVec3::new(30.0, -20.0, 10.0), DVec3::new(-15.0, 40.0, 60.0)];
+    let corners = [Vector3::new(30.0, -20.0, 10.0), Vector3::new(-15.0, 40.0, 60.0)];
     let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
-    let swept = |half: &[f64; 7], corners: &[DVec3]| {
+    let swept = |half: &[f64; 7], corners: &[Vector3<f64>]| {
         let [from, to] =
             [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
         carried.going(&from, &to).sweep(&middle, half, corners, 0.0)
     };
     let (pose, bound) = swept(&half, &corners);
-    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12));
+    assert_same(pose, carried.pose(&middle));
     let mut farthest = 0.0_f64;
     for i in 0..3_usize.pow(3) {
         let share = |digit: u32| (i / 3_usize.pow(digit) % 3) as f64 - 1.0;
@@ -177,7 +192,10 @@ fn the_bound_on_straying_holds_and_is_reached() {
         }
         let there = carried.pose(&at);
         for corner in corners {
-            let way = there.transform_point3(corner).distance(pose.transform_point3(corner));
+            let way = there
+                .transform_point(&corner.into())
+                .coords
+                .metric_distance(&pose.transform_point(&corner.into()).coords);
             farthest = farthest.max(way);
         }
     }
@@ -185,7 +203,7 @@ fn the_bound_on_straying_holds_and_is_reached() {
     let mut alone = [0.0; 7];
     alone[Axis::C as usize] = 0.9;
     let (pose, bound) = swept(&alone, &corners[..1]);
-    assert!(pose.abs_diff_eq(carried.pose(&middle), 1e-12), "the others stand still");
+    assert_same(pose, carried.pose(&middle));
     let chord = 2.0 * 0.45_f64.sin() * 30.0_f64.hypot(20.0);
     assert!((bound - chord).abs() < 1e-12, "{bound} instead of {chord}");
 }

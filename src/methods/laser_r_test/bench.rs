@@ -1,6 +1,6 @@
 //! What stands in the spindle and on the table, and where the rotary axes go.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::parameters::{of_table, tilts};
 use super::settings::{By, Settings};
@@ -35,10 +35,7 @@ impl<'a> Bench<'a> {
     /// No sensor, no sphere, a machine whose kinematics cannot be built.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         settings.check()?;
-        let chain = Chain::new(&plan.machine).map_err(|why| Refused {
-            why: why.to_string(),
-            instead: "correct [machine] and [axes] in the machine file".to_owned(),
-        })?;
+        let chain = Chain::new(&plan.machine)?;
         let (balls, ball) = ball(plan, settings)?;
         let sensor = match settings.by {
             By::Laser => sensor(&plan.sensors, settings)?.clone(),
@@ -47,28 +44,38 @@ impl<'a> Bench<'a> {
         Ok(Self { plan, settings, chain, sensor, balls, ball })
     }
 
-    pub fn zero(&self) -> DVec3 {
-        DVec3::from_array(self.sensor.zero_mm)
+    pub fn zero(&self) -> Vector3<f64> {
+        Vector3::from(self.sensor.zero_mm)
     }
 
     /// Nominal direction in which readings grow, spindle frame.
-    pub fn beam(&self) -> DVec3 {
-        DVec3::from_array(self.sensor.direction).normalize_or_zero()
+    pub fn beam(&self) -> Vector3<f64> {
+        Vector3::from(self.sensor.direction).try_normalize(0.0).unwrap_or_default()
     }
 
-    pub fn centre(&self) -> DVec3 {
-        DVec3::from_array(self.ball.centre_mm)
+    pub fn centre(&self) -> Vector3<f64> {
+        Vector3::from(self.ball.centre_mm)
     }
 
     /// From the spindle frame to the machine frame.
-    pub fn spindle(&self, rotary: &Position) -> DMat3 {
-        self.chain.machine_from_spindle(rotary, &[]).matrix3
+    pub fn spindle(&self, rotary: &Position) -> Rotation3<f64> {
+        self.chain.machine_from_spindle(rotary, &[]).rotation
     }
 
     /// From X, Y, Z to how far the spindle stands from the table, machine frame.
-    pub fn travel(&self, rotary: &Position) -> DMat3 {
-        let table = self.chain.machine_from_table(rotary, &[]).matrix3;
+    pub fn travel(&self, rotary: &Position) -> Matrix3<f64> {
+        let table = self.chain.machine_from_table(rotary, &[]).rotation;
         table * self.chain.linear_jacobian(rotary, &[])
+    }
+
+    /// X, Y, Z for a way of the spindle against the table, machine frame: the inverse of [`Bench::travel`].
+    ///
+    /// # Errors
+    /// Linear axes that do not span space there.
+    pub fn axes_for(&self, rotary: &Position) -> Result<Matrix3<f64>, Refused> {
+        let table = self.chain.machine_from_table(rotary, &[]).rotation;
+        let from_table = self.chain.linear_inverse(rotary, &[])?;
+        Ok(from_table * table.inverse())
     }
 
     pub fn touches(&self) -> bool {
@@ -206,8 +213,8 @@ pub fn sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sens
                     .to_owned(),
         }
     })?;
-    let direction = DVec3::from_array(sensor.direction);
-    if !(direction.length() - 1.0).abs().is_finite() || (direction.length() - 1.0).abs() > 0.05 {
+    let direction = Vector3::from(sensor.direction);
+    if !(direction.norm() - 1.0).abs().is_finite() || (direction.norm() - 1.0).abs() > 0.05 {
         return Err(Refused {
             why: format!("direction of sensor `{}` is no unit vector", sensor.name),
             instead: "state the direction in which its readings grow, e.g. [0.0, 0.0, -1.0]"

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row, frame};
@@ -34,7 +34,9 @@ pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f
         let off = |one: &&Seen| Some(one.value - sphere.reading(travel * one.xyz)?);
         let offs: Vec<f64> = all.iter().map(off).collect::<Option<_>>()?;
         let (count, mean_off) = (offs.len() as f64, offs.iter().sum::<f64>() / offs.len() as f64);
-        let mean = |pick: fn(&Seen) -> DVec3| all.iter().map(|s| pick(s)).sum::<DVec3>() / count;
+        let mean = |pick: fn(&Seen) -> Vector3<f64>| {
+            all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count
+        };
         let xyz = mean(|seen| seen.xyz);
         let value = sphere.reading(travel * xyz)? + mean_off;
         within.0 += offs.iter().map(|off| (off - mean_off).powi(2)).sum::<f64>();
@@ -58,7 +60,7 @@ pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
     let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&Seen>>::new(), BTreeMap::new());
     for one in seen {
-        let place = one.xyz.to_array().map(|mm| (mm / width).floor() as i64);
+        let place: [i64; 3] = one.xyz.map(|mm| (mm / width).floor() as i64).into();
         let number = *numbers.entry(place).or_insert(cells.len());
         match cells.get_mut(number) {
             Some(cell) => cell.push(one),
@@ -70,24 +72,28 @@ pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
 
 /// Longest side of what the scan covers, mm.
 fn extent(seen: &[Seen]) -> f64 {
-    let fold = |f: fn(DVec3, DVec3) -> DVec3, from: f64| {
-        seen.iter().map(|seen| seen.xyz).fold(DVec3::splat(from), f)
-    };
-    (fold(DVec3::max, f64::NEG_INFINITY) - fold(DVec3::min, f64::INFINITY)).max_element()
+    let xyz = || seen.iter().map(|seen| seen.xyz);
+    let most = xyz().fold(Vector3::repeat(f64::NEG_INFINITY), |most, xyz| most.sup(&xyz));
+    let least = xyz().fold(Vector3::repeat(f64::INFINITY), |least, xyz| least.inf(&xyz));
+    (most - least).max()
 }
 
 /// The sphere as one scan alone sees it, with the nominal beam.
 pub struct Sphere {
-    centre: DVec3,
+    centre: Vector3<f64>,
     radius: f64,
     /// Machine frame.
-    beam: DVec3,
+    beam: Vector3<f64>,
 }
 
 impl Sphere {
     /// From X, Y, Z to the machine frame, and from the spindle frame. Nothing where the samples do not fix
     /// it.
-    pub fn of(bench: &Bench<'_>, (travel, spindle): (DMat3, DMat3), seen: &[Seen]) -> Option<Self> {
+    pub fn of(
+        bench: &Bench<'_>,
+        (travel, spindle): (Matrix3<f64>, Rotation3<f64>),
+        seen: &[Seen],
+    ) -> Option<Self> {
         let row = |one: &Seen| Row {
             group: 0,
             at: travel * one.xyz,
@@ -109,26 +115,27 @@ impl Sphere {
     }
 
     /// What the sensor reads with the spindle at `at`; nothing beside the sphere.
-    pub fn reading(&self, at: DVec3) -> Option<f64> {
+    pub fn reading(&self, at: Vector3<f64>) -> Option<f64> {
         let from = at - self.centre;
-        let half = from.dot(self.beam);
-        let root = half * half - from.length_squared() + self.radius * self.radius;
+        let half = from.dot(&self.beam);
+        let root = half * half - from.norm_squared() + self.radius * self.radius;
         (root > 0.0).then(|| -half - root.sqrt())
     }
 
     /// Its derivative.
-    pub fn slope(&self, at: DVec3) -> Option<DVec3> {
+    pub fn slope(&self, at: Vector3<f64>) -> Option<Vector3<f64>> {
         let normal = at + self.beam * self.reading(at)? - self.centre;
-        Some(-normal / normal.dot(self.beam))
+        Some(-normal / normal.dot(&self.beam))
     }
 }
 
 /// The ways along `path` (X, Y, Z) of which there are too few samples, in words.
-pub fn thin_ways(path: &[DVec3], seen: &[Seen]) -> Vec<String> {
+pub fn thin_ways(path: &[Vector3<f64>], seen: &[Seen]) -> Vec<String> {
     let mut thin: Vec<String> = Vec::new();
     for pair in path.windows(2) {
-        let Some(way) = (pair[1] - pair[0]).try_normalize() else { continue };
-        let along = |one: &&Seen| one.velocity.normalize_or_zero().dot(way) > ALONG;
+        let Some(way) = (pair[1] - pair[0]).try_normalize(0.0) else { continue };
+        let along =
+            |one: &&Seen| one.velocity.try_normalize(0.0).unwrap_or_default().dot(&way) > ALONG;
         let count = seen.iter().filter(along).count();
         let words = format!("{count} samples of its way along {}", name(way));
         if count < LEAST_SAMPLES && !thin.contains(&words) {
@@ -139,8 +146,8 @@ pub fn thin_ways(path: &[DVec3], seen: &[Seen]) -> Vec<String> {
 }
 
 /// The axis that moves most, with its sign.
-fn name(way: DVec3) -> String {
-    let most = Axis::LINEAR.into_iter().zip(way.to_array());
+fn name(way: Vector3<f64>) -> String {
+    let most = Axis::LINEAR.into_iter().zip(way.iter().copied());
     let most = most.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
     most.map_or_else(String::new, |(axis, part)| {
         format!("{}{axis}", if part < 0.0 { '-' } else { '+' })

@@ -6,7 +6,7 @@
 //! the direction is not known moves all centres alike, as all poses are scanned at one height.
 
 use faer::Mat;
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::spots::Scanned;
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
@@ -23,9 +23,9 @@ pub struct Row {
     /// Index of the centre.
     pub group: usize,
     /// How far the spindle stands from the table, machine frame.
-    pub at: DVec3,
+    pub at: Vector3<f64>,
     /// Spindle frame to machine frame.
-    pub spindle: DMat3,
+    pub spindle: Rotation3<f64>,
     pub value: f64,
     /// Standard uncertainty of its distance from the centre, mm.
     pub sigma: f64,
@@ -35,7 +35,7 @@ pub struct Row {
 #[derive(Debug, Clone)]
 pub struct Centres {
     /// Nominal direction, and two across: columns (across, across, along), spindle frame.
-    pub frame: DMat3,
+    pub frame: Matrix3<f64>,
     pub radius: f64,
     /// Group after group.
     pub rows: Vec<Row>,
@@ -49,11 +49,11 @@ pub struct Centres {
 }
 
 /// Columns: two directions across the beam, nearly X and Y, and the beam.
-pub fn frame(beam: DVec3) -> DMat3 {
-    let across = DVec3::X.reject_from_normalized(beam).try_normalize().unwrap_or(DVec3::Y);
-    let other = across.cross(beam);
+pub fn frame(beam: Vector3<f64>) -> Matrix3<f64> {
+    let across = (Vector3::x() - beam * beam.x).try_normalize(0.0).unwrap_or(Vector3::y());
+    let other = across.cross(&beam);
     // Of a beam that looks down, other is +Y.
-    DMat3::from_cols(across, other, beam)
+    Matrix3::from_columns(&[across, other, beam])
 }
 
 impl Centres {
@@ -76,24 +76,25 @@ impl Centres {
     }
 
     /// The beam, its norm the gain: spindle frame.
-    pub fn beam(&self, x: &[f64]) -> DVec3 {
+    pub fn beam(&self, x: &[f64]) -> Vector3<f64> {
         let beam = if self.free { &x[..BEAM] } else { &self.held };
-        self.frame * DVec3::new(beam[0], beam[1], 1.0 + beam[2])
+        self.frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
     }
 
     /// Centre of a group, machine frame as [`Row::at`].
-    pub fn centre(&self, x: &[f64], group: usize) -> DVec3 {
-        DVec3::from_slice(&x[self.first(group)..])
+    pub fn centre(&self, x: &[f64], group: usize) -> Vector3<f64> {
+        let first = self.first(group);
+        Vector3::from_column_slice(&x[first..first + 3])
     }
 
     /// From the centre to the light spot.
-    pub fn arm(&self, x: &[f64], row: &Row) -> DVec3 {
+    pub fn arm(&self, x: &[f64], row: &Row) -> Vector3<f64> {
         row.at + row.spindle * (self.beam(x) * row.value) - self.centre(x, row.group)
     }
 
     /// Unweighted, outside the sphere: mm.
     pub fn off(&self, x: &[f64]) -> Vec<f64> {
-        let off = |row: &Row| self.arm(x, row).length() - self.radius_of(x, row.group);
+        let off = |row: &Row| self.arm(x, row).norm() - self.radius_of(x, row.group);
         self.rows.iter().map(off).collect()
     }
 
@@ -109,8 +110,8 @@ impl Centres {
             let mut block = Rows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.arm(x, row);
-                let normal = arm.normalize_or_zero();
-                block.set_value(i, (self.radius_of(x, group) - arm.length()) / row.sigma);
+                let normal = arm.try_normalize(0.0).unwrap_or_default();
+                block.set_value(i, (self.radius_of(x, group) - arm.norm()) / row.sigma);
                 (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.sigma));
                 (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.sigma));
                 let across = (row.spindle * self.frame).transpose() * normal * row.value;
@@ -132,16 +133,16 @@ impl Centres {
         let mut x = vec![0.0; self.common()];
         for group in 0..self.groups {
             let rows = self.rows.iter().filter(|row| row.group == group);
-            let beam = self.frame.z_axis;
-            let (mut sum, mut count, mut along) = (DVec3::ZERO, 0.0, DVec3::ZERO);
+            let beam = self.frame.column(2);
+            let (mut sum, mut count, mut along) = (Vector3::zeros(), 0.0, Vector3::zeros());
             for row in rows {
                 sum += row.at + row.spindle * beam * row.value;
                 along = row.spindle * beam;
                 count += 1.0;
             }
             // Touches stand all around.
-            let behind = if self.round { DVec3::ZERO } else { along * self.radius };
-            x.extend((sum / count + behind).to_array());
+            let behind = if self.round { Vector3::zeros() } else { along * self.radius };
+            x.extend(&(sum / count + behind));
             x.extend(self.round.then_some(self.radius));
         }
         x
@@ -183,15 +184,15 @@ pub fn sensor_gain(unknown: f64) -> f64 {
 
 /// Whether these dwell points fix a centre: not if the normals lie in one plane through it, all on one
 /// great circle.
-pub fn fixes_centre(scan: &Scanned, beam: DVec3, radius: f64) -> bool {
+pub fn fixes_centre(scan: &Scanned, beam: Vector3<f64>, radius: f64) -> bool {
     let points = scan.spots.iter().map(|spot| spot.at + scan.spindle * beam * spot.value);
-    let points: Vec<DVec3> = points.collect();
-    let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    let points: Vec<Vector3<f64>> = points.collect();
+    let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let centre = mean + scan.spindle * beam * radius;
-    let mut sum = DMat3::ZERO;
+    let mut sum = Matrix3::zeros();
     for point in &points {
-        let n = (*point - centre).normalize_or_zero();
-        sum += DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+        let n = (*point - centre).try_normalize(0.0).unwrap_or_default();
+        sum += n * n.transpose();
     }
     points.len() >= 4 && sum.determinant() > FLAT * (points.len() as f64 / 3.0).powi(3)
 }

@@ -1,7 +1,7 @@
 //! One scan: two perpendicular lines through the pole that faces the beam, of dwell points; or walked
 //! forward and back while samples are taken.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::bench::Bench;
 use super::label::in_words;
@@ -14,11 +14,11 @@ use machine::{Axis, Position};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// The sensor's zero point, spindle frame.
-    pub zero: DVec3,
+    pub zero: Vector3<f64>,
     /// Its direction, spindle frame.
-    pub beam: DVec3,
+    pub beam: Vector3<f64>,
     /// The sphere, table frame.
-    pub ball: DVec3,
+    pub ball: Vector3<f64>,
     /// How far the sphere may be from there.
     pub doubt_mm: f64,
 }
@@ -54,7 +54,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     check_range(bench, place, wanted, half)?;
     let path = path(bench, place, wanted, half)?;
     path.iter().try_for_each(|at| check_travel(bench, &wanted.rotary, at))?;
-    let beam = bench.spindle(&wanted.rotary) * place.beam.normalize_or_zero();
+    let beam = bench.spindle(&wanted.rotary) * place.beam.try_normalize(0.0).unwrap_or_default();
     let (feed_mm_min, sampling) = settled(bench, wanted.walk);
     Ok(Step {
         id: 0,
@@ -65,7 +65,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
         to: path.last().cloned().unwrap_or_default(),
         feed_mm_min,
         sensor: bench.sensor.name.clone(),
-        normal: (-beam).to_array(),
+        normal: (-beam).into(),
         scan: Some(Scan { path, sampling }),
         text: None,
     })
@@ -101,11 +101,11 @@ fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, R
                     .to_owned(),
         });
     }
-    let table = bench.chain.machine_from_table(rotary, &[]).matrix3;
-    let stem = table * DVec3::from_array(bench.ball.stem).normalize_or_zero();
-    let towards = -(bench.spindle(rotary) * place.beam.normalize_or_zero());
+    let table = bench.chain.machine_from_table(rotary, &[]).rotation;
+    let stem = table * Vector3::from(bench.ball.stem).try_normalize(0.0).unwrap_or_default();
+    let towards = -(bench.spindle(rotary) * place.beam.try_normalize(0.0).unwrap_or_default());
     let free = (bench.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + bench.limit();
-    if stem.angle_between(towards) < free {
+    if stem.angle(&towards) < free {
         return Err(Refused {
             why: format!("at {} the sphere's stem points at the sensor", in_words(rotary)),
             instead: "take the position out of tilt_deg, or correct stem of the sphere".to_owned(),
@@ -150,23 +150,23 @@ fn path(
 ) -> Result<Vec<Position>, Refused> {
     let rotary = &wanted.rotary;
     let centre = super::parameters::expected(&bench.chain, rotary, place.zero, place.ball)?;
-    let into_axes = bench.travel(rotary).inverse();
+    let axes_for = bench.axes_for(rotary)?;
     // In motion along the axes alone: one that crept after the beam's lean would lose its motion unseen.
     let beam = match wanted.walk {
-        Walk::Rests => place.beam.normalize_or_zero(),
+        Walk::Rests => place.beam.try_normalize(0.0).unwrap_or_default(),
         _ => bench.beam(),
     };
     let beam = bench.spindle(rotary) * beam;
-    let along = DVec3::X.reject_from_normalized(beam).try_normalize().unwrap_or(DVec3::Y);
+    let along = (Vector3::x() - beam * beam.x).try_normalize(0.0).unwrap_or(Vector3::y());
     let above = -beam * (bench.ball.radius_mm + wanted.height_mm);
     let points = bench.settings.points;
-    let line = |direction: DVec3| {
+    let line = |direction: Vector3<f64>| {
         let share = move |k: usize| 2.0 * k as f64 / (points - 1) as f64 - 1.0;
         (0..points).map(move |k| above + direction * (half * share(k)))
     };
-    let across = along.cross(beam);
-    let end = |way: DVec3| above + way * half;
-    let offsets: Vec<DVec3> = match wanted.walk {
+    let across = along.cross(&beam);
+    let end = |way: Vector3<f64>| above + way * half;
+    let offsets: Vec<Vector3<f64>> = match wanted.walk {
         Walk::Rests => line(along).chain(line(across)).collect(),
         // Each line from the pole to both ends and back: every way is gone both ways, so that what goes
         // with the velocity cancels, and along the lines alone.
@@ -174,7 +174,7 @@ fn path(
             .map(end)
             .to_vec(),
     };
-    let at = |by: DVec3| placed(rotary, centre + into_axes * by).as_written();
+    let at = |by: Vector3<f64>| placed(rotary, centre + axes_for * by).as_written();
     Ok(offsets.into_iter().map(at).collect())
 }
 

@@ -1,6 +1,6 @@
 //! Which scans see one and the same centre.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row, fixes_centre, frame};
@@ -24,7 +24,9 @@ pub struct Group {
     pub rotary: Position,
     pub t_s: f64,
     /// From X, Y, Z to the machine frame.
-    pub travel: DMat3,
+    pub travel: Matrix3<f64>,
+    /// And back.
+    pub axes_for: Matrix3<f64>,
 }
 
 /// Centres to be fitted, and what each row is.
@@ -56,7 +58,7 @@ type Member<'a> = (Group, Vec<(usize, &'a Scanned)>);
 /// Scans that do not fix a centre are taken out, and said in `left_out`.
 ///
 /// # Errors
-/// No scan left.
+/// No scan left; linear axes that do not span space.
 pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
     let radius = bench.radius();
     let flat = |scan: &Scanned| !fixes_centre(scan, bench.beam(), radius);
@@ -72,7 +74,7 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     // What the latency was found from is not used a second time; and beside scans on the way not those at
     // rest: nobody knows what the axes lost on their way to a point.
     let swept = observed.latency.is_some();
-    let rests = |scan: &Scanned| scan.spots.iter().all(|spot| spot.velocity == DVec3::ZERO);
+    let rests = |scan: &Scanned| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
     let only_before =
         |scan: &Scanned| matches!(scan.pass, Pass::Find | Pass::Latency) || swept && rests(scan);
     let found = observed.scans.iter().any(|scan| !only_before(scan));
@@ -87,7 +89,7 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
         };
         match members.iter_mut().find(same) {
             Some((_, scans)) => scans.push((index, scan)),
-            None => members.push((group(bench, scan), vec![(index, scan)])),
+            None => members.push((group(bench, scan)?, vec![(index, scan)])),
         }
     }
     if members.is_empty() {
@@ -96,9 +98,10 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     Ok(collect(bench, observed, members))
 }
 
-fn group(bench: &Bench<'_>, scan: &Scanned) -> Group {
+fn group(bench: &Bench<'_>, scan: &Scanned) -> Result<Group, Refused> {
     let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
-    Group { label, t_s: 0.0, travel: bench.travel(&rotary), rotary }
+    let (travel, axes_for) = (bench.travel(&rotary), bench.axes_for(&rotary)?);
+    Ok(Group { label, t_s: 0.0, travel, axes_for, rotary })
 }
 
 fn nothing(observed: &Observed) -> Refused {
@@ -165,7 +168,7 @@ fn resolution_mm(bench: &Bench<'_>) -> f64 {
 
 impl Group {
     /// Axis positions of a centre given in the machine frame.
-    pub fn axes(&self, centre: DVec3) -> DVec3 {
-        self.travel.inverse() * centre
+    pub fn axes(&self, centre: Vector3<f64>) -> Vector3<f64> {
+        self.axes_for * centre
     }
 }

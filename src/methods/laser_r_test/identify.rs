@@ -1,6 +1,6 @@
 //! Plan + readings → estimate.
 
-use glam::DMat3;
+use nalgebra::Rotation3;
 
 use super::bench::Bench;
 use super::group::{Grouped, grouped};
@@ -74,9 +74,9 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
 }
 
 /// Machine frame to table frame, of each group.
-fn into_table(bench: &Bench<'_>, grouped: &Grouped) -> Vec<DMat3> {
-    let table = |at| bench.chain.machine_from_table(at, &[]).matrix3;
-    grouped.groups.iter().map(|group| table(&group.rotary).transpose()).collect()
+fn into_table(bench: &Bench<'_>, grouped: &Grouped) -> Vec<Rotation3<f64>> {
+    let table = |at| bench.chain.machine_from_table(at, &[]).rotation;
+    grouped.groups.iter().map(|group| table(&group.rotary).inverse()).collect()
 }
 
 /// The sphere's centres and the beam, from the samples that the incidence limit leaves.
@@ -135,11 +135,11 @@ fn leave_out_oblique(
     fitted: &Minimum,
 ) -> bool {
     let centres = &grouped.centres;
-    let beam = centres.beam(&fitted.x).normalize_or_zero();
+    let beam = centres.beam(&fitted.x).try_normalize(0.0).unwrap_or_default();
     let mut beyond: Vec<(usize, usize)> = Vec::new();
     for (row, from) in centres.rows.iter().zip(&grouped.from) {
         let towards = -(row.spindle * beam);
-        if centres.arm(&fitted.x, row).angle_between(towards) > bench.limit() {
+        if centres.arm(&fitted.x, row).angle(&towards) > bench.limit() {
             beyond.push(*from);
         }
     }
@@ -162,7 +162,7 @@ fn problem(
 ) -> Problem {
     let sight = |(i, group): (usize, &super::group::Group)| {
         let at = placed(&group.rotary, group.axes(grouped.centres.centre(&fitted.x, i)));
-        let table = bench.chain.machine_from_table(&group.rotary, &[]).matrix3;
+        let table = bench.chain.machine_from_table(&group.rotary, &[]).rotation;
         Sight {
             at,
             weight: whitening(effects.covariance(sources, grouped.centres.first(i))) * table,
@@ -179,8 +179,8 @@ fn solve(
     names: &[String],
 ) -> Result<(Survey, Minimum), IdentifyError> {
     let mut start = vec![0.0; problem.model.parameters.len()];
-    start.extend(bench.zero().to_array());
-    start.extend(bench.centre().to_array());
+    start.extend(&bench.zero());
+    start.extend(&bench.centre());
     let lost = |survey: &Survey| IdentifyError::RankDeficient {
         rank: survey.rank,
         unknowns: survey.rank + survey.nullity,

@@ -1,6 +1,6 @@
 //! Where the sphere is known to be while the measurement goes on.
 
-use glam::{DMat3, DVec3};
+use nalgebra::Matrix3;
 
 use super::bench::Bench;
 use super::cross::Place;
@@ -43,14 +43,14 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let sights = groups.iter().enumerate().map(|(i, group)| {
         let at = placed(&group.rotary, group.axes(centres.centre(&fitted.x, i)));
-        Sight { at, weight: DMat3::IDENTITY / CENTRE_MM }
+        Sight { at, weight: Matrix3::identity() / CENTRE_MM }
     });
     let problem = Problem {
         model: Model { chain: bench.chain.clone(), parameters: Vec::new() },
         sights: sights.collect(),
         hold: Some((nominal.zero, ZERO_DOUBT_MM)),
     };
-    let start = [nominal.zero.to_array(), nominal.ball.to_array()].concat();
+    let start = [nominal.zero.as_slice(), nominal.ball.as_slice()].concat();
     let solved = problem.solve(start).map_err(|why| refused(why.to_string()))?;
     let place = Place {
         zero: problem.model.zero(&solved.x),
@@ -64,9 +64,9 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
 
 /// The sphere may be no further from where it is stated than is stated.
 fn check_place(bench: &Bench<'_>, place: &Place) -> Result<(), Refused> {
-    let away = (place.ball - bench.centre()).length() + (place.zero - bench.zero()).length();
+    let away = (place.ball - bench.centre()).norm() + (place.zero - bench.zero()).norm();
     let limit = 2.0 * bench.balls.uncertainty_mm + ZERO_DOUBT_MM;
-    if away <= limit && DVec3::is_finite(place.ball) {
+    if away <= limit && place.ball.iter().all(|mm| mm.is_finite()) {
         return Ok(());
     }
     Err(Refused {

@@ -6,7 +6,7 @@
 //! beam add there is the same forward and back, and an unknown of the cell.
 
 use faer::Mat;
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::bench::Bench;
 use super::cells::{Sphere, by_place};
@@ -42,7 +42,7 @@ pub struct Latency {
     pub axes: Vec<Axis>,
     /// By how much X, Y and Z lag behind the position shown after a motion forward, more than after one
     /// back: lost motion is positive. 0 where it is not known.
-    pub lag: DVec3,
+    pub lag: Vector3<f64>,
     /// Lower root of the covariance of τ (s) and of the lags of `axes` (mm).
     pub root: Mat<f64>,
     /// Samples that it comes from.
@@ -51,19 +51,19 @@ pub struct Latency {
 
 /// One scan: from X, Y, Z to the machine frame, from the spindle frame, and the samples.
 pub struct Timed<'a> {
-    pub travel: DMat3,
-    pub spindle: DMat3,
+    pub travel: Matrix3<f64>,
+    pub spindle: Rotation3<f64>,
     pub track: &'a Track,
 }
 
 impl Latency {
     /// Where the axes truly stood.
-    pub fn true_xyz(&self, xyz: DVec3, toward: DVec3) -> DVec3 {
-        xyz - self.lag * toward / 2.0
+    pub fn true_xyz(&self, xyz: Vector3<f64>, toward: Vector3<f64>) -> Vector3<f64> {
+        xyz - self.lag.component_mul(&toward) / 2.0
     }
 
     /// By how much a greater τ, and greater lags, move that; per s and per mm.
-    pub fn columns(&self, velocity: DVec3, toward: DVec3) -> Vec<DVec3> {
+    pub fn columns(&self, velocity: Vector3<f64>, toward: Vector3<f64>) -> Vec<Vector3<f64>> {
         let lags = self.axes.iter().map(|axis| half_step(*axis, toward));
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
     }
@@ -74,17 +74,13 @@ impl Latency {
 
     /// In the order of the names: s and mm.
     pub fn values(&self) -> Vec<f64> {
-        let lags = self.axes.iter().map(|axis| self.lag.dot(unit(*axis)));
+        let lags = self.axes.iter().map(|axis| self.lag.dot(&axis.direction()));
         std::iter::once(self.tau_s).chain(lags).collect()
     }
 }
 
-fn unit(axis: Axis) -> DVec3 {
-    DVec3::from_array(Axis::LINEAR.map(|one| if one == axis { 1.0 } else { 0.0 }))
-}
-
-fn half_step(axis: Axis, toward: DVec3) -> DVec3 {
-    unit(axis) * toward / 2.0
+fn half_step(axis: Axis, toward: Vector3<f64>) -> Vector3<f64> {
+    axis.direction().component_mul(&toward) / 2.0
 }
 
 /// # Errors
@@ -169,8 +165,8 @@ impl Round {
                     let at = scan.travel * one.xyz;
                     let off = one.value - sphere.reading(at)?;
                     let slope = scan.travel.transpose() * sphere.slope(at)?;
-                    let lags = axes.iter().map(|axis| slope.dot(half_step(*axis, one.toward)));
-                    let columns = std::iter::once(slope.dot(one.velocity)).chain(lags);
+                    let lags = axes.iter().map(|axis| slope.dot(&half_step(*axis, one.toward)));
+                    let columns = std::iter::once(slope.dot(&one.velocity)).chain(lags);
                     Some(Row { off, columns: columns.map(|by| -by).collect() })
                 });
                 cells.push(rows.collect());
@@ -245,7 +241,7 @@ impl Round {
         let lags = self.axes.iter().zip(x.iter().skip(1));
         Latency {
             tau_s,
-            lag: lags.map(|(axis, by)| unit(*axis) * *by).sum(),
+            lag: lags.map(|(axis, by)| axis.direction() * *by).sum(),
             root: lower_root(&own),
             samples,
             axes: self.axes,

@@ -6,13 +6,13 @@
 //! E_X0C − E_X0B and E_A0C − E_A0B. The paper's δx_BY, δy_BY, δz_BY are not told from where the sensor's
 //! zero point sits in the spindle: they stand in it.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use estimation::linear::{LinearError, Survey};
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::{Rows, factor};
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
-use machine::{Axis, Position, frame::Point};
+use machine::{Position, frame::Point};
 
 /// Steps to a solution nearby: the second is of second order already.
 const NEAR_STEPS: usize = 2;
@@ -38,30 +38,33 @@ impl Model {
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
 
-    pub fn zero(&self, x: &[f64]) -> DVec3 {
-        DVec3::from_slice(&x[self.parameters.len()..])
+    pub fn zero(&self, x: &[f64]) -> Vector3<f64> {
+        let first = self.parameters.len();
+        Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    pub fn ball(&self, x: &[f64]) -> DVec3 {
-        DVec3::from_slice(&x[self.parameters.len() + 3..])
+    pub fn ball(&self, x: &[f64]) -> Vector3<f64> {
+        let first = self.parameters.len() + 3;
+        Vector3::from_column_slice(&x[first..first + 3])
     }
 
     /// Where the zero point stands at the axis positions `at`, less where the sphere's centre is; table
     /// frame, mm.
-    pub fn misclosure(&self, at: &Position, x: &[f64]) -> DVec3 {
+    pub fn misclosure(&self, at: &Position, x: &[f64]) -> Vector3<f64> {
         let tip = Point::from_vec(self.zero(x));
         self.chain.tip_in_table(at, tip, &self.terms(x)).mm - self.ball(x)
     }
 
     /// Its derivatives, in the order of the unknowns.
-    pub fn columns(&self, at: &Position, x: &[f64]) -> Vec<DVec3> {
+    pub fn columns(&self, at: &Position, x: &[f64]) -> Vec<Vector3<f64>> {
         let terms = self.terms(x);
         let tip = Point::from_vec(self.zero(x));
         let mut columns = self.chain.jacobian(at, tip, &terms, &self.parameters);
-        let table = self.chain.machine_from_table(at, &terms).matrix3;
-        let turn = table.transpose() * self.chain.machine_from_spindle(at, &terms).matrix3;
-        columns.extend([turn.x_axis, turn.y_axis, turn.z_axis]);
-        columns.extend(DVec3::AXES.map(|axis| -axis));
+        let table = self.chain.machine_from_table(at, &terms).rotation;
+        let turn = table.inverse() * self.chain.machine_from_spindle(at, &terms).rotation;
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        columns.extend(axes.map(|axis| turn * axis));
+        columns.extend(axes.map(|axis| -axis));
         columns
     }
 }
@@ -72,7 +75,7 @@ pub struct Sight {
     /// All axes.
     pub at: Position,
     /// From the table frame to weighted rows.
-    pub weight: DMat3,
+    pub weight: Matrix3<f64>,
 }
 
 /// The sphere's centres as one least-squares problem.
@@ -82,7 +85,7 @@ pub struct Problem {
     pub sights: Vec<Sight>,
     /// A zero point known beforehand, and its standard uncertainty in mm: where it must be known before
     /// all poses are measured.
-    pub hold: Option<(DVec3, f64)>,
+    pub hold: Option<(Vector3<f64>, f64)>,
 }
 
 impl Problem {
@@ -92,14 +95,14 @@ impl Problem {
     }
 
     /// With the sights moved by `moved` (table frame), one each.
-    fn residuals_moved(&self, x: &[f64], moved: &[DVec3]) -> Vec<f64> {
-        let of = |(i, sight): (usize, &Sight)| {
+    fn residuals_moved(&self, x: &[f64], moved: &[Vector3<f64>]) -> Vec<f64> {
+        let of = |(i, sight): (usize, &Sight)| -> [f64; 3] {
             let by = moved.get(i).copied().unwrap_or_default();
-            (sight.weight * -(self.model.misclosure(&sight.at, x) + by)).to_array()
+            (sight.weight * -(self.model.misclosure(&sight.at, x) + by)).into()
         };
         let mut rows: Vec<f64> = self.sights.iter().enumerate().flat_map(of).collect();
         if let Some((zero, sigma)) = self.hold {
-            rows.extend(((zero - self.model.zero(x)) / sigma).to_array());
+            rows.extend(&((zero - self.model.zero(x)) / sigma));
         }
         rows
     }
@@ -110,7 +113,7 @@ impl Problem {
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
         for (i, sight) in self.sights.iter().enumerate() {
             for (j, column) in self.model.columns(&sight.at, x).into_iter().enumerate() {
-                let weighted = (sight.weight * column).to_array();
+                let weighted = sight.weight * column;
                 (0..3).for_each(|k| rows.set_common(3 * i + k, j, weighted[k]));
             }
         }
@@ -131,7 +134,7 @@ impl Problem {
     }
 
     /// The solution for sights moved by `moved` (table frame, mm), near the one found.
-    pub fn solve_near(&self, minimum: &Minimum, moved: &[DVec3]) -> Vec<f64> {
+    pub fn solve_near(&self, minimum: &Minimum, moved: &[Vector3<f64>]) -> Vec<f64> {
         let mut x = minimum.x.clone();
         for _ in 0..NEAR_STEPS {
             let step = minimum.factored.solve(&self.residuals_moved(&x, moved));
@@ -141,13 +144,7 @@ impl Problem {
     }
 }
 
-/// X, Y, Z of a position as a vector.
-pub fn linear(at: &Position) -> DVec3 {
-    DVec3::from_array(Axis::LINEAR.map(|axis| at.at(axis)))
-}
-
 /// `rotary` with X, Y, Z.
-pub fn placed(rotary: &Position, xyz: DVec3) -> Position {
-    let linear: Position = Axis::LINEAR.into_iter().zip(xyz.to_array()).collect();
-    rotary.updated_by(&linear)
+pub fn placed(rotary: &Position, xyz: Vector3<f64>) -> Position {
+    rotary.updated_by(&Position::from_xyz(xyz))
 }

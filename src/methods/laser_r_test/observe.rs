@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::bench::Bench;
 use super::cells::{cells, thin_ways};
 use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
-use super::model::linear;
 use super::spots::{Scanned, Spot};
 use super::track::Track;
 use crate::decision::revisit::granted_mm;
 use crate::{IdentifyError, Refused};
+use machine::Position;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
 use machine::record::reading::{Flag, Reading};
 
@@ -45,7 +45,7 @@ pub struct Observed {
 struct Raw {
     scanned: Scanned,
     /// Of a continuous scan: its samples, and X, Y, Z of its path.
-    track: Option<(Track, Vec<DVec3>)>,
+    track: Option<(Track, Vec<Vector3<f64>>)>,
     steps: usize,
 }
 
@@ -184,8 +184,8 @@ fn raw(
             *observed.excluded.entry(why).or_default() += 1;
             continue;
         };
-        let xyz = linear(&reading.position);
-        let (velocity, toward) = (DVec3::ZERO, DVec3::ZERO);
+        let xyz = reading.position.xyz();
+        let (velocity, toward) = (Vector3::zeros(), Vector3::zeros());
         let (at, t_s) = (travel * xyz, reading.t_s);
         spots.push(Spot { xyz, at, value, samples: 1, t_s, velocity, toward });
     }
@@ -193,7 +193,7 @@ fn raw(
         .scan
         .as_ref()
         .filter(|scan| on_the_way(scan))
-        .map(|scan| (Track::new(readings), scan.path.iter().map(linear).collect()));
+        .map(|scan| (Track::new(readings), scan.path.iter().map(Position::xyz).collect()));
     let points = if track.is_some() { Vec::new() } else { points(step, spots) };
     let spots = points.iter().map(|all| mean(all, &mut observed.within)).collect();
     let (label, spindle) = (measurement(step).to_owned(), bench.spindle(&rotary));
@@ -212,7 +212,7 @@ fn points(step: &Step, spots: Vec<Spot>) -> Vec<Vec<Spot>> {
     for spot in spots {
         let stands = |point: &&mut Vec<Spot>| {
             let first = point.first();
-            first.is_some_and(|first| first.xyz.distance(spot.xyz) < STANDS_MM)
+            first.is_some_and(|first| first.xyz.metric_distance(&spot.xyz) < STANDS_MM)
         };
         match points.last_mut().filter(stands) {
             Some(point) if step.scan.as_ref().is_some_and(dwells) => point.push(spot),
@@ -225,7 +225,7 @@ fn points(step: &Step, spots: Vec<Spot>) -> Vec<Vec<Spot>> {
 fn mean(all: &[Spot], within: &mut (f64, usize)) -> Spot {
     let count = all.len().max(1) as f64;
     let of = |pick: fn(&Spot) -> f64| all.iter().map(pick).sum::<f64>() / count;
-    let sum = |pick: fn(&Spot) -> DVec3| all.iter().map(pick).sum::<DVec3>() / count;
+    let sum = |pick: fn(&Spot) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
     let value = of(|spot| spot.value);
     within.0 += all.iter().map(|spot| (spot.value - value).powi(2)).sum::<f64>();
     within.1 += all.len().saturating_sub(1);
@@ -235,7 +235,7 @@ fn mean(all: &[Spot], within: &mut (f64, usize)) -> Spot {
         value,
         samples: all.len(),
         t_s: of(|spot| spot.t_s),
-        velocity: DVec3::ZERO,
-        toward: DVec3::ZERO,
+        velocity: Vector3::zeros(),
+        toward: Vector3::zeros(),
     }
 }

@@ -1,6 +1,6 @@
 //! The estimate in the words and units of the contract.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::centres::sensor_gain;
 use super::label::in_words;
@@ -20,7 +20,7 @@ const GAIN: usize = 2;
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let misses = misses(parts, &parts.minimum.x);
-    let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
+    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
     let own = parts.minimum.x.len();
     let count = own + parts.grouped.centres.common() + parts.clocks().0.len();
     let dof = parts.minimum.residuals.len().saturating_sub(own);
@@ -113,26 +113,27 @@ fn covariance(parts: &Parts<'_>, count: usize) -> Covariance {
 }
 
 /// Where the machine with the errors in `x` sees the sphere, less where it is; machine frame, mm.
-fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<DVec3> {
+fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<Vector3<f64>> {
     let sights = parts.problem.sights.iter().zip(&parts.into_table);
     sights
-        .map(|(sight, into)| into.transpose() * parts.problem.model.misclosure(&sight.at, x))
+        .map(|(sight, into)| into.inverse() * parts.problem.model.misclosure(&sight.at, x))
         .collect()
 }
 
 /// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
 /// commanded one follows from where the sphere and the zero point are, by a machine without errors.
-fn deviations(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
+fn deviations(parts: &Parts<'_>, misses: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
     let all = self::misses(parts, &without);
-    let modelled: Vec<DVec3> = all.iter().zip(misses).map(|(all, miss)| *all - *miss).collect();
+    let modelled: Vec<Vector3<f64>> =
+        all.iter().zip(misses).map(|(all, miss)| all - miss).collect();
     let figure = figure(parts, "measured less commanded sphere", &all, Some(&modelled));
     ArrowFigure { figure: VectorKind::Paths, ..figure }
 }
 
-fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
+fn residuals(parts: &Parts<'_>, misses: &[Vector3<f64>]) -> ArrowFigure {
     figure(parts, "residuals", misses, None)
 }
 
@@ -140,8 +141,8 @@ fn residuals(parts: &Parts<'_>, misses: &[DVec3]) -> ArrowFigure {
 fn figure(
     parts: &Parts<'_>,
     symbol: &str,
-    vectors: &[DVec3],
-    modelled: Option<&[DVec3]>,
+    vectors: &[Vector3<f64>],
+    modelled: Option<&[Vector3<f64>]>,
 ) -> ArrowFigure {
     let chain = &parts.bench.chain;
     let tilting = |axis: Axis| super::parameters::tilts(chain, axis) && axis != Axis::S;
@@ -152,12 +153,12 @@ fn figure(
             continue;
         };
         let tilted = group.rotary.only(tilting);
-        let table = chain.machine_from_table(&placed(&group.rotary, DVec3::ZERO), &[]);
+        let table = chain.machine_from_table(&placed(&group.rotary, Vector3::zeros()), &[]);
         let arrow = Arrow {
             label: in_words(&group.rotary.only(|axis| !tilting(axis))),
-            at_mm: table.transform_point3(ball).to_array(),
-            vector: (*vector * 1e3).to_array(),
-            modelled: modelled.and_then(|all| all.get(i)).map(|one| (*one * 1e3).to_array()),
+            at_mm: table.transform_point(&ball.into()).coords.into(),
+            vector: (*vector * 1e3).into(),
+            modelled: modelled.and_then(|all| all.get(i)).map(|one| (*one * 1e3).into()),
             flagged: false,
         };
         match groups.iter_mut().find(|(at, _)| *at == tilted) {

@@ -3,7 +3,7 @@
 //! the circles of both axes as the zero position; the product's own estimate estimates both.
 
 use faer::Mat;
-use glam::{DMat3, DVec3};
+use nalgebra::{Rotation3, Vector3};
 
 use super::bench::Bench;
 use super::centres::Centres;
@@ -27,14 +27,14 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
     }
     let centres = unit_beam(&grouped.centres, x);
     let fitted = centres.solve().ok()?;
-    let places: Vec<(&Position, DVec3)> = grouped
+    let places: Vec<(&Position, Vector3<f64>)> = grouped
         .groups
         .iter()
         .enumerate()
         .map(|(i, group)| (&group.rotary, centres.centre(&fitted.x, i)))
         .collect();
     let zero = zero_position(bench, &places)?;
-    let seen: Vec<(f64, f64, DVec3)> = places
+    let seen: Vec<(f64, f64, Vector3<f64>)> = places
         .iter()
         .map(|(at, centre)| (at.at(Axis::B), at.at(Axis::C), *centre - zero))
         .collect();
@@ -43,12 +43,12 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
 
 /// The beam of the fit, its norm 1.
 fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
-    let lean = centres.frame.transpose() * centres.beam(x).normalize_or_zero();
+    let lean = centres.frame.transpose() * centres.beam(x).try_normalize(0.0).unwrap_or_default();
     Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
 }
 
 /// Eq. (7): x and y from the circle of C at B = 0, z from that of B at C = 0.
-fn zero_position(bench: &Bench<'_>, places: &[(&Position, DVec3)]) -> Option<DVec3> {
+fn zero_position(bench: &Bench<'_>, places: &[(&Position, Vector3<f64>)]) -> Option<Vector3<f64>> {
     let circle = |other: Axis, i: usize, j: usize| {
         let here = places.iter().filter(|(at, _)| at.at(other).abs() < ZERO);
         let points: Vec<[f64; 2]> = here.map(|(_, centre)| [centre[i], centre[j]]).collect();
@@ -57,18 +57,18 @@ fn zero_position(bench: &Bench<'_>, places: &[(&Position, DVec3)]) -> Option<DVe
     let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
     let (of_c, of_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
     let (c, b) = (point(Axis::C)?, point(Axis::B)?);
-    Some(DVec3::new(of_c[0] - c[0], of_c[1] - c[1], of_b[1] - b[2]))
+    Some(Vector3::new(of_c[0] - c[0], of_c[1] - c[1], of_b[1] - b[2]))
 }
 
 /// Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
-pub fn location_errors(seen: &[(f64, f64, DVec3)]) -> Option<[f64; 5]> {
+pub fn location_errors(seen: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
     let (_, _, first) = *seen.iter().find(|(b, c, _)| b.abs() < ZERO && c.abs() < ZERO)?;
     let others: Vec<_> = seen.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO).collect();
     let mut a = Mat::zeros(3 * others.len(), 5);
     let mut y = Vec::with_capacity(3 * others.len());
     for (i, (b, c, measured)) in others.into_iter().enumerate() {
         let nominal = nominal(*b, *c) * first;
-        y.extend((*measured - nominal).to_array());
+        y.extend(&(measured - nominal));
         for (j, column) in columns(*b, *c, first).into_iter().enumerate() {
             (0..3).for_each(|k| a[(3 * i + k, j)] = column[k]);
         }
@@ -85,25 +85,26 @@ pub fn location_errors(seen: &[(f64, f64, DVec3)]) -> Option<[f64; 5]> {
 }
 
 /// D_b(−B)·D_c(−C).
-pub fn nominal(b: f64, c: f64) -> DMat3 {
-    DMat3::from_rotation_y(-b) * DMat3::from_rotation_z(-c)
+pub fn nominal(b: f64, c: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::y_axis(), -b)
+        * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
 /// ∂d/∂W at one pose: ∂q̂/∂W less what the measurement at B = C = 0 takes along.
-pub fn columns(b: f64, c: f64, w: DVec3) -> [DVec3; 5] {
+pub fn columns(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let turn = nominal(b, c);
     let (here, first) = (of_sphere(b, turn * w, w), of_sphere(0.0, w, w));
     std::array::from_fn(|j| here[j] - turn * first[j])
 }
 
 /// ∂q̂/∂W with q the nominal place of the sphere at the pose and w that at B = C = 0.
-fn of_sphere(b: f64, q: DVec3, w: DVec3) -> [DVec3; 5] {
+fn of_sphere(b: f64, q: Vector3<f64>, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let (s, c) = b.sin_cos();
     [
-        DVec3::new(0.0, w.z - q.z, q.y - w.y),
-        DVec3::new(q.z - w.z, 0.0, -q.x),
-        DVec3::new(-q.y, q.x, 0.0),
-        DVec3::new(c - 1.0, 0.0, s),
-        DVec3::new(-q.y * s, 0.0, q.y * c),
+        Vector3::new(0.0, w.z - q.z, q.y - w.y),
+        Vector3::new(q.z - w.z, 0.0, -q.x),
+        Vector3::new(-q.y, q.x, 0.0),
+        Vector3::new(c - 1.0, 0.0, s),
+        Vector3::new(-q.y * s, 0.0, q.y * c),
     ]
 }

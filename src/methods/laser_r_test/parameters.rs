@@ -1,8 +1,8 @@
 //! Which machine errors are unknown, and which cannot be told apart by one sphere.
 
-use glam::DVec3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::model::{Model, Problem, Sight, placed};
+use super::model::{Model, Problem, Sight};
 use crate::Refused;
 use estimation::null_names::name_null_space;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
@@ -32,7 +32,7 @@ pub fn of_table(chain: &Chain) -> Vec<Axis> {
 /// Whether the table leans over as the axis turns.
 pub fn tilts(chain: &Chain, axis: Axis) -> bool {
     let turned = chain.machine_from_table(&Position::new().with(axis, 1.0), &[]);
-    turned.matrix3.z_axis.z < 1.0 - 1e-6
+    turned.rotation[(2, 2)] < 1.0 - 1e-6
 }
 
 /// The user's `names`, or all location errors of the table's rotary axes that one sphere tells apart;
@@ -117,7 +117,7 @@ pub fn names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
 /// What poses all around do not tell, in words; `None` where they tell all.
 fn lost(chain: &Chain, parameters: &[ErrorParameter]) -> Option<String> {
     let model = Model { chain: chain.clone(), parameters: parameters.to_vec() };
-    let (ball, zero) = (DVec3::new(80.0, 25.0, 60.0), DVec3::new(3.0, -5.0, -150.0));
+    let (ball, zero) = (Vector3::new(80.0, 25.0, 60.0), Vector3::new(3.0, -5.0, -150.0));
     let axes = of_table(chain);
     let sights = (0..ALL_AROUND).filter_map(|pose| {
         let turned = axes.iter().zip(STEP).map(|(axis, step)| (*axis, step * pose as f64));
@@ -125,12 +125,12 @@ fn lost(chain: &Chain, parameters: &[ErrorParameter]) -> Option<String> {
         let at =
             model.chain.linear_axes_for(Point::from_vec(ball), Point::from_vec(zero), &rotary, &[]);
         let at = rotary.updated_by(&at.ok()?);
-        Some(Sight { at, weight: glam::DMat3::IDENTITY })
+        Some(Sight { at, weight: Matrix3::identity() })
     });
     let problem = Problem { sights: sights.collect(), model, hold: None };
     let mut x = vec![0.0; parameters.len()];
-    x.extend(zero.to_array());
-    x.extend(ball.to_array());
+    x.extend(&zero);
+    x.extend(&ball);
     match problem.survey(&x) {
         Ok(survey) if survey.nullity == 0 => None,
         Ok(survey) => {
@@ -145,13 +145,9 @@ fn lost(chain: &Chain, parameters: &[ErrorParameter]) -> Option<String> {
 pub fn expected(
     chain: &Chain,
     rotary: &Position,
-    zero: DVec3,
-    ball: DVec3,
-) -> Result<DVec3, Refused> {
+    zero: Vector3<f64>,
+    ball: Vector3<f64>,
+) -> Result<Vector3<f64>, Refused> {
     let at = chain.linear_axes_for(Point::from_vec(ball), Point::from_vec(zero), rotary, &[]);
-    let at = at.map_err(|why| Refused {
-        why: why.to_string(),
-        instead: "correct [machine] and [axes] in the machine file".to_owned(),
-    })?;
-    Ok(super::model::linear(&placed(rotary, super::model::linear(&at))))
+    Ok(at?.xyz())
 }

@@ -1,6 +1,6 @@
 //! The results of the identification, with the unknowns' names.
 
-use glam::DMat3;
+use nalgebra::Rotation3;
 
 use super::bench::Bench;
 use super::centres::BEAM;
@@ -29,7 +29,7 @@ pub struct Parts<'a> {
     pub minimum: Minimum,
     pub names: Vec<String>,
     pub survey: Survey,
-    pub into_table: Vec<DMat3>,
+    pub into_table: Vec<Rotation3<f64>>,
     pub misfit: Misfit,
     pub propagated: Propagated,
     pub monte_carlo: Summary,

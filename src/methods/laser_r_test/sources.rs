@@ -3,19 +3,19 @@
 
 mod outside;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row};
 use super::group::{Grouped, noise_mm};
 use super::latency::Latency;
-use super::model::{linear, placed};
+use super::model::placed;
 use super::observe::Observed;
 use estimation::monte_carlo::Shape;
 use estimation::smooth::smooth_function;
 use machine::kinematics::{ErrorParameter, Shape as Motion};
 use machine::record::plan::{Step, StepKind};
-use machine::{Axis, frame::Point};
+use machine::{Axis, Position, frame::Point};
 
 /// What the independent draws move.
 #[derive(Debug, Clone)]
@@ -51,7 +51,7 @@ struct Seen<'a> {
     bench: &'a Bench<'a>,
     grouped: &'a Grouped,
     /// Outward normal at each, machine frame.
-    normals: Vec<DVec3>,
+    normals: Vec<Vector3<f64>>,
     /// −cos of the incidence: what a greater reading does to the distance.
     along: Vec<f64>,
 }
@@ -63,13 +63,16 @@ pub fn sources(
     x: &[f64],
 ) -> Vec<UncertaintySource> {
     let centres: &Centres = &grouped.centres;
-    let normals: Vec<DVec3> =
-        centres.rows.iter().map(|row| centres.arm(x, row).normalize_or_zero()).collect();
-    let beam = centres.beam(x).normalize_or_zero();
+    let normals: Vec<Vector3<f64>> = centres
+        .rows
+        .iter()
+        .map(|row| centres.arm(x, row).try_normalize(0.0).unwrap_or_default())
+        .collect();
+    let beam = centres.beam(x).try_normalize(0.0).unwrap_or_default();
     let along = centres.rows.iter().zip(&normals);
     let along = along.map(|(row, n)| match bench.touches() {
         true => -1.0,
-        false => n.dot(row.spindle * beam),
+        false => n.dot(&(row.spindle * beam)),
     });
     let along = along.collect();
     let seen = Seen { bench, grouped, normals, along };
@@ -114,8 +117,8 @@ impl Seen<'_> {
     fn resolution(&self) -> UncertaintySource {
         let axes = &self.bench.plan.machine.axes;
         let width = |axis| axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
-        let width = DVec3::from_array(Axis::LINEAR.map(width));
-        let each = self.normals.iter().map(|n| (width * *n).length() / 12f64.sqrt());
+        let width = Vector3::from(Axis::LINEAR.map(width));
+        let each = self.normals.iter().map(|n| width.component_mul(n).norm() / 12f64.sqrt());
         let acts = Acts::Each(each.collect());
         UncertaintySource { shape: Shape::Rectangular, ..source("resolution of the axes", acts) }
     }
@@ -139,8 +142,8 @@ impl Seen<'_> {
         let share = lobing * 1e-3 / (LOBES.count() as f64).sqrt();
         let column = |lobes: f64, quarter: f64| {
             let rows = self.grouped.centres.rows.iter().zip(&self.normals);
-            let at = move |(row, normal): (&Row, &DVec3)| {
-                let n = row.spindle.transpose() * *normal;
+            let at = move |(row, normal): (&Row, &Vector3<f64>)| {
+                let n = row.spindle.inverse() * normal;
                 let phase = lobes * n.y.atan2(n.x) - quarter * std::f64::consts::TAU;
                 share * n.x.hypot(n.y) * phase.cos()
             };
@@ -173,9 +176,9 @@ impl Seen<'_> {
     }
 
     /// The table moves by `shift` (machine frame) of each group.
-    fn by_group(&self, shift: impl Fn(usize) -> DVec3) -> Vec<f64> {
+    fn by_group(&self, shift: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
         let rows = self.grouped.centres.rows.iter().zip(&self.normals);
-        rows.map(|(row, n)| -n.dot(shift(row.group))).collect()
+        rows.map(|(row, n)| -n.dot(&shift(row.group))).collect()
     }
 
     /// Along X, Y and Z, each a few harmonics of the angle (ISO 230-7).
@@ -198,13 +201,13 @@ impl Seen<'_> {
     }
 
     /// Of the table at each group, machine frame, for an error motion of this size.
-    fn shifts(&self, x: &[f64], motion: ErrorParameter, size: f64) -> Vec<DVec3> {
+    fn shifts(&self, x: &[f64], motion: ErrorParameter, size: f64) -> Vec<Vector3<f64>> {
         let (chain, tip) = (&self.bench.chain, Point::from_vec(self.bench.zero()));
         let groups = self.grouped.groups.iter().enumerate();
         groups
             .map(|(i, group)| {
                 let at = placed(&group.rotary, group.axes(self.grouped.centres.centre(x, i)));
-                let table = chain.machine_from_table(&at, &[]).matrix3;
+                let table = chain.machine_from_table(&at, &[]).rotation;
                 let column = chain.jacobian(&at, tip, &[], &[motion]);
                 -(table * column.first().copied().unwrap_or_default()) * size
             })
@@ -262,9 +265,10 @@ impl Seen<'_> {
         let rows = grouped.centres.rows.iter().zip(&grouped.spots).zip(&self.normals);
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
-                let travel = grouped.groups.get(row.group).map_or(DMat3::IDENTITY, |g| g.travel);
+                let travel =
+                    grouped.groups.get(row.group).map_or(Matrix3::identity(), |g| g.travel);
                 let moved = latency.columns(spot.velocity, spot.toward).into_iter();
-                moved.map(|by| n.dot(travel * by)).collect()
+                moved.map(|by| n.dot(&(travel * by))).collect()
             })
             .collect();
         let along = |draw: &Vec<f64>| {
@@ -279,13 +283,15 @@ impl Seen<'_> {
 /// What a reference shows of a sphere that stands 1 mm further along an axis: across the beam its flanks
 /// alone see it.
 fn seen_along(step: &Step, k: usize, radius: f64) -> f64 {
-    let normal = DVec3::from_array(step.normal).normalize_or_zero();
-    let path: Vec<DVec3> = step.scan.iter().flat_map(|scan| &scan.path).map(linear).collect();
-    let middle = path.iter().sum::<DVec3>() / path.len().max(1) as f64;
+    let normal = Vector3::from(step.normal).try_normalize(0.0).unwrap_or_default();
+    let path: Vec<Vector3<f64>> =
+        step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz).collect();
+    let middle = path.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let outward = path.iter().map(|at| {
-        let across = (*at - middle).reject_from(normal);
-        across + normal * (radius * radius - across.length_squared()).max(0.0).sqrt()
+        let from = at - middle;
+        let across = from - normal * (from.dot(&normal) / normal.norm_squared());
+        across + normal * (radius * radius - across.norm_squared()).max(0.0).sqrt()
     });
-    let lean = outward.map(|n| (n[k] / n.dot(normal)).abs());
+    let lean = outward.map(|n| (n[k] / n.dot(&normal)).abs());
     lean.fold(normal[k].abs(), f64::max)
 }

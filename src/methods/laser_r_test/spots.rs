@@ -1,6 +1,6 @@
 //! Dwell points and cells: where samples were taken, and their mean.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Rotation3, Vector3};
 
 use super::label::Pass;
 use machine::Position;
@@ -9,16 +9,16 @@ use machine::Position;
 #[derive(Debug, Clone, Copy)]
 pub struct Spot {
     /// X, Y, Z.
-    pub xyz: DVec3,
+    pub xyz: Vector3<f64>,
     /// The same as how far the spindle stands from the table, machine frame.
-    pub at: DVec3,
+    pub at: Vector3<f64>,
     /// Reading.
     pub value: f64,
     pub samples: usize,
     pub t_s: f64,
     /// X, Y, Z in mm/s, and the sign of the last motion of each (0 where that is not known): means.
-    pub velocity: DVec3,
-    pub toward: DVec3,
+    pub velocity: Vector3<f64>,
+    pub toward: Vector3<f64>,
 }
 
 /// One step's dwell points. The rotary axes stand.
@@ -29,6 +29,6 @@ pub struct Scanned {
     /// All rotary axes.
     pub rotary: Position,
     /// Spindle frame to machine frame.
-    pub spindle: DMat3,
+    pub spindle: Rotation3<f64>,
     pub spots: Vec<Spot>,
 }

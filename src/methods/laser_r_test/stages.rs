@@ -126,12 +126,12 @@ fn check_rank(bench: &Bench<'_>, poses: &[Position]) -> Result<(), Refused> {
         .iter()
         .map(|rotary| {
             let xyz = parameters::expected(&bench.chain, rotary, zero, ball)?;
-            Ok(Sight { at: placed(rotary, xyz), weight: glam::DMat3::IDENTITY })
+            Ok(Sight { at: placed(rotary, xyz), weight: nalgebra::Matrix3::identity() })
         })
         .collect::<Result<_, Refused>>()?;
     let mut x = vec![0.0; count];
-    x.extend(zero.to_array());
-    x.extend(ball.to_array());
+    x.extend(&zero);
+    x.extend(&ball);
     let survey = Problem { model, sights, hold: None }.survey(&x);
     let survey = survey.map_err(|why| refused_rank(why.to_string()))?;
     if survey.nullity == 0 {
@@ -204,7 +204,7 @@ fn again(bench: &Bench<'_>, wanted: &Wanted) -> Vec<Step> {
 
 fn found(bench: &Bench<'_>, place: &Place) -> Artefact {
     let moved = |ball: &Ball| match ball.id == bench.ball.id {
-        true => Ball { centre_mm: place.ball.to_array(), ..ball.clone() },
+        true => Ball { centre_mm: place.ball.into(), ..ball.clone() },
         false => ball.clone(),
     };
     let balls = bench.balls.balls.iter().map(moved).collect();

@@ -38,7 +38,7 @@ pub fn steps(
     let xyz = parameters::expected(&bench.chain, &wanted.rotary, place.zero, place.ball)?;
     let at = placed(&wanted.rotary, xyz);
     let centre = bench.chain.tip_in_table(&at, Point::from_vec(bench.zero()), &[]).mm;
-    let ball = Ball { centre_mm: centre.to_array(), ..bench.ball.clone() };
+    let ball = Ball { centre_mm: centre.into(), ..bench.ball.clone() };
     let approach = match pass {
         Pass::Find => {
             let uncertainty_mm = bench.balls.uncertainty_mm;

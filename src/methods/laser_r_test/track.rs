@@ -2,9 +2,8 @@
 //! meanwhile. Between the two clocks lies the latency τ: the value stamped t + τ belongs to the position
 //! stamped t. Positions may be interpolated, as axes have inertia; values never are.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
-use super::model::linear;
 use machine::record::reading::{Flag, Reading};
 
 /// To either side, the time over which a velocity is taken, s.
@@ -27,12 +26,12 @@ const TREMBLES_MM: f64 = 2e-3;
 pub struct Track {
     t_s: Vec<f64>,
     /// X, Y, Z at these stamps, and how they change there.
-    xyz: Vec<DVec3>,
-    slopes: Vec<DVec3>,
+    xyz: Vec<Vector3<f64>>,
+    slopes: Vec<Vector3<f64>>,
     /// Of each stamp and the next: whether positions between them can be told.
     sure: Vec<bool>,
     /// As [`ways`] of each axis.
-    toward: Vec<Option<DVec3>>,
+    toward: Vec<Option<Vector3<f64>>>,
     /// Fastest motion, mm/s.
     fastest: f64,
     /// What lies farther apart has a gap between, s.
@@ -44,10 +43,10 @@ pub struct Track {
 /// A value, and where the axes stood when the sensor saw it.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
-    pub xyz: DVec3,
+    pub xyz: Vector3<f64>,
     /// mm/s, and that along each axis the sign of the last motion (0 before the first).
-    pub velocity: DVec3,
-    pub toward: DVec3,
+    pub velocity: Vector3<f64>,
+    pub toward: Vector3<f64>,
     pub value: f64,
     pub t_s: f64,
 }
@@ -60,14 +59,14 @@ impl Track {
         let said = good.filter_map(|reading| Some((reading.t_s, reading.value_mm?))).collect();
         sorted.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
         let t_s: Vec<f64> = sorted.iter().map(|reading| reading.t_s).collect();
-        let xyz: Vec<DVec3> = sorted.iter().map(|reading| linear(&reading.position)).collect();
+        let xyz: Vec<Vector3<f64>> = sorted.iter().map(|reading| reading.position.xyz()).collect();
         let mut apart: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         apart.sort_by(f64::total_cmp);
         let gap_s = GAP * apart.get(apart.len() / 2).copied().unwrap_or_default();
         let slopes = slopes(&t_s, &xyz, gap_s);
         let sure = sure(&t_s, &xyz);
-        let fastest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
-        let mut toward: Vec<Option<DVec3>> = Vec::with_capacity(xyz.len());
+        let fastest = slopes.iter().map(|slope| slope.norm()).fold(0.0, f64::max);
+        let mut toward: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
         // After a gap nobody knows which way an axis moved last.
         let apart = |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > gap_s);
         let mut from = 0;
@@ -91,7 +90,7 @@ impl Track {
             self.toward.get(next).copied().flatten()?;
             let sure = self.t_s.get(node) == Some(&t_s) || self.sure.get(node) == Some(&true);
             let unknown = |k: usize| toward[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
-            let stands = velocity.length() < STANDS * self.fastest;
+            let stands = velocity.norm() < STANDS * self.fastest;
             let seen = Seen { xyz, velocity, toward, value, t_s: stamp_s };
             (sure && !stands && !(0..3).any(unknown)).then_some(seen)
         };
@@ -111,7 +110,7 @@ impl Track {
 
     /// Between two stamps the cubic with their slopes (Hermite): a straight one would cut what is
     /// covered between them while the axes speed up, 1 um at 500 mm/s² and 4 ms.
-    fn at(&self, t_s: f64) -> Option<DVec3> {
+    fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let next = self.t_s.partition_point(|stamp| *stamp < t_s);
         let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.slopes.get(k)?));
         let (after, to, last) = node(next)?;
@@ -125,7 +124,7 @@ impl Track {
     }
 
     /// By the stamped positions to either side; of one side alone at the ends.
-    fn velocity(&self, t_s: f64) -> Option<DVec3> {
+    fn velocity(&self, t_s: f64) -> Option<Vector3<f64>> {
         let (here, before, after) = (self.at(t_s)?, self.at(t_s - SPAN_S), self.at(t_s + SPAN_S));
         match (before, after) {
             (Some(before), Some(after)) => Some((after - before) / (2.0 * SPAN_S)),
@@ -138,43 +137,43 @@ impl Track {
 
 /// What the cubic between two stamps may be off where the acceleration is another one at each end is a
 /// sixteenth of what their velocities and those beside them show of its change.
-fn sure(t_s: &[f64], xyz: &[DVec3]) -> Vec<bool> {
-    let nodes: Vec<(f64, DVec3)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
-    let passes = |pair: &[(f64, DVec3)]| match pair {
+fn sure(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<bool> {
+    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+    let passes = |pair: &[(f64, Vector3<f64>)]| match pair {
         &[(t0, p0), (t1, p1)] => (t1 - t0, (p1 - p0) / (t1 - t0)),
-        _ => (0.0, DVec3::ZERO),
+        _ => (0.0, Vector3::zeros()),
     };
-    let passes: Vec<(f64, DVec3)> = nodes.windows(2).map(passes).collect();
+    let passes: Vec<(f64, Vector3<f64>)> = nodes.windows(2).map(passes).collect();
     let velocity = |k: usize| passes.get(k).map(|(_, velocity)| *velocity);
-    let of = |(k, (lasts, own)): (usize, &(f64, DVec3))| {
+    let of = |(k, (lasts, own)): (usize, &(f64, Vector3<f64>))| {
         let before = k.checked_sub(1).and_then(velocity).unwrap_or(*own);
         let after = velocity(k + 1).unwrap_or(*own);
-        (before + after - *own * 2.0).length() * lasts / 16.0 <= UNSURE_MM
+        (before + after - *own * 2.0).norm() * lasts / 16.0 <= UNSURE_MM
     };
     passes.iter().enumerate().map(of).collect()
 }
 
 /// Derivatives at the stamps of the parabola through each and its neighbours; towards one neighbour alone
 /// where the other lies beyond a gap.
-fn slopes(t_s: &[f64], xyz: &[DVec3], gap_s: f64) -> Vec<DVec3> {
-    let nodes: Vec<(f64, DVec3)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+fn slopes(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
+    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
     let between = |k: usize| match nodes.get(k..k + 2) {
         Some(&[(t0, p0), (t1, p1)]) if t1 - t0 <= gap_s => Some((t1 - t0, (p1 - p0) / (t1 - t0))),
         _ => None,
     };
     let slope = |k: usize| match (k.checked_sub(1).and_then(between), between(k)) {
         (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
-        (one, other) => one.or(other).map_or(DVec3::ZERO, |(_, slope)| slope),
+        (one, other) => one.or(other).map_or(Vector3::zeros(), |(_, slope)| slope),
     };
     (0..nodes.len()).map(slope).collect()
 }
 
 /// [`ways`] of X, Y and Z; nothing where one of them turns round.
-fn toward(places: &[DVec3]) -> Vec<Option<DVec3>> {
+fn toward(places: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
     let of = |k: usize| ways(&places.iter().map(|place| place[k]).collect::<Vec<f64>>());
     let [x, y, z] = [of(0), of(1), of(2)];
     let each = x.into_iter().zip(y).zip(z);
-    each.map(|((x, y), z)| Some(DVec3::new(x?, y?, z?))).collect()
+    each.map(|((x, y), z)| Some(Vector3::new(x?, y?, z?))).collect()
 }
 
 /// Of each place on the way of one axis: the sign of its last motion, 0 as long as it has not moved.
@@ -240,7 +239,7 @@ mod tests {
         assert!((found(0.015).xyz.x - 4.85).abs() < 1e-9);
         assert!((found(-0.02).xyz.x - 5.2).abs() < 1e-9);
         assert!((found(0.02).velocity.x - 10.0).abs() < 1e-9);
-        assert_eq!((found(0.02).value, found(0.02).toward), (5.0, DVec3::X));
+        assert_eq!((found(0.02).value, found(0.02).toward), (5.0, Vector3::x()));
         // Two values at the beginning have no position: the stamps began later. The next ones are of an
         // axis that has not moved far.
         assert_eq!(track.said(), 101);

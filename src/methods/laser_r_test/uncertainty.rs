@@ -4,7 +4,7 @@
 use std::convert::Infallible;
 
 use faer::Mat;
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::Rng;
 
 use super::centres::Centres;
@@ -42,12 +42,12 @@ impl Effects {
 
     /// Covariance of the centre whose unknowns begin at `first`, from the sources that the residuals
     /// show: its weight.
-    pub fn covariance(&self, sources: &[UncertaintySource], first: usize) -> DMat3 {
-        let mut sum = DMat3::from_diagonal(DVec3::splat(LEAST_MM.powi(2)));
+    pub fn covariance(&self, sources: &[UncertaintySource], first: usize) -> Matrix3<f64> {
+        let mut sum = Matrix3::from_diagonal_element(LEAST_MM.powi(2));
         for (effect, _) in self.of.iter().zip(sources).filter(|(_, source)| source.shown) {
             for column in effect.col_iter() {
-                let by = DVec3::new(column[first], column[first + 1], column[first + 2]);
-                sum += DMat3::from_cols(by * by.x, by * by.y, by * by.z);
+                let by = Vector3::new(column[first], column[first + 1], column[first + 2]);
+                sum += by * by.transpose();
             }
         }
         sum
@@ -61,24 +61,26 @@ pub struct Solved<'a> {
     pub problem: &'a Problem,
     pub minimum: &'a Minimum,
     /// Machine frame to table frame, of each group.
-    pub into_table: &'a [DMat3],
+    pub into_table: &'a [Rotation3<f64>],
     /// Unknowns of the sensor's latency.
     pub clocks: usize,
 }
 
 impl Solved<'_> {
     /// What centres moved by `by` (machine frame) do to the weighted rows of the second fit.
-    fn rows(&self, by: impl Fn(usize) -> DVec3) -> Vec<f64> {
+    fn rows(&self, by: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
         let sights = self.problem.sights.iter().zip(self.into_table).enumerate();
         sights
-            .flat_map(|(i, (Sight { weight, .. }, into))| (*weight * -(*into * by(i))).to_array())
+            .flat_map(|(i, (Sight { weight, .. }, into))| -> [f64; 3] {
+                (weight * -(into * by(i))).into()
+            })
             .collect()
     }
 
     fn rows_of(&self, effect: &Mat<f64>, column: usize) -> Vec<f64> {
         self.rows(|i| {
             let first = self.centres.first(i);
-            DVec3::from_array([0, 1, 2].map(|k| effect[(first + k, column)]))
+            Vector3::from([0, 1, 2].map(|k| effect[(first + k, column)]))
         })
     }
 }
@@ -144,9 +146,9 @@ pub fn by_trials(
         }
         let x = centres.solve_near(fitted, &by);
         let moved = into_table.iter().enumerate().map(|(group, into)| {
-            *into * (centres.centre(&x, group) - centres.centre(&fitted.x, group))
+            into * (centres.centre(&x, group) - centres.centre(&fitted.x, group))
         });
-        let moved: Vec<DVec3> = moved.collect();
+        let moved: Vec<Vector3<f64>> = moved.collect();
         out[..own].copy_from_slice(&problem.solve_near(minimum, &moved));
         out[own..own + beam].copy_from_slice(&x[..beam]);
         Ok(())

@@ -4,7 +4,7 @@
 //! place found, but each is proven against the part wherever it may stand: one contact tells where it
 //! stands along the touch, not across.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::feeds::Feeds;
 use super::settings::Settings;
@@ -14,7 +14,7 @@ use machine::kinematics::Chain;
 use machine::record::artefact::{Artefact, Balls, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
-use planning::{Access, Approach, BallTask, PlanningError};
+use planning::{Access, Approach, BallTask};
 
 /// Of the first touch, which serves no identification.
 pub const SEARCH: &str = "search";
@@ -98,9 +98,9 @@ fn rotary(plan: &Plan) -> Position {
         .collect()
 }
 
-fn towards(degrees: f64) -> DVec3 {
+fn towards(degrees: f64) -> Vector3<f64> {
     let (sin, cos) = degrees.to_radians().sin_cos();
-    DVec3::new(cos, sin, 0.0)
+    Vector3::new(cos, sin, 0.0)
 }
 
 /// Half-way up the flank.
@@ -110,8 +110,8 @@ fn on_flank(
     part: &Cylinder,
     within_mm: f64,
 ) -> Result<Place, Refused> {
-    let axis = DVec3::from_array(part.axis);
-    if axis.z <= UPRIGHT * axis.length() {
+    let axis = Vector3::from(part.axis);
+    if axis.z <= UPRIGHT * axis.norm() {
         return Err(Refused {
             why: "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
             instead: "this method touches the flank of an upright round part".to_owned(),
@@ -143,20 +143,18 @@ fn on_flank(
 fn flank_at(
     plan: &Plan,
     part: &Cylinder,
-    towards: DVec3,
+    towards: Vector3<f64>,
     within_mm: f64,
 ) -> Result<Place, Refused> {
-    let refused = |error: machine::kinematics::KinematicsError| Refused {
-        why: error.to_string(),
-        instead: "correct [machine] and [axes] in the machine file".to_owned(),
-    };
-    let chain = Chain::new(&plan.machine).map_err(refused)?;
+    let chain = Chain::new(&plan.machine)?;
     let rotary = rotary(plan);
-    let table = chain.machine_from_table(&rotary, &[]).matrix3;
-    let axis = DVec3::from_array(part.axis).normalize_or_zero();
-    let outward = (table.transpose() * towards).reject_from_normalized(axis).normalize_or_zero();
-    let middle = DVec3::from_array(part.centre_mm) + axis * part.height_mm / 2.0;
-    let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+    let table = chain.machine_from_table(&rotary, &[]).rotation;
+    let axis = Vector3::from(part.axis).try_normalize(0.0).unwrap_or_default();
+    let towards = table.inverse() * towards;
+    let level = towards - axis * towards.dot(&axis);
+    let outward = level.try_normalize(0.0).unwrap_or_default();
+    let middle = Vector3::from(part.centre_mm) + axis * part.height_mm / 2.0;
+    let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     let at = |out: f64| {
         let reach = part.radius_mm + plan.probe.ball_radius_mm + out;
         let linear =
@@ -164,9 +162,9 @@ fn flank_at(
         linear.map(|linear| rotary.updated_by(&linear.only(Axis::is_linear)).as_written())
     };
     Ok(Place {
-        from: at(within_mm + STANDOFF_MM).map_err(refused)?,
-        to: at(-within_mm - BEYOND_MM).map_err(refused)?,
-        normal: (table * outward).to_array(),
+        from: at(within_mm + STANDOFF_MM)?,
+        to: at(-within_mm - BEYOND_MM)?,
+        normal: (table * outward).into(),
     })
 }
 
@@ -186,10 +184,8 @@ fn on_ball(
     balls: &Balls,
     within_mm: f64,
 ) -> Result<Place, Refused> {
-    let refused =
-        |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
-    let access = Access::new(plan, &plan.artefact).map_err(refused)?;
-    let wanted = settings.direction_deg.map_or(DVec3::Z, towards);
+    let access = Access::new(plan, &plan.artefact)?;
+    let wanted = settings.direction_deg.map_or(Vector3::z(), towards);
     let (rotary, mut why_not) = (rotary(plan), None);
     for ball in &balls.balls {
         let approach = Approach::Find { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
@@ -197,7 +193,7 @@ fn on_ball(
         let steps = access.steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
         match steps {
             Ok(steps) => {
-                let along = |step: &Step| DVec3::from_array(step.normal).dot(wanted);
+                let along = |step: &Step| Vector3::from(step.normal).dot(&wanted);
                 let best = steps.into_iter().max_by(|a, b| along(a).total_cmp(&along(b)));
                 if let Some(Step { from, to, normal, .. }) = best {
                     return Ok(Place { from, to, normal });

@@ -1,7 +1,7 @@
 //! All measurements as one least-squares problem: machine and stylus are common to all rows, the balls
 //! are its blocks. Balls with a certified length between them share a block.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::model::{Affine, Indexed, Model};
@@ -19,7 +19,7 @@ pub struct Seen {
     pub place: usize,
     pub ball: usize,
     /// W with W·Σ·Wᵀ = I, Σ the covariance of the measured centre, machine frame, mm².
-    pub whitening: DMat3,
+    pub whitening: Matrix3<f64>,
 }
 
 /// A certified length between two balls.
@@ -33,14 +33,14 @@ pub struct Bar {
 /// What was measured, mm: the balls' centres as axis positions, and what the certificates say.
 #[derive(Debug, Clone)]
 pub struct Measured {
-    pub xyz: Vec<DVec3>,
+    pub xyz: Vec<Vector3<f64>>,
     pub lengths: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
 pub struct Problem {
     model: Model,
-    stylus: DVec3,
+    stylus: Vector3<f64>,
     places: Vec<Position>,
     seen: Vec<Seen>,
     bars: Vec<Bar>,
@@ -48,7 +48,7 @@ pub struct Problem {
     /// Of each ball: where it stands among the unknowns.
     ball_at: Vec<usize>,
     /// Of each measurement: from the table frame to weighted residuals.
-    weights: Vec<DMat3>,
+    weights: Vec<Matrix3<f64>>,
     /// Of each measurement, then of each length: its first row.
     row_at: Vec<usize>,
 }
@@ -69,7 +69,7 @@ impl Problem {
         seen: Vec<Seen>,
         bars: Vec<Bar>,
         balls: usize,
-        stylus: DVec3,
+        stylus: Vector3<f64>,
     ) -> Self {
         let groups = groups(&seen, &bars, balls);
         let common = model.parameters().len() + model.stylus().len();
@@ -90,9 +90,9 @@ impl Problem {
             }
         }
         let zero = vec![0.0; model.parameters().len()];
-        let into_machine: Vec<DMat3> = places
+        let into_machine: Vec<Matrix3<f64>> = places
             .iter()
-            .map(|place| model.tips(place, &zero, DVec3::ZERO).linear().inverse())
+            .map(|place| model.tips(place, &zero, Vector3::zeros()).inverse())
             .collect();
         let weights = seen.iter().map(|s| s.whitening * into_machine[s.place]).collect();
         Self { model, stylus, places, seen, bars, groups, ball_at, weights, row_at }
@@ -131,7 +131,7 @@ impl Problem {
     }
 
     /// From the table frame to the weighted residuals of a measurement.
-    pub fn weight(&self, seen: usize) -> DMat3 {
+    pub fn weight(&self, seen: usize) -> Matrix3<f64> {
         self.weights[seen]
     }
 
@@ -140,7 +140,7 @@ impl Problem {
     }
 
     /// Errors and stylus of the unknowns `x`.
-    fn machine<'x>(&self, x: &'x [f64]) -> (&'x [f64], DVec3) {
+    fn machine<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
         let (errors, rest) = x.split_at(self.model.parameters().len());
         let mut stylus = self.stylus;
         for (k, value) in self.model.stylus().iter().zip(rest) {
@@ -175,7 +175,7 @@ impl Problem {
     }
 
     /// Of each measurement: where the machine with these errors sees the ball, table frame.
-    pub fn tips(&self, x: &[f64], measured: &Measured) -> Vec<DVec3> {
+    pub fn tips(&self, x: &[f64], measured: &Measured) -> Vec<Vector3<f64>> {
         let (errors, tool) = self.machine(x);
         let at: Vec<_> =
             self.places.iter().map(|place| self.model.tips(place, errors, tool)).collect();
@@ -184,12 +184,12 @@ impl Problem {
 
     /// Of each rotary position: the way of the stylus against the part that a way of X, Y, Z makes with
     /// these errors, in the directions of the nominal axes.
-    pub fn ways(&self, x: &[f64]) -> Vec<DMat3> {
+    pub fn ways(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.machine(x);
         let zero = vec![0.0; errors.len()];
         let ways = self.places.iter().map(|place| {
-            let nominal = self.model.tips(place, &zero, tool).linear();
-            nominal.inverse() * self.model.tips(place, errors, tool).linear()
+            self.model.tips(place, &zero, tool).inverse()
+                * self.model.tips(place, errors, tool).linear()
         });
         ways.collect()
     }
@@ -202,13 +202,13 @@ impl Problem {
             put(&mut residuals, self.row_at[i], self.weights[i] * (ball - tip));
         }
         for (i, bar) in self.bars.iter().enumerate() {
-            let apart = self.apart(x, bar).length();
+            let apart = self.apart(x, bar).norm();
             residuals[self.row_of_bar(i)] = (measured.lengths[i] - apart) / bar.u_mm;
         }
         residuals
     }
 
-    fn apart(&self, x: &[f64], bar: &Bar) -> DVec3 {
+    fn apart(&self, x: &[f64], bar: &Bar) -> Vector3<f64> {
         vector(x, self.ball_at[bar.to]) - vector(x, self.ball_at[bar.from])
     }
 
@@ -244,22 +244,22 @@ impl Problem {
         i: usize,
         indexed: &Indexed,
         x: &[f64],
-        xyz: DVec3,
+        xyz: Vector3<f64>,
     ) {
         let (weight, ball_at) = (self.weights[i], self.ball_at[self.seen[i].ball]);
         let value = weight * (vector(x, ball_at) - indexed.tip(xyz));
         (0..3).for_each(|k| rows.set_value(row + k, value[k]));
-        let mut set = |j: usize, column: DVec3| {
+        let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
             (0..3).for_each(|k| rows.set_common(row + k, j, weighted[k]));
         };
         let errors = self.model.parameters().len();
         (0..errors).for_each(|j| set(j, indexed.machine(j, xyz)));
         for (j, coordinate) in self.model.stylus().iter().enumerate() {
-            set(errors + j, indexed.tool.col(*coordinate));
+            set(errors + j, indexed.tool.column(*coordinate).into_owned());
         }
         for j in 0..3 {
-            let column = -weight.col(j);
+            let column = -weight.column(j);
             (0..3).for_each(|k| rows.set_own(row + k, ball_at - first + j, column[k]));
         }
     }
@@ -274,8 +274,8 @@ impl Problem {
         length: f64,
     ) {
         let apart = self.apart(x, bar);
-        let along = apart.normalize_or_zero() / bar.u_mm;
-        rows.set_value(row, (length - apart.length()) / bar.u_mm);
+        let along = apart.try_normalize(0.0).unwrap_or_default() / bar.u_mm;
+        rows.set_value(row, (length - apart.norm()) / bar.u_mm);
         for j in 0..3 {
             rows.set_own(row, self.ball_at[bar.to] - first + j, along[j]);
             rows.set_own(row, self.ball_at[bar.from] - first + j, -along[j]);
@@ -301,9 +301,9 @@ impl Problem {
         let xyz = self.seen.iter().map(|seen| {
             let tip = &at[seen.place];
             let ball = vector(x, self.ball_at[seen.ball]);
-            tip.linear().inverse() * (ball - tip.at(DVec3::ZERO))
+            tip.inverse() * (ball - tip.at(Vector3::zeros()))
         });
-        let lengths = self.bars.iter().map(|bar| self.apart(x, bar).length());
+        let lengths = self.bars.iter().map(|bar| self.apart(x, bar).norm());
         Measured { xyz: xyz.collect(), lengths: lengths.collect() }
     }
 }
@@ -323,10 +323,10 @@ fn groups(seen: &[Seen], bars: &[Bar], balls: usize) -> Vec<Group> {
     groups
 }
 
-pub fn vector(x: &[f64], at: usize) -> DVec3 {
-    DVec3::new(x[at], x[at + 1], x[at + 2])
+pub fn vector(x: &[f64], at: usize) -> Vector3<f64> {
+    Vector3::new(x[at], x[at + 1], x[at + 2])
 }
 
-fn put(x: &mut [f64], at: usize, value: DVec3) {
-    x[at..at + 3].copy_from_slice(&value.to_array());
+fn put(x: &mut [f64], at: usize, value: Vector3<f64>) {
+    x[at..at + 3].copy_from_slice(value.as_slice());
 }

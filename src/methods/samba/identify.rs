@@ -1,6 +1,6 @@
 //! Plan + readings → estimate.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::fit::{Bar, Measured, Problem, Seen};
 use super::model::{Model, length_mm, length_u_mm};
@@ -74,7 +74,7 @@ pub struct Found {
     balls: Balls,
     pub problem: Problem,
     pub sources: Vec<UncertaintySource>,
-    whitening: Vec<DMat3>,
+    whitening: Vec<Matrix3<f64>>,
     names: Vec<String>,
     survey: Survey,
     pub measured: Measured,
@@ -94,11 +94,11 @@ pub fn found(
         return Err(nothing(&observed.left_out, readings).into());
     }
     let balls = seen_balls(stated, &mut observed);
-    let stylus = DVec3::from_array(plan.machine.tool_mm);
+    let stylus = Vector3::from(plan.machine.tool_mm);
     let lengths: Vec<&Length> = balls.lengths.iter().collect();
     let model = model(plan, settings, &balls)?;
     let sources = sources(plan, model.chain(), &observed, &lengths);
-    let whitening: Vec<DMat3> =
+    let whitening: Vec<Matrix3<f64>> =
         weighting(&sources, observed.sights.len()).into_iter().map(whitening).collect();
     let problem = problem(stylus, model, &observed, &balls, &whitening);
     let names = outputs::names(&problem, &balls);
@@ -175,11 +175,11 @@ fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
 }
 
 fn problem(
-    stylus: DVec3,
+    stylus: Vector3<f64>,
     model: Model,
     observed: &Observed,
     balls: &Balls,
-    whitening: &[DMat3],
+    whitening: &[Matrix3<f64>],
 ) -> Problem {
     let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {

@@ -1,6 +1,6 @@
 //! The equations: one measurement of a ball, and a certified length.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::separable::Way;
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
@@ -20,7 +20,7 @@ pub struct Model {
     chain: Chain,
     parameters: Vec<ErrorParameter>,
     stands: Vec<Axis>,
-    lengths: Vec<DVec3>,
+    lengths: Vec<Vector3<f64>>,
     stylus: Vec<usize>,
 }
 
@@ -29,11 +29,11 @@ pub struct Model {
 #[derive(Debug, Clone)]
 pub struct Rows {
     /// mm.
-    pub misclosure: DVec3,
+    pub misclosure: Vector3<f64>,
     /// ∂/∂parameter, in the order of the parameters: mm per mm, per rad or per mm/mm.
-    pub machine: Vec<DVec3>,
+    pub machine: Vec<Vector3<f64>>,
     /// ∂/∂tool.
-    pub tool: DMat3,
+    pub tool: Matrix3<f64>,
 }
 
 impl Model {
@@ -50,7 +50,7 @@ impl Model {
         chain: Chain,
         parameters: Vec<ErrorParameter>,
         stands: Vec<Axis>,
-        lengths: Vec<DVec3>,
+        lengths: Vec<Vector3<f64>>,
     ) -> Self {
         let stylus = Way { chain: &chain, stands: &stands, lengths: &lengths }.free_stylus();
         Self { chain, parameters, stands, lengths, stylus }
@@ -79,7 +79,13 @@ impl Model {
     /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which
     /// the stylus-ball centre coincides with it). `errors` in the order of the parameters, mm, rad,
     /// mm/mm; `tool` from the spindle datum, mm.
-    pub fn rows(&self, position: &Position, errors: &[f64], tool: DVec3, ball: DVec3) -> Rows {
+    pub fn rows(
+        &self,
+        position: &Position,
+        errors: &[f64],
+        tool: Vector3<f64>,
+        ball: Vector3<f64>,
+    ) -> Rows {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         Rows {
             misclosure: self.chain.tip_in_table(position, tip, &terms).mm - ball,
@@ -89,9 +95,10 @@ impl Model {
     }
 
     /// R_wᵀ·R_t.
-    fn tool_columns(&self, position: &Position, terms: &[ErrorTerm]) -> DMat3 {
-        let table = self.chain.machine_from_table(position, terms).matrix3;
-        table.transpose() * self.chain.machine_from_spindle(position, terms).matrix3
+    fn tool_columns(&self, position: &Position, terms: &[ErrorTerm]) -> Matrix3<f64> {
+        let table = self.chain.machine_from_table(position, terms).rotation;
+        let spindle = self.chain.machine_from_spindle(position, terms).rotation;
+        (table.inverse() * spindle).into_inner()
     }
 
     fn terms(&self, errors: &[f64]) -> Vec<ErrorTerm> {
@@ -100,7 +107,7 @@ impl Model {
     }
 
     /// The tip on the table with the rotary axes and the spindle as in `position`.
-    pub fn tips(&self, position: &Position, errors: &[f64], tool: DVec3) -> Affine {
+    pub fn tips(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> Affine {
         let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
         let zero = position.only(|axis| !axis.is_linear());
         Affine {
@@ -111,14 +118,14 @@ impl Model {
 
     /// All that [`Model::rows`] gives, for all X, Y, Z with the rotary axes and the spindle as in
     /// `position`.
-    pub fn indexed(&self, position: &Position, errors: &[f64], tool: DVec3) -> Indexed {
+    pub fn indexed(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> Indexed {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
-        let at = |xyz: DVec3| {
-            let position = position.updated_by(&linear_axes(xyz));
+        let at = |xyz: Vector3<f64>| {
+            let position = position.updated_by(&Position::from_xyz(xyz));
             self.chain.jacobian(&position, tip, &terms, &self.parameters)
         };
-        let columns = at(DVec3::ZERO);
-        let steps = DVec3::AXES.map(|axis| at(axis * REACH));
+        let columns = at(Vector3::zeros());
+        let steps = Axis::LINEAR.map(|axis| at(axis.direction() * REACH));
         let machine = columns.iter().enumerate().map(|(k, column)| {
             Affine::through(*column, [0, 1, 2].map(|axis: usize| steps[axis][k]))
         });
@@ -137,17 +144,17 @@ pub struct Indexed {
     tip: Affine,
     machine: Vec<Affine>,
     /// ∂p_w/∂tool: R_wᵀ·R_t.
-    pub tool: DMat3,
+    pub tool: Matrix3<f64>,
 }
 
 impl Indexed {
     /// The tip on the table with the linear axes at `xyz`.
-    pub fn tip(&self, xyz: DVec3) -> DVec3 {
+    pub fn tip(&self, xyz: Vector3<f64>) -> Vector3<f64> {
         self.tip.at(xyz)
     }
 
     /// ∂p_w/∂parameter of the parameter `index`.
-    pub fn machine(&self, index: usize, xyz: DVec3) -> DVec3 {
+    pub fn machine(&self, index: usize, xyz: Vector3<f64>) -> Vector3<f64> {
         self.machine[index].at(xyz)
     }
 }
@@ -155,29 +162,30 @@ impl Indexed {
 /// A point of the table frame that follows X, Y, Z.
 #[derive(Debug, Clone, Copy)]
 pub struct Affine {
-    origin: DVec3,
-    linear: DMat3,
+    origin: Vector3<f64>,
+    linear: Matrix3<f64>,
 }
 
 impl Affine {
     /// From its values at the origin and at [`REACH`] along X, Y, Z.
-    fn through(origin: DVec3, steps: [DVec3; 3]) -> Self {
+    fn through(origin: Vector3<f64>, steps: [Vector3<f64>; 3]) -> Self {
         let [x, y, z] = steps.map(|step| (step - origin) / REACH);
-        Self { origin, linear: DMat3::from_cols(x, y, z) }
+        Self { origin, linear: Matrix3::from_columns(&[x, y, z]) }
     }
 
     /// ∂/∂(X, Y, Z).
-    pub fn linear(&self) -> DMat3 {
+    pub fn linear(&self) -> Matrix3<f64> {
         self.linear
     }
 
-    pub fn at(&self, xyz: DVec3) -> DVec3 {
+    /// ∂(X, Y, Z)/∂; not a number where X, Y, Z do not span space.
+    pub fn inverse(&self) -> Matrix3<f64> {
+        self.linear.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
+    }
+
+    pub fn at(&self, xyz: Vector3<f64>) -> Vector3<f64> {
         self.origin + self.linear * xyz
     }
-}
-
-pub fn linear_axes(xyz: DVec3) -> Position {
-    Axis::LINEAR.into_iter().zip(xyz.to_array()).collect()
 }
 
 /// The certified length at its temperature during the measurement, mm: 20 °C where none is stated.

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::label::{Label, Pass};
 use crate::{IdentifyError, Refused};
@@ -31,7 +31,7 @@ pub struct Sight {
     /// Index of the commanded rotary position in [`Observed::commanded`].
     pub commanded: usize,
     /// Centre, as axis positions, mm.
-    pub xyz: DVec3,
+    pub xyz: Vector3<f64>,
     /// Ball and stylus ball together, less pre-travel, mm.
     pub radius: f64,
     /// Largest less smallest deviation of its touches from the sphere, mm.
@@ -45,11 +45,11 @@ pub struct Sight {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Touch {
     /// Axis positions, mm.
-    pub point: DVec3,
+    pub point: Vector3<f64>,
     /// Outward at the ball, machine frame.
-    pub normal: DVec3,
+    pub normal: Vector3<f64>,
     /// Shift of the centre by a deviation of the touch along the normal.
-    pub gain: DVec3,
+    pub gain: Vector3<f64>,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -175,7 +175,7 @@ fn sight(
         .iter()
         .map(|(_, reading, _)| match xyz(reading) {
             [Some(x), Some(y), Some(z)] => {
-                Some(Touch { point: DVec3::new(x, y, z), ..Touch::default() })
+                Some(Touch { point: Vector3::new(x, y, z), ..Touch::default() })
             }
             _ => None,
         })
@@ -185,13 +185,13 @@ fn sight(
         ball,
         place: 0,
         commanded: 0,
-        xyz: DVec3::ZERO,
+        xyz: Vector3::zeros(),
         radius: 0.0,
         form: 0.0,
         touches: points.ok_or("a reading lacks X, Y or Z")?,
         t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
-    sight.fit(DMat3::IDENTITY).map_err(|why| why.to_string())?;
+    sight.fit(Matrix3::identity()).map_err(|why| why.to_string())?;
     sight.place = index_of(place, &mut observed.places);
     let commanded = step.from.only(|axis| !axis.is_linear());
     sight.commanded = index_of(commanded, &mut observed.commanded);
@@ -227,7 +227,7 @@ impl Observed {
     ///
     /// # Errors
     /// Ways that make no sphere of the touches.
-    pub fn fit_again(&mut self, ways: &[DMat3]) -> Result<(), SphereError> {
+    pub fn fit_again(&mut self, ways: &[Matrix3<f64>]) -> Result<(), SphereError> {
         self.sights.iter_mut().try_for_each(|sight| sight.fit(ways[sight.place]))
     }
 }
@@ -235,16 +235,17 @@ impl Observed {
 impl Sight {
     /// Gains and squareness make an ellipsoid of the ball in axis positions, and its pole has no
     /// opposite that would balance it: the sphere is fitted where it is one.
-    fn fit(&mut self, way: DMat3) -> Result<(), SphereError> {
+    fn fit(&mut self, way: Matrix3<f64>) -> Result<(), SphereError> {
         let points: Vec<[f64; 3]> =
-            self.touches.iter().map(|touch| (way * touch.point).to_array()).collect();
+            self.touches.iter().map(|touch| (way * touch.point).into()).collect();
         let sphere = fit_sphere(&points)?;
-        let (centre, back) = (DVec3::from_array(sphere.centre), way.inverse());
+        let centre = Vector3::from(sphere.centre);
+        let back = way.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN));
         for (touch, point) in self.touches.iter_mut().zip(points) {
-            touch.normal = (DVec3::from_array(point) - centre).normalize_or_zero();
+            touch.normal = (Vector3::from(point) - centre).try_normalize(0.0).unwrap_or_default();
             let row = [touch.normal.x, touch.normal.y, touch.normal.z, 1.0];
             let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
-            touch.gain = back * DVec3::new(gain(0), gain(1), gain(2));
+            touch.gain = back * Vector3::new(gain(0), gain(1), gain(2));
         }
         self.xyz = back * centre;
         self.radius = sphere.radius;

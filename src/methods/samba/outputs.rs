@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use faer::{Mat, Side};
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::fit::{Problem, vector};
 use super::harmonics;
@@ -28,7 +28,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let Solved { problem, minimum, .. } = parts.solved;
     let outliers = parts.solved.outliers();
     let misses = misses(parts);
-    let square: f64 = misses.iter().map(|miss| miss.length_squared()).sum();
+    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
     let dof = minimum.residuals.len().saturating_sub(problem.unknowns());
     let left_out = left_out(problem.model());
     Estimate {
@@ -122,22 +122,22 @@ fn covariance(parts: &Parts<'_>) -> Covariance {
 }
 
 /// Where the machine as found sees each ball, less where it is; table frame, mm.
-fn misses(parts: &Parts<'_>) -> Vec<DVec3> {
+fn misses(parts: &Parts<'_>) -> Vec<Vector3<f64>> {
     let Solved { problem, minimum, observed, .. } = parts.solved;
     let tips = problem.tips(&minimum.x, parts.measured);
     let ball = |ball| vector(&minimum.x, problem.ball_at(ball));
     observed.sights.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
 }
 
-fn arrows(parts: &Parts<'_>, misses: &[DVec3], outliers: &[Outlier]) -> ArrowFigure {
+fn arrows(parts: &Parts<'_>, misses: &[Vector3<f64>], outliers: &[Outlier]) -> ArrowFigure {
     let Solved { problem, minimum, observed, balls } = parts.solved;
     let flagged: BTreeSet<usize> = outliers.iter().map(|outlier| outlier.sight).collect();
     let arrow = |i: usize| {
         let ball = observed.sights[i].ball;
         Arrow {
             label: balls.balls[ball].id.clone(),
-            at_mm: vector(&minimum.x, problem.ball_at(ball)).to_array(),
-            vector: (misses[i] * 1e3).to_array(),
+            at_mm: vector(&minimum.x, problem.ball_at(ball)).into(),
+            vector: (misses[i] * 1e3).into(),
             modelled: None,
             flagged: flagged.contains(&i),
         }

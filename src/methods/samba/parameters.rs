@@ -29,14 +29,14 @@ pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
 
 /// Whether the spindle leans over as the axis turns: one of the head, and not parallel to the spindle.
 pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).matrix3.z_axis.z;
+    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).rotation[(2, 2)];
     let turned = Position::new().with(axis, 1.0);
     !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
 }
 
 /// Whether the table leans over as the axis turns.
 pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_table(position, &[]).matrix3.z_axis.z;
+    let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
     !axis.is_linear()
         && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
 }
@@ -169,9 +169,10 @@ mod tests {
     /// Which gains four axes show is a matter of the lengths, but not of a length's slight slant.
     #[test]
     fn regress_gains_follow_the_certified_lengths() {
-        let x = glam::DVec3::new(304.8, 0.0, -0.42).normalize();
-        let slant = glam::DVec3::new(-0.99, 0.12, 0.05).normalize();
-        let (y, diagonal) = (glam::DVec3::Y, glam::DVec3::new(1.0, 1.0, 0.0).normalize());
+        let x = nalgebra::Vector3::new(304.8, 0.0, -0.42).normalize();
+        let slant = nalgebra::Vector3::new(-0.99, 0.12, 0.05).normalize();
+        let (y, diagonal) =
+            (nalgebra::Vector3::y(), nalgebra::Vector3::new(1.0, 1.0, 0.0).normalize());
         for (topology, lengths, gains) in [
             ("wBFXYZt", vec![x], vec!["EXX1", "EZZ1"]),
             ("wBFXYZt", vec![slant], vec!["EXX1", "EZZ1"]),

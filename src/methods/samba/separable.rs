@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::Balls;
@@ -23,7 +23,7 @@ const BALLS: [[f64; 3]; 5] = [
 /// Their roots give angles that repeat in no axis.
 const PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 /// A stylus on the spindle's axis, mm: only there a tilted spindle is one that stands beside.
-const TOOL: DVec3 = DVec3::new(0.0, 0.0, -150.0);
+const TOOL: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
 /// A column that keeps less than this part of its length beside the others is one of their sums.
 const INDEPENDENT: f64 = 1e-6;
 /// A member of a sum that is named makes up this part of it, mm over mm.
@@ -48,7 +48,7 @@ const PARALLEL: f64 = 0.9999;
 pub struct Way<'a> {
     pub chain: &'a Chain,
     pub stands: &'a [Axis],
-    pub lengths: &'a [DVec3],
+    pub lengths: &'a [Vector3<f64>],
 }
 
 /// One for each unknown; the last rows are the certified lengths, without which the scale of everything
@@ -69,16 +69,16 @@ pub struct Beside {
 }
 
 /// The directions of the certified lengths, by where the balls are stated.
-pub fn directions(balls: &Balls) -> Vec<DVec3> {
+pub fn directions(balls: &Balls) -> Vec<Vector3<f64>> {
     let at = |id: &str| {
         let ball = balls.balls.iter().find(|ball| ball.id == id);
-        ball.map(|ball| DVec3::from_array(ball.centre_mm))
+        ball.map(|ball| Vector3::from(ball.centre_mm))
     };
-    let mut all: Vec<DVec3> = Vec::new();
+    let mut all: Vec<Vector3<f64>> = Vec::new();
     for length in &balls.lengths {
         let (Some(from), Some(to)) = (at(&length.from), at(&length.to)) else { continue };
-        let Some(along) = (to - from).try_normalize() else { continue };
-        if !all.iter().any(|known| known.dot(along).abs() > PARALLEL) {
+        let Some(along) = (to - from).try_normalize(0.0) else { continue };
+        if !all.iter().any(|known| known.dot(&along).abs() > PARALLEL) {
             all.push(along);
         }
     }
@@ -157,13 +157,13 @@ impl Way<'_> {
         for (pose, ball) in (0..POSES).flat_map(|pose| (0..places.len()).map(move |b| (pose, b))) {
             let Some(position) = self.pose_at(pose, places[ball]) else { continue };
             let of_errors = self.chain.jacobian(&position, Point::from_vec(TOOL), &[], errors);
-            let table = self.chain.machine_from_table(&position, &[]).matrix3;
+            let table = self.chain.machine_from_table(&position, &[]).rotation;
             let of_stylus =
-                table.transpose() * self.chain.machine_from_spindle(&position, &[]).matrix3;
+                table.inverse() * self.chain.machine_from_spindle(&position, &[]).rotation;
             for axis in 0..3 {
                 let own = |j| f64::from(u8::from(j == 3 * ball + axis));
                 balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
-                (0..3).for_each(|k| stylus[k].push(of_stylus.col(k)[axis]));
+                (0..3).for_each(|k| stylus[k].push(of_stylus[(axis, k)]));
                 machine.iter_mut().zip(&of_errors).for_each(|(all, new)| all.push(new[axis]));
             }
         }
@@ -182,18 +182,19 @@ impl Way<'_> {
     }
 
     /// Balls, those with certified lengths first and in pairs; the lengths' directions.
-    fn places(&self) -> (Vec<DVec3>, &[DVec3]) {
-        let lengths = if self.lengths.is_empty() { &[DVec3::X] } else { self.lengths };
+    fn places(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
+        const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
+        let lengths = if self.lengths.is_empty() { ALONG_X } else { self.lengths };
         let mut places = Vec::new();
         for (along, beside) in lengths.iter().zip(BALLS.iter().cycle()) {
-            let middle = DVec3::from_array(*beside) * 0.3;
+            let middle = Vector3::from(*beside) * 0.3;
             places.extend([middle - along * HALF_LENGTH, middle + along * HALF_LENGTH]);
         }
-        places.extend(BALLS.map(DVec3::from_array));
+        places.extend(BALLS.map(Vector3::from));
         (places, lengths)
     }
 
-    fn pose_at(&self, pose: usize, ball: DVec3) -> Option<Position> {
+    fn pose_at(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
         let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let angle = |axis: Axis| match self.stands.contains(&axis) {
             true => 0.0,

@@ -5,7 +5,7 @@
 mod interruptions;
 mod rotary;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::observe::{Observed, Sight};
 use estimation::monte_carlo::Shape;
@@ -70,16 +70,15 @@ pub fn sources(
 /// What each source alone makes of the covariance of each measurement, summed: the weights, mm². A
 /// source that moves many measurements together weighs as if it did not; lobing, which is everywhere the
 /// same, and the step at an interruption, which would set one half below the other, do not weigh at all.
-pub fn weighting(sources: &[UncertaintySource], sights: usize) -> Vec<DMat3> {
-    let mut covariances = vec![DMat3::from_diagonal(DVec3::splat(LEAST_MM.powi(2))); sights];
+pub fn weighting(sources: &[UncertaintySource], sights: usize) -> Vec<Matrix3<f64>> {
+    let mut covariances = vec![Matrix3::from_diagonal(&Vector3::repeat(LEAST_MM.powi(2))); sights];
     let weighed = sources
         .iter()
         .filter(|source| source.shown && ![LOBING, interruptions::STEP].contains(&source.name));
     for draw in weighed.flat_map(|source| &source.draws) {
         for (i, moved) in draw.values.chunks_exact(3).enumerate() {
-            let moved = DVec3::from_slice(moved);
-            covariances[draw.first / 3 + i] +=
-                DMat3::from_cols(moved * moved.x, moved * moved.y, moved * moved.z);
+            let moved = Vector3::from_column_slice(moved);
+            covariances[draw.first / 3 + i] += moved * moved.transpose();
         }
     }
     covariances
@@ -90,10 +89,10 @@ fn repeatability(plan: &Plan) -> f64 {
 }
 
 /// Width one step of each displayed axis, projected on the normal.
-fn resolution(plan: &Plan, normal: DVec3) -> f64 {
+fn resolution(plan: &Plan, normal: Vector3<f64>) -> f64 {
     let width =
         |axis| plan.machine.axes.get(&axis).map_or(0.0, |a: &AxisSpec| a.resolution_um * 1e-3);
-    (DVec3::from_array(Axis::LINEAR.map(width)) * normal).length() / 12f64.sqrt()
+    Vector3::from(Axis::LINEAR.map(width)).component_mul(&normal).norm() / 12f64.sqrt()
 }
 
 /// One draw a touch, `u` along its normal.
@@ -101,13 +100,13 @@ fn of_touches(
     name: &'static str,
     shape: Shape,
     sights: &[Sight],
-    u: impl Fn(DVec3) -> f64,
+    u: impl Fn(Vector3<f64>) -> f64,
 ) -> UncertaintySource {
     let draws = sights.iter().enumerate().flat_map(|(i, sight)| {
         let u = &u;
         sight.touches.iter().map(move |touch| Draw {
             first: 3 * i,
-            values: (touch.gain * u(touch.normal)).to_array().to_vec(),
+            values: (touch.gain * u(touch.normal)).as_slice().to_vec(),
         })
     });
     UncertaintySource { name, shape, draws: draws.collect(), shown: true }
@@ -130,7 +129,7 @@ fn lobing(plan: &Plan, observed: &Observed) -> UncertaintySource {
                 let phase = lobes * azimuth - quarter * std::f64::consts::TAU;
                 touch.gain * (share * level * phase.cos())
             };
-            sight.touches.iter().map(of_touch).sum::<DVec3>()
+            sight.touches.iter().map(of_touch).sum::<Vector3<f64>>()
         };
         spread(&observed.sights, shift)
     });
@@ -150,7 +149,7 @@ fn linear_axes(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
         let places: Vec<f64> = touches.map(|touch| touch.point[k].round()).collect();
         let sigma = spec.error_motion_um * 1e-3;
         for column in smooth_function(&places, sigma, spec.error_wavelength_mm) {
-            draws.extend(DVec3::AXES.map(|along| touched(sights, &column, along)));
+            draws.extend(Axis::LINEAR.map(|along| touched(sights, &column, along.direction())));
         }
     }
     let name = "error motions of X, Y and Z";
@@ -158,14 +157,13 @@ fn linear_axes(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
 }
 
 /// Touches that deviate by `by`, one entry a touch, along an axis.
-fn touched(sights: &[Sight], by: &[f64], along: DVec3) -> Draw {
+fn touched(sights: &[Sight], by: &[f64], along: Vector3<f64>) -> Draw {
     let mut by = by.iter();
-    let shift = |sight: &Sight| -> DVec3 {
+    let shift = |sight: &Sight| -> Vector3<f64> {
         let touches = sight.touches.iter().zip(by.by_ref());
-        touches.map(|(touch, by)| touch.gain * (touch.normal.dot(along) * by)).sum()
+        touches.map(|(touch, by)| touch.gain * (touch.normal.dot(&along) * by)).sum()
     };
-    let values = sights.iter().map(shift).flat_map(|shift| shift.to_array()).collect();
-    Draw { first: 0, values }
+    spread(sights, shift)
 }
 
 /// The table against the spindle in X, Y and Z, at the declared rate, from the middle of the run: that
@@ -173,13 +171,15 @@ fn touched(sights: &[Sight], by: &[f64], along: DVec3) -> Draw {
 fn drift(plan: &Plan, sights: &[Sight]) -> UncertaintySource {
     let rate_mm_per_s = plan.machine.drift_um_per_h * 1e-3 / 3600.0;
     let mean = sights.iter().map(|sight| sight.t_s).sum::<f64>() / sights.len().max(1) as f64;
-    let along = |axis: DVec3| spread(sights, |sight| axis * rate_mm_per_s * (sight.t_s - mean));
-    let draws = vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)];
+    let along =
+        |axis: Axis| spread(sights, |sight| axis.direction() * rate_mm_per_s * (sight.t_s - mean));
+    let draws = Axis::LINEAR.map(along).to_vec();
     UncertaintySource { name: "thermal drift", shape: Shape::Normal, draws, shown: true }
 }
 
-fn spread(sights: &[Sight], shift: impl Fn(&Sight) -> DVec3) -> Draw {
-    Draw { first: 0, values: sights.iter().flat_map(|sight| shift(sight).to_array()).collect() }
+fn spread(sights: &[Sight], shift: impl FnMut(&Sight) -> Vector3<f64>) -> Draw {
+    let shifts: Vec<[f64; 3]> = sights.iter().map(shift).map(Into::into).collect();
+    Draw { first: 0, values: shifts.into_flattened() }
 }
 
 fn certificates(sights: usize, lengths: &[&Length]) -> [UncertaintySource; 2] {

@@ -1,12 +1,13 @@
 //! What does not fit the rest: single measurements, balls that moved between two visits, lengths. It is
 //! flagged and named; nothing is taken out.
 
-use glam::DVec3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::fit::Problem;
 use super::observe::Observed;
 use estimation::coverage;
 use estimation::nonlinear::Minimum;
+use machine::Axis;
 use machine::kinematics::Shape;
 use machine::record::artefact::{Balls, Length};
 
@@ -96,7 +97,7 @@ impl Solved<'_> {
         if gone <= limit * left || gone <= TELLING * self.chi2() {
             return None;
         }
-        Some(self.in_words(visits, *split, step.length() * 1e3))
+        Some(self.in_words(visits, *split, step.norm() * 1e3))
     }
 
     /// With two measurements or more on either side nothing but a step looks like one. A single one at
@@ -122,27 +123,26 @@ impl Solved<'_> {
 
     /// What a step of the ball before its visit `split` takes away from χ², and the step (table
     /// frame, mm): three unknowns more, with all others free to follow.
-    fn step(&self, visits: &[usize], split: usize) -> (f64, DVec3) {
-        let column = |axis: DVec3| {
+    fn step(&self, visits: &[usize], split: usize) -> (f64, Vector3<f64>) {
+        let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];
             for sight in visits.iter().skip(split) {
-                let effect = -(self.problem.weight(*sight) * axis);
-                column[self.problem.row_of(*sight)..][..3].copy_from_slice(&effect.to_array());
+                let effect = -(self.problem.weight(*sight) * axis.direction());
+                column[self.problem.row_of(*sight)..][..3].copy_from_slice(effect.as_slice());
             }
             self.minimum.factored.remainder(&column)
         };
-        let free = DVec3::AXES.map(column);
+        let free = Axis::LINEAR.map(column);
         let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let normal = glam::DMat3::from_cols_array_2d(
-            &free.each_ref().map(|a| free.each_ref().map(|b| product(a, b))),
-        );
-        let right = DVec3::from_array(free.each_ref().map(|a| product(a, &self.minimum.residuals)));
-        if normal.determinant().abs() < 1e-9 * normal.col(0).length().powi(3) {
-            return (0.0, DVec3::ZERO);
-        }
+        let normal = Matrix3::from(free.each_ref().map(|a| free.each_ref().map(|b| product(a, b))));
+        let right = Vector3::from(free.each_ref().map(|a| product(a, &self.minimum.residuals)));
+        let singular = normal.determinant().abs() < 1e-9 * normal.column(0).norm().powi(3);
+        let Some(inverse) = normal.try_inverse().filter(|_| !singular) else {
+            return (0.0, Vector3::zeros());
+        };
         // The column is the derivative of the model with respect to the ball: minus the weight.
-        let step = normal.inverse() * right;
-        (step.dot(right), step)
+        let step = inverse * right;
+        (step.dot(&right), step)
     }
 
     /// Lengths that disagree with their balls by more than 100 µm/m: with the balls as the machine sees

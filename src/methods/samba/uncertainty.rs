@@ -3,7 +3,7 @@
 
 use std::convert::Infallible;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::fit::{Measured, Problem};
 use super::sources::{Draw, UncertaintySource};
@@ -21,7 +21,7 @@ const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
 pub struct Weights<'a> {
     pub problem: &'a Problem,
     /// Of each measurement.
-    pub whitening: &'a [DMat3],
+    pub whitening: &'a [Matrix3<f64>],
     /// Of each length, mm.
     pub u_bars: &'a [f64],
 }
@@ -64,8 +64,8 @@ impl Weights<'_> {
         }
         for (i, moved) in draw.values.chunks_exact(3).enumerate() {
             let sight = draw.first / 3 + i;
-            let moved = whitening[sight] * DVec3::from_slice(moved);
-            rows[problem.row_of(sight)..][..3].copy_from_slice(&moved.to_array());
+            let moved = whitening[sight] * Vector3::from_column_slice(moved);
+            rows[problem.row_of(sight)..][..3].copy_from_slice(moved.as_slice());
         }
         rows
     }
@@ -105,6 +105,6 @@ fn disturb(measured: &mut Measured, draw: &Draw, by: f64) {
         return;
     }
     for (xyz, moved) in measured.xyz[draw.first / 3..].iter_mut().zip(draw.values.chunks_exact(3)) {
-        *xyz += by * DVec3::from_slice(moved);
+        *xyz += by * Vector3::from_column_slice(moved);
     }
 }

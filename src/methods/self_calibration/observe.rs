@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::design::Design;
 use super::gaps;
@@ -85,10 +85,10 @@ fn planned_duration_s(plan: &Plan) -> f64 {
 }
 
 /// Ball centre of a reading in the table frame at C = 0, mm: what the linear axes alone say.
-pub fn ball_centre(plan: &Plan, chain: &Chain, step: &Step, reading: &Reading) -> DVec3 {
+pub fn ball_centre(plan: &Plan, chain: &Chain, step: &Step, reading: &Reading) -> Vector3<f64> {
     let position =
         step.from.updated_by(&reading.position).updated_by(&Position::new().with(Axis::C, 0.0));
-    let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+    let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     chain.tip_in_table(&position, tip, &[]).mm
 }
 

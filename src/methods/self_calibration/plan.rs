@@ -1,6 +1,6 @@
 //! From the design to steps: where the machine goes (paper 1, section 2.2).
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::design::{Design, Touch};
 use super::settings::{Settings, Spindle};
@@ -47,10 +47,7 @@ impl<'a> Planner<'a> {
         let stated = cylinder(&plan.artefact)?;
         settings.check(stated, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;
-        let chain = Chain::new(&plan.machine).map_err(|error| Refused {
-            why: error.to_string(),
-            instead: "correct [machine] and [axes] in the machine file".to_owned(),
-        })?;
+        let chain = Chain::new(&plan.machine)?;
         let Some(c_axis) = plan
             .machine
             .axes
@@ -69,7 +66,7 @@ impl<'a> Planner<'a> {
                 instead: "choose spindle = \"fixed\", or describe [axes.S]".to_owned(),
             });
         }
-        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         Ok(Self { plan, stated, settings, design, chain, tip, c_axis })
     }
 
@@ -108,19 +105,19 @@ impl<'a> Planner<'a> {
         let z = self.heights()[0];
         let round = (0..4u32).map(|quarter| {
             let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
-            let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
-            let centre = DVec3::new(part.centre[0], part.centre[1], z);
+            let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
+            let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
             self.step(&spec(quarter, place), centre + part.reach * normal, normal)
         });
-        let top = || self.step(&spec(4, "Z".to_owned()), self.on_top(part), DVec3::Z);
+        let top = || self.step(&spec(4, "Z".to_owned()), self.on_top(part), Vector3::z());
         round.chain(self.settings.touches_top().then(top)).collect()
     }
 
     /// Ball centre on the top face.
-    fn on_top(&self, part: Part) -> DVec3 {
+    fn on_top(&self, part: Part) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
-        DVec3::new(part.centre[0] + x, part.centre[1] + y, part.top)
+        Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top)
     }
 
     /// The whole cycle at every height, around the part where it really stands.
@@ -148,7 +145,7 @@ impl<'a> Planner<'a> {
                 {
                     let label = format!("{}/Z{suffix}", touch.test.name());
                     let spec = self.cycle_spec(id + 1, stage, label, *touch);
-                    steps.push(self.step(&spec, self.on_top(part), DVec3::Z)?);
+                    steps.push(self.step(&spec, self.on_top(part), Vector3::z())?);
                 }
             }
         }
@@ -203,13 +200,18 @@ impl<'a> Planner<'a> {
                 instead: "bring the part nearer to the axis, or correct [artefact] centre_mm"
                     .to_owned(),
             })?;
-        let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
-        self.step(&spec, radius * normal + DVec3::new(0.0, 0.0, z), normal)
+        let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
+        self.step(&spec, radius * normal + Vector3::new(0.0, 0.0, z), normal)
     }
 
     /// A touch against `normal`, contact expected with the ball centre at `contact`; machine frame,
     /// as the table frame stands with C at zero.
-    fn step(&self, spec: &StepSpec, contact: DVec3, normal: DVec3) -> Result<Step, Refused> {
+    fn step(
+        &self,
+        spec: &StepSpec,
+        contact: Vector3<f64>,
+        normal: Vector3<f64>,
+    ) -> Result<Step, Refused> {
         let mut rotary = Position::new().with(Axis::C, self.command(spec.c)?);
         let still = |axis: &&Axis| !axis.is_linear() && !matches!(axis, Axis::C | Axis::S);
         for axis in self.plan.machine.axes.keys().filter(still) {
@@ -241,7 +243,7 @@ impl<'a> Planner<'a> {
             to: to.updated_by(&rotary).as_written(),
             feed_mm_min: spec.feed_mm_min,
             sensor: "probe".to_owned(),
-            normal: normal.to_array(),
+            normal: normal.into(),
             scan: None,
             text: None,
         })

@@ -1,12 +1,15 @@
 //! Convex bodies, each on its carrier.
 
-use glam::{DAffine3, DMat3, DVec3};
+use nalgebra::{Rotation3, Translation3, Vector3};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{Cuboid, Cylinder, SupportMap};
 
 use machine::artefact::{self, Part};
+use machine::frame::{Pose, across};
 use machine::kinematics::Carried;
 use machine::record::machine::Solid;
+
+use crate::gjk::Support;
 
 /// A shape without its rounding. A cylinder's axis is Y, after parry.
 #[derive(Debug, Clone, Copy)]
@@ -22,32 +25,32 @@ pub struct Shape {
     core: Core,
     /// All points within this distance of the core belong to it.
     round: f64,
-    carrier_from_core: DAffine3,
+    carrier_from_core: Pose,
 }
 
 impl Shape {
-    pub fn ball(centre: DVec3, radius: f64) -> Self {
-        let carrier_from_core = DAffine3::from_translation(centre);
+    pub fn ball(centre: Vector3<f64>, radius: f64) -> Self {
+        let carrier_from_core = Pose::from(Translation3::from(centre));
         Self { core: Core::Point, round: radius, carrier_from_core }
     }
 
-    pub fn cylinder(from: DVec3, to: DVec3, radius: f64) -> Self {
-        let axis = (to - from).normalize_or(DVec3::Y);
-        let across = axis.any_orthonormal_vector();
-        let turned = DMat3::from_cols(across, axis, across.cross(axis));
+    pub fn cylinder(from: Vector3<f64>, to: Vector3<f64>, radius: f64) -> Self {
+        let axis = (to - from).try_normalize(0.0).unwrap_or(Vector3::y());
+        let [right, up] = across(axis);
+        let turned = Rotation3::from_basis_unchecked(&[up, axis, right]);
         Self {
-            core: Core::Cylinder(Cylinder::new(from.distance(to) / 2.0, radius)),
+            core: Core::Cylinder(Cylinder::new(from.metric_distance(&to) / 2.0, radius)),
             round: 0.0,
-            carrier_from_core: DAffine3::from_mat3_translation(turned, (from + to) / 2.0),
+            carrier_from_core: Pose::from_parts(Translation3::from((from + to) / 2.0), turned),
         }
     }
 
     /// Between two opposite corners.
-    pub fn cuboid(one: DVec3, other: DVec3) -> Self {
+    pub fn cuboid(one: Vector3<f64>, other: Vector3<f64>) -> Self {
         Self {
-            core: Core::Box(Cuboid::new((one - other).abs() / 2.0)),
+            core: Core::Box(Cuboid::new(((one - other).abs() / 2.0).into())),
             round: 0.0,
-            carrier_from_core: DAffine3::from_translation((one + other) / 2.0),
+            carrier_from_core: Pose::from(Translation3::from((one + other) / 2.0)),
         }
     }
 
@@ -59,7 +62,7 @@ impl Shape {
     }
 
     pub fn solid(solid: &Solid) -> Self {
-        let (from, to) = (DVec3::from_array(solid.from_mm), DVec3::from_array(solid.to_mm));
+        let (from, to) = (Vector3::from(solid.from_mm), Vector3::from(solid.to_mm));
         match solid.radius_mm {
             Some(radius) => Self::cylinder(from, to, radius),
             None => Self::cuboid(from, to),
@@ -67,53 +70,55 @@ impl Shape {
     }
 
     /// Centre (carrier frame) and radius, if it is one.
-    pub fn as_ball(&self) -> Option<(DVec3, f64)> {
+    pub fn as_ball(&self) -> Option<(Vector3<f64>, f64)> {
         let ball = matches!(self.core, Core::Point);
-        ball.then_some((self.carrier_from_core.translation, self.round))
+        ball.then_some((self.carrier_from_core.translation.vector, self.round))
     }
 
     /// A ball around all of it, carrier frame.
-    pub fn bounds(&self) -> (DVec3, f64) {
+    pub fn bounds(&self) -> (Vector3<f64>, f64) {
         let radius = match self.core {
             Core::Point => 0.0,
             Core::Cylinder(cylinder) => cylinder.half_height.hypot(cylinder.radius),
             Core::Box(cuboid) => cuboid.half_extents.length(),
         };
-        (self.carrier_from_core.translation, radius + self.round)
+        (self.carrier_from_core.translation.vector, radius + self.round)
     }
 
     /// Points and a radius: it lies in the convex hull of the balls about them, carrier frame.
-    pub fn corners(&self) -> (Vec<DVec3>, f64) {
+    pub fn corners(&self) -> (Vec<Vector3<f64>>, f64) {
         let (points, radius) = match self.core {
-            Core::Point => (vec![DVec3::ZERO], 0.0),
+            Core::Point => (vec![Vector3::zeros()], 0.0),
             Core::Cylinder(cylinder) => {
-                let end = DVec3::Y * cylinder.half_height;
+                let end = Vector3::y() * cylinder.half_height;
                 (vec![end, -end], cylinder.radius)
             }
             Core::Box(cuboid) => {
                 let signs = [-1.0, 1.0];
-                let corner = |x, y, z| cuboid.half_extents * DVec3::new(x, y, z);
+                let corner = |x, y, z| {
+                    Vector3::from(cuboid.half_extents).component_mul(&Vector3::new(x, y, z))
+                };
                 let all = signs.iter().flat_map(|x| signs.iter().map(move |y| (*x, *y)));
                 (all.flat_map(|(x, y)| signs.map(|z| corner(x, y, z))).collect(), 0.0)
             }
         };
-        let placed = points.into_iter().map(|p| self.carrier_from_core.transform_point3(p));
+        let placed =
+            points.into_iter().map(|p| self.carrier_from_core.transform_point(&p.into()).coords);
         (placed.collect(), radius + self.round)
     }
 
     /// Distance of a point (carrier frame) from it; 0 inside.
-    pub fn distance(&self, point: DVec3) -> f64 {
-        let frame = &self.carrier_from_core;
-        let local = frame.matrix3.transpose() * (point - frame.translation);
+    pub fn distance(&self, point: Vector3<f64>) -> f64 {
+        let local = self.carrier_from_core.inverse_transform_point(&point.into()).coords;
         let distance = match self.core {
-            Core::Point => local.length(),
-            Core::Cylinder(cylinder) => cylinder.distance_to_local_point(local, true),
-            Core::Box(cuboid) => cuboid.distance_to_local_point(local, true),
+            Core::Point => local.norm(),
+            Core::Cylinder(cylinder) => cylinder.distance_to_local_point(local.into(), true),
+            Core::Box(cuboid) => cuboid.distance_to_local_point(local.into(), true),
         };
         (distance - self.round).max(0.0)
     }
 
-    pub fn placed(&self, machine_from_carrier: &DAffine3) -> Placed {
+    pub fn placed(&self, machine_from_carrier: &Pose) -> Placed {
         let machine_from_core = *machine_from_carrier * self.carrier_from_core;
         Placed { core: self.core, round: self.round, machine_from_core }
     }
@@ -123,19 +128,19 @@ impl Shape {
 pub struct Placed {
     core: Core,
     pub round: f64,
-    pub machine_from_core: DAffine3,
+    pub machine_from_core: Pose,
 }
 
 /// Of the core: the rounding is taken off the distance.
-impl SupportMap for Placed {
-    fn local_support_point(&self, direction: DVec3) -> DVec3 {
-        let local = self.machine_from_core.matrix3.transpose() * direction;
+impl Support for Placed {
+    fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
+        let local = self.machine_from_core.inverse_transform_vector(&direction);
         let point = match self.core {
-            Core::Point => DVec3::ZERO,
-            Core::Cylinder(cylinder) => cylinder.local_support_point(local),
-            Core::Box(cuboid) => cuboid.local_support_point(local),
+            Core::Point => Vector3::zeros(),
+            Core::Cylinder(cylinder) => cylinder.local_support_point(local.into()).into(),
+            Core::Box(cuboid) => cuboid.local_support_point(local.into()).into(),
         };
-        self.machine_from_core.transform_point3(point)
+        self.machine_from_core.transform_point(&point.into()).coords
     }
 }
 
@@ -161,5 +166,5 @@ pub struct Body {
     pub shape: Shape,
     pub carried: Carried,
     /// [`Shape::corners`]
-    pub corners: (Vec<DVec3>, f64),
+    pub corners: (Vec<Vector3<f64>>, f64),
 }

@@ -1,6 +1,6 @@
 //! All bodies of a plan, and which of them could meet.
 
-use glam::{DAffine3, DVec3};
+use nalgebra::Vector3;
 
 use super::body::{Body, Role, Shape};
 use super::gap::Across;
@@ -9,6 +9,7 @@ use super::refusal::Reason;
 use super::sweep::{Demand, FOUND_WITHIN, Way, nearest_origin, sweep};
 use machine::Axis;
 use machine::artefact::{self, Part};
+use machine::frame::Pose;
 use machine::kinematics::{Carried, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::Carrier;
@@ -62,7 +63,7 @@ impl Scene {
         not_looked_at.extend(builder.tool(plan)?);
         not_looked_at.extend(builder.bare(plan));
         for keepout in &plan.keepout {
-            let [low, high] = [keepout.min_mm, keepout.max_mm].map(DVec3::from_array);
+            let [low, high] = [keepout.min_mm, keepout.max_mm].map(Vector3::from);
             builder.add(&keepout.name, Role::Other, Carrier::Bed, Shape::cuboid(low, high))?;
         }
         for solid in &plan.solids {
@@ -131,11 +132,11 @@ impl Scene {
     }
 
     /// Middle of each body at both ends of the way, machine frame.
-    fn centres(&self, way: &Way) -> Vec<[DVec3; 2]> {
-        let mut poses: Vec<(&Carried, [DAffine3; 2])> = Vec::new();
-        let of = |body: &Body, [from, to]: [DAffine3; 2]| {
+    fn centres(&self, way: &Way) -> Vec<[Vector3<f64>; 2]> {
+        let mut poses: Vec<(&Carried, [Pose; 2])> = Vec::new();
+        let of = |body: &Body, [from, to]: [Pose; 2]| {
             let (centre, _) = body.shape.bounds();
-            [from.transform_point3(centre), to.transform_point3(centre)]
+            [from.transform_point(&centre.into()).coords, to.transform_point(&centre.into()).coords]
         };
         let mut centres = Vec::with_capacity(self.bodies.len());
         for body in &self.bodies {
@@ -154,11 +155,11 @@ impl Scene {
 }
 
 /// On a way without turning, are the balls around the two bodies further apart than is asked?
-fn far_apart(pair: &Pair, centres: &[[DVec3; 2]], demand: &Demand) -> bool {
+fn far_apart(pair: &Pair, centres: &[[Vector3<f64>; 2]], demand: &Demand) -> bool {
     let [Some(one), Some(other)] = pair.numbers.map(|number| centres.get(number)) else {
         return false;
     };
-    let apart = nearest_origin(other[0] - one[0], other[1] - one[1]).length();
+    let apart = nearest_origin(other[0] - one[0], other[1] - one[1]).norm();
     let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
     let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
     apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
@@ -239,7 +240,7 @@ impl Builder {
         }
         let mut missing = Vec::new();
         for sensor in &plan.sensors {
-            let [zero, along] = [sensor.zero_mm, sensor.direction].map(DVec3::from_array);
+            let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
             let front = zero - along * sensor.stand_off_mm;
             let back = front - along * sensor.body_length_mm;
             if sensor.body_radius_mm > 0.0 && front != back {
@@ -255,10 +256,10 @@ impl Builder {
     /// Ball, stem and body of the probe. Returns what is not declared.
     fn probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, Reason> {
         let probe = &plan.probe;
-        let ball = DVec3::from_array(plan.machine.tool_mm);
+        let ball = Vector3::from(plan.machine.tool_mm);
         self.add("stylus ball", Role::StylusBall, on, Shape::ball(ball, probe.ball_radius_mm))?;
-        let end = ball + DVec3::Z * probe.stem_length_mm;
-        let top = end + DVec3::Z * probe.body_length_mm;
+        let end = ball + Vector3::z() * probe.stem_length_mm;
+        let top = end + Vector3::z() * probe.body_length_mm;
         let parts = [
             ("stylus stem", Role::StylusStem, ball, end, probe.stem_radius_mm),
             ("probe body", Role::Other, end, top, probe.body_radius_mm),

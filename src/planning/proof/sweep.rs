@@ -6,7 +6,7 @@
 //! does so along the whole way, and one look is often enough. Rotary axes move together with linear
 //! ones, straight in joint space, and nothing between samples is left to chance.
 
-use glam::DVec3;
+use nalgebra::{Point3, Vector3};
 
 use super::body::Body;
 use super::gap::{Across, gap};
@@ -70,11 +70,11 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
     // Middle and half-length of the parts still to be looked at.
     let mut parts = vec![(0.5, 0.5)];
     let mut hint = straight.map(|goes| {
-        let at_end = |body: &Body, (centre, _): (DVec3, f64)| {
-            body.carried.pose(&way.to).transform_point3(centre)
+        let at_end = |body: &Body, (centre, _): (Vector3<f64>, f64)| {
+            body.carried.pose(&way.to).transform_point(&centre.into()).coords
         };
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
-        nearest_origin(end - goes, end).normalize_or(DVec3::X)
+        nearest_origin(end - goes, end).try_normalize(0.0).unwrap_or(Vector3::x())
     });
     let [one_goes, other_goes] = [one, other].map(|body| body.carried.going(&way.from, &way.to));
     while let Some((at, share)) = parts.pop() {
@@ -87,15 +87,16 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
         let (other_at, other_stray) = sweep(other, &other_goes);
         let stray = one_stray + other_stray;
         let wanted = demand.need.max(nearest - FOUND_WITHIN);
-        let centres =
-            one_at.transform_point3(bounds.0.0).distance(other_at.transform_point3(bounds.1.0));
+        let [here, there] = [bounds.0, bounds.1].map(|(centre, _)| Point3::from(centre));
+        let centres = nalgebra::distance(&(one_at * here), &(other_at * there));
         if centres - reaches - loose > wanted + stray {
             continue;
         }
         let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
         // Without turning, the gap across one direction changes evenly along the way.
-        let change =
-            |direction: DVec3| straight.map_or(stray, |goes| share * goes.dot(direction).abs());
+        let change = |direction: Vector3<f64>| {
+            straight.map_or(stray, |goes| share * goes.dot(&direction).abs())
+        };
         let wide = wanted + demand.grown;
         let enough = (|direction| wide + change(direction), wide + stray);
         let found = gap(&one_at, &other_at, hint, demand.across, enough);
@@ -114,18 +115,19 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
 }
 
 /// How the other body goes as seen from the one, mm, machine frame; `None` if either turns.
-fn straight(way: &Way, one: &Body, other: &Body) -> Option<DVec3> {
+fn straight(way: &Way, one: &Body, other: &Body) -> Option<Vector3<f64>> {
     let turns = |body: &Body| body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis));
     let goes = |body: &Body| {
-        body.carried.pose(&way.to).translation - body.carried.pose(&way.from).translation
+        body.carried.pose(&way.to).translation.vector
+            - body.carried.pose(&way.from).translation.vector
     };
     (!turns(one) && !turns(other)).then(|| goes(other) - goes(one))
 }
 
 /// The point nearest to the origin on the straight line between two points.
-pub(super) fn nearest_origin(from: DVec3, to: DVec3) -> DVec3 {
+pub(super) fn nearest_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
     let goes = to - from;
-    let square = goes.length_squared();
-    let share = if square > 0.0 { (-from.dot(goes) / square).clamp(0.0, 1.0) } else { 0.0 };
+    let square = goes.norm_squared();
+    let share = if square > 0.0 { (-from.dot(&goes) / square).clamp(0.0, 1.0) } else { 0.0 };
     from + share * goes
 }

@@ -9,13 +9,14 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DAffine3, DVec3};
+use nalgebra::Vector3;
 
 use super::body::{Body, Shape};
 use super::gap::Across;
 use super::refusal::Reason;
 use super::scene::Scene;
 use super::sweep::Way;
+use machine::frame::{Pose, across};
 use machine::kinematics::Commands;
 
 /// The trigger comes within this after contact, mm.
@@ -39,10 +40,10 @@ pub struct Reach {
 /// The stylus ball's straight way as the artefact sees it: linear axes alone move, however the table
 /// goes itself.
 struct Line {
-    table: DAffine3,
-    from: DVec3,
-    to: DVec3,
-    along: DVec3,
+    table: Pose,
+    from: Vector3<f64>,
+    to: Vector3<f64>,
+    along: Vector3<f64>,
     radius: f64,
 }
 
@@ -55,18 +56,18 @@ struct Line {
 /// it than the step says.
 pub fn reach(scene: &Scene, way: &Way, braking: f64, normal: [f64; 3]) -> Result<Reach, Reason> {
     let line = Line::new(scene, way).ok_or(Reason::NoContact)?;
-    let met = scene
-        .touched()
-        .filter_map(|(number, body)| Some((number, body, line.contact(&body.shape, DVec3::ZERO)?)));
+    let met = scene.touched().filter_map(|(number, body)| {
+        Some((number, body, line.contact(&body.shape, Vector3::zeros())?))
+    });
     let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(Reason::NoContact)?;
     if let Some(ball) = body.shape.as_ball() {
         line.meets_wherever(body, ball, scene.uncertainty)?;
-        line.is_aimed(body, ball.0, at, DVec3::from_array(normal))?;
+        line.is_aimed(body, ball.0, at, Vector3::from(normal))?;
     }
     let farthest = line.farthest(&body.shape, at, scene.uncertainty);
-    let end = (farthest + (PRE_TRAVEL + braking) / line.from.distance(line.to)).min(1.0);
+    let end = (farthest + (PRE_TRAVEL + braking) / line.from.metric_distance(&line.to)).min(1.0);
     let stop = std::array::from_fn(|i| way.from[i] + end * (way.to[i] - way.from[i]));
-    let across = Across { along: line.table.matrix3 * line.along, by: scene.uncertainty };
+    let across = Across { along: line.table.rotation * line.along, by: scene.uncertainty };
     Ok(Reach { body: number, way: Way { from: way.from, to: stop }, across })
 }
 
@@ -78,25 +79,25 @@ impl Line {
         let ball_at = |commands: &Commands| {
             let table = artefact.carried.pose(commands);
             let tool = tip.carried.pose(commands);
-            table.matrix3.transpose() * (tool.transform_point3(centre) - table.translation)
+            table.inverse_transform_point(&tool.transform_point(&centre.into())).coords
         };
         let (from, to) = (ball_at(&way.from), ball_at(&way.to));
-        let along = (to - from).try_normalize()?;
+        let along = (to - from).try_normalize(0.0)?;
         Some(Self { table: artefact.carried.pose(&way.from), from, to, along, radius })
     }
 
-    fn at(&self, share: f64) -> DVec3 {
+    fn at(&self, share: f64) -> Vector3<f64> {
         self.from + share * (self.to - self.from)
     }
 
     /// Where the ball meets a shape that stands off by `shift`.
-    fn contact(&self, shape: &Shape, shift: DVec3) -> Option<f64> {
+    fn contact(&self, shape: &Shape, shift: Vector3<f64>) -> Option<f64> {
         first_contact(|share| shape.distance(self.at(share) - shift) - self.radius)
     }
 
     /// The latest contact with a shape that is off across the way; `straight`: if it is not.
     fn farthest(&self, shape: &Shape, straight: f64, uncertainty: f64) -> f64 {
-        let (right, up) = self.along.any_orthonormal_pair();
+        let [right, up] = across(self.along);
         // Contact comes the later the more convex: the corners around the circle bound all of it.
         let corner = uncertainty / (TAU / f64::from(2 * SHIFTS)).cos();
         (0..SHIFTS).fold(straight, |farthest, k| {
@@ -111,20 +112,27 @@ impl Line {
     fn meets_wherever(
         &self,
         body: &Body,
-        (centre, radius): (DVec3, f64),
+        (centre, radius): (Vector3<f64>, f64),
         uncertainty: f64,
     ) -> Result<(), Reason> {
-        let ahead = (centre - self.from).dot(self.along).clamp(0.0, self.from.distance(self.to));
-        let apart = centre.distance(self.from + ahead * self.along);
+        let ahead =
+            (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));
+        let apart = centre.metric_distance(&(self.from + ahead * self.along));
         if apart <= radius + self.radius - uncertainty + ROUNDING {
             return Ok(());
         }
         Err(Reason::Misses { body: body.name.clone(), uncertainty })
     }
 
-    fn is_aimed(&self, body: &Body, centre: DVec3, at: f64, normal: DVec3) -> Result<(), Reason> {
-        let meant = self.table.matrix3.transpose() * normal;
-        let off = (self.at(at) - centre).angle_between(meant).to_degrees();
+    fn is_aimed(
+        &self,
+        body: &Body,
+        centre: Vector3<f64>,
+        at: f64,
+        normal: Vector3<f64>,
+    ) -> Result<(), Reason> {
+        let meant = self.table.rotation.inverse() * normal;
+        let off = (self.at(at) - centre).angle(&meant).to_degrees();
         if off <= AIM_DEG {
             return Ok(());
         }

@@ -1,6 +1,6 @@
 //! Balls: which touches are free, where they go, what they say, and in which order.
 
-use glam::DVec3;
+use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 use super::at;
@@ -81,12 +81,12 @@ fn paper_five_touches_round_the_ball_and_at_its_pole() {
         let chain = Chain::new(&plan.machine).unwrap();
         let tip = Point::new(1.0, -2.0, -220.0);
         for (step, normal) in steps.iter().zip(meant) {
-            assert!((DVec3::from_array(step.normal) - DVec3::from_array(normal)).length() < 1e-12);
+            assert!((Vector3::from(step.normal) - Vector3::from(normal)).norm() < 1e-12);
             for (place, far) in [(&step.from, 13.5), (&step.to, 12.0)] {
-                let off = chain.tip_in_table(place, tip, &[]).mm - DVec3::new(80.0, -50.0, 90.0);
-                let table = chain.machine_from_table(place, &[]).matrix3;
-                let off = table * off - DVec3::from_array(normal) * far;
-                assert!(off.length() < 1e-6, "{}: {off}", step.label);
+                let off = chain.tip_in_table(place, tip, &[]).mm - Vector3::new(80.0, -50.0, 90.0);
+                let table = chain.machine_from_table(place, &[]).rotation;
+                let off = table * off - Vector3::from(normal) * far;
+                assert!(off.norm() < 1e-6, "{}: {off}", step.label);
             }
         }
     }
@@ -102,7 +102,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     for (contact, normal) in
         found.iter().zip([[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0]])
     {
-        let moved = (contact.normal - DVec3::from_array(normal)).length() > 1e-9;
+        let moved = (contact.normal - Vector3::from(normal)).norm() > 1e-9;
         assert_eq!(moved, contact.name == "+45", "{contact:?}");
     }
     assert_eq!(found.len(), 5);
@@ -175,11 +175,11 @@ fn fifteen_touches_are_spread_over_what_is_free() {
     let plan = plan(TABLE, &[ball("1", [0.0, 0.0, 100.0], [1.0, 1.0, 0.0])]);
     let found = touches(&plan, &indexed(0.0, 0.0), 15).unwrap();
     assert_eq!(found.len(), 15);
-    let stem = DVec3::new(0.5_f64.sqrt(), 0.5_f64.sqrt(), 0.0);
+    let stem = Vector3::new(0.5_f64.sqrt(), 0.5_f64.sqrt(), 0.0);
     for (i, one) in found.iter().enumerate() {
-        assert!(one.normal.angle_between(stem) > 0.4, "{one:?} in the stem");
+        assert!(one.normal.angle(&stem) > 0.4, "{one:?} in the stem");
         for other in &found[..i] {
-            let apart = one.normal.angle_between(other.normal).to_degrees();
+            let apart = one.normal.angle(&other.normal).to_degrees();
             assert!(apart > 20.0 && one.name != other.name, "{one:?} {other:?}");
         }
     }
@@ -189,10 +189,10 @@ fn fifteen_touches_are_spread_over_what_is_free() {
 fn readings(plan: &Plan, rotary: &Position, off: f64) -> Vec<Position> {
     let chain = Chain::new(&plan.machine).unwrap();
     let found = touches(plan, rotary, 5).unwrap();
-    let centre = DVec3::from_array(first(plan).centre_mm);
+    let centre = Vector3::from(first(plan).centre_mm);
     let place = |(i, contact): (usize, &Contact)| {
         let far = 13.0 + if i == 0 { off } else { 0.0 };
-        let table = chain.machine_from_table(rotary, &[]).matrix3.transpose();
+        let table = chain.machine_from_table(rotary, &[]).rotation.inverse();
         let target = Point::from_vec(centre + table * contact.normal * far);
         let tip = Point::new(1.0, -2.0, -220.0);
         rotary.updated_by(&chain.linear_axes_for(target, tip, rotary, &[]).unwrap())
@@ -214,13 +214,8 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     assert!((measured.diameter_mm - 20.0).abs() < 1e-9 && measured.form_mm < 1e-9);
     // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and the radius 1/4; the pole
     // adds 1.
-    let meant = DVec3::new(0.5, 0.5, 1.25);
-    for (i, column) in measured.cofactor.to_cols_array_2d().iter().enumerate() {
-        for (j, value) in column.iter().enumerate() {
-            let meant = if i == j { meant[i] } else { 0.0 };
-            assert!((value - meant).abs() < 1e-6, "{i} {j}: {value}");
-        }
-    }
+    let off = measured.cofactor - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 1.25));
+    assert!(off.abs().max() < 1e-6, "{}", measured.cofactor);
     measured.check("3", 20.0, &BallLimits { form_mm: 1e-6, diameter_mm: 1e-6 }).unwrap();
 }
 
@@ -287,7 +282,7 @@ fn permute(order: &mut Vec<usize>, from: usize, see: &mut impl FnMut(&[usize])) 
 
 /// Blocks of the five touches of one ball, one after the other, and where the stylus ball's centre is at
 /// each end of a motion, from the ball's centre in machine directions.
-fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [DVec3; 2])> {
+fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
     let mut plan = plan.clone();
     if let Artefact::Balls(balls) = &mut plan.artefact {
         balls.uncertainty_mm = 0.25;
@@ -295,10 +290,10 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [DVec3; 2])> {
     plan.steps = steps(&plan, rotary, SLOW).unwrap();
     let clearance = Clearance::above(&plan).unwrap();
     let chain = Chain::new(&plan.machine).unwrap();
-    let centre = DVec3::from_array(first(&plan).centre_mm);
+    let centre = Vector3::from(first(&plan).centre_mm);
     let off = |at: &Position| {
         let tip = chain.tip_in_table(at, Point::new(1.0, -2.0, -220.0), &[]).mm;
-        chain.machine_from_table(at, &[]).matrix3 * (tip - centre)
+        chain.machine_from_table(at, &[]).rotation * (tip - centre)
     };
     let (blocks, _) = blocks(&plan, &clearance).unwrap();
     let mut stands = end_of(&blocks[0], &Position::new());
@@ -324,12 +319,12 @@ fn from_touch_to_touch_the_way_leads_round_the_ball_and_over_it_where_a_stem_is_
         assert!(highest < 13.0 + 0.25 + 3.1, "{highest}");
         for (_, way) in ways.iter().filter(|(guarded, _)| *guarded) {
             for k in 0..=100 {
-                let off = way[0].lerp(way[1], f64::from(k) / 100.0);
-                assert!(off.length() > 13.5 - 1e-3, "{off} on {way:?}");
+                let off = way[0].lerp(&way[1], f64::from(k) / 100.0);
+                assert!(off.norm() > 13.5 - 1e-3, "{off} on {way:?}");
             }
         }
         // Between the four at one height: two legs to each, and one aside.
-        let level = |way: &[DVec3; 2]| way.iter().all(|off| off.z.abs() < 1e-6);
+        let level = |way: &[Vector3<f64>; 2]| way.iter().all(|off| off.z.abs() < 1e-6);
         let legs = ways.iter().filter(|(guarded, way)| *guarded && level(way)).count();
         assert_eq!(legs, 3 * 3, "{ways:?}");
     }

@@ -2,11 +2,12 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat3, DMat4, DVec3};
+use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::super::balls::Balls;
 use super::contact::{ERRORS, TIP, ball_by_products, by_products, closed_form, solve, tip};
 use super::*;
+use machine::frame::across;
 use machine::record::artefact::Artefact;
 
 const TWO: &str = "
@@ -14,7 +15,7 @@ const TWO: &str = "
     [[balls]]\nid = 'high'\ncentre_mm = [-70.0, 80.0, 170.0]\nradius_mm = 8.0
     stem = [0.3, -0.1, -1.0]\nstem_radius_mm = 2.5\nstem_length_mm = 160.0
 ";
-const HIGH: DVec3 = DVec3::new(-70.0, 80.0, 170.0);
+const HIGH: Vector3<f64> = Vector3::new(-70.0, 80.0, 170.0);
 
 /// A machine with errors in all its axes.
 fn spoilt() -> Bench {
@@ -48,9 +49,9 @@ fn assert_touch(bench: &Bench, [start, end]: [&Position; 2], expected: f64) {
 }
 
 /// The smaller root of |from + t·(to − from) − centre| = radius.
-fn on_sphere(from: DVec3, to: DVec3, centre: DVec3, radius: f64) -> f64 {
+fn on_sphere(from: Vector3<f64>, to: Vector3<f64>, centre: Vector3<f64>, radius: f64) -> f64 {
     let (p, d) = (from - centre, to - from);
-    let (a, half_b, c) = (d.dot(d), p.dot(d), p.dot(p) - radius * radius);
+    let (a, half_b, c) = (d.dot(&d), p.dot(&d), p.dot(&p) - radius * radius);
     (-half_b - (half_b * half_b - a * c).sqrt()) / a
 }
 
@@ -62,12 +63,12 @@ fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
     )
     .unwrap()
     .ball;
-    let centre = HIGH + DVec3::new(0.2, -0.1, 0.3);
+    let centre = HIGH + Vector3::new(0.2, -0.1, 0.3);
     for pose in POSES {
         let others = rotary(pose);
-        for approach in [DVec3::new(0.4, 0.3, 1.0), DVec3::new(-1.0, 0.2, 0.1), DVec3::Y] {
+        for approach in [Vector3::new(0.4, 0.3, 1.0), Vector3::new(-1.0, 0.2, 0.1), Vector3::y()] {
             let outward = approach.normalize();
-            let aside = outward.any_orthonormal_vector() * 1.5;
+            let aside = across(outward)[0] * 1.5;
             let start = solve(centre + outward * 14.0 + aside, &others);
             let end = solve(centre + outward * 5.0 + aside, &others);
             let [from, to] = [&start, &end].map(ball_by_products);
@@ -80,11 +81,11 @@ fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
 #[test]
 fn a_stem_is_felt_where_it_stands() {
     let bench = spoilt();
-    let along = DVec3::new(0.3, -0.1, -1.0).normalize();
+    let along = Vector3::new(0.3, -0.1, -1.0).normalize();
     let middle = HIGH + along * 90.0;
     for pose in POSES {
         let others = rotary(pose);
-        let outward = along.any_orthonormal_vector();
+        let outward = across(along)[0];
         let start = solve(middle + outward * 9.0 + along * 4.0, &others);
         let end = solve(middle + outward * 4.0, &others);
         let [from, to] = [&start, &end].map(ball_by_products);
@@ -94,10 +95,10 @@ fn a_stem_is_felt_where_it_stands() {
     let mut world = bench.world();
     let others = rotary(POSES[0]);
     let below = HIGH + along * (160.0 + BALL + 0.1);
-    let aside = along.any_orthonormal_vector() * 20.0;
+    let aside = across(along)[0] * 20.0;
     world.travel(&solve(below + aside, &others), Speed::Rapid);
-    let across = solve(below - aside, &others).only(Axis::is_linear);
-    assert_eq!(world.probe(&across, 60.0, 1).contact, None);
+    let end = solve(below - aside, &others).only(Axis::is_linear);
+    assert_eq!(world.probe(&end, 60.0, 1).contact, None);
     let higher = solve(below - along * 0.2 - aside, &others).only(Axis::is_linear);
     world.travel(&solve(below + aside - along * 0.2, &others), Speed::Rapid);
     assert!(world.probe(&higher, 60.0, 1).contact.is_some());
@@ -115,14 +116,14 @@ fn sag_bends_the_table_as_declared() {
         let others = rotary([-60.0, 35.0, 0.0]);
         let bent = |q: &Position| {
             let (table, spindle) = by_products(q);
-            let origin = table.w_axis.truncate();
-            let turn = DMat4::from_translation(origin)
-                * DMat4::from_rotation_z(300e-6 * share)
-                * DMat4::from_translation(-origin);
-            let down = DMat4::from_translation(DVec3::new(0.003, -0.040, 0.020) * share);
-            ((down * turn * table).inverse() * spindle * tip()).truncate()
+            let origin = table.column(3).xyz();
+            let turn = Matrix4::new_translation(&origin)
+                * Matrix4::new_rotation(Vector3::z() * 300e-6 * share)
+                * Matrix4::new_translation(&-origin);
+            let down = Matrix4::new_translation(&(Vector3::new(0.003, -0.040, 0.020) * share));
+            ((down * turn * table).try_inverse().unwrap() * spindle * tip()).xyz()
         };
-        let outward = DVec3::new(0.1, 0.9, 0.4).normalize();
+        let outward = Vector3::new(0.1, 0.9, 0.4).normalize();
         let start = solve(HIGH + outward * 14.0, &others);
         let end = solve(HIGH + outward * 9.0, &others);
         let root = on_sphere(bent(&start), bent(&end), HIGH, 8.0 + BALL);
@@ -139,8 +140,8 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
     let moves = "[[ball_moves]]\nball = 'low'\nat_s = 3600.0\nby_mm = [0.02, 0.0, -0.01]";
     bench.truth.ball_moves = toml::from_str::<Truth>(moves).unwrap().ball_moves;
     let mut world = bench.world();
-    let low = DVec3::new(120.0, -30.0, 50.0);
-    let mut touch = |outward: DVec3, centre: DVec3| {
+    let low = Vector3::new(120.0, -30.0, 50.0);
+    let mut touch = |outward: Vector3<f64>, centre: Vector3<f64>| {
         let at = |off: f64| {
             let place = centre + outward * off;
             ball_at(place.x, place.y, place.z)
@@ -149,16 +150,16 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
         let contact = world.probe(&at(7.0), 60.0, 1).contact.unwrap();
         world.travel(&at(13.0), Speed::Rapid);
         let [x, y, z] = Axis::LINEAR.map(|axis| contact.position.at(axis));
-        let found = (DVec3::new(x, y, z - 100.0) - centre).dot(outward);
+        let found = (Vector3::new(x, y, z - 100.0) - centre).dot(&outward);
         world.dwell(4000.0);
         found
     };
     let sum = 6.35 + BALL;
-    assert!((touch(DVec3::X, low) - sum).abs() < 1e-9);
+    assert!((touch(Vector3::x(), low) - sum).abs() < 1e-9);
     // What stands off across shortens the chord by 0.01²/(2·9.35) mm at most.
-    assert!((touch(DVec3::X, low) - sum - 0.02).abs() < 6e-6);
-    assert!((touch(DVec3::Z, low) - sum + 0.01).abs() < 3e-5);
-    assert!((touch(DVec3::Z, HIGH) - 8.0 - BALL).abs() < 1e-9);
+    assert!((touch(Vector3::x(), low) - sum - 0.02).abs() < 6e-6);
+    assert!((touch(Vector3::z(), low) - sum + 0.01).abs() < 3e-5);
+    assert!((touch(Vector3::z(), HIGH) - 8.0 - BALL).abs() < 1e-9);
 }
 
 /// Balls alone, as the seed draws them.
@@ -178,7 +179,7 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
         let centre = balls.centre(1, 0.0);
         // Distances along opposite directions: their sum is the diameter, whose form part is twice
         // that of one direction.
-        let out = [DVec3::X, -DVec3::X, DVec3::Z]
+        let out = [Vector3::x(), -Vector3::x(), Vector3::z()]
             .map(|direction| balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3);
         let off = centre - HIGH;
         let values = [off.x, off.y, off.z, out[0], out[0] - out[1], out[0] - out[2]];
@@ -202,7 +203,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     let balls = drawn(&truth, 4, TWO);
     let centre = balls.centre(1, 0.0);
     // The form, read where the surface is met along a direction.
-    let radius = |direction: DVec3| {
+    let radius = |direction: Vector3<f64>| {
         let (mut low, mut high) = (6.0, 10.0);
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
@@ -213,34 +214,30 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     };
     // A quadratic form has 5 numbers beside the mean: sampled at a few directions it is known.
     let quadratic = {
-        let r = |x: f64, y: f64, z: f64| radius(DVec3::new(x, y, z).normalize());
+        let r = |x: f64, y: f64, z: f64| radius(Vector3::new(x, y, z).normalize());
         let (xx, yy, zz) = (r(1.0, 0.0, 0.0), r(0.0, 1.0, 0.0), r(0.0, 0.0, 1.0));
         let [xy, xz, yz] = [r(1.0, 1.0, 0.0), r(1.0, 0.0, 1.0), r(0.0, 1.0, 1.0)];
         let off = [xy - (xx + yy) / 2.0, xz - (xx + zz) / 2.0, yz - (yy + zz) / 2.0];
-        DMat3::from_cols_array_2d(&[
-            [xx, off[0], off[1]],
-            [off[0], yy, off[2]],
-            [off[1], off[2], zz],
-        ])
+        Matrix3::from([[xx, off[0], off[1]], [off[0], yy, off[2]], [off[1], off[2], zz]])
     };
-    let surface = |u: DVec3| u * u.dot(quadratic * u);
+    let surface = |u: Vector3<f64>| u * u.dot(&(quadratic * u));
     let mut apart = 0.0_f64;
     for point in
-        [DVec3::new(9.0, 5.0, 3.0), DVec3::new(-4.0, 11.0, 6.0), DVec3::new(1.0, 7.0, -9.0)]
+        [Vector3::new(9.0, 5.0, 3.0), Vector3::new(-4.0, 11.0, 6.0), Vector3::new(1.0, 7.0, -9.0)]
     {
         let nearest = balls.nearest(centre + point, 0.0);
         let start = point.normalize();
-        let (a, b) = (start.any_orthonormal_vector(), start.cross(start.any_orthonormal_vector()));
+        let [a, b] = across(start);
         let steps = || (-400..=400).map(|i| f64::from(i) * 2.5e-4);
         let dense = steps()
             .flat_map(|i| steps().map(move |j| (start + a * i + b * j).normalize()))
-            .map(|u| point.distance(surface(u)))
+            .map(|u| point.metric_distance(&surface(u)))
             .fold(f64::INFINITY, f64::min);
         assert!((nearest.distance - dense).abs() < 1e-6, "{} not {dense}", nearest.distance);
         assert!(nearest.distance <= dense + 1e-9);
         let foot = point - nearest.normal * nearest.distance;
-        assert!((foot - surface(foot.normalize())).length() < 1e-9);
-        apart = apart.max(point.distance(surface(start)) - nearest.distance);
+        assert!((foot - surface(foot.normalize())).norm() < 1e-9);
+        apart = apart.max(point.metric_distance(&surface(start)) - nearest.distance);
     }
     // Straight to the middle it would be farther: the test sees the difference.
     assert!(apart > 1e-3, "{apart}");
@@ -262,7 +259,7 @@ fn certified_lengths_are_as_true_as_their_certificates() {
     let mut draws = [Vec::new(), Vec::new()];
     for seed in 0..SEEDS {
         let balls = drawn(&truth, seed, BAR);
-        let apart = |i, j| balls.centre(i, 0.0).distance(balls.centre(j, 0.0));
+        let apart = |i, j| balls.centre(i, 0.0).metric_distance(&balls.centre(j, 0.0));
         draws[0].push(apart(0, 1));
         draws[1].push(apart(2, 0));
     }
@@ -277,7 +274,7 @@ fn certified_lengths_are_as_true_as_their_certificates() {
     }
     let wrong: Truth = toml::from_str("length_error_um_per_m = 300.0").unwrap();
     let [right, off] = [Truth::default(), wrong].map(|truth| drawn(&truth, 5, BAR));
-    let apart = |balls: &Balls| balls.centre(0, 0.0).distance(balls.centre(1, 0.0));
+    let apart = |balls: &Balls| balls.centre(0, 0.0).metric_distance(&balls.centre(1, 0.0));
     assert!((apart(&off) / apart(&right) - 1.0 - 300e-6).abs() < 1e-12);
 }
 
@@ -322,7 +319,7 @@ fn drift_moves_the_table_along_the_spindle_too() {
     world.dwell(7200.0);
     let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
     let moved = super::super::drawn::Drift::draw(11, 40.0).table(contact.t_s);
-    let across = 121.0 - moved.truncate().length_squared();
+    let across = 121.0 - moved.xy().norm_squared();
     let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
     assert!((z - moved.z - across.sqrt()).abs() < 1e-9);
     assert!(moved.z.abs() > 1e-3);

@@ -1,7 +1,7 @@
 //! What a displacement sensor says: against numbers by hand, and a ray that is searched along with
 //! a pose by plain products.
 
-use glam::{DVec3, DVec4};
+use nalgebra::{Vector3, Vector4};
 
 use super::super::drawn;
 use super::contact::{ERRORS, TIP, by_products, solve};
@@ -83,8 +83,8 @@ fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
 fn a_beam_leans_and_stands_off_as_the_truth_says() {
     // By hand: from (6, 0, 65) along (0.01, 0, -1), made a unit vector, to the ball.
     let said = look(&bench("tilt_urad = [10000.0, 0.0]"), &ball_at(6.0, 0.0, 65.0));
-    let (p, d) = (DVec3::new(6.0, 0.0, 15.0), DVec3::new(0.01, 0.0, -1.0));
-    let (a, b, c) = (d.dot(d), p.dot(d), p.dot(p) - R * R);
+    let (p, d) = (Vector3::new(6.0, 0.0, 15.0), Vector3::new(0.01, 0.0, -1.0));
+    let (a, b, c) = (d.dot(&d), p.dot(&d), p.dot(&p) - R * R);
     let expected = (-b - (b * b - a * c).sqrt()) / a * a.sqrt();
     assert!(expected > 7.05, "it leans down the slope: {expected}");
     assert_says(said, expected);
@@ -103,7 +103,7 @@ fn a_beam_leans_and_stands_off_as_the_truth_says() {
 }
 
 /// The distance at which the ray comes `radius` near the centre, by bisection.
-fn bisect(origin: DVec3, along: DVec3, gap: impl Fn(DVec3) -> f64) -> f64 {
+fn bisect(origin: Vector3<f64>, along: Vector3<f64>, gap: impl Fn(Vector3<f64>) -> f64) -> f64 {
     let (mut free, mut inside) = (-40.0, 9.0);
     assert!(gap(origin + along * free) > 0.0 && gap(origin + along * inside) < 0.0);
     for _ in 0..200 {
@@ -127,24 +127,25 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
     .unwrap()
     .ball;
     let oval = drawn::ball(0, 0).oval * 0.040;
-    let centre = DVec3::new(0.2, -0.1, 50.3);
-    let gap = |point: DVec3| {
+    let centre = Vector3::new(0.2, -0.1, 50.3);
+    let gap = |point: Vector3<f64>| {
         let u = (point - centre).normalize();
-        (point - centre).length() - R - 0.025 - u.dot(oval * u)
+        (point - centre).norm() - R - 0.025 - u.dot(&(oval * u))
     };
     let nominal = Sensor { zero_mm: TIP, ..down() };
     let poses = [[0.0, 0.0, 0.0], [30.0, 100.0, 200.0], [-90.0, 180.0, 90.0], [90.0, -250.0, 10.0]];
     for [b, c, s] in poses.map(|pose: [f64; 3]| pose.map(f64::to_radians)) {
         let others = Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s);
         let (table, spindle) = by_products(&others);
-        let up = (table.inverse() * spindle * DVec4::Z).truncate().normalize();
-        for aside in [DVec3::ZERO, DVec3::new(4.0, 1.0, 0.0), DVec3::new(-3.0, 3.0, 2.0)] {
-            let at = solve(centre + up * 12.0 + aside.reject_from(up), &others);
+        let up = (table.try_inverse().unwrap() * spindle * Vector4::z()).xyz().normalize();
+        for aside in [Vector3::zeros(), Vector3::new(4.0, 1.0, 0.0), Vector3::new(-3.0, 3.0, 2.0)] {
+            let at = solve(centre + up * 12.0 + (aside - up * up.dot(&aside)), &others);
             let (table, spindle) = by_products(&at);
-            let zero = DVec3::from_array(TIP) + DVec3::new(0.120, -0.080, 0.300);
-            let origin = (table.inverse() * spindle * zero.extend(1.0)).truncate();
-            let beam = DVec4::new(0.002, -0.0035, -1.0, 0.0).normalize();
-            let along = (table.inverse() * spindle * beam).truncate();
+            let on_table = table.try_inverse().unwrap() * spindle;
+            let zero = Vector3::from(TIP) + Vector3::new(0.120, -0.080, 0.300);
+            let origin = (on_table * zero.push(1.0)).xyz();
+            let beam = Vector4::new(0.002, -0.0035, -1.0, 0.0).normalize();
+            let along = (on_table * beam).xyz();
             assert_says(look_with(&bench, &nominal, &at), bisect(origin, along, gap));
         }
     }
@@ -267,8 +268,8 @@ fn the_table_drifts_under_the_beam() {
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
     world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
     let said = world.sense("laser", 3600.0).unwrap();
-    let drift = DVec3::from_array(world.true_drift_mm(world.time_s()));
-    assert!(drift.z.abs() > 1e-3, "{drift}");
+    let drift = Vector3::from(world.true_drift_mm(world.time_s()));
+    assert!(drift.z.abs() > 1e-3, "{drift:?}");
     let sideways2 = drift.x.powi(2) + drift.y.powi(2);
     assert_says(said, 15.0 - drift.z - (R * R - sideways2).sqrt());
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 use super::super::flank::{Flank, Profile};
 use super::*;
@@ -31,19 +31,19 @@ pub(super) const TIP: [f64; 3] = [0.4, -0.2, -100.0];
 
 /// Plain 4×4 products, written out by hand from the conventions of the machine's chain: errors
 /// before a joint's motion in the order X, Y, Z, A, B, C, gains with it.
-pub(super) fn ball_by_products(q: &Position) -> DVec3 {
+pub(super) fn ball_by_products(q: &Position) -> Vector3<f64> {
     let (table, spindle) = by_products(q);
-    (table.inverse() * spindle * tip()).truncate()
+    (table.try_inverse().unwrap() * spindle * tip()).xyz()
 }
 
-pub(super) fn tip() -> DVec4 {
-    DVec4::new(TIP[0], TIP[1], TIP[2], 1.0)
+pub(super) fn tip() -> Vector4<f64> {
+    Vector4::new(TIP[0], TIP[1], TIP[2], 1.0)
 }
 
 /// Poses of table and spindle.
-pub(super) fn by_products(q: &Position) -> (DMat4, DMat4) {
-    let shift = |x, y, z| DMat4::from_translation(DVec3::new(x, y, z));
-    let rows = |r: [[f64; 3]; 3]| DMat4::from_mat3(DMat3::from_cols_array_2d(&r).transpose());
+pub(super) fn by_products(q: &Position) -> (Matrix4<f64>, Matrix4<f64>) {
+    let shift = |x, y, z| Matrix4::new_translation(&Vector3::new(x, y, z));
+    let rows = |r: [[f64; 3]; 3]| Matrix3::from(r).transpose().to_homogeneous();
     let about_x =
         |a: f64| rows([[1.0, 0.0, 0.0], [0.0, a.cos(), -a.sin()], [0.0, a.sin(), a.cos()]]);
     let about_y =
@@ -72,24 +72,30 @@ pub(super) fn by_products(q: &Position) -> (DMat4, DMat4) {
 
 /// X, Y, Z that bring the ball to `target` with the other axes as they stand: the pose by products
 /// is affine in them.
-pub(super) fn solve(target: DVec3, others: &Position) -> Position {
+pub(super) fn solve(target: Vector3<f64>, others: &Position) -> Position {
     let origin = ball_by_products(others);
     let column = |axis| ball_by_products(&others.clone().with(axis, 1.0)) - origin;
-    let columns = DMat3::from_cols(column(Axis::X), column(Axis::Y), column(Axis::Z));
-    let mut xyz = columns.inverse() * (target - origin);
+    let inverse = Matrix3::from_columns(&Axis::LINEAR.map(column)).try_inverse().unwrap();
+    let at = |xyz: Vector3<f64>| others.updated_by(&Position::from_xyz(xyz));
+    let mut xyz = inverse * (target - origin);
     for _ in 0..2 {
-        let at: Position = Axis::LINEAR.into_iter().zip(xyz.to_array()).collect();
-        xyz += columns.inverse() * (target - ball_by_products(&others.updated_by(&at)));
+        xyz += inverse * (target - ball_by_products(&at(xyz)));
     }
-    others.updated_by(&Axis::LINEAR.into_iter().zip(xyz.to_array()).collect())
+    at(xyz)
 }
 
 /// Where on the segment `from`..`to` the distance from the axis (through `foot`, along the unit
 /// vector `along`) is `radius`: the smaller root of a quadratic.
-pub(super) fn closed_form(from: DVec3, to: DVec3, foot: DVec3, along: DVec3, radius: f64) -> f64 {
-    let across = |v: DVec3| v - along * along.dot(v);
+pub(super) fn closed_form(
+    from: Vector3<f64>,
+    to: Vector3<f64>,
+    foot: Vector3<f64>,
+    along: Vector3<f64>,
+    radius: f64,
+) -> f64 {
+    let across = |v: Vector3<f64>| v - along * along.dot(&v);
     let (p, d) = (across(from - foot), across(to - from));
-    let (a, half_b, c) = (d.dot(d), p.dot(d), p.dot(p) - radius * radius);
+    let (a, half_b, c) = (d.dot(&d), p.dot(&d), p.dot(&p) - radius * radius);
     (-half_b - (half_b * half_b - a * c).sqrt()) / a
 }
 
@@ -102,7 +108,7 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
     bench.truth.radius_offset_mm = 0.3;
     let Artefact::Cylinder(Cylinder { axis, .. }) = &mut bench.artefact else { panic!() };
     *axis = [0.02, -0.01, 1.0];
-    let (along, foot) = (DVec3::from_array(*axis).normalize(), DVec3::new(1.2, -1.6, 0.0));
+    let (along, foot) = (Vector3::from(*axis).normalize(), Vector3::new(1.2, -1.6, 0.0));
     for (number, (b, c, s)) in
         [(0.0, 0.0, 0.0), (0.0, 45.0, 45.0), (0.0, -250.0, 10.0), (30.0, 100.0, 200.0)]
             .map(|(b, c, s): (f64, f64, f64)| (b.to_radians(), c.to_radians(), s.to_radians()))
@@ -112,9 +118,9 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
         let mut world = bench.world();
         let others = Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s);
         let psi = 0.3 + 1.7 * number as f64;
-        let outward = DVec3::new(psi.cos(), psi.sin(), 0.0);
-        let start = solve(outward * 70.0 + DVec3::new(0.0, 3.0, 40.0), &others);
-        let end = solve(outward * 35.0 + DVec3::Z * 55.0, &others);
+        let outward = Vector3::new(psi.cos(), psi.sin(), 0.0);
+        let start = solve(outward * 70.0 + Vector3::new(0.0, 3.0, 40.0), &others);
+        let end = solve(outward * 35.0 + Vector3::z() * 55.0, &others);
         // The way to the start leads through the part; only the touch is judged.
         world.travel(&start, Speed::Rapid);
         assert!(!world.tripped());
@@ -157,17 +163,18 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
             r + 1e-3 * (h.cos_um * angle.cos() + h.sin_um * angle.sin())
         })
     };
-    let flank = Flank::new(DVec3::ZERO, DVec3::Z, 100.0, Profile::new(RADIUS, form));
+    let towards = |angle: f64| Vector2::new(angle.cos(), angle.sin());
+    let flank = Flank::new(Vector3::zeros(), Vector3::z(), 100.0, Profile::new(RADIUS, form));
     for step in 0..20 {
         let angle = 0.314 * f64::from(step);
         let rho = [48.2, 45.9, 60.0, 44.0][step as usize % 4];
-        let point = DVec2::from_angle(angle) * rho;
+        let point = towards(angle) * rho;
         const SAMPLES: u32 = 200_000;
         let dense = (0..SAMPLES)
             .map(|i| TAU * f64::from(i) / f64::from(SAMPLES))
-            .map(|psi| point.distance(DVec2::from_angle(psi) * radius(psi)))
+            .map(|psi| point.metric_distance(&(towards(psi) * radius(psi))))
             .fold(f64::INFINITY, f64::min);
-        let nearest = flank.nearest(point.extend(50.0), 0.2);
+        let nearest = flank.nearest(point.push(50.0), 0.2);
         let sign = if rho < radius(angle) { -1.0 } else { 1.0 };
         // A sample lies within half a spacing (0.7 µm) of the foot: 1e-7 mm at a distance of 3 mm,
         // the spacing itself where the point lies on the profile.
@@ -177,20 +184,20 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
             assert!((nearest.distance - sign * dense).abs() < 2e-7, "{angle}");
         }
         // One step down the normal leads to the surface.
-        let foot = point.extend(50.0) - nearest.normal * nearest.distance;
-        assert!((foot.truncate().length() - radius(foot.y.atan2(foot.x))).abs() < 1e-9);
+        let foot = point.push(50.0) - nearest.normal * nearest.distance;
+        assert!((foot.xy().norm() - radius(foot.y.atan2(foot.x))).abs() < 1e-9);
     }
 }
 
 #[test]
 fn regress_the_part_ends_at_its_height() {
-    let flank = Flank::new(DVec3::ZERO, DVec3::Z, 100.0, Profile::new(RADIUS, []));
-    let at = |x: f64, z: f64| flank.nearest(DVec3::new(x, 0.0, z), 0.0);
+    let flank = Flank::new(Vector3::zeros(), Vector3::z(), 100.0, Profile::new(RADIUS, []));
+    let at = |x: f64, z: f64| flank.nearest(Vector3::new(x, 0.0, z), 0.0);
     assert_eq!(at(0.0, 104.0).distance, 4.0);
-    assert_eq!(at(10.0, 104.0).normal, DVec3::Z);
+    assert_eq!(at(10.0, 104.0).normal, Vector3::z());
     assert!((at(RADIUS + 3.0, 104.0).distance - 5.0).abs() < 1e-12);
     assert!((at(RADIUS - 2.0, 50.0).distance + 2.0).abs() < 1e-12);
-    assert!((at(RADIUS + 2.0, -0.0).normal - DVec3::X).length() < 1e-12);
+    assert!((at(RADIUS + 2.0, -0.0).normal - Vector3::x()).norm() < 1e-12);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::super::drawn::{Drift, LinearErrors, Lobing, stylus_offset, touch_deviate};
 use super::*;
-use glam::DVec3;
+use nalgebra::Vector3;
 
 const SEEDS: u64 = 4000;
 
@@ -34,7 +34,7 @@ fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
 
 #[test]
 fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
-    let at = |seed, phi: f64| Lobing::draw(seed, 2.0).at(DVec3::new(phi.cos(), phi.sin(), 0.0));
+    let at = |seed, phi: f64| Lobing::draw(seed, 2.0).at(Vector3::new(phi.cos(), phi.sin(), 0.0));
     for phi in [0.0, 1.0, 4.0] {
         assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
         assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
@@ -73,11 +73,11 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
         let z = mean(|seed| draw(seed).at([0.0, 0.0, 400.0])[direction].powi(2));
         assert_moment(z, 2.0 * 4.0 * (1.0 - (-400.0_f64.powi(2) / 2e4).exp()), 8.0);
     }
-    assert!(draw(1).at([0.0; 3]).length() < 1e-15);
+    assert!(draw(1).at([0.0; 3]).norm() < 1e-15);
     // The table that the world uses says the same as the cosines, within it and beyond.
     let table = draw(1).tabulated([250.0; 3]);
     for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
-        let off = (table.at([x, -x, x]) - draw(1).at([x, -x, x])).length();
+        let off = (table.at([x, -x, x]) - draw(1).at([x, -x, x])).norm();
         assert!(off < 1e-5 * (sigma + 0.5 + 2.0), "{off} at {x}");
     }
 }
@@ -119,7 +119,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     // The same point of the ball: the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
-    let lobing = Lobing::draw(3, 0.005).at(DVec3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    let lobing = Lobing::draw(3, 0.005).at(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((CIRCLE - plain - lobing).abs() < 1e-9);
 }
 

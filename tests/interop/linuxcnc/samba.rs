@@ -7,22 +7,22 @@ use std::time::Instant;
 use devices::controllers::Driver as _;
 use devices::controllers::linuxcnc::LinuxCnc;
 use estimation::sphere::fit_sphere;
-use glam::{DMat3, DVec3};
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
+use nalgebra::{Rotation3, Vector3};
 
 use super::desk::{Desk, complaint, result};
 use super::machine::{open, run, z};
 use super::rig::{Rig, rig};
 
 /// Where the true axes stand, mm, and how they lie, rad: the rig's pins.
-const B: DVec3 = DVec3::new(0.035, 0.0, -0.060);
+const B: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
 const B_LIES: [f64; 2] = [40e-6, -30e-6];
-const C: DVec3 = DVec3::new(0.110, -0.030, 0.0);
+const C: Vector3<f64> = Vector3::new(0.110, -0.030, 0.0);
 const C_LIES: [f64; 2] = [-25e-6, 55e-6];
-const STYLUS: DVec3 = DVec3::new(0.0121, -0.0082, 0.045);
+const STYLUS: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
 /// Where the balls stand with all axes at zero, up to half a millimetre from where samba.toml has
 /// them; the first two stand 150 mm apart.
 pub const BALLS: [[f64; 3]; 4] =
@@ -86,23 +86,21 @@ pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
 
 /// Where the axes X, Y, Z stand when the stylus ball is where the ball is: plain matrices, where the
 /// rig turns points about lines.
-fn coincide(ball: [f64; 3], b: f64, c: f64) -> DVec3 {
-    let about = |p: DVec3, through: DVec3, lies: DMat3, turn: DMat3| {
-        through + lies * turn * lies.transpose() * (p - through)
-    };
-    let c_lies = DMat3::from_rotation_y(C_LIES[1]) * DMat3::from_rotation_x(C_LIES[0]);
-    let b_lies = DMat3::from_rotation_z(B_LIES[1]) * DMat3::from_rotation_x(B_LIES[0]);
-    let turned = about(DVec3::from_array(ball), C, c_lies, DMat3::from_rotation_z(c));
-    about(turned, B, b_lies, DMat3::from_rotation_y(b)) - STYLUS
-}
-
-fn linear(at: DVec3) -> Position {
-    Position::new().with(Axis::X, at.x).with(Axis::Y, at.y).with(Axis::Z, at.z)
+fn coincide(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
+    let about =
+        |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
+            through + lies * turn * lies.inverse() * (p - through)
+        };
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let c_lies = Rotation3::new(y * C_LIES[1]) * Rotation3::new(x * C_LIES[0]);
+    let b_lies = Rotation3::new(z * B_LIES[1]) * Rotation3::new(x * B_LIES[0]);
+    let turned = about(Vector3::from(ball), C, c_lies, Rotation3::new(z * c));
+    about(turned, B, b_lies, Rotation3::new(y * b)) - STYLUS
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
-fn touch(step: u32, centre: DVec3, normal: DVec3, (b, c): (f64, f64)) -> Block {
-    let place = |far: f64| linear(centre + (RADIUS + TIP + far) * normal);
+fn touch(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
+    let place = |far: f64| Position::from_xyz(centre + (RADIUS + TIP + far) * normal);
     let over = place(0.4).with(Axis::Z, 200.0).with(Axis::B, b).with(Axis::C, c);
     let motions = vec![
         Motion::Rapid { to: z(200.0) },
@@ -116,20 +114,27 @@ fn touch(step: u32, centre: DVec3, normal: DVec3, (b, c): (f64, f64)) -> Block {
 }
 
 /// Four touches round the ball and one at its pole.
-async fn centre(driver: &mut LinuxCnc, near: DVec3, at: (f64, f64)) -> Result<DVec3, Failed> {
-    let round = (0..4).map(|i| DMat3::from_rotation_z((f64::from(i) + 0.5) * FRAC_PI_2) * DVec3::X);
+async fn centre(
+    driver: &mut LinuxCnc,
+    near: Vector3<f64>,
+    at: (f64, f64),
+) -> Result<Vector3<f64>, Failed> {
+    let round = (0..4).map(|i| {
+        let (sin, cos) = ((f64::from(i) + 0.5) * FRAC_PI_2).sin_cos();
+        Vector3::new(cos, sin, 0.0)
+    });
     let mut points = Vec::new();
-    for (step, normal) in (0..).zip(round.chain([DVec3::Z])) {
+    for (step, normal) in (0..).zip(round.chain([Vector3::z()])) {
         let outcome = driver.execute(&touch(step, near, normal, at)).await?;
         let touch = outcome.touch.ok_or("no touch")?;
-        points.push(Axis::LINEAR.map(|axis| touch.at(axis)));
+        points.push(touch.xyz().into());
     }
     let sphere = fit_sphere(&points)?;
     eprintln!("radius off by {:.3} um", (sphere.radius - RADIUS - TIP) * 1e3);
     if (sphere.radius - RADIUS - TIP).abs() > 0.001 {
         return Err(format!("{sphere:?}").into());
     }
-    Ok(DVec3::from_array(sphere.centre))
+    Ok(Vector3::from(sphere.centre))
 }
 
 /// The rig's balls, touched by hand.
@@ -143,11 +148,11 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
             let (b, c) = (f64::to_radians(b), f64::to_radians(c));
             let truth = coincide(BALLS[ball], b, c);
             // From a tenth beside it: nobody knows where it is.
-            let near = truth + DVec3::new(0.05, -0.1, 0.04);
+            let near = truth + Vector3::new(0.05, -0.1, 0.04);
             let off_um = (centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
-            eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {off_um:.3} um");
-            if off_um.abs().max_element() > 1.0 {
-                return Err(format!("ball {ball}: off by {off_um} um").into());
+            eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {:.3?} um", off_um.as_slice());
+            if off_um.abs().max() > 1.0 {
+                return Err(format!("ball {ball}: off by {:?} um", off_um.as_slice()).into());
             }
         }
         Ok(driver.finish().await?)

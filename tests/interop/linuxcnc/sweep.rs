@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use glam::{DMat4, DVec3, DVec4};
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -10,6 +9,7 @@ use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 use methods::{IdentifyError, Method, Next, Refused, Source};
+use nalgebra::{Matrix4, Vector3, Vector4};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};
@@ -21,9 +21,9 @@ use super::samba::{BALLS, finds_at, put_balls};
 use super::streams::Streams;
 
 /// The ball, where it truly stands, and the laser's zero point from the spindle's datum, mm.
-const BALL: DVec3 = DVec3::from_array(BALLS[0]);
+const BALL: Vector3<f64> = Vector3::new(BALLS[0][0], BALLS[0][1], BALLS[0][2]);
 const RADIUS: f64 = 10.0;
-const ZERO: DVec3 = DVec3::new(0.3, -0.2, -100.05);
+const ZERO: Vector3<f64> = Vector3::new(0.3, -0.2, -100.05);
 const LEAN: [f64; 2] = [400e-6, -250e-6];
 /// What the laser R-test has to find on the axes as they truly lie; as for the ball chased by touch.
 const TRUTH: [(&str, f64, f64); 9] = [
@@ -132,11 +132,11 @@ async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>
 }
 
 /// Readings of one step, in the order of time.
-struct Pass(Vec<(f64, DVec3, f64)>);
+struct Pass(Vec<(f64, Vector3<f64>, f64)>);
 
 impl Pass {
     /// Where the axes stood, as the readings before and after have it.
-    fn at(&self, t_s: f64) -> Option<DVec3> {
+    fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let after = self.0.partition_point(|(time, ..)| *time < t_s);
         let (late, early) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
         let part = (t_s - early.0) / (late.0 - early.0);
@@ -147,7 +147,7 @@ impl Pass {
 fn by_pass(readings: &[Reading]) -> Vec<Pass> {
     let mut passes: Vec<Pass> = Passes::steps().iter().map(|_| Pass(Vec::new())).collect();
     for reading in readings {
-        let at = DVec3::from_array(Axis::LINEAR.map(|axis| reading.position.at(axis)));
+        let at = reading.position.xyz();
         if let Some(value) = reading.value_mm {
             passes[reading.step as usize].0.push((reading.t_s, at, value));
         }
@@ -159,7 +159,7 @@ fn by_pass(readings: &[Reading]) -> Vec<Pass> {
 /// after its position a value comes, s; how many samples agree, of how many.
 #[derive(Debug)]
 struct Found {
-    centre: DVec3,
+    centre: Vector3<f64>,
     latency_s: f64,
     rms_um: f64,
     used: usize,
@@ -175,18 +175,18 @@ fn agrees_mm() -> f64 {
 /// left out, round by round, and in the end those that do not agree: lines come late from Python where others
 /// compile, half of them at times.
 fn fit(passes: &[Pass]) -> Result<Found, Failed> {
-    let expected = |at: DVec3, centre: DVec3| {
+    let expected = |at: Vector3<f64>, centre: Vector3<f64>| {
         let off = at - centre;
         off.z - (RADIUS * RADIUS - off.x * off.x - off.y * off.y).sqrt()
     };
-    let mut unknown = DVec4::new(80.0, 0.0, 190.0, 0.04);
+    let mut unknown = Vector4::new(80.0, 0.0, 190.0, 0.04);
     let (mut limit, mut last) = (f64::INFINITY, None);
     for round in 0..25 {
-        let residual = |pass: &Pass, (t_s, value): (f64, f64), unknown: DVec4| {
+        let residual = |pass: &Pass, (t_s, value): (f64, f64), unknown: Vector4<f64>| {
             let at = pass.at(t_s - unknown.w)?;
-            Some(value - expected(at, unknown.truncate()))
+            Some(value - expected(at, unknown.xyz()))
         };
-        let (mut normal, mut right, mut all) = (DMat4::ZERO, DVec4::ZERO, Vec::new());
+        let (mut normal, mut right, mut all) = (Matrix4::zeros(), Vector4::zeros(), Vec::new());
         let (mut used, mut rms) = (0_usize, 0.0);
         for pass in passes {
             for (t_s, _, value) in &pass.0 {
@@ -202,22 +202,22 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
                     })
                     .collect();
                 let Some(slopes) = slopes.filter(|_| off.abs() <= limit) else { continue };
-                let row = DVec4::from_slice(&slopes);
-                normal += DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w);
+                let row = Vector4::from_column_slice(&slopes);
+                normal += row * row.transpose();
                 right -= row * off;
                 used += 1;
                 rms += off * off;
             }
         }
-        unknown += normal.inverse() * right;
+        unknown += normal.try_inverse().ok_or("the fit finds nothing")? * right;
         all.sort_by(f64::total_cmp);
         limit = 4.0 * 1.48 * all.get(all.len() / 2).ok_or("no sample")?.max(1e-6);
         limit = if round < 12 { limit } else { limit.min(agrees_mm()) };
-        if used == 0 || !unknown.is_finite() {
+        if used == 0 || !unknown.norm().is_finite() {
             return Err("the fit finds nothing".into());
         }
         last = Some(Found {
-            centre: unknown.truncate(),
+            centre: unknown.xyz(),
             latency_s: unknown.w,
             rms_um: (rms / used as f64).sqrt() * 1e3,
             used,
@@ -265,13 +265,15 @@ fn follows(near: &Near) -> Result<(), Failed> {
         let off_um = (found.centre - (BALL - ZERO)) * 1e3;
         let Found { latency_s, rms_um, used, .. } = found;
         eprintln!(
-            "{used} of {} readings, rms {rms_um:.3} um, latency {:.3} ms; ball off by {off_um:.3} um",
+            "{used} of {} readings, rms {rms_um:.3} um, latency {:.3} ms; ball off by {:.3?} um",
             readings.len(),
-            latency_s * 1e3
+            latency_s * 1e3,
+            off_um.as_slice(),
         );
         // The rest came late; of those that agree none was chosen by being like the others alone.
-        if off_um.abs().max_element() > near.mm * 1e3 || 4 * used < readings.len() {
-            return Err(format!("the ball is off by {off_um} um, {used} readings agree").into());
+        if off_um.abs().max() > near.mm * 1e3 || 4 * used < readings.len() {
+            let off_um = off_um.as_slice();
+            return Err(format!("the ball is off by {off_um:?} um, {used} readings agree").into());
         }
         latencies_ms.push(found.latency_s * 1e3);
     }

@@ -1,7 +1,7 @@
 //! What no unknown of the model takes, by the magnitude that is declared: squareness of X, Y and Z, the
 //! sphere's form, what the sensor says of a surface that leans.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Rotation3, Vector3};
 
 use super::{Acts, Seen, UncertaintySource, source};
 
@@ -11,7 +11,7 @@ impl Seen<'_> {
         const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
         let sigma = self.bench.plan.machine.squareness_urad * 1e-6;
         let spots = &self.grouped.spots;
-        let sum: DVec3 = spots.iter().map(|spot| spot.xyz).sum();
+        let sum: Vector3<f64> = spots.iter().map(|spot| spot.xyz).sum();
         let mean = sum / spots.len().max(1) as f64;
         let column = |(along, over): (usize, usize)| {
             let spots = spots.iter().zip(&self.normals);
@@ -26,11 +26,12 @@ impl Seen<'_> {
         let sigma = self.bench.settings.form_u_um * 1e-3;
         let outward = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
             let rotary = self.grouped.groups.get(row.group).map(|group| &group.rotary);
-            let table = rotary.map(|at| self.bench.chain.machine_from_table(at, &[]).matrix3);
-            table.unwrap_or(DMat3::IDENTITY).transpose() * *normal
+            let table = rotary.map(|at| self.bench.chain.machine_from_table(at, &[]).rotation);
+            table.unwrap_or(Rotation3::identity()).inverse() * normal
         });
-        let outward: Vec<DVec3> = outward.collect();
-        let over = |of: &dyn Fn(&DVec3) -> f64| outward.iter().map(|u| sigma * of(u)).collect();
+        let outward: Vec<Vector3<f64>> = outward.collect();
+        let over =
+            |of: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * of(u)).collect();
         // Variances 1 on and 1/2 off the diagonal, less the trace: 2/3 is left along every u.
         let own = |k: usize| over(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| over(&move |u| 3f64.sqrt() * u[i] * u[j]);
@@ -49,7 +50,7 @@ impl Seen<'_> {
         }
         let frame = self.grouped.centres.frame;
         let leans = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
-            let n = (row.spindle * frame).transpose() * *normal;
+            let n = (row.spindle * frame).transpose() * normal;
             // Facing the beam n is (0, 0, −1).
             [n.x / -n.z, n.y / -n.z]
         });

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, commanded, run, table_5};
@@ -13,11 +13,11 @@ use crate::laser_r_test::Settings;
 use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::cells::cells;
 use crate::laser_r_test::identify::identify;
-use crate::laser_r_test::model::linear;
 use crate::laser_r_test::observe::observe;
 use crate::laser_r_test::settings::{By, Sampled};
 use crate::laser_r_test::track::Track;
 use estimation::coverage::chi_square_bounds;
+use machine::Position;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Sampling, Step};
 use machine::record::reading::Reading;
@@ -57,8 +57,8 @@ fn crosses_are_walked_forward_and_back_and_the_references_stand() {
     assert_eq!(feeds, [600.0, 1800.0]);
     // Each way is gone both ways.
     let scan = plan.steps[1].scan.as_ref().unwrap();
-    let xyz: Vec<DVec3> = scan.path.iter().map(linear).collect();
-    let ways: Vec<DVec3> = xyz.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let xyz: Vec<Vector3<f64>> = scan.path.iter().map(Position::xyz).collect();
+    let ways: Vec<Vector3<f64>> = xyz.windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert_eq!(ways.len(), 6);
     for way in [0, 1] {
         assert!(ways.iter().map(|by| by[way].max(0.0)).sum::<f64>() > 8.0);

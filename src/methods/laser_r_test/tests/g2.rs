@@ -1,13 +1,13 @@
 //! Gates G2 of METHODS section 2.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, settings};
 use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::identify::{identify, parts};
 use crate::laser_r_test::known;
-use crate::laser_r_test::model::{Model, Problem, Sight, linear, placed};
+use crate::laser_r_test::model::{Model, Problem, Sight, placed};
 use crate::laser_r_test::paper;
 use crate::laser_r_test::parameters::chosen;
 use estimation::schur::{Rows, factor};
@@ -27,12 +27,17 @@ fn five(estimate: &Estimate) -> [(f64, f64); 5] {
 }
 
 /// 42 poses of a sphere, sights of unit standard uncertainty `u` mm.
-pub fn problem(names: &[&str], harmonics: &[u32], ball: DVec3, u: f64) -> (Problem, Vec<f64>) {
+pub fn problem(
+    names: &[&str],
+    harmonics: &[u32],
+    ball: Vector3<f64>,
+    u: f64,
+) -> (Problem, Vec<f64>) {
     let plan = ideal(1.0);
     let chain = Chain::new(&plan.machine).unwrap();
     let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
     let parameters = chosen(&chain, &names, harmonics).unwrap().parameters;
-    let zero = DVec3::new(0.0, 0.0, -150.0);
+    let zero = Vector3::new(0.0, 0.0, -150.0);
     let mut sights = Vec::new();
     for b in (-90..=90).step_by(30) {
         for c in (0..360).step_by(60) {
@@ -43,19 +48,19 @@ pub fn problem(names: &[&str], harmonics: &[u32], ball: DVec3, u: f64) -> (Probl
             let tip = machine::frame::Point::from_vec(zero);
             let target = machine::frame::Point::from_vec(ball);
             let at = chain.linear_axes_for(target, tip, &rotary, &[]).unwrap();
-            sights.push(Sight { at: rotary.updated_by(&at), weight: DMat3::IDENTITY / u });
+            sights.push(Sight { at: rotary.updated_by(&at), weight: Matrix3::identity() / u });
         }
     }
     let mut x = vec![0.0; parameters.len()];
-    x.extend(zero.to_array());
-    x.extend(ball.to_array());
+    x.extend(&zero);
+    x.extend(&ball);
     (Problem { model: Model { chain, parameters }, sights, hold: None }, x)
 }
 
 /// The set that the topology implies is the paper's, and what it gives at 1 µm.
 #[test]
 fn paper_five_parameters_with_offset_and_sphere() {
-    let (problem, x) = problem(&[], &[], DVec3::new(80.0, 0.0, 60.0), 1e-3);
+    let (problem, x) = problem(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
     let names: Vec<String> = problem.model.parameters.iter().map(ToString::to_string).collect();
     assert_eq!(names, FIVE);
     let survey = problem.survey(&x).unwrap();
@@ -72,7 +77,7 @@ fn paper_five_parameters_with_offset_and_sphere() {
 /// METHODS' columns are the chain's, but for what offset and sphere position take up.
 #[test]
 fn paper_columns_are_those_of_the_exact_chain() {
-    let ball = DVec3::new(80.0, -12.0, 60.0);
+    let ball = Vector3::new(80.0, -12.0, 60.0);
     let (problem, x) = problem(&[], &[], ball, 1.0);
     let count = 3 * problem.sights.len();
     // Both sets side by side, projected away from offset and sphere: the rest must vanish.
@@ -85,7 +90,7 @@ fn paper_columns_are_those_of_the_exact_chain() {
         let of_paper = paper::columns(b, c, ball);
         for k in 0..3 {
             rows.set_common(3 * i + k, k, 1.0);
-            (0..3).for_each(|j| rows.set_common(3 * i + k, 3 + j, turn.col(j)[k]));
+            (0..3).for_each(|j| rows.set_common(3 * i + k, 3 + j, turn[(k, j)]));
             for j in 0..5 {
                 // A sphere that is displaced by d is met where the axes stand by d further.
                 differences[j][3 * i + k] = of_paper[j][k] + (turn * own[j])[k];
@@ -110,9 +115,10 @@ fn the_chain_sees_the_sphere_where_the_paper_s_product_puts_it() {
     let zero = problem.model.zero(&x);
     for sight in &problem.sights {
         let (b, c) = (sight.at.at(Axis::B), sight.at.at(Axis::C));
-        let at = placed(&sight.at, world.table(b, c).transform_point3(world.ball) - zero);
-        let miss = problem.model.misclosure(&at, &x).length();
-        assert!(miss < 1e-12, "{miss} at {:?}", linear(&at));
+        let at =
+            placed(&sight.at, world.table(b, c).transform_point(&world.ball.into()).coords - zero);
+        let miss = problem.model.misclosure(&at, &x).norm();
+        assert!(miss < 1e-12, "{miss} at {:?}", at.xyz());
     }
 }
 
@@ -126,8 +132,8 @@ fn regress_beam_direction_from_three_heights() {
         let own = settings();
         let bench = Bench::new(&plan, &own).unwrap();
         let beam = known::known(&bench, &readings).unwrap().beam;
-        square += (beam.normalize() - world.beam).length_squared();
-        assert!((beam.length() - 1.0).abs() < 1e-4, "gain {}", beam.length());
+        square += (beam.normalize() - world.beam).norm_squared();
+        assert!((beam.norm() - 1.0).abs() < 1e-4, "gain {}", beam.norm());
     }
     let rms_urad = (square / 40.0).sqrt() * 1e6;
     println!("beam direction: rms {rms_urad:.2} µrad");
@@ -151,8 +157,8 @@ fn paper_table_5_comes_back_without_noise() {
         assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", FIVE[i]);
     }
     // Zero point and sphere come back as well, as the world's B and C meet in the origin.
-    assert!((parts.problem.model.zero(&parts.minimum.x) - world.zero).length() < 1e-6);
-    assert!((parts.problem.model.ball(&parts.minimum.x) - world.ball).length() < 1e-6);
+    assert!((parts.problem.model.zero(&parts.minimum.x) - world.zero).norm() < 1e-6);
+    assert!((parts.problem.model.ball(&parts.minimum.x) - world.ball).norm() < 1e-6);
 }
 
 #[test]

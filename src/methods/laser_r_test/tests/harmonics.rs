@@ -1,13 +1,13 @@
 //! Error motions of B as Fourier series.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::g2::{FIVE, problem};
 use super::ideal;
 use crate::laser_r_test::parameters::chosen;
 use machine::kinematics::Chain;
 
-const BALL: DVec3 = DVec3::new(80.0, 0.0, 60.0);
+const BALL: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
 
 #[test]
 fn paper_second_harmonics_of_b_have_full_rank() {

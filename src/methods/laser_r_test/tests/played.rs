@@ -1,12 +1,13 @@
 //! A machine of the test's own: paper 2, Eq. (1) as a product of plain motions, and a beam that is cut
 //! with the sphere.
 
-use glam::{DAffine3, DMat3, DVec3};
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::laser_r_test::{LaserRTest, Settings};
 use crate::{Method, Next, Refused, Source};
 use estimation::random::stream;
+use machine::frame::Pose;
 use machine::record::plan::{Plan, Sampling, Stage, Step};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
@@ -19,9 +20,9 @@ pub const TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
 pub struct World {
     pub w: [f64; 5],
     /// Zero point from the spindle datum, and beam: not as the file says.
-    pub zero: DVec3,
-    pub beam: DVec3,
-    pub ball: DVec3,
+    pub zero: Vector3<f64>,
+    pub beam: Vector3<f64>,
+    pub ball: Vector3<f64>,
     pub radius: f64,
     pub noise_um: f64,
     pub seed: u64,
@@ -30,7 +31,7 @@ pub struct World {
     /// Lost motion of X, Y and Z.
     pub gap_mm: f64,
     /// What else moves the table (machine frame, mm) at these positions and time.
-    pub shift: fn(&World, &Position, f64) -> DVec3,
+    pub shift: fn(&World, &Position, f64) -> Vector3<f64>,
     /// What the sensor shows beyond the distance.
     pub curve: fn(&World, f64) -> f64,
 }
@@ -38,45 +39,57 @@ pub struct World {
 pub fn table_5(noise_um: f64, seed: u64) -> World {
     World {
         w: TABLE_5,
-        zero: DVec3::new(0.21, -0.34, -149.83),
-        beam: DVec3::new(1.3e-3, -0.9e-3, -1.0).normalize(),
-        ball: DVec3::new(80.4, -0.3, 60.2),
+        zero: Vector3::new(0.21, -0.34, -149.83),
+        beam: Vector3::new(1.3e-3, -0.9e-3, -1.0).normalize(),
+        ball: Vector3::new(80.4, -0.3, 60.2),
         radius: 10.0,
         noise_um,
         seed,
         latency_s: 0.0,
         gap_mm: 0.0,
-        shift: |_, _, _| DVec3::ZERO,
+        shift: |_, _, _| Vector3::zeros(),
         curve: |_, _| 0.0,
     }
 }
 
-fn turned(matrix: DMat3) -> DAffine3 {
-    DAffine3::from_mat3(matrix)
+fn turned(matrix: Matrix3<f64>) -> Pose {
+    Pose::from_parts(Translation3::identity(), Rotation3::from_matrix_unchecked(matrix))
 }
 
-fn d_a(a: f64) -> DAffine3 {
+fn d_a(a: f64) -> Pose {
     let (s, c) = a.sin_cos();
-    turned(DMat3::from_cols(DVec3::X, DVec3::new(0.0, c, s), DVec3::new(0.0, -s, c)))
+    turned(Matrix3::from_columns(&[
+        Vector3::x(),
+        Vector3::new(0.0, c, s),
+        Vector3::new(0.0, -s, c),
+    ]))
 }
 
-fn d_b(b: f64) -> DAffine3 {
+fn d_b(b: f64) -> Pose {
     let (s, c) = b.sin_cos();
-    turned(DMat3::from_cols(DVec3::new(c, 0.0, -s), DVec3::Y, DVec3::new(s, 0.0, c)))
+    turned(Matrix3::from_columns(&[
+        Vector3::new(c, 0.0, -s),
+        Vector3::y(),
+        Vector3::new(s, 0.0, c),
+    ]))
 }
 
-fn d_c(g: f64) -> DAffine3 {
+fn d_c(g: f64) -> Pose {
     let (s, c) = g.sin_cos();
-    turned(DMat3::from_cols(DVec3::new(c, s, 0.0), DVec3::new(-s, c, 0.0), DVec3::Z))
+    turned(Matrix3::from_columns(&[
+        Vector3::new(c, s, 0.0),
+        Vector3::new(-s, c, 0.0),
+        Vector3::z(),
+    ]))
 }
 
-fn d_x(x: f64) -> DAffine3 {
-    DAffine3::from_translation(DVec3::X * x)
+fn d_x(x: f64) -> Pose {
+    Pose::from(Translation3::from(Vector3::x() * x))
 }
 
 impl World {
     /// Eq. (1) without the three parameters that drop out.
-    pub fn table(&self, b: f64, c: f64) -> DAffine3 {
+    pub fn table(&self, b: f64, c: f64) -> Pose {
         let [alpha, beta, gamma, delta_x, alpha_cb] = self.w;
         let of_b = d_a(alpha) * d_b(beta) * d_c(gamma) * d_b(-b);
         of_b * d_x(delta_x) * d_a(alpha_cb) * d_c(-c)
@@ -85,11 +98,11 @@ impl World {
     /// Distance along the beam, where it meets the sphere first; the table rides on X.
     fn distance(&self, at: &Position, t_s: f64) -> Option<f64> {
         let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
-        let centre = table.transform_point3(self.ball) + (self.shift)(self, at, t_s);
-        let origin = DVec3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+        let centre = table.transform_point(&self.ball.into()).coords + (self.shift)(self, at, t_s);
+        let origin = Vector3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
         let (from, along) = (origin - centre, self.beam);
-        let half = from.dot(along);
-        let root = half * half - from.length_squared() + self.radius * self.radius;
+        let half = from.dot(&along);
+        let root = half * half - from.norm_squared() + self.radius * self.radius;
         (root >= 0.0).then(|| -half - root.sqrt())
     }
 
@@ -97,15 +110,15 @@ impl World {
     fn touch(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
         let apart = |at: &Position| {
             let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
-            let tip = DVec3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
-            tip - table.transform_point3(self.ball) - (self.shift)(self, at, t_s)
+            let tip = Vector3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+            tip - table.transform_point(&self.ball.into()).coords - (self.shift)(self, at, t_s)
         };
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
         let deviation: f64 = noise.next().unwrap();
         let reach = self.radius + stylus + deviation * self.noise_um * 1e-3;
         let (from, way) = (apart(&step.from), apart(&step.to) - apart(&step.from));
-        let (a, half) = (way.length_squared(), from.dot(way));
-        let root = half * half - a * (from.length_squared() - reach * reach);
+        let (a, half) = (way.norm_squared(), from.dot(&way));
+        let root = half * half - a * (from.norm_squared() - reach * reach);
         let share = (-half - root.sqrt()) / a;
         assert!((0.0..=1.0).contains(&share), "{}: no contact", step.label);
         let between = |(axis, value)| (axis, value + share * (step.to.at(axis) - value));
@@ -180,8 +193,8 @@ fn ramped(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
 pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f64) {
     let (mut begins, mut at) = (0.0, path[0].clone());
     for pair in path.windows(2) {
-        let xyz = |p: &Position| DVec3::from_array(Axis::LINEAR.map(|axis| p.at(axis)));
-        let way = (xyz(&pair[1]) - xyz(&pair[0])).length();
+        let xyz = |p: &Position| Vector3::from(Axis::LINEAR.map(|axis| p.at(axis)));
+        let way = (xyz(&pair[1]) - xyz(&pair[0])).norm();
         let (s, whole) = ramped(way, feed_mm_min / 60.0, t_s - begins);
         if t_s > begins {
             for axis in Axis::LINEAR {

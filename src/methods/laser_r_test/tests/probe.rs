@@ -1,6 +1,6 @@
 //! Chase-the-ball feeds the same identification.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, run, table_5};
@@ -12,7 +12,7 @@ use crate::laser_r_test::settings::By;
 use machine::record::estimate::Estimate;
 
 fn touched(noise_um: f64, seed: u64) -> Estimate {
-    let zero = DVec3::new(0.012, -0.009, -200.03);
+    let zero = Vector3::new(0.012, -0.009, -200.03);
     let world = World { zero, radius: 10.004, ..table_5(noise_um, seed) };
     let mut plan = ideal(0.5);
     plan.probe.repeatability_um = Some(0.5);

@@ -1,6 +1,6 @@
 //! What the budget grants a run that was interrupted is what its references would have let pass.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::played::{World, run, table_5};
 use super::{ideal, settings};
@@ -35,7 +35,7 @@ impl Stopped {
 
     /// The reference twice more, of a machine that now stands `by` further; the first time with the noise
     /// that it had before.
-    fn again(&self, by: DVec3) -> Vec<Reading> {
+    fn again(&self, by: Vector3<f64>) -> Vec<Reading> {
         let step: &Step =
             self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
         let mut t_s = self.plan.gaps_s[0] + RESTS_S / 2.0;
@@ -50,13 +50,13 @@ impl Stopped {
     }
 
     /// Whether a run would go on.
-    fn agrees(&self, by: DVec3) -> bool {
+    fn agrees(&self, by: Vector3<f64>) -> bool {
         let (shifts, _) = References::of(&self.plan, &self.before).compare(&self.again(by));
         shifts.len() == 26 && shifts.iter().all(|shift| shift.agrees())
     }
 
     /// The greatest step along `way` with which it would, mm.
-    fn most_mm(&self, way: DVec3) -> f64 {
+    fn most_mm(&self, way: Vector3<f64>) -> f64 {
         let (mut least, mut most) = (0.0, 0.1);
         while most - least > 1e-6 {
             let middle = (least + most) / 2.0;
@@ -68,15 +68,15 @@ impl Stopped {
 
 /// How large the source's steps along X, Y and Z are: what one adds at a spot is its part of the normal, and
 /// the squares of the parts are 1 together.
-fn sizes_mm(columns: &[Vec<f64>]) -> DVec3 {
-    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+fn sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for i in (0..columns[0].len()).filter(|i| columns[2][*i] != 0.0) {
-        let squares = DVec3::new(columns[0][i], columns[1][i], columns[2][i]).powf(2.0) * 1e6;
-        normal += DMat3::from_cols(squares * squares.x, squares * squares.y, squares * squares.z);
+        let squares = Vector3::from([0, 1, 2].map(|k| columns[k][i].powi(2) * 1e6));
+        normal += squares * squares.transpose();
         right += squares;
     }
-    let inverse = normal.inverse() * right;
-    DVec3::from_array(inverse.to_array().map(|of| 1e-3 / of.sqrt()))
+    let inverse = normal.try_inverse().unwrap() * right;
+    inverse.map(|of| 1e-3 / of.sqrt())
 }
 
 #[test]
@@ -84,18 +84,19 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
     let stopped = Stopped::new();
     let own = settings();
     let bench = Bench::new(&stopped.plan, &own).unwrap();
-    let [before, again, later] = [&stopped.before, &stopped.again(DVec3::ZERO), &stopped.later];
+    let [before, again, later] =
+        [&stopped.before, &stopped.again(Vector3::zeros()), &stopped.later];
     let readings = [before.as_slice(), again, later].concat();
     let parts = parts(&bench, &readings).unwrap();
     let all = sources(&bench, &parts.observed, &parts.grouped, &parts.fitted.x);
     let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
     let Acts::Joint(columns) = &step.acts else { panic!("each by itself") };
     let granted = sizes_mm(columns);
-    for (k, way) in DVec3::AXES.into_iter().enumerate() {
+    for (k, way) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
         let let_pass = stopped.most_mm(way);
         println!("granted {:.3} um, let pass {:.3} um", granted[k] * 1e3, let_pass * 1e3);
         // The scan's middle is the sphere's to a few µm.
-        assert!((granted[k] / let_pass - 1.0).abs() < 0.02, "{k}: {granted} {let_pass}");
+        assert!((granted[k] / let_pass - 1.0).abs() < 0.02, "{k}: {granted:?} {let_pass}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! All sources that the file declares, drawn in the test's own world: U must cover them. And the 0.2 mm
 //! cube of paper 2, Fig. 8.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Rotation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::g2::{EDGE, FIVE};
@@ -32,27 +32,29 @@ fn smooth(seed: u64, key: u64, length: f64, at: f64) -> f64 {
 }
 
 /// As config/laser.toml declares them.
-fn shift(world: &World, at: &Position, t_s: f64) -> DVec3 {
+fn shift(world: &World, at: &Position, t_s: f64) -> Vector3<f64> {
     let um = 1e-3;
-    let mut all = DVec3::ZERO;
+    let mut all = Vector3::zeros();
     for (key, axis) in (0u64..).zip(Axis::LINEAR) {
         let along = |k: u64| smooth(world.seed, 3 * key + k, 200.0, at.at(axis));
-        all += DVec3::new(along(0), along(1), along(2)) * 0.3 * um;
+        all += Vector3::new(along(0), along(1), along(2)) * 0.3 * um;
     }
     let harmonics = |key: u64, angle: f64| {
         let mut normal = StandardNormal.sample_iter(stream(world.seed, &[78, key]));
-        let mut sum = DVec3::ZERO;
+        let mut sum = Vector3::zeros();
         for order in 2..=5 {
             let (s, c) = (f64::from(order) * angle).sin_cos();
             let mut draw = || -> f64 { normal.next().unwrap() };
-            sum += DVec3::new(draw(), draw(), draw()) * c + DVec3::new(draw(), draw(), draw()) * s;
+            sum +=
+                Vector3::new(draw(), draw(), draw()) * c + Vector3::new(draw(), draw(), draw()) * s;
         }
         sum * 0.15 * um
     };
     all += harmonics(0, at.at(Axis::B));
-    all += DMat3::from_rotation_y(-at.at(Axis::B)) * harmonics(1, at.at(Axis::C));
+    all += Rotation3::from_axis_angle(&Vector3::y_axis(), -at.at(Axis::B))
+        * harmonics(1, at.at(Axis::C));
     let mut rate = StandardNormal.sample_iter(stream(world.seed, &[79]));
-    let rate = DVec3::from_array([0; 3].map(|_| -> f64 { rate.next().unwrap() }));
+    let rate = Vector3::from([0; 3].map(|_| -> f64 { rate.next().unwrap() }));
     all + rate * um * t_s / 3600.0
 }
 
@@ -124,7 +126,8 @@ fn regress_monte_carlo_agrees_with_first_order() {
 /// An undeclared second harmonic of B shows in the poses, and is found when it is asked for.
 #[test]
 fn regress_an_error_motion_of_b_is_noticed_and_found() {
-    let shift = |_: &World, at: &Position, _: f64| DVec3::X * 3e-3 * (2.0 * at.at(Axis::B)).cos();
+    let shift =
+        |_: &World, at: &Position, _: f64| Vector3::x() * 3e-3 * (2.0 * at.at(Axis::B)).cos();
     let world = World { shift, ..table_5(0.5, 1) };
     let found = |harmonics: &[u32]| {
         let own = Settings { harmonics: harmonics.to_vec(), ..settings() };
@@ -179,8 +182,8 @@ fn paper_cube_of_fig_8() {
     for group in 1..grouped.groups.len() {
         let off = grouped.centres.centre(&fitted.x, group) - first;
         let mean_off = off * 1e3;
-        println!("corner {group}: {mean_off:.3} µm");
-        worst = worst.max(mean_off.length());
+        println!("corner {group}: {mean_off:.3?} µm");
+        worst = worst.max(mean_off.norm());
     }
     assert_eq!(grouped.groups.len(), 9);
     assert!(worst < 1.4, "{worst} µm");

@@ -1,7 +1,7 @@
 //! Machine, artefact and settings as the design sees them: what could be measured, and what each
 //! measurement would tell.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::artefact;
 use super::indexation::{in_words, oriented};
@@ -41,17 +41,14 @@ impl<'a> Bench<'a> {
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let balls = artefact::balls(&plan.artefact)?;
         settings.check()?;
-        let chain = Chain::new(&plan.machine).map_err(|error| Refused {
-            why: error.to_string(),
-            instead: "correct [machine] and [axes] in the machine file".to_owned(),
-        })?;
+        let chain = Chain::new(&plan.machine)?;
         let oriented = oriented(&plan.machine, settings)?.is_some();
         let stands = parameters::standing(plan, settings, &chain);
         let lengths = directions(balls);
         let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
         let chosen = parameters::chosen(&settings.parameters, way)?;
         check_standing(&chosen, way)?;
-        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let model = Model::of(chain, chosen, stands, lengths);
         Ok(Self { plan, settings, balls, model, tip, oriented })
     }
@@ -70,8 +67,7 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// A machine without kinematics.
     pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
-        Access::new(self.plan, artefact)
-            .map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })
+        Ok(Access::new(self.plan, artefact)?)
     }
 
     /// One measurement of a ball.
@@ -91,7 +87,7 @@ impl<'a> Bench<'a> {
 
     /// Axis positions with the tip on the ball's stated centre.
     pub fn on_ball(&self, at: &Position, ball: &Ball) -> Result<Position, Refused> {
-        let centre = Point::from_vec(DVec3::from_array(ball.centre_mm));
+        let centre = Point::from_vec(Vector3::from(ball.centre_mm));
         let linear = self.model.chain().linear_axes_for(centre, self.tip, at, &[]);
         let linear = linear.map_err(|error| Refused {
             why: format!("ball {} at {}: {error}", ball.id, in_words(at)),
@@ -106,14 +102,14 @@ impl<'a> Bench<'a> {
         (ball, of): (usize, &Ball),
     ) -> Result<Sight, Refused> {
         let zero = vec![0.0; self.model.parameters().len()];
-        let centre = DVec3::from_array(of.centre_mm);
+        let centre = Vector3::from(of.centre_mm);
         let rows = self.model.rows(&self.on_ball(at, of)?, &zero, self.tip.mm, centre);
         let machine = rows
             .machine
             .iter()
             .zip(self.units())
             .map(|(column, unit)| *column * unit / self.u_mm());
-        let tool = self.model.stylus().iter().map(|k| rows.tool.col(*k) * OFFSET / self.u_mm());
+        let tool = self.model.stylus().iter().map(|k| rows.tool.column(*k) * OFFSET / self.u_mm());
         Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })
     }
 
@@ -131,12 +127,12 @@ impl<'a> Bench<'a> {
     }
 
     /// Which balls a length joins, and its direction.
-    pub fn ends(&self, length: &Length) -> Option<([usize; 2], DVec3)> {
+    pub fn ends(&self, length: &Length) -> Option<([usize; 2], Vector3<f64>)> {
         let find = |id: &String| self.balls.balls.iter().position(|ball| ball.id == *id);
         let ends = [find(&length.from)?, find(&length.to)?];
         let [from, to] = ends.map(|end| self.balls.balls.get(end));
-        let way = DVec3::from_array(to?.centre_mm) - DVec3::from_array(from?.centre_mm);
-        Some((ends, way.try_normalize()?))
+        let way = Vector3::from(to?.centre_mm) - Vector3::from(from?.centre_mm);
+        Some((ends, way.try_normalize(0.0)?))
     }
 
     fn bar(&self, length: &Length) -> Option<Bar> {

@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use crate::Refused;
 use crate::samba::parameters::tilts_spindle;
@@ -88,13 +88,9 @@ pub fn is_rotary(axis: Axis) -> bool {
 
 /// Whether the rotary axis turns about the spindle's direction, all axes at zero.
 pub fn is_parallel(axis: Axis, machine: &Machine) -> bool {
-    let nominal = match axis {
-        Axis::A => DVec3::X,
-        Axis::B => DVec3::Y,
-        _ => DVec3::Z,
-    };
-    let stated = machine.axes.get(&axis).map(|spec| DVec3::from_array(spec.direction));
-    stated.and_then(DVec3::try_normalize).unwrap_or(nominal).z.abs() > PARALLEL
+    let stated = machine.axes.get(&axis).map(|spec| Vector3::from(spec.direction));
+    let unit = stated.and_then(|stated| stated.try_normalize(0.0));
+    unit.unwrap_or(axis.direction()).z.abs() > PARALLEL
 }
 
 fn product(places: &[Position], grid: &Grid) -> Vec<Position> {
@@ -107,7 +103,7 @@ fn product(places: &[Position], grid: &Grid) -> Vec<Position> {
 
 fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refused> {
     let usual = Settings::default();
-    let direction = DVec3::from_array(spec.direction).try_normalize();
+    let direction = Vector3::from(spec.direction).try_normalize(0.0);
     let parallel = direction.map_or(axis == Axis::C, |to| to.z.abs() > PARALLEL);
     let (key, degrees, default) = match axis {
         Axis::S => ("spindle_deg", &settings.spindle_deg, usual.spindle_deg),

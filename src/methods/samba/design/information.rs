@@ -1,9 +1,10 @@
 //! What a choice of measurements tells of the machine: the inverse of its information matrix, the
 //! balls without a certified length eliminated, kept up to date as measurements join.
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::samba::settings::Criterion;
+use machine::Axis;
 
 /// Unknowns start with a variance so wide that it tells nothing, in their units.
 const UNKNOWN: f64 = 1e6;
@@ -14,7 +15,7 @@ const UNKNOWN: f64 = 1e6;
 pub struct Sight {
     pub indexation: usize,
     pub ball: usize,
-    pub columns: Vec<DVec3>,
+    pub columns: Vec<Vector3<f64>>,
 }
 
 /// A certified distance: its balls, the direction from one to the other, and one over its standard
@@ -22,7 +23,7 @@ pub struct Sight {
 #[derive(Debug, Clone, Copy)]
 pub struct Bar {
     pub balls: [usize; 2],
-    pub direction: DVec3,
+    pub direction: Vector3<f64>,
     pub weight: f64,
 }
 
@@ -35,8 +36,15 @@ struct Inverse {
 
 /// What three rows would do to an inverse P: P·Wᵀ, and I + W·P·Wᵀ.
 struct Effect {
-    along: Vec<DVec3>,
-    core: DMat3,
+    along: Vec<Vector3<f64>>,
+    core: Matrix3<f64>,
+}
+
+impl Effect {
+    /// (I + W·P·Wᵀ)⁻¹: there is one, P being positive.
+    fn solved(&self) -> Matrix3<f64> {
+        self.core.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
+    }
 }
 
 impl Inverse {
@@ -46,23 +54,22 @@ impl Inverse {
     }
 
     /// `columns`: those of W, one for each unknown.
-    fn effect(&self, columns: &[DVec3]) -> Effect {
+    fn effect(&self, columns: &[Vector3<f64>]) -> Effect {
         let rows = self.entries.chunks_exact(self.size);
-        let along: Vec<DVec3> =
+        let along: Vec<Vector3<f64>> =
             rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
-        let core = columns.iter().zip(&along).fold(DMat3::IDENTITY, |sum, (w, pw)| {
-            sum + DMat3::from_cols(*w * pw.x, *w * pw.y, *w * pw.z)
-        });
+        let parts = columns.iter().zip(&along).map(|(w, pw)| w * pw.transpose());
+        let core = Matrix3::identity() + parts.sum::<Matrix3<f64>>();
         Effect { along, core }
     }
 
     /// The rows join (Woodbury).
-    fn join(&mut self, columns: &[DVec3]) {
-        let Effect { along, core } = self.effect(columns);
-        let solved = core.inverse();
-        for (row, left) in self.entries.chunks_exact_mut(self.size).zip(&along) {
-            let left = solved * *left;
-            row.iter_mut().zip(&along).for_each(|(entry, right)| *entry -= left.dot(*right));
+    fn join(&mut self, columns: &[Vector3<f64>]) {
+        let effect = self.effect(columns);
+        let (along, solved) = (&effect.along, effect.solved());
+        for (row, left) in self.entries.chunks_exact_mut(self.size).zip(along) {
+            let left = solved * left;
+            row.iter_mut().zip(along).for_each(|(entry, right)| *entry -= left.dot(right));
         }
     }
 }
@@ -75,7 +82,7 @@ pub struct Information {
     /// Where the coordinates of a ball stand among the unknowns; `None`: eliminated.
     slots: Vec<Option<usize>>,
     /// Measurements of each ball so far, and the mean of their columns.
-    seen: Vec<(f64, Vec<DVec3>)>,
+    seen: Vec<(f64, Vec<Vector3<f64>>)>,
     full: Inverse,
     /// Of tool and balls alone, the machine known.
     rest: Inverse,
@@ -94,7 +101,7 @@ impl Information {
                 size += 3;
             }
         }
-        let seen = vec![(0.0, vec![DVec3::ZERO; shared]); balls];
+        let seen = vec![(0.0, vec![Vector3::zeros(); shared]); balls];
         let (full, rest) = (Inverse::new(size), Inverse::new(size - machine));
         let mut new = Self { machine, slots, seen, full, rest, ball_unit };
         bars.iter().for_each(|bar| new.join_bar(bar));
@@ -102,24 +109,24 @@ impl Information {
     }
 
     fn join_bar(&mut self, bar: &Bar) {
-        let mut columns = vec![DVec3::ZERO; self.full.size];
+        let mut columns = vec![Vector3::zeros(); self.full.size];
         for (ball, sign) in bar.balls.into_iter().zip([-1.0, 1.0]) {
             let Some(slot) = self.slots.get(ball).copied().flatten() else { continue };
-            for (column, part) in columns.iter_mut().skip(slot).zip(bar.direction.to_array()) {
-                *column = DVec3::new(sign * bar.weight * part, 0.0, 0.0);
+            for (column, part) in columns.iter_mut().skip(slot).zip(&bar.direction) {
+                *column = Vector3::new(sign * bar.weight * part, 0.0, 0.0);
             }
         }
         self.join(&columns);
     }
 
-    fn join(&mut self, columns: &[DVec3]) {
+    fn join(&mut self, columns: &[Vector3<f64>]) {
         self.full.join(columns);
         self.rest.join(columns.get(self.machine..).unwrap_or_default());
     }
 
     /// The measurement's rows on the unknowns: an eliminated ball takes away what it must tell of
     /// itself, n/(n+1) of the difference from the mean of the n measurements so far remains.
-    fn columns(&self, sight: &Sight) -> Vec<DVec3> {
+    fn columns(&self, sight: &Sight) -> Vec<Vector3<f64>> {
         let slot = self.slots.get(sight.ball).copied().flatten();
         let mut columns = match (slot, self.seen.get(sight.ball)) {
             (None, Some((count, mean))) => {
@@ -128,9 +135,9 @@ impl Information {
             }
             _ => sight.columns.clone(),
         };
-        columns.resize(self.full.size, DVec3::ZERO);
+        columns.resize(self.full.size, Vector3::zeros());
         if let Some(slot) = slot {
-            let axes = DVec3::AXES.into_iter().map(|axis| -self.ball_unit * axis);
+            let axes = Axis::LINEAR.map(|axis| -self.ball_unit * axis.direction());
             columns.iter_mut().skip(slot).zip(axes).for_each(|(column, to)| *column = to);
         }
         columns
@@ -147,8 +154,12 @@ impl Information {
                 full.core.determinant().ln() - rest.core.determinant().ln()
             }
             Criterion::A => {
-                let solved = full.core.inverse();
-                full.along.iter().take(self.machine).map(|along| along.dot(solved * *along)).sum()
+                let solved = full.solved();
+                full.along
+                    .iter()
+                    .take(self.machine)
+                    .map(|along| along.dot(&(solved * *along)))
+                    .sum()
             }
         }
     }

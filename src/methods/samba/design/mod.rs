@@ -157,7 +157,7 @@ fn free(
 ) -> Vec<Result<(), String>> {
     let approach = bench.search(bench.balls.uncertainty_mm);
     // A stylus on the spindle's axis stands the same however the spindle is turned.
-    let central = bench.tip.mm.truncate().length() < CENTRAL_MM;
+    let central = bench.tip.mm.xy().norm() < CENTRAL_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
     let mut all = Vec::with_capacity(at.len());
     for place in at {

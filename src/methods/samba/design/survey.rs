@@ -1,7 +1,7 @@
 //! Rank and condition of a design, before anything moves.
 
 use faer::Mat;
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::Visit;
 use super::bench::Bench;
@@ -24,11 +24,11 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
     for visit in visits {
         for index in &visit.balls {
             let Some(ball) = balls.get(*index) else { continue };
-            let centre = DVec3::from_array(ball.centre_mm);
+            let centre = Vector3::from(ball.centre_mm);
             let seen =
                 bench.model.rows(&bench.on_ball(&visit.at, ball)?, &zero, bench.tip.mm, centre);
-            let tool = bench.model.stylus().iter().map(|k| seen.tool.col(*k));
-            let common: Vec<DVec3> = seen.machine.iter().copied().chain(tool).collect();
+            let tool = bench.model.stylus().iter().map(|k| seen.tool.column(*k).into_owned());
+            let common: Vec<Vector3<f64>> = seen.machine.iter().copied().chain(tool).collect();
             for axis in 0..3 {
                 let known = common.iter().map(|column| column[axis]);
                 let mut row: Vec<f64> = known.map(|entry| entry / bench.u_mm()).collect();
@@ -44,8 +44,8 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
         let mut row = vec![0.0; unknowns];
         for (end, sign) in ends.into_iter().zip([-1.0, 1.0]) {
             let own = row.iter_mut().skip(shared + 3 * end);
-            let parts = direction.to_array();
-            own.zip(parts).for_each(|(entry, part)| *entry = sign * part / length_u_mm(length));
+            own.zip(&direction)
+                .for_each(|(entry, part)| *entry = sign * part / length_u_mm(length));
         }
         rows.push(row);
     }

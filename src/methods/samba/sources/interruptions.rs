@@ -1,6 +1,6 @@
 //! A step of the machine where the measurement was interrupted.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::{Draw, Shape, UncertaintySource, repeatability, spread};
 use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
@@ -24,11 +24,14 @@ fn at(plan: &Plan, sights: &[Sight], gap_s: f64) -> Vec<Draw> {
     let before = times().filter(|t_s| *t_s <= gap_s).reduce(f64::max);
     let after = times().filter(|t_s| *t_s > gap_s).reduce(f64::min);
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
-    let step = |(axis, along): (Axis, DVec3)| {
+    let step = |axis: Axis| {
         let u = limit(plan, axis, [before, after]);
-        spread(sights, |sight| if sight.t_s > gap_s { along * u } else { DVec3::ZERO })
+        spread(
+            sights,
+            |sight| if sight.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() },
+        )
     };
-    Axis::LINEAR.into_iter().zip(DVec3::AXES).map(step).collect()
+    Axis::LINEAR.into_iter().map(step).collect()
 }
 
 /// Of a reference that is touched along the axis, mm.

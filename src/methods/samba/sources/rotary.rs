@@ -3,10 +3,10 @@
 use super::{Draw, Shape, UncertaintySource, spread};
 use crate::samba::model::{Indexed, Model};
 use crate::samba::observe::Observed;
-use glam::{DMat3, DVec3};
 use machine::Axis;
 use machine::kinematics::{self, Chain, ErrorParameter};
 use machine::record::plan::Plan;
+use nalgebra::{Matrix3, Vector3};
 
 /// Harmonics of the angle; each takes an equal share of the declared variance. The mean is the axis'
 /// place, and the first goes with what turns on it.
@@ -34,14 +34,14 @@ fn of_axis(plan: &Plan, chain: &Chain, observed: &Observed, axis: Axis, share: f
     let (count, zero) = (motions.len(), vec![0.0; motions.len()]);
     let (model, stylus) = (
         Model::of(chain.clone(), motions, Vec::new(), Vec::new()),
-        DVec3::from_array(plan.machine.tool_mm),
+        Vector3::from(plan.machine.tool_mm),
     );
     // Of each rotary position: from the table frame to axis positions, and the derivatives.
-    let places: Vec<(DMat3, Indexed)> = observed
+    let places: Vec<(Matrix3<f64>, Indexed)> = observed
         .places
         .iter()
         .map(|place| {
-            let back = model.tips(place, &zero, stylus).linear().inverse();
+            let back = model.tips(place, &zero, stylus).inverse();
             (back, model.indexed(place, &zero, stylus))
         })
         .collect();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use crate::samba::design::Bench;
 use crate::samba::label::{Label, Pass};
@@ -14,7 +14,7 @@ use planning::{BallDoubt, MeasuredBall, measured_ball};
 /// What was found of each ball: the visit and the centre, table frame, the newest last.
 #[derive(Debug, Default)]
 pub struct Known {
-    found: Vec<Vec<(usize, DVec3)>>,
+    found: Vec<Vec<(usize, Vector3<f64>)>>,
 }
 
 /// One measurement of a ball: its steps and the newest readings of them.
@@ -58,7 +58,7 @@ impl Known {
             let ball = bench.balls.balls.iter().position(|ball| ball.id == label.ball);
             let Some(ball) = ball else { continue };
             if let (Some(centres), Some(of)) = (found.get_mut(ball), bench.balls.balls.get(ball)) {
-                centres.push((label.indexation as usize, DVec3::from_array(of.centre_mm)));
+                centres.push((label.indexation as usize, Vector3::from(of.centre_mm)));
             }
         }
         Self { found }
@@ -71,11 +71,11 @@ impl Known {
 
     /// Where a ball is expected at a visit: as found there, as last found elsewhere. Until all are found,
     /// as stated: ways and proof can look at one artefact only, and that is the stated one then.
-    pub fn centre(&self, bench: &Bench<'_>, ball: usize, visit: usize) -> DVec3 {
+    pub fn centre(&self, bench: &Bench<'_>, ball: usize, visit: usize) -> Vector3<f64> {
         let found = self.found.get(ball).filter(|_| self.all());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
         let last = there.or_else(|| found.and_then(|all| all.last()));
-        let stated = bench.balls.balls.get(ball).map(|ball| DVec3::from_array(ball.centre_mm));
+        let stated = bench.balls.balls.get(ball).map(|ball| Vector3::from(ball.centre_mm));
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 

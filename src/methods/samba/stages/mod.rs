@@ -15,7 +15,7 @@ use super::settings::{Find, Settings};
 use crate::Refused;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
-use planning::{Approach, PlanningError, Unreachable, staged_blocks};
+use planning::{Approach, Unreachable, staged_blocks};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,9 +102,7 @@ pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refuse
         plan.steps.extend(steps);
         stages.push(planned);
     }
-    let refused =
-        |error: PlanningError| Refused { why: error.to_string(), instead: error.remedy() };
-    Ok(staged_blocks(&plan, &stages).map_err(refused)?.1)
+    Ok(staged_blocks(&plan, &stages)?.1)
 }
 
 /// The steps of a task, numbered on from the plan's, and its stage.
@@ -161,7 +159,7 @@ fn new_steps(
     let mut steps: Vec<Step> = Vec::new();
     for index in &task.balls {
         let Some(ball) = bench.balls.balls.get(*index) else { continue };
-        let centre_mm = known.centre(bench, *index, task.visit).to_array();
+        let centre_mm = known.centre(bench, *index, task.visit).into();
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
             Pass::Find => bench.search(known.uncertainty_mm(bench)),
@@ -218,7 +216,7 @@ fn found(bench: &Bench<'_>, task: &Task, known: &Known) -> Option<Artefact> {
         _ => settings.standoff_mm.min(settings.search_mm) / 2.0,
     };
     let balls = bench.balls.balls.iter().enumerate().map(|(index, ball)| {
-        let centre_mm = known.centre(bench, index, task.visit).to_array();
+        let centre_mm = known.centre(bench, index, task.visit).into();
         Ball { centre_mm, ..ball.clone() }
     });
     let lengths = bench.balls.lengths.clone();

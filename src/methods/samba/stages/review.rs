@@ -1,6 +1,6 @@
 //! What a stage's readings say: good, once more, or the run holds.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use super::known::{Known, Taken, taken};
 use crate::Refused;
@@ -101,9 +101,10 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
     let before = all.iter().take_while(|other| stage(other) != stage(taken));
     let known = Known::of_taken(bench, before);
-    let stated = DVec3::from_array(ball.centre_mm);
+    let stated = Vector3::from(ball.centre_mm);
     let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
-    let (away, limit) = (measured.centre_mm.distance(expected), known.uncertainty_mm(bench));
+    let (away, limit) =
+        (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(bench));
     if away <= limit {
         return Ok(());
     }

@@ -1,6 +1,6 @@
 //! The stages played with readings of a machine that is not the nominal one.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use crate::samba::design::tests::{plan, rumba};
 use crate::samba::label::{Label, Pass};
@@ -18,7 +18,7 @@ type Dirt = Box<dyn Fn(&Label, u32) -> f64>;
 struct Shop {
     chain: Chain,
     errors: Vec<ErrorTerm>,
-    shift: DVec3,
+    shift: Vector3<f64>,
     /// Added to the contact of one touch, mm: dirt.
     dirt: Dirt,
 }
@@ -29,7 +29,7 @@ impl Shop {
         Self {
             chain: Chain::new(&plan.machine).unwrap(),
             errors: vec![term("EX0C", -0.105), term("EY0S", 0.02), term("EA0C", -11e-6)],
-            shift: DVec3::new(0.3, -0.4, 0.2),
+            shift: Vector3::new(0.3, -0.4, 0.2),
             dirt: Box::new(|_, _| 0.0),
         }
     }
@@ -39,15 +39,16 @@ impl Shop {
         let Artefact::Balls(balls) = &plan.artefact else { panic!() };
         let label: Label = step.label.parse().unwrap();
         let ball = balls.balls.iter().find(|ball| ball.id == label.ball).unwrap();
-        let centre = DVec3::from_array(ball.centre_mm) + self.shift;
+        let centre = Vector3::from(ball.centre_mm) + self.shift;
         let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
-        let tip = Point::from_vec(DVec3::from_array(plan.machine.tool_mm));
+        let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let at = |share: f64| -> Position {
             let part = |axis| step.from.at(axis) + share * (step.to.at(axis) - step.from.at(axis));
             step.from.updated_by(&Axis::LINEAR.into_iter().map(|a| (a, part(a))).collect())
         };
         let gap = |share: f64| {
-            self.chain.tip_in_table(&at(share), tip, &self.errors).mm.distance(centre) - reach
+            self.chain.tip_in_table(&at(share), tip, &self.errors).mm.metric_distance(&centre)
+                - reach
         };
         assert!(gap(0.0) > 0.0 && gap(1.0) < 0.0, "{} misses", step.label);
         let (mut out, mut inside) = (0.0, 1.0);
@@ -120,8 +121,8 @@ fn the_stages_are_played_to_the_end() {
     let Artefact::Balls(found) = last else { panic!() };
     let stated = rumba();
     for (found, stated) in found.balls.iter().zip(&stated.balls) {
-        let true_centre = DVec3::from_array(stated.centre_mm) + shop.shift;
-        let off = DVec3::from_array(found.centre_mm).distance(true_centre);
+        let true_centre = Vector3::from(stated.centre_mm) + shop.shift;
+        let off = Vector3::from(found.centre_mm).metric_distance(&true_centre);
         assert!(off < 0.25, "ball {} is taken for {off} mm off", found.id);
     }
     // Three rounds of references at the same places.
@@ -202,7 +203,7 @@ fn a_larger_ball_is_a_wrong_stylus() {
 fn a_ball_far_from_its_stated_place_is_named() {
     let settings = few();
     let mut shop = Shop::new(&plan(&settings));
-    shop.shift = DVec3::new(0.8, 0.8, 0.0);
+    shop.shift = Vector3::new(0.8, 0.8, 0.0);
     let refused = play(&settings, &shop).unwrap_err();
     for word in ["ball ", "from its stated place", "uncertainty_mm = 1"] {
         assert!(refused.why.contains(word), "{}", refused.why);

@@ -2,7 +2,7 @@
 //! measure is computed by plain matrix products.
 
 use faer::Mat;
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::built_in::{ALL, OPTIMAL, measurements};
@@ -55,7 +55,7 @@ fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
             places.push(here);
             places.len() - 1
         });
-        seen.push(Seen { place, ball: *ball, whitening: DMat3::IDENTITY / NOISE_MM });
+        seen.push(Seen { place, ball: *ball, whitening: Matrix3::identity() / NOISE_MM });
     }
     let bars = if bar { vec![Bar { from: 0, to: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
     let truth = truth();
@@ -66,17 +66,17 @@ fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
     (Problem::new(model(), places, seen, bars, balls.len(), nominal_tool()), measured)
 }
 
-fn nominal_tool() -> DVec3 {
-    DVec3::new(0.0, 0.0, -326.717)
+fn nominal_tool() -> Vector3<f64> {
+    Vector3::new(0.0, 0.0, -326.717)
 }
 
 fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
     let (problem, measured) = measured(kind, bar, spindle);
     let start = problem.start(&measured);
     let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
-    let named = |(i, centre): (usize, DVec3)| Ball {
+    let named = |(i, centre): (usize, Vector3<f64>)| Ball {
         id: (i + 1).to_string(),
-        centre_mm: centre.to_array(),
+        centre_mm: centre.into(),
         radius_mm: 10.0,
         stem: [0.0, 0.0, -1.0],
         stem_radius_mm: 0.0,
@@ -154,10 +154,9 @@ fn regress_no_misclosure_at_the_truth() {
     for (triple, ball) in measurements(OPTIMAL) {
         let centre = true_balls()[ball];
         let xyz = truth.axes_at(centre, triple);
-        let here =
-            position(triple).updated_by(&Axis::LINEAR.into_iter().zip(xyz.to_array()).collect());
+        let here = position(triple).updated_by(&Position::from_xyz(xyz));
         let rows = model.rows(&here, &errors, TOOL, centre);
-        assert!(rows.misclosure.length() < 1e-11, "{}", rows.misclosure);
+        assert!(rows.misclosure.norm() < 1e-11, "{}", rows.misclosure);
     }
 }
 
@@ -179,7 +178,7 @@ fn check_recovery(kind: Kind) {
     }
     for (ball, centre) in true_balls().into_iter().enumerate() {
         let at = problem.ball_at(ball);
-        let off = DVec3::from_slice(&found.x[at..at + 3]).distance(centre);
+        let off = Vector3::from_column_slice(&found.x[at..at + 3]).metric_distance(&centre);
         assert!(off <= 1e-9, "ball {ball}: {off:e}");
     }
 }
@@ -224,7 +223,7 @@ fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
         let mut next = || -> f64 { normal.next().unwrap() };
         let mut noisy = exact.clone();
         for xyz in &mut noisy.xyz {
-            *xyz += DVec3::new(next(), next(), next()) * NOISE_MM;
+            *xyz += Vector3::new(next(), next(), next()) * NOISE_MM;
         }
         noisy.lengths[0] += next() * U_BAR_MM;
         let start = problem.start(&noisy);

@@ -1,6 +1,6 @@
 //! What is not as it should be with the readings, and what must be said of it.
 
-use glam::DVec3;
+use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::built_in::turned_by;
@@ -73,7 +73,7 @@ fn regress_rotary_encoders_that_flicker() {
 
 /// Radial error motion of C of the fourth order, 5 µm along X.
 const FOURTH: World = World {
-    shift: |_, _, [_, c, _]| DVec3::new(c.cos(), c.sin(), 0.0) * (0.005 * (4.0 * c).cos()),
+    shift: |_, _, [_, c, _]| Vector3::new(c.cos(), c.sin(), 0.0) * (0.005 * (4.0 * c).cos()),
     ..SOUND
 };
 

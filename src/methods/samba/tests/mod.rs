@@ -6,7 +6,7 @@ mod other_machines;
 mod touches;
 mod whole;
 
-use glam::DVec3;
+use nalgebra::Vector3;
 
 use machine::kinematics::Topology;
 use machine::record::machine::{AxisSpec, Machine};
@@ -19,33 +19,33 @@ pub fn machine(topology: &str) -> Machine {
         name: "test".into(),
         topology: topology.into(),
         axes: parsed.axes().map(|axis| (axis, spec.clone())).collect(),
-        tool_mm: TOOL.to_array(),
+        tool_mm: TOOL.into(),
         drift_um_per_h: 0.0,
         squareness_urad: 0.0,
     }
 }
 
 /// Paper 4, table 4, item S3.
-const TOOL: DVec3 = DVec3::new(-0.012, -0.012, -326.746);
+const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
 /// Its table 1, less than half a millimetre beside: nobody calibrated the balls.
 const BAR_MM: f64 = 304.8;
 
 /// Paper 4, table 1.
-fn paper_balls() -> Vec<DVec3> {
+fn paper_balls() -> Vec<Vector3<f64>> {
     table(include_str!("../../../../tests/data/paper4-table1.csv"))
         .map(|fields| {
             let number = |k: usize| fields[k].parse::<f64>().unwrap();
-            DVec3::new(number(1), number(2), number(3))
+            Vector3::new(number(1), number(2), number(3))
         })
         .collect()
 }
 
 /// Where the balls really stand.
-fn true_balls() -> Vec<DVec3> {
+fn true_balls() -> Vec<Vector3<f64>> {
     let beside = |i: usize, k: f64| 0.4 * (i as f64 * 2.1 + k).sin();
     let mut balls = paper_balls();
     for (i, ball) in balls.iter_mut().enumerate() {
-        *ball += DVec3::new(beside(i, 0.0), beside(i, 1.0), beside(i, 2.0));
+        *ball += Vector3::new(beside(i, 0.0), beside(i, 1.0), beside(i, 2.0));
     }
     let along = (balls[1] - balls[0]).normalize();
     balls[1] = balls[0] + along * BAR_MM;

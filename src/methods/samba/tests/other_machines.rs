@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::machine;
 use crate::samba::fit::{Bar, Measured, Problem, Seen};
@@ -12,7 +12,7 @@ use crate::samba::separable::Way;
 use machine::kinematics::{Chain, ErrorTerm, Shape};
 use machine::{Axis, Position, frame::Point};
 
-const TOOL: DVec3 = DVec3::new(0.03, -0.02, -150.0);
+const TOOL: Vector3<f64> = Vector3::new(0.03, -0.02, -150.0);
 
 #[track_caller]
 fn check(topology: &str, unknowns: usize) {
@@ -32,9 +32,9 @@ fn check(topology: &str, unknowns: usize) {
             ErrorTerm { parameter: *parameter, value: value(i, angular, gain) }
         })
         .collect();
-    let balls: Vec<DVec3> = (0..5)
+    let balls: Vec<Vector3<f64>> = (0..5)
         .map(|i| f64::from(i) * 1.3)
-        .map(|a| DVec3::new(150.0 * a.cos(), 140.0 * a.sin(), 60.0 + 25.0 * a))
+        .map(|a| Vector3::new(150.0 * a.cos(), 140.0 * a.sin(), 60.0 + 25.0 * a))
         .collect();
     let rotary: Vec<Axis> = chain.topology().axes().filter(|a| !a.is_linear()).collect();
     let (mut places, mut seen, mut xyz) = (Vec::new(), Vec::new(), Vec::new());
@@ -45,16 +45,16 @@ fn check(topology: &str, unknowns: usize) {
         for (ball, centre) in balls.iter().enumerate() {
             let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
             let linear = chain.linear_axes_for(target, tip, &place, &terms).unwrap();
-            xyz.push(DVec3::from_array(Axis::LINEAR.map(|axis| linear.at(axis))));
-            let whitening = DMat3::IDENTITY / 1e-3;
+            xyz.push(linear.xyz());
+            let whitening = Matrix3::identity() / 1e-3;
             seen.push(Seen { place: places.len(), ball, whitening });
         }
         places.push(place);
     }
     let model = Model::new(&machine, &set).unwrap();
     let bar = Bar { from: 0, to: 2, u_mm: 1e-4 };
-    let measured = Measured { xyz, lengths: vec![balls[0].distance(balls[2])] };
-    let tool = DVec3::new(0.0, 0.0, TOOL.z);
+    let measured = Measured { xyz, lengths: vec![balls[0].metric_distance(&balls[2])] };
+    let tool = Vector3::new(0.0, 0.0, TOOL.z);
     let problem = Problem::new(model, places, seen, vec![bar], balls.len(), tool);
     assert_eq!(problem.unknowns(), unknowns, "{topology}");
     let found = problem.solve(&measured, problem.start(&measured)).unwrap();

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use glam::DVec3;
+use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::built_in::{OPTIMAL, measurements};
@@ -34,7 +34,7 @@ pub struct World {
     /// Standard deviation of positioning and straightness of X, Y and Z, declared as such.
     pub motion_um: f64,
     /// Where a ball stands at a visit, off its place, mm.
-    pub shift: fn(ball: usize, visit: usize, triple: Triple) -> DVec3,
+    pub shift: fn(ball: usize, visit: usize, triple: Triple) -> Vector3<f64>,
     /// Where it is measured.
     pub design: fn() -> Vec<(Triple, usize)>,
 }
@@ -44,7 +44,7 @@ pub const SOUND: World = World {
     noise_um: REPEATABILITY_UM,
     bar_mm: BAR_MM,
     motion_um: 0.0,
-    shift: |_, _, _| DVec3::ZERO,
+    shift: |_, _, _| Vector3::zeros(),
     design: || measurements(OPTIMAL),
 };
 const WAVELENGTH_MM: f64 = 200.0;
@@ -57,16 +57,15 @@ impl World {
         let motions = Motions::draw(self.seed, self.motion_um * 1e-3);
         let (mut steps, mut readings) = (Vec::new(), Vec::new());
         for (visit, (triple, ball)) in (self.design)().into_iter().enumerate() {
-            let place = |xyz: DVec3| {
-                let axes = Axis::LINEAR.into_iter().zip(xyz.to_array());
+            let place = |xyz: Vector3<f64>| {
                 let rotary = [Axis::B, Axis::C, Axis::S].into_iter().zip(triple);
-                axes.chain(rotary).collect::<Position>()
+                Position::from_xyz(xyz).updated_by(&rotary.collect())
             };
             let centre = balls[ball] + (self.shift)(ball, visit, triple);
             let origin = truth.axes_at(centre, triple);
             for (touch, azimuth) in TOUCHES {
                 let (s, c) = azimuth.to_radians().sin_cos();
-                let n = if azimuth.is_nan() { DVec3::Z } else { DVec3::new(c, s, 0.0) };
+                let n = if azimuth.is_nan() { Vector3::z() } else { Vector3::new(c, s, 0.0) };
                 let on_table = truth.tip(origin + n, triple) - truth.tip(origin, triple);
                 let deviation: f64 = normal.next().unwrap();
                 let apart = BALL_MM + STYLUS_MM + deviation * self.noise_um * 1e-3;
@@ -82,7 +81,7 @@ impl World {
                     to: place(xyz - n),
                     feed_mm_min: 30.0,
                     sensor: "probe".into(),
-                    normal: n.to_array(),
+                    normal: n.into(),
                     scan: None,
                     text: None,
                 });
@@ -111,9 +110,9 @@ impl World {
         }
         let probe =
             format!(r#"{{"ball_radius_mm":{STYLUS_MM},"repeatability_um":{REPEATABILITY_UM}}}"#);
-        let ball = |(i, centre): (usize, DVec3)| Ball {
+        let ball = |(i, centre): (usize, Vector3<f64>)| Ball {
             id: (i + 1).to_string(),
-            centre_mm: centre.to_array(),
+            centre_mm: centre.into(),
             radius_mm: BALL_MM,
             stem: [0.0, 0.0, -1.0],
             stem_radius_mm: 0.0,
@@ -176,13 +175,13 @@ impl Motions {
         Self { amplitude: sigma * (2.0 / WAVES as f64).sqrt(), waves }
     }
 
-    fn at(&self, xyz: DVec3) -> DVec3 {
+    fn at(&self, xyz: Vector3<f64>) -> Vector3<f64> {
         let value = |axis: usize, along: usize| -> f64 {
             let waves = self.waves[3 * axis + along].iter();
             waves.map(|(w, p)| (w * xyz[axis] + p).cos() - p.cos()).sum::<f64>() * self.amplitude
         };
         let along = |along: usize| (0..3).map(|axis| value(axis, along)).sum();
-        DVec3::new(along(0), along(1), along(2))
+        Vector3::new(along(0), along(1), along(2))
     }
 }
 
@@ -275,7 +274,9 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
 #[test]
 fn regress_a_ball_that_moved_is_named() {
     let slipped: World = World {
-        shift: |ball, visit, _| if ball == 3 && visit > 50 { DVec3::X * 0.02 } else { DVec3::ZERO },
+        shift: |ball, visit, _| {
+            if ball == 3 && visit > 50 { Vector3::x() * 0.02 } else { Vector3::zeros() }
+        },
         ..SOUND
     };
     let estimate = slipped.identify().unwrap();
@@ -293,8 +294,9 @@ fn regress_a_ball_that_moved_is_named() {
 /// of them are enough for their rule.
 #[test]
 fn regress_the_figures_of_a_misfit_agree() {
-    let shift =
-        |ball, visit, _| if ball == 3 && visit > 50 { DVec3::X * 0.02 } else { DVec3::ZERO };
+    let shift = |ball, visit, _| {
+        if ball == 3 && visit > 50 { Vector3::x() * 0.02 } else { Vector3::zeros() }
+    };
     let slipped = World { motion_um: 1.5, shift, ..SOUND };
     let estimate = slipped.identify_with(0).unwrap();
     println!("{:#?}", estimate.warnings);
@@ -314,7 +316,7 @@ fn regress_the_figures_of_a_misfit_agree() {
 #[test]
 fn regress_a_dirty_measurement_is_flagged_and_kept() {
     let dirty = World {
-        shift: |_, visit, _| if visit == 40 { DVec3::Y * 0.012 } else { DVec3::ZERO },
+        shift: |_, visit, _| if visit == 40 { Vector3::y() * 0.012 } else { Vector3::zeros() },
         ..SOUND
     };
     let estimate = dirty.identify().unwrap();
@@ -331,7 +333,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
 fn regress_sag_is_no_machine_error_and_said() {
     let sagging = World {
         shift: |_, _, [b, c, _]| {
-            DVec3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2))
+            Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2))
         },
         ..SOUND
     };

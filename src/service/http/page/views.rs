@@ -1,15 +1,15 @@
 //! Where a run touches: plan view and side view of the artefact, as somebody who stands beside the table
 //! sees it. Its table frame; lengths in mm.
 
-use glam::DVec3;
 use minijinja::{Value, context};
+use nalgebra::Vector3;
 
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, Progress, RunId};
 use machine::artefact::{Shape, parts};
 use machine::kinematics::Chain;
 use machine::record::plan::{Plan, Step, StepKind};
-use machine::{Position, frame::Point};
+use machine::{Axis, Position, frame::Point};
 
 /// The two views, and which coordinate points up in each.
 const VIEWS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
@@ -29,7 +29,7 @@ pub fn of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
 struct Mark {
     /// `done`, `now` or `next`.
     class: &'static str,
-    way: Vec<DVec3>,
+    way: Vec<Vector3<f64>>,
 }
 
 fn drawn(progress: &Progress) -> Option<Value> {
@@ -71,7 +71,7 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
 }
 
 /// Of the stylus ball, or of the sensor's zero point.
-fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<DVec3> {
+fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<Vector3<f64>> {
     let sensor = plan.sensors.iter().find(|sensor| sensor.name == step.sensor);
     let [x, y, z] = sensor.map_or(plan.machine.tool_mm, |sensor| sensor.zero_mm);
     let place = |at: &Position| chain.tip_in_table(at, Point::new(x, y, z), &[]).mm;
@@ -82,25 +82,27 @@ fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<DVec3> {
 }
 
 /// Least and greatest of all that is drawn, along each axis.
-fn bounds(marks: &[Mark], bodies: &[Shape]) -> [DVec3; 2] {
+fn bounds(marks: &[Mark], bodies: &[Shape]) -> [Vector3<f64>; 2] {
     let reach = |body: &Shape, sign: f64| {
-        DVec3::from_array(DVec3::AXES.map(|axis| sign * body.highest(sign * axis)))
+        Vector3::from(Axis::LINEAR.map(|axis| sign * body.highest(sign * axis.direction())))
     };
     let places = marks.iter().flat_map(|mark| mark.way.iter().copied());
     let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
     places
         .chain(ends)
-        .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
+        .fold([f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat), |[low, high], at| {
+            [low.inf(&at), high.sup(&at)]
+        })
 }
 
 /// Both views at one scale. Down on the screen is up in the shop.
 fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
     let [low, high] = bounds(marks, bodies);
-    let span = (high - low).max_element().max(1.0);
+    let span = (high - low).max().max(1.0);
     let middle = (low + high) / 2.0;
     let size = (1.0 + 2.0 * MARGIN) * span;
     let (left, top) = (middle.x - size / 2.0, -middle[up] - size / 2.0);
-    let flat = |at: DVec3| [at.x, -at[up]];
+    let flat = |at: Vector3<f64>| [at.x, -at[up]];
     context! {
         name,
         frame => format!("{left:.2} {top:.2} {size:.2} {size:.2}"),
@@ -117,12 +119,12 @@ fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
 
 /// A circle, or a line as thick as the body: of a cylinder that lies askew its rims are left out.
 fn outline(body: Shape, up: usize) -> Value {
-    let flat = |at: DVec3| [at.x, -at[up]].map(mm);
+    let flat = |at: Vector3<f64>| [at.x, -at[up]].map(mm);
     match body {
         Shape::Ball { centre, radius } => context! { centre => flat(centre), radius => mm(radius) },
         Shape::Cylinder { from, to, radius } => {
             let along = to - from;
-            match along.x.hypot(along[up]) < 0.1 * along.length() {
+            match along.x.hypot(along[up]) < 0.1 * along.norm() {
                 true => context! { centre => flat(from), radius => mm(radius) },
                 false => context! { from => flat(from), to => flat(to), width => mm(2.0 * radius) },
             }
@@ -145,9 +147,9 @@ mod tests {
     /// A round part of 20 mm, 30 high, and a touch 5 mm beside it: 30 of 34.8 mm wide, both views alike.
     #[test]
     fn both_views_hold_all_of_it_at_one_scale() {
-        let (from, to, radius) = (DVec3::ZERO, DVec3::new(0.0, 0.0, 30.0), 10.0);
+        let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
         let bodies = [Shape::Cylinder { from, to, radius }];
-        let marks = [Mark { class: "now", way: vec![DVec3::new(15.0, 0.0, 12.0)] }];
+        let marks = [Mark { class: "now", way: vec![Vector3::new(15.0, 0.0, 12.0)] }];
         let [above, side] = VIEWS.map(|(name, up)| view(name, up, &marks, &bodies));
         let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
         assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");
