@@ -1,5 +1,7 @@
 //! Sizes of statistical populations, sweeps and fault schedules, and bounds that follow from the size.
 
+use std::ops::RangeInclusive;
+
 use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF};
 
 /// A smaller population shows next to nothing.
@@ -11,6 +13,14 @@ pub fn population(full: u64) -> u64 {
     let size = if is_full() { full } else { tenth };
     println!("population: {size} of {full}");
     size
+}
+
+/// Seeds for a test of coverage, and the shares of intervals that may hold the truth where 95.45 % is stated
+/// (METHODS section 6, coverage standard).
+pub fn coverage_population() -> (u64, RangeInclusive<f64>) {
+    let (seeds, shares) = if is_full() { (1000, 0.93..=0.975) } else { (200, 0.91..=0.985) };
+    println!("coverage: {seeds} seeds");
+    (seeds, shares)
 }
 
 pub fn is_full() -> bool {

@@ -1,28 +1,26 @@
 //! Whether what is stated is true, as often as stated.
 
-use estimation::coverage::COVERAGE_PROBABILITY;
 use machine::record::estimate::Estimate;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use testing::population::population;
+use testing::population::coverage_population;
 
 use super::bench::{World, covers, parameter, says};
-
-const FULL_SEEDS: u64 = 400;
 
 fn estimates(world: &World, seeds: u64) -> Vec<Estimate> {
     (0..seeds).into_par_iter().map(|seed| world.estimate(1000 + seed)).collect()
 }
 
-/// So many of `all` may be, where each is so with `probability`: both tails 0.1 %.
-fn may_be(probability: f64, all: u64) -> std::ops::RangeInclusive<u64> {
-    let binomial = Binomial::new(probability, all).unwrap();
-    binomial.inverse_cdf(0.001)..=binomial.inverse_cdf(0.999)
+/// Not more of `all`, where each is so with `probability`: exceeded once in 1000 times.
+fn at_most(probability: f64, all: u64) -> u64 {
+    Binomial::new(probability, all).unwrap().inverse_cdf(0.999)
 }
 
-fn covered(estimates: &[Estimate], symbol: &str, truth: f64) -> u64 {
-    estimates.iter().filter(|estimate| covers(estimate, symbol, truth)).count() as u64
+/// Share of the estimates whose interval holds the truth.
+fn covered(estimates: &[Estimate], symbol: &str, truth: f64) -> f64 {
+    let hits = estimates.iter().filter(|estimate| covers(estimate, symbol, truth)).count();
+    hits as f64 / estimates.len() as f64
 }
 
 fn is_scan(estimate: &&Estimate) -> bool {
@@ -32,36 +30,36 @@ fn is_scan(estimate: &&Estimate) -> bool {
 /// Display steps of 1 µm, drift, a part that stands off: as built in.
 #[test]
 fn a_sound_machine_has_no_delay_and_raises_the_alarm_as_often_as_stated() {
-    let seeds = population(FULL_SEEDS);
+    let (seeds, shares) = coverage_population();
     let estimates = estimates(&World::with_a_round_part(), seeds);
     let truth = covered(&estimates, "t_latch", 0.0);
-    assert!(may_be(COVERAGE_PROBABILITY, seeds).contains(&truth), "{truth}");
+    assert!(shares.contains(&truth), "{truth}");
     // F test at 1 %.
     let alarms = estimates.iter().filter(is_scan).count() as u64;
-    assert!(alarms <= *may_be(0.01, seeds).end(), "{alarms}");
+    assert!(alarms <= at_most(0.01, seeds), "{alarms}");
     let too_good = |e: &&Estimate| says(&e.warnings, "repeatability_um");
     let doubted = estimates.iter().filter(too_good).count() as u64;
-    assert!(doubted <= *may_be(0.001, seeds).end(), "{doubted}");
+    assert!(doubted <= at_most(0.001, seeds), "{doubted}");
 }
 
 #[test]
 fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
-    let seeds = population(FULL_SEEDS);
+    let (seeds, shares) = coverage_population();
     let world = World::with_a_round_part().latched(3.7, 0.0).with("probe.repeatability_um", 1.5);
     let estimates = estimates(&world, seeds);
     let (delay, overtravel) =
         (covered(&estimates, "t_latch", 3.7), covered(&estimates, "E_latch", 0.5 * 3.7));
-    assert!(may_be(COVERAGE_PROBABILITY, seeds).contains(&delay), "{delay}");
+    assert!(shares.contains(&delay), "{delay}");
     assert_eq!(delay, overtravel);
     let alarms = estimates.iter().filter(is_scan).count() as u64;
-    assert!(alarms <= *may_be(0.01, seeds).end(), "{alarms}");
+    assert!(alarms <= at_most(0.01, seeds), "{alarms}");
     assert!(estimates.iter().all(|e| says(&e.warnings, "ms late")));
 }
 
 /// Where the display hides the scatter, its step must be in the uncertainty.
 #[test]
 fn steps_of_the_display_larger_than_the_scatter_are_in_the_uncertainty() {
-    let seeds = population(FULL_SEEDS);
+    let (seeds, shares) = coverage_population();
     let mut world =
         World::with_a_round_part().latched(0.3, 0.0).with("probe.repeatability_um", 0.05);
     for axis in ["X", "Y", "Z"] {
@@ -73,42 +71,42 @@ fn steps_of_the_display_larger_than_the_scatter_are_in_the_uncertainty() {
     };
     let estimates: Vec<Estimate> = (0..seeds).into_par_iter().map(of).collect();
     let delay = covered(&estimates, "t_latch", 0.3);
-    assert!(delay >= *may_be(COVERAGE_PROBABILITY, seeds).start(), "{delay}");
+    assert!(delay >= *shares.start(), "{delay}");
 }
 
 /// The scan of a common PLC, at 300 mm/min: seen every time, by its length and its mean.
 #[test]
 fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
-    let seeds = population(FULL_SEEDS);
+    let (seeds, shares) = coverage_population();
     let world = World::with_a_round_part().latched(1.0, 10.0);
     let estimates = estimates(&world, seeds);
     assert_eq!(estimates.iter().filter(is_scan).count() as u64, seeds);
     assert!(estimates.iter().all(|e| says(&e.warnings, "as by a PLC's program")));
     let (scan, delay) = (covered(&estimates, "T_scan", 10.0), covered(&estimates, "t_latch", 6.0));
-    assert!(may_be(COVERAGE_PROBABILITY, seeds).contains(&delay), "delay {delay}");
+    assert!(shares.contains(&delay), "delay {delay}");
     // A rectangular distribution has few surprises: the interval holds somewhat more often.
-    assert!(scan >= *may_be(COVERAGE_PROBABILITY, seeds).start(), "scan {scan}");
+    assert!(scan >= *shares.start(), "scan {scan}");
     // Its share of the slow touches' scatter is not the probe's.
     let too_good = |e: &&Estimate| says(&e.warnings, "repeatability_um");
     let doubted = estimates.iter().filter(too_good).count() as u64;
-    assert!(doubted <= *may_be(0.01, seeds).end(), "{doubted}");
+    assert!(doubted <= at_most(0.01, seeds), "{doubted}");
 }
 
 /// Drift along the touch of 4 µm in a minute is neither delay nor scatter.
 #[test]
 fn drift_is_taken_off() {
     let world = World::with_a_round_part().latched(1.0, 0.0).with("machine.drift_um_per_h", 240.0);
-    let seeds = population(100);
+    let (seeds, shares) = coverage_population();
     let estimates = estimates(&world, seeds);
     let delay = covered(&estimates, "t_latch", 1.0);
-    assert!(may_be(COVERAGE_PROBABILITY, seeds).contains(&delay), "{delay}");
+    assert!(shares.contains(&delay), "{delay}");
     let scatter: f64 = estimates.iter().map(|e| parameter(e, "s_30").value).sum();
     assert!(scatter < 0.7 * seeds as f64, "{scatter}");
 }
 
 #[test]
 fn balls_and_other_directions_serve_as_well() {
-    let seeds = population(50);
+    let (seeds, shares) = coverage_population();
     for (world, name) in [
         (World::with_balls(), "from above"),
         (World::with_balls().with("method.latch-delay.direction_deg", 45.0), "aslant"),
@@ -116,6 +114,6 @@ fn balls_and_other_directions_serve_as_well() {
     ] {
         let estimates = estimates(&world.latched(2.0, 0.0), seeds);
         let delay = covered(&estimates, "t_latch", 2.0);
-        assert!(may_be(COVERAGE_PROBABILITY, seeds).contains(&delay), "{name}: {delay}");
+        assert!(shares.contains(&delay), "{name}: {delay}");
     }
 }
