@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use machine::record::reading::Reading;
 use measure::{Prepared, Round, Wire, in_memory, quantile};
-use methods::NAMES;
+use methods::METHODS;
 use trued::setup;
 use trued::store::{Journal, NewRun};
 
@@ -76,7 +76,7 @@ fn journals(readings: &[Reading]) -> Result<(), Box<dyn Error>> {
 fn journal(readings: &[Reading], folder: &Path) -> Result<Vec<Duration>, Box<dyn Error>> {
     let folder = tempfile::tempdir_in(folder)?;
     let journal = Journal::open(folder.path())?;
-    let method = NAMES[0];
+    let method = METHODS[0].name;
     let (_, plan) = setup::header(&setup::load(None, method)?, method, None)?;
     let id = journal.begin(&NewRun { config: String::new(), plan }).wait()?;
     let mut times = Vec::new();

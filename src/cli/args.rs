@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use super::method_list::methods_help;
 use crate::service::Role;
 
 /// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
@@ -68,8 +69,8 @@ pub enum Speed {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = methods_help())]
 pub struct RunArgs {
-    /// e.g. self-calibration
     pub method: String,
     /// The machine file; without one, the embedded simulated machine measures itself.
     #[arg(long, value_name = "FILE")]
@@ -162,6 +163,7 @@ pub struct ResumeArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = methods_help())]
 pub struct PlanArgs {
     pub method: String,
     #[arg(long, value_name = "FILE")]

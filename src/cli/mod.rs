@@ -19,6 +19,7 @@ mod failure;
 mod files;
 mod identify;
 mod init;
+mod method_list;
 mod plan;
 mod progress;
 mod resume;

@@ -1,21 +1,21 @@
-//! The measuring methods. Each is one folder and one line in [`configure`]; each is pure:
+//! The measuring methods. Each is one folder and one line in `registry.rs`; each is pure:
 //! no IO, no clock, no unseeded random.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer};
+use serde::de::DeserializeOwned;
 
 mod asking;
 pub mod decision;
 pub mod laser_r_test;
 pub mod latch_delay;
+mod registry;
 pub mod samba;
 pub mod self_calibration;
 
 pub use asking::asking;
+pub use registry::{METHODS, configure, description, names};
 
-use self::asking::Asking;
 use machine::kinematics::KinematicsError;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
@@ -130,6 +130,27 @@ pub trait Method: Send + Sync {
     ) -> Result<Estimate, IdentifyError>;
 }
 
+/// What users read of a method.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Description {
+    /// On the command line, in the machine file, in plans and estimates.
+    pub name: &'static str,
+    /// What must be set up.
+    pub needs: &'static str,
+    /// What is identified.
+    pub finds: &'static str,
+    /// The simulated machine that serves where the user names none: a file of `config/`.
+    pub machine_file: &'static str,
+}
+
+/// A method that the list can hold.
+pub trait Registered: Method + Sized + 'static {
+    /// The table `[method.NAME]` of the machine file.
+    type Settings: DeserializeOwned;
+    const DESCRIPTION: Description;
+    fn new(settings: Self::Settings) -> Self;
+}
+
 /// Where a method takes the positions of later stages from.
 #[derive(Debug, Clone, Copy)]
 pub enum Source<'a> {
@@ -150,43 +171,4 @@ pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>)
         done.push(stage);
     }
     Ok((plan, done))
-}
-
-/// The names of all methods.
-pub const NAMES: [&str; 4] =
-    [self_calibration::NAME, samba::NAME, laser_r_test::NAME, latch_delay::NAME];
-
-/// The method `name` with its settings, from the machine file or from a plan. It knows what a plan
-/// asks a person.
-///
-/// # Errors
-/// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
-pub fn configure<'de, D: Deserializer<'de>>(
-    name: &str,
-    settings: D,
-) -> Result<Box<dyn Method>, D::Error> {
-    Ok(Box::new(Asking::silent(by_name(name, settings)?)))
-}
-
-/// The list: a new method is one line here.
-fn by_name<'de, D: Deserializer<'de>>(
-    name: &str,
-    settings: D,
-) -> Result<Box<dyn Method>, D::Error> {
-    use self::laser_r_test::LaserRTest;
-    use self::latch_delay::LatchDelay;
-    use self::samba::Samba;
-    use self::self_calibration::SelfCalibration;
-    match name {
-        self_calibration::NAME => {
-            Ok(Box::new(SelfCalibration::new(Deserialize::deserialize(settings)?)))
-        }
-        samba::NAME => Ok(Box::new(Samba::new(Deserialize::deserialize(settings)?))),
-        laser_r_test::NAME => Ok(Box::new(LaserRTest::new(Deserialize::deserialize(settings)?))),
-        latch_delay::NAME => Ok(Box::new(LatchDelay::new(Deserialize::deserialize(settings)?))),
-        unknown => Err(D::Error::custom(format!(
-            "there is no method `{unknown}`; there are {}",
-            NAMES.join(", ")
-        ))),
-    }
 }

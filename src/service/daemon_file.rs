@@ -71,7 +71,7 @@ impl DaemonFile {
 }
 
 fn served(machine: MachineFile) -> Result<(MachineFile, Config), MachineFileError> {
-    machine.check_method_names(&methods::NAMES)?;
+    machine.check_method_names(&methods::names())?;
     let config = machine.serve()?;
     Ok((machine, config))
 }

@@ -1,27 +1,35 @@
-//! The machine files that are built in.
+//! The machine files that are built in: one for each method.
 
-use methods::{laser_r_test, samba};
+use include_dir::{Dir, include_dir};
+
+static CONFIG: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
 
 /// A machine file that serves a method when the user gives none.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct BuiltIn {
     /// Its name in error messages.
-    pub file: &'static str,
+    pub file: String,
     pub text: &'static str,
 }
 
-/// The machine file for the method `name`; most methods measure the cylinder of the first.
+/// The machine file for the method `name`; for a name that is not in the list, that of its first method.
 pub fn built_in(name: &str) -> BuiltIn {
-    match name {
-        samba::NAME => {
-            BuiltIn { file: "samba.toml (built in)", text: include_str!("../../config/samba.toml") }
+    let method = methods::description(name).or(methods::METHODS.first());
+    let file = method.map_or("", |method| method.machine_file);
+    let text = CONFIG.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
+    BuiltIn { file: format!("{file} (built in)"), text }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::setup;
+
+    #[test]
+    fn each_method_has_a_plan_on_its_built_in_machine() {
+        for method in methods::METHODS {
+            let file = setup::load(None, method.name).unwrap();
+            let (_, plan) = setup::header(&file, method.name, None).unwrap();
+            assert_eq!(plan.method, method.name);
         }
-        laser_r_test::NAME => {
-            BuiltIn { file: "laser.toml (built in)", text: include_str!("../../config/laser.toml") }
-        }
-        _ => BuiltIn {
-            file: "simulated.toml (built in)",
-            text: include_str!("../../config/simulated.toml"),
-        },
     }
 }

@@ -12,7 +12,7 @@ use simulator::WorldError;
 pub enum SetupError {
     #[error(transparent)]
     MachineFile(#[from] MachineFileError),
-    #[error("there is no method `{name}`; there are {}", methods::NAMES.join(", "))]
+    #[error("there is no method `{name}`; there are {}", methods::names().join(", "))]
     NoSuchMethod { name: String },
     #[error("`{name}` measures no cycle that could be repeated")]
     NoRepeats { name: String },

@@ -39,7 +39,7 @@ pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError
         Some(path) => MachineFile::read(path)?,
         None => MachineFile::embedded_for(method)?,
     };
-    file.check_method_names(&methods::NAMES)?;
+    file.check_method_names(&methods::names())?;
     Ok(file)
 }
 
@@ -86,7 +86,7 @@ pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value
 }
 
 fn check_name(method: &str) -> Result<(), SetupError> {
-    if methods::NAMES.contains(&method) {
+    if methods::description(method).is_some() {
         return Ok(());
     }
     Err(SetupError::NoSuchMethod { name: method.to_owned() })

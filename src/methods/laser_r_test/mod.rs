@@ -31,7 +31,7 @@ pub use settings::Settings;
 
 use self::bench::Bench;
 use self::settings::By;
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -42,8 +42,18 @@ pub struct LaserRTest {
     settings: Settings,
 }
 
-impl LaserRTest {
-    pub fn new(settings: Settings) -> Self {
+impl Registered for LaserRTest {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "one precision sphere; a laser displacement sensor in the spindle, or the \
+                touch probe",
+        finds: "location errors of both rotary axes, on request harmonics of the tilting \
+                one; the sensor's beam and zero point",
+        machine_file: "laser.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
         Self { settings }
     }
 }

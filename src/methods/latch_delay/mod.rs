@@ -21,7 +21,7 @@ use self::fit::Fitted;
 use self::observe::Observed;
 use self::plan::Place;
 use self::scan::Scan;
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use machine::artefact::uncertainty_mm;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -34,14 +34,25 @@ pub struct LatchDelay {
 }
 
 impl LatchDelay {
-    pub fn new(settings: Settings) -> Self {
-        Self { settings }
-    }
-
     fn feeds(&self, plan: &Plan) -> Result<Feeds, Refused> {
         let uncertainty = uncertainty_mm(&plan.artefact);
         let length = |room_mm| plan::length_mm(uncertainty, room_mm);
         Feeds::choose((&plan.machine, &plan.probe), &self.settings, length)
+    }
+}
+
+impl Registered for LatchDelay {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "a round part or balls",
+        finds: "how late a contact is latched, whether a PLC's scan lies between, how \
+                touches scatter: one place, touched at two feeds",
+        machine_file: "simulated.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings }
     }
 }
 

@@ -30,7 +30,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use self::design::{Bench, Visit};
 use self::stages::Known;
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use machine::record::artefact::Artefact;
 use machine::record::estimate::Estimate;
 use machine::record::machine::{Machine, Probe};
@@ -53,10 +53,6 @@ struct Made {
 }
 
 impl Samba {
-    pub fn new(settings: Settings) -> Self {
-        Self { settings, made: Mutex::new(None) }
-    }
-
     fn visits(&self, bench: &Bench<'_>) -> Result<Arc<[Visit]>, Refused> {
         let Plan { machine, probe, artefact, .. } = bench.plan;
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
@@ -71,6 +67,21 @@ impl Samba {
         let (machine, probe, artefact) = (machine.clone(), probe.clone(), artefact.clone());
         *made = Some(Made { machine, probe, artefact, visits: visits.clone() });
         Ok(visits)
+    }
+}
+
+impl Registered for Samba {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "master balls that nobody has calibrated, and one scale bar",
+        finds: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus \
+                and balls, with their covariance",
+        machine_file: "samba.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings, made: Mutex::new(None) }
     }
 }
 

@@ -27,7 +27,7 @@ mod tests;
 pub use settings::Settings;
 
 use self::plan::{Part, Planner};
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::estimate::Estimate;
@@ -40,10 +40,6 @@ pub struct SelfCalibration {
 }
 
 impl SelfCalibration {
-    pub fn new(settings: Settings) -> Self {
-        Self { settings }
-    }
-
     fn stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
         let id = plan.steps.last().map_or(0, |step| step.stage + 1);
         Stage {
@@ -76,6 +72,21 @@ impl SelfCalibration {
             height_mm: part.top - ball - stated.centre_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
         })
+    }
+}
+
+impl Registered for SelfCalibration {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "any clean round part",
+        finds: "where the C axis stands, its error motions, squareness and scale \
+                difference of X and Y, the part's form",
+        machine_file: "simulated.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings }
     }
 }
 

@@ -4,7 +4,7 @@ use super::{MachineFile, balls_csv};
 use crate::setup;
 use machine::artefact;
 use machine::record::artefact::Balls;
-use methods::{NAMES, Source};
+use methods::{METHODS, Source};
 use testing::fuzz::fuzz;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
@@ -72,7 +72,9 @@ fn plan(file: &MachineFile) -> usize {
     assert!(!machine.contains("null"), "{machine}");
     let bodies = serde_json::to_string(&(&file.keepout, &file.solids)).unwrap();
     assert!(!bodies.contains("null"), "{bodies}");
-    let Ok((method, plan)) = setup::header(file, NAMES[0], None) else { return machine.len() };
+    let Ok((method, plan)) = setup::header(file, METHODS[0].name, None) else {
+        return machine.len();
+    };
     drop(method.next(&plan, &[], Source::Nominal));
     drop(setup::world(file));
     machine.len() + bodies.len()

@@ -83,7 +83,7 @@ impl MachineFile {
     /// The built-in machine that suits a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
         let BuiltIn { file, text } = built_in(method);
-        Self::parse(file, text.to_owned())
+        Self::parse(&file, text.to_owned())
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::laser_r_test::{LaserRTest, Settings};
-use crate::{Method, Next, Refused, Source};
+use crate::{Method, Next, Refused, Registered, Source};
 use estimation::random::stream;
 use machine::frame::Pose;
 use machine::record::plan::{Plan, Sampling, Stage, Step};

@@ -5,7 +5,7 @@ use super::{ideal, settings};
 use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::{LaserRTest, Settings};
-use crate::{IdentifyError, Method, Source};
+use crate::{IdentifyError, Method, Registered, Source};
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};

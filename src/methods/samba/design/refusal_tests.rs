@@ -3,7 +3,7 @@
 use super::tests::plan;
 use crate::samba::settings::{Design, Settings, Spindle};
 use crate::samba::tests::machine;
-use crate::samba::{Method, Next, Samba, Source};
+use crate::samba::{Method, Next, Registered, Samba, Source};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::Plan;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::samba::design::tests::{plan, rumba};
 use crate::samba::label::{Label, Pass};
 use crate::samba::settings::{Find, Settings};
-use crate::samba::{Method, Next, Refused, Samba, Source};
+use crate::samba::{Method, Next, Refused, Registered, Samba, Source};
 use machine::kinematics::{Chain, ErrorTerm};
 use machine::record::artefact::Artefact;
 use machine::record::plan::{Plan, Stage, Step, StepKind};

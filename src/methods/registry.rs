@@ -1,0 +1,53 @@
+//! The list of methods. Names, the command's help, the README's table and the built-in machines derive
+//! from it.
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+use crate::asking::Asking;
+use crate::{Description, Method, Registered};
+
+macro_rules! registry {
+    ($($method:ty,)*) => {
+        /// All methods, in the order in which they are listed.
+        pub const METHODS: &[Description] = &[$(<$method>::DESCRIPTION),*];
+
+        fn by_name<'de, D: Deserializer<'de>>(
+            name: &str,
+            settings: D,
+        ) -> Result<Box<dyn Method>, D::Error> {
+            $(if name == <$method>::DESCRIPTION.name {
+                return Ok(Box::new(<$method>::new(Deserialize::deserialize(settings)?)));
+            })*
+            let known = names().join(", ");
+            Err(D::Error::custom(format!("there is no method `{name}`; there are {known}")))
+        }
+    };
+}
+
+registry! {
+    crate::self_calibration::SelfCalibration,
+    crate::samba::Samba,
+    crate::laser_r_test::LaserRTest,
+    crate::latch_delay::LatchDelay,
+}
+
+pub fn names() -> Vec<&'static str> {
+    METHODS.iter().map(|method| method.name).collect()
+}
+
+pub fn description(name: &str) -> Option<&'static Description> {
+    METHODS.iter().find(|method| method.name == name)
+}
+
+/// The method `name` with its settings, from the machine file or from a plan. It executes the prompts
+/// that a plan holds.
+///
+/// # Errors
+/// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
+pub fn configure<'de, D: Deserializer<'de>>(
+    name: &str,
+    settings: D,
+) -> Result<Box<dyn Method>, D::Error> {
+    Ok(Box::new(Asking::silent(by_name(name, settings)?)))
+}
