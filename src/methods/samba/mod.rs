@@ -74,7 +74,7 @@ impl Registered for Samba {
     type Settings = Settings;
     const DESCRIPTION: Description = Description {
         name: NAME,
-        needs: "master balls that nobody has calibrated, and one scale bar",
+        needs: "uncalibrated master balls, and one scale bar",
         finds: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus \
                 and balls, with their covariance",
         machine_file: "samba.toml",

@@ -80,8 +80,8 @@ impl Registered for SelfCalibration {
     const DESCRIPTION: Description = Description {
         name: NAME,
         needs: "any clean round part",
-        finds: "where the C axis stands, its error motions, squareness and scale \
-                difference of X and Y, the part's form",
+        finds: "location and error motions of the C axis, squareness and scale difference of X \
+                and Y, form of the part",
         machine_file: "simulated.toml",
     };
 
