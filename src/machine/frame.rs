@@ -19,6 +19,12 @@ pub struct Spindle;
 /// frame to the second.
 pub type Pose = IsometryMatrix3<f64>;
 
+/// `vector` with length 1; `None` where its length is 0 or not finite.
+pub fn unit_vector(vector: Vector3<f64>) -> Option<Vector3<f64>> {
+    let length = vector.norm();
+    (length > 0.0 && length.is_finite()).then(|| vector / length)
+}
+
 /// Two unit vectors at right angles to the unit vector `along` and to each other: right, up and
 /// `along` are right-handed.
 pub fn across(along: Vector3<f64>) -> [Vector3<f64>; 2] {

@@ -1,6 +1,7 @@
 //! Whether two convex bodies are apart: parry's GJK proposes directions, and the planes across them
 //! decide. So a search that did not converge costs a false refusal, never a collision.
 
+use machine::frame::unit_vector;
 use nalgebra::Vector3;
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex, closest_points};
@@ -37,14 +38,12 @@ pub(super) fn directions(
     let (one, other) = (InParry(one), InParry(other));
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, &one, &other, start.into()));
-    match closest_points(&Pose::IDENTITY, &one, &other, enough, true, &mut simplex) {
-        GJKResult::Intersection => Vec::new(),
+    let found = match closest_points(&Pose::IDENTITY, &one, &other, enough, true, &mut simplex) {
+        GJKResult::Intersection => vec![],
         // Away from an edge the line between the two points is the better direction.
-        GJKResult::ClosestPoints(p, q, direction) => {
-            vec![direction.into(), (q - p).normalize_or(direction).into()]
-        }
-        GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
-            vec![direction.into()]
-        }
-    }
+        GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
+        GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => vec![direction],
+    };
+    // Only across a vector of length 1 is the gap a bound.
+    found.into_iter().filter_map(|direction| unit_vector(direction.into())).collect()
 }

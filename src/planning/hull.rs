@@ -1,6 +1,7 @@
 //! Convex bodies about the tool, machine directions, and whether they stand far enough apart.
 
 use machine::artefact::Shape;
+use machine::frame::unit_vector;
 use machine::record::machine::Solid;
 use nalgebra::{Rotation3, Vector3};
 
@@ -85,13 +86,11 @@ impl Support for Body {
         match self {
             Self::Box(corners) => farthest(corners, direction),
             Self::Round(Shape::Ball { centre, radius }) => {
-                *centre + *radius * direction.try_normalize(0.0).unwrap_or_default()
+                *centre + *radius * unit_vector(direction).unwrap_or_default()
             }
             Self::Round(Shape::Cylinder { from, to, radius }) => {
-                let axis = (*to - *from).try_normalize(0.0).unwrap_or_default();
-                let out = (direction - axis * axis.dot(&direction))
-                    .try_normalize(0.0)
-                    .unwrap_or_default();
+                let axis = unit_vector(*to - *from).unwrap_or_default();
+                let out = unit_vector(direction - axis * axis.dot(&direction)).unwrap_or_default();
                 farthest(&[*from, *to], direction) + *radius * out
             }
         }
@@ -100,8 +99,7 @@ impl Support for Body {
 
 impl Support for Upright {
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
-        let out =
-            Vector3::new(direction.x, direction.y, 0.0).try_normalize(0.0).unwrap_or_default();
+        let out = unit_vector(Vector3::new(direction.x, direction.y, 0.0)).unwrap_or_default();
         let up = if direction.z > 0.0 { ENDLESS } else { 0.0 };
         farthest(&self.way, direction) + self.radius * out + Vector3::z() * up
     }

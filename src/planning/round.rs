@@ -13,6 +13,7 @@ use super::hull::Body;
 use super::limits;
 use super::surroundings::{Obstacle, Surroundings};
 use machine::artefact::Shape;
+use machine::frame::unit_vector;
 use machine::kinematics::KinematicsError;
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
@@ -71,7 +72,7 @@ pub(super) fn aside(about: &Surroundings, machine: &Machine, start: &Position) -
     let ball = about.ball_at(start)?;
     let there = about.off(&ball, start);
     let far = (ball.reach + ball.loose + LIFT + SLACK).max(there.norm());
-    let end = place(about, machine, &ball, (start, there.try_normalize(0.0)? * far))?;
+    let end = place(about, machine, &ball, (start, unit_vector(there)? * far))?;
     let free = about.passes(start, &end, &ball.name) && about.is_clear(&end, LIFT);
     free.then_some(end)
 }
@@ -90,7 +91,7 @@ fn place(
 /// them, in the plane of all three; nothing if the straight way is clear of it. `None`: too far round.
 fn corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3<f64>>> {
     let radius = here.norm().min(there.norm());
-    let (u, v) = (here.try_normalize(0.0)?, there.try_normalize(0.0)?);
+    let (u, v) = (unit_vector(here)?, unit_vector(there)?);
     let to_tangent = |from: Vector3<f64>| (radius / from.norm()).min(1.0).acos();
     let left = u.angle(&v) - to_tangent(here) - to_tangent(there);
     if left <= 0.0 {

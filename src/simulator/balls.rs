@@ -8,6 +8,7 @@ use super::WorldError;
 use super::drawn::{self, LengthDraw};
 use super::nearest::Nearest;
 use super::truth::Truth;
+use machine::frame::unit_vector;
 use machine::record::artefact;
 
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -68,7 +69,7 @@ impl Ball {
     fn new(index: usize, stated: &artefact::Ball, truth: &Truth) -> Self {
         let own = truth.ball.iter().find(|ball| ball.id == stated.id).cloned().unwrap_or_default();
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
-        let along = Vector3::from(stated.stem).try_normalize(0.0).unwrap_or_default();
+        let along = unit_vector(Vector3::from(stated.stem)).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
         let drawn = drawn::ball(truth.seed, index);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
@@ -123,7 +124,7 @@ impl Ball {
     /// The foot of the perpendicular: `point` = r(u)·u + distance·normal(u). Round, it is along the
     /// point's own direction; for an oval of micrometres each round leaves a thousandth of the error.
     fn nearest(&self, point: Vector3<f64>) -> Nearest {
-        let mut direction = point.try_normalize(0.0).unwrap_or(Vector3::z());
+        let mut direction = unit_vector(point).unwrap_or(Vector3::z());
         let mut nearest = Nearest { distance: point.norm() - self.radius, normal: direction };
         if self.form == Matrix3::zeros() {
             return nearest;
@@ -136,7 +137,7 @@ impl Ball {
             let normal = (direction - slope / radius).normalize();
             let distance = (point - direction * radius).dot(&normal);
             nearest = Nearest { distance, normal };
-            let next = (point - normal * distance).try_normalize(0.0).unwrap_or(direction);
+            let next = unit_vector(point - normal * distance).unwrap_or(direction);
             if (next - direction).norm_squared() < SAME_DIRECTION {
                 break;
             }
@@ -154,7 +155,7 @@ impl Stem {
     fn nearest(&self, from_centre: Vector3<f64>) -> Nearest {
         let along = from_centre.dot(&self.along);
         let across = from_centre - self.along * along;
-        let (reach, outward) = (across.norm(), across.try_normalize(0.0).unwrap_or(Vector3::x()));
+        let (reach, outward) = (across.norm(), unit_vector(across).unwrap_or(Vector3::x()));
         let side = reach - self.radius;
         let end = (along - self.length / 2.0).abs() - self.length / 2.0;
         let cap = self.along * (along - self.length / 2.0).signum();
@@ -182,7 +183,7 @@ fn hold_lengths(balls: &mut [Ball], stated: &artefact::Balls, truth: &Truth) {
             let (Some(&from), Some(&to)) = ends else { continue };
             let apart = balls[to].centre - balls[from].centre;
             let short = true_length(number, length, truth) - apart.norm();
-            let half = apart.try_normalize(0.0).unwrap_or(Vector3::x()) * (short / 2.0);
+            let half = unit_vector(apart).unwrap_or(Vector3::x()) * (short / 2.0);
             balls[from].centre -= half;
             balls[to].centre += half;
             worst = worst.max(short.abs());

@@ -8,6 +8,7 @@ use super::WorldError;
 use super::drawn;
 use super::sensor_truth::{SensorTruth, Wave};
 use super::sight::{Hit, Sight};
+use machine::frame::unit_vector;
 use machine::record::sensor::Sensor;
 
 /// What a sensor says of one sample.
@@ -51,8 +52,7 @@ impl Beam {
         let [least, greatest] = nominal.range_mm;
         let span = greatest - least;
         // `>` is false for NaN as well.
-        let direction = Vector3::from(nominal.direction).try_normalize(0.0);
-        let Some(direction) = direction.filter(|direction| direction.norm() > 0.0) else {
+        let Some(direction) = unit_vector(Vector3::from(nominal.direction)) else {
             return nonsense("direction");
         };
         if !zero.iter().all(|place| place.is_finite()) {
@@ -114,7 +114,7 @@ impl Beam {
         for across in self.across {
             // Across the true beam: the mean over a slanted disc would be another one.
             let step = across - self.along * self.along.dot(&across);
-            let step = step.try_normalize(0.0).unwrap_or_default() * aside;
+            let step = unit_vector(step).unwrap_or_default() * aside;
             sum += first(step)?.distance + first(-step)?.distance;
         }
         Some(Hit { distance: sum / 4.0, ..middle })

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
+use crate::frame::unit_vector;
 use crate::record::artefact::{Ball, Balls, Length};
 
 /// What is wrong, of which ball or length (counted from 0), in words that follow the key.
@@ -67,8 +68,8 @@ fn alone(at: &At, ball: &Ball) -> Checked {
     at.that(stem_radius_mm < radius_mm, "stem_radius_mm", || {
         format!("is {stem_radius_mm}; the stem must be thinner than its ball (radius {radius_mm})")
     })?;
-    let length = Vector3::from(*stem).norm();
-    at.that(length > 0.0 && length.is_finite(), "stem", || {
+    let direction = unit_vector(Vector3::from(*stem));
+    at.that(direction.is_some(), "stem", || {
         "must have a direction, from the ball to the stem's foot: [0, 0, -1]".to_owned()
     })?;
     at.that(*stem_length_mm == 0.0 || stem_length_mm > radius_mm, "stem_length_mm", || {
@@ -138,7 +139,7 @@ fn one_stem(ball: &Ball) -> f64 {
 
 /// Distance of the centre of `of` from the middle line of the stem of `ball`.
 fn to_stem(ball: &Ball, of: &Ball) -> f64 {
-    let along = Vector3::from(ball.stem).try_normalize(0.0).unwrap_or_default();
+    let along = unit_vector(Vector3::from(ball.stem)).unwrap_or_default();
     let from_ball = centre(of) - centre(ball);
     let foot = along * from_ball.dot(&along).clamp(0.0, ball.stem_length_mm.max(0.0));
     from_ball.metric_distance(&foot)

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use crate::frame::unit_vector;
 use crate::record::artefact::{Artefact, Ball, Balls, Cylinder};
 
 /// One body of an artefact.
@@ -35,7 +36,7 @@ impl Shape {
         match *self {
             Shape::Ball { centre, radius } => centre.dot(&up) + radius,
             Shape::Cylinder { from, to, radius } => {
-                let axis = (to - from).try_normalize(0.0).unwrap_or_default();
+                let axis = unit_vector(to - from).unwrap_or_default();
                 // The rim: what of `up` lies across the axis.
                 from.dot(&up).max(to.dot(&up)) + radius * (up - axis * axis.dot(&up)).norm()
             }
@@ -55,7 +56,7 @@ pub fn parts(artefact: &Artefact) -> Vec<Part> {
 
 fn round(cylinder: &Cylinder) -> Part {
     let from = Vector3::from(cylinder.centre_mm);
-    let axis = Vector3::from(cylinder.axis).try_normalize(0.0).unwrap_or(Vector3::z());
+    let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
     let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
     Part { name: "artefact".to_owned(), shape: Shape::Cylinder { from, to, radius }, touched: true }
 }
@@ -67,8 +68,7 @@ fn ball(ball: &Ball) -> Part {
 
 fn stem(ball: &Ball) -> Option<Part> {
     let from = Vector3::from(ball.centre_mm);
-    let to = from
-        + Vector3::from(ball.stem).try_normalize(0.0).unwrap_or_default() * ball.stem_length_mm;
+    let to = from + unit_vector(Vector3::from(ball.stem)).unwrap_or_default() * ball.stem_length_mm;
     let radius = ball.stem_radius_mm;
     let declared = radius > 0.0 && from != to;
     declared.then(|| Part {

@@ -6,7 +6,7 @@ use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
 use super::KinematicsError;
 use super::parameter::{ErrorTerm, Shape};
-use crate::frame::Pose;
+use crate::frame::{Pose, unit_vector};
 use crate::record::machine::{AxisSpec, Machine};
 use crate::{Axis, Position};
 
@@ -40,7 +40,7 @@ impl Joint {
         let direction = if stated == Vector3::zeros() {
             axis.direction()
         } else {
-            stated.try_normalize(0.0).unwrap_or_default()
+            unit_vector(stated).unwrap_or_default()
         };
         let point = if axis.is_linear() { Vector3::zeros() } else { Vector3::from(spec.point_mm) };
         if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {

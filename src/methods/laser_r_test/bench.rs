@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use super::parameters::{of_table, tilts};
 use super::settings::{By, Settings};
 use crate::Refused;
+use machine::frame::unit_vector;
 use machine::kinematics::Chain;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
@@ -50,7 +51,7 @@ impl<'a> Bench<'a> {
 
     /// Nominal direction in which readings grow, spindle frame.
     pub fn beam(&self) -> Vector3<f64> {
-        Vector3::from(self.sensor.direction).try_normalize(0.0).unwrap_or_default()
+        unit_vector(Vector3::from(self.sensor.direction)).unwrap_or_default()
     }
 
     pub fn centre(&self) -> Vector3<f64> {

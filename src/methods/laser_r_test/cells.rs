@@ -14,6 +14,7 @@ use super::centres::{Centres, Row, frame};
 use super::spots::{Scanned, Spot};
 use super::track::Seen;
 use machine::Axis;
+use machine::frame::unit_vector;
 
 /// A way along a line needs so many samples.
 const LEAST_SAMPLES: usize = 10;
@@ -133,9 +134,8 @@ impl Sphere {
 pub fn thin_ways(path: &[Vector3<f64>], seen: &[Seen]) -> Vec<String> {
     let mut thin: Vec<String> = Vec::new();
     for pair in path.windows(2) {
-        let Some(way) = (pair[1] - pair[0]).try_normalize(0.0) else { continue };
-        let along =
-            |one: &&Seen| one.velocity.try_normalize(0.0).unwrap_or_default().dot(&way) > ALONG;
+        let Some(way) = unit_vector(pair[1] - pair[0]) else { continue };
+        let along = |one: &&Seen| unit_vector(one.velocity).unwrap_or_default().dot(&way) > ALONG;
         let count = seen.iter().filter(along).count();
         let words = format!("{count} samples of its way along {}", name(way));
         if count < LEAST_SAMPLES && !thin.contains(&words) {

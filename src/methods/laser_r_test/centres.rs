@@ -6,6 +6,7 @@
 //! the direction is not known moves all centres alike, as all poses are scanned at one height.
 
 use faer::Mat;
+use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::spots::Scanned;
@@ -50,7 +51,7 @@ pub struct Centres {
 
 /// Columns: two directions across the beam, nearly X and Y, and the beam.
 pub fn frame(beam: Vector3<f64>) -> Matrix3<f64> {
-    let across = (Vector3::x() - beam * beam.x).try_normalize(0.0).unwrap_or(Vector3::y());
+    let across = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
     let other = across.cross(&beam);
     // Of a beam that looks down, other is +Y.
     Matrix3::from_columns(&[across, other, beam])
@@ -110,7 +111,7 @@ impl Centres {
             let mut block = Rows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.arm(x, row);
-                let normal = arm.try_normalize(0.0).unwrap_or_default();
+                let normal = unit_vector(arm).unwrap_or_default();
                 block.set_value(i, (self.radius_of(x, group) - arm.norm()) / row.sigma);
                 (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.sigma));
                 (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.sigma));
@@ -191,7 +192,7 @@ pub fn fixes_centre(scan: &Scanned, beam: Vector3<f64>, radius: f64) -> bool {
     let centre = mean + scan.spindle * beam * radius;
     let mut sum = Matrix3::zeros();
     for point in &points {
-        let n = (*point - centre).try_normalize(0.0).unwrap_or_default();
+        let n = unit_vector(*point - centre).unwrap_or_default();
         sum += n * n.transpose();
     }
     points.len() >= 4 && sum.determinant() > FLAT * (points.len() as f64 / 3.0).powi(3)

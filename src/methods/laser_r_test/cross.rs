@@ -7,6 +7,7 @@ use super::bench::Bench;
 use super::label::in_words;
 use super::model::placed;
 use crate::Refused;
+use machine::frame::unit_vector;
 use machine::record::plan::{Sampling, Scan, Step, StepKind};
 use machine::{Axis, Position};
 
@@ -54,7 +55,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     check_range(bench, place, wanted, half)?;
     let path = path(bench, place, wanted, half)?;
     path.iter().try_for_each(|at| check_travel(bench, &wanted.rotary, at))?;
-    let beam = bench.spindle(&wanted.rotary) * place.beam.try_normalize(0.0).unwrap_or_default();
+    let beam = bench.spindle(&wanted.rotary) * unit_vector(place.beam).unwrap_or_default();
     let (feed_mm_min, sampling) = settled(bench, wanted.walk);
     Ok(Step {
         id: 0,
@@ -102,8 +103,8 @@ fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, R
         });
     }
     let table = bench.chain.machine_from_table(rotary, &[]).rotation;
-    let stem = table * Vector3::from(bench.ball.stem).try_normalize(0.0).unwrap_or_default();
-    let towards = -(bench.spindle(rotary) * place.beam.try_normalize(0.0).unwrap_or_default());
+    let stem = table * unit_vector(Vector3::from(bench.ball.stem)).unwrap_or_default();
+    let towards = -(bench.spindle(rotary) * unit_vector(place.beam).unwrap_or_default());
     let free = (bench.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + bench.limit();
     if stem.angle(&towards) < free {
         return Err(Refused {
@@ -153,11 +154,11 @@ fn path(
     let axes_for = bench.axes_for(rotary)?;
     // In motion along the axes alone: one that crept after the beam's lean would lose its motion unseen.
     let beam = match wanted.walk {
-        Walk::Rests => place.beam.try_normalize(0.0).unwrap_or_default(),
+        Walk::Rests => unit_vector(place.beam).unwrap_or_default(),
         _ => bench.beam(),
     };
     let beam = bench.spindle(rotary) * beam;
-    let along = (Vector3::x() - beam * beam.x).try_normalize(0.0).unwrap_or(Vector3::y());
+    let along = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
     let above = -beam * (bench.ball.radius_mm + wanted.height_mm);
     let points = bench.settings.points;
     let line = |direction: Vector3<f64>| {

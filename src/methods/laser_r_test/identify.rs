@@ -18,6 +18,7 @@ use estimation::monte_carlo::Trials;
 use estimation::nonlinear::{Minimum, NonlinearError};
 use estimation::null_names::name_null_space;
 use estimation::whitening::whitening;
+use machine::frame::unit_vector;
 use machine::record::estimate::Estimate;
 use machine::record::reading::Reading;
 
@@ -135,7 +136,7 @@ fn leave_out_oblique(
     fitted: &Minimum,
 ) -> bool {
     let centres = &grouped.centres;
-    let beam = centres.beam(&fitted.x).try_normalize(0.0).unwrap_or_default();
+    let beam = unit_vector(centres.beam(&fitted.x)).unwrap_or_default();
     let mut beyond: Vec<(usize, usize)> = Vec::new();
     for (row, from) in centres.rows.iter().zip(&grouped.from) {
         let towards = -(row.spindle * beam);

@@ -10,6 +10,7 @@ use super::centres::Centres;
 use super::group::Grouped;
 use estimation::circle::fit_circle;
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use machine::frame::unit_vector;
 use machine::record::machine::Sense;
 use machine::{Axis, Position};
 
@@ -43,7 +44,7 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
 
 /// The beam of the fit, its norm 1.
 fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
-    let lean = centres.frame.transpose() * centres.beam(x).try_normalize(0.0).unwrap_or_default();
+    let lean = centres.frame.transpose() * unit_vector(centres.beam(x)).unwrap_or_default();
     Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
 }
 

@@ -13,6 +13,7 @@ use super::model::placed;
 use super::observe::Observed;
 use estimation::monte_carlo::Shape;
 use estimation::smooth::smooth_function;
+use machine::frame::unit_vector;
 use machine::kinematics::{ErrorParameter, Shape as Motion};
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position, frame::Point};
@@ -66,9 +67,9 @@ pub fn sources(
     let normals: Vec<Vector3<f64>> = centres
         .rows
         .iter()
-        .map(|row| centres.arm(x, row).try_normalize(0.0).unwrap_or_default())
+        .map(|row| unit_vector(centres.arm(x, row)).unwrap_or_default())
         .collect();
-    let beam = centres.beam(x).try_normalize(0.0).unwrap_or_default();
+    let beam = unit_vector(centres.beam(x)).unwrap_or_default();
     let along = centres.rows.iter().zip(&normals);
     let along = along.map(|(row, n)| match bench.touches() {
         true => -1.0,
@@ -283,7 +284,7 @@ impl Seen<'_> {
 /// What a reference shows of a sphere that stands 1 mm further along an axis: across the beam its flanks
 /// alone see it.
 fn seen_along(step: &Step, k: usize, radius: f64) -> f64 {
-    let normal = Vector3::from(step.normal).try_normalize(0.0).unwrap_or_default();
+    let normal = unit_vector(Vector3::from(step.normal)).unwrap_or_default();
     let path: Vec<Vector3<f64>> =
         step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz).collect();
     let middle = path.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;

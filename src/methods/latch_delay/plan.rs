@@ -10,6 +10,7 @@ use super::feeds::Feeds;
 use super::settings::Settings;
 use crate::Refused;
 use machine::artefact::uncertainty_mm;
+use machine::frame::unit_vector;
 use machine::kinematics::Chain;
 use machine::record::artefact::{Artefact, Balls, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
@@ -149,10 +150,10 @@ fn flank_at(
     let chain = Chain::new(&plan.machine)?;
     let rotary = rotary(plan);
     let table = chain.machine_from_table(&rotary, &[]).rotation;
-    let axis = Vector3::from(part.axis).try_normalize(0.0).unwrap_or_default();
+    let axis = unit_vector(Vector3::from(part.axis)).unwrap_or_default();
     let towards = table.inverse() * towards;
     let level = towards - axis * towards.dot(&axis);
-    let outward = level.try_normalize(0.0).unwrap_or_default();
+    let outward = unit_vector(level).unwrap_or_default();
     let middle = Vector3::from(part.centre_mm) + axis * part.height_mm / 2.0;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     let at = |out: f64| {

@@ -8,6 +8,7 @@ use super::model::{Affine, Indexed, Model};
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::Rows;
 use machine::Position;
+use machine::frame::unit_vector;
 
 /// Steps to a solution nearby: the second is of second order already.
 const NEAR_STEPS: usize = 2;
@@ -274,7 +275,7 @@ impl Problem {
         length: f64,
     ) {
         let apart = self.apart(x, bar);
-        let along = apart.try_normalize(0.0).unwrap_or_default() / bar.u_mm;
+        let along = unit_vector(apart).unwrap_or_default() / bar.u_mm;
         rows.set_value(row, (length - apart.norm()) / bar.u_mm);
         for j in 0..3 {
             rows.set_own(row, self.ball_at[bar.to] - first + j, along[j]);

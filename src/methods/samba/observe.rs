@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::label::{Label, Pass};
 use crate::{IdentifyError, Refused};
 use estimation::sphere::{SphereError, fit_sphere};
+use machine::frame::unit_vector;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
 use machine::record::reading::{Flag, Reading};
@@ -242,7 +243,7 @@ impl Sight {
         let centre = Vector3::from(sphere.centre);
         let back = way.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN));
         for (touch, point) in self.touches.iter_mut().zip(points) {
-            touch.normal = (Vector3::from(point) - centre).try_normalize(0.0).unwrap_or_default();
+            touch.normal = unit_vector(Vector3::from(point) - centre).unwrap_or_default();
             let row = [touch.normal.x, touch.normal.y, touch.normal.z, 1.0];
             let gain = |k: usize| (0..4).map(|j| sphere.covariance[k][j] * row[j]).sum();
             touch.gain = back * Vector3::new(gain(0), gain(1), gain(2));

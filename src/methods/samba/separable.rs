@@ -7,6 +7,7 @@ use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use nalgebra::Vector3;
 
+use machine::frame::unit_vector;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::Balls;
 use machine::{Axis, Position, frame::Point};
@@ -77,7 +78,7 @@ pub fn directions(balls: &Balls) -> Vec<Vector3<f64>> {
     let mut all: Vec<Vector3<f64>> = Vec::new();
     for length in &balls.lengths {
         let (Some(from), Some(to)) = (at(&length.from), at(&length.to)) else { continue };
-        let Some(along) = (to - from).try_normalize(0.0) else { continue };
+        let Some(along) = unit_vector(to - from) else { continue };
         if !all.iter().any(|known| known.dot(&along).abs() > PARALLEL) {
             all.push(along);
         }

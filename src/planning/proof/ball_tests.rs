@@ -113,6 +113,9 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
         other => panic!("{other}"),
     }
     assert!(matches!(normal(26.0).unwrap_err().reason, Reason::NotAimed { .. }));
+    // A plan that does not say from which side.
+    let none = plan(|plan| plan["steps"][0]["normal"] = json!([0.0, 0.0, 0.0]));
+    assert!(matches!(proven(&none).unwrap_err().reason, Reason::NotAimed { .. }));
 }
 
 /// The other balls and stems are strangers: half a millimetre beside the full length of the touch,

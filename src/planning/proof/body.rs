@@ -5,7 +5,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{Cuboid, Cylinder, SupportMap};
 
 use machine::artefact::{self, Part};
-use machine::frame::{Pose, across};
+use machine::frame::{Pose, across, unit_vector};
 use machine::kinematics::Carried;
 use machine::record::machine::Solid;
 
@@ -35,7 +35,7 @@ impl Shape {
     }
 
     pub fn cylinder(from: Vector3<f64>, to: Vector3<f64>, radius: f64) -> Self {
-        let axis = (to - from).try_normalize(0.0).unwrap_or(Vector3::y());
+        let axis = unit_vector(to - from).unwrap_or(Vector3::y());
         let [right, up] = across(axis);
         let turned = Rotation3::from_basis_unchecked(&[up, axis, right]);
         Self {

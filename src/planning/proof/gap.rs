@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use machine::frame::Pose;
+use machine::frame::{Pose, unit_vector};
 
 use crate::gjk::{directions, gap_across};
 
@@ -46,7 +46,7 @@ pub fn gap(
     };
     let wider = |a: Gap, b: Gap| if b.mm > a.mm { b } else { a };
     let line = b.translation.vector - a.translation.vector;
-    let start = hint.unwrap_or(line.try_normalize(0.0).unwrap_or(Vector3::x()));
+    let start = hint.unwrap_or(unit_vector(line).unwrap_or(Vector3::x()));
     let first = between(start);
     if first.mm > enough(start) {
         return first;

@@ -11,6 +11,7 @@ use nalgebra::{Point3, Vector3};
 use super::body::Body;
 use super::gap::{Across, gap};
 use machine::Axis;
+use machine::frame::unit_vector;
 use machine::kinematics::{Commands, Going};
 
 /// The smallest clearance of a step is found to within this, mm.
@@ -74,7 +75,7 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
             body.carried.pose(&way.to).transform_point(&centre.into()).coords
         };
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
-        nearest_origin(end - goes, end).try_normalize(0.0).unwrap_or(Vector3::x())
+        unit_vector(nearest_origin(end - goes, end)).unwrap_or(Vector3::x())
     });
     let [one_goes, other_goes] = [one, other].map(|body| body.carried.going(&way.from, &way.to));
     while let Some((at, share)) = parts.pop() {

@@ -16,7 +16,7 @@ use super::gap::Across;
 use super::refusal::Reason;
 use super::scene::Scene;
 use super::sweep::Way;
-use machine::frame::{Pose, across};
+use machine::frame::{Pose, across, unit_vector};
 use machine::kinematics::Commands;
 
 /// The trigger comes within this after contact, mm.
@@ -82,7 +82,7 @@ impl Line {
             table.inverse_transform_point(&tool.transform_point(&centre.into())).coords
         };
         let (from, to) = (ball_at(&way.from), ball_at(&way.to));
-        let along = (to - from).try_normalize(0.0)?;
+        let along = unit_vector(to - from)?;
         Some(Self { table: artefact.carried.pose(&way.from), from, to, along, radius })
     }
 
@@ -132,7 +132,10 @@ impl Line {
         normal: Vector3<f64>,
     ) -> Result<(), Reason> {
         let meant = self.table.rotation.inverse() * normal;
-        let off = (self.at(at) - centre).angle(&meant).to_degrees();
+        let out = self.at(at) - centre;
+        // Without a direction to compare with it is not a number, and the touch not aimed.
+        let cos = out.dot(&meant) / (out.norm() * meant.norm());
+        let off = cos.clamp(-1.0, 1.0).acos().to_degrees();
         if off <= AIM_DEG {
             return Ok(());
         }

@@ -11,6 +11,7 @@ use crate::samba::model::{Model, length_u_mm};
 use crate::samba::parameters::{self, tilts_spindle};
 use crate::samba::separable::{Way, directions};
 use crate::samba::settings::Settings;
+use machine::frame::unit_vector;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::{Artefact, Ball, Balls, Length};
 use machine::record::plan::Plan;
@@ -132,7 +133,7 @@ impl<'a> Bench<'a> {
         let ends = [find(&length.from)?, find(&length.to)?];
         let [from, to] = ends.map(|end| self.balls.balls.get(end));
         let way = Vector3::from(to?.centre_mm) - Vector3::from(from?.centre_mm);
-        Some((ends, way.try_normalize(0.0)?))
+        Some((ends, unit_vector(way)?))
     }
 
     fn bar(&self, length: &Length) -> Option<Bar> {

@@ -11,6 +11,7 @@ use crate::Refused;
 use crate::samba::parameters::tilts_spindle;
 use crate::samba::separable::Way;
 use crate::samba::settings::{Settings, Spindle};
+use machine::frame::unit_vector;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
 
@@ -89,7 +90,7 @@ pub fn is_rotary(axis: Axis) -> bool {
 /// Whether the rotary axis turns about the spindle's direction, all axes at zero.
 pub fn is_parallel(axis: Axis, machine: &Machine) -> bool {
     let stated = machine.axes.get(&axis).map(|spec| Vector3::from(spec.direction));
-    let unit = stated.and_then(|stated| stated.try_normalize(0.0));
+    let unit = stated.and_then(unit_vector);
     unit.unwrap_or(axis.direction()).z.abs() > PARALLEL
 }
 
@@ -103,7 +104,7 @@ fn product(places: &[Position], grid: &Grid) -> Vec<Position> {
 
 fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refused> {
     let usual = Settings::default();
-    let direction = Vector3::from(spec.direction).try_normalize(0.0);
+    let direction = unit_vector(Vector3::from(spec.direction));
     let parallel = direction.map_or(axis == Axis::C, |to| to.z.abs() > PARALLEL);
     let (key, degrees, default) = match axis {
         Axis::S => ("spindle_deg", &settings.spindle_deg, usual.spindle_deg),
