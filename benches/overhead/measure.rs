@@ -107,6 +107,7 @@ impl Prepared {
         let machine = &self.file.machine;
         let dialect = Dialect::named("grbl-m19").unwrap();
         let dialect = dialect.with(machine, &self.file.probe).unwrap();
+        let modes = setup::modes(&dialect, machine, None).unwrap();
         let link = match self.wire {
             Wire::GrblMemory => {
                 let (near, far) = tokio::io::duplex(4096);
@@ -129,12 +130,12 @@ impl Prepared {
                 let port = controls::modbus(tape::modbus(&self.capture));
                 let config: Config =
                     toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
-                let opened = ModbusControl::open(&config, machine, dialect.clone()).await;
+                let opened = ModbusControl::open(&config, machine, modes).await;
                 let (driver, halt) = opened.unwrap();
                 return Devices::new(Controller::spawn(driver, halt), dialect);
             }
         };
-        let (driver, halt) = Grbl::new(link, machine, dialect.clone());
+        let (driver, halt) = Grbl::new(link, machine, modes);
         Devices::new(Controller::spawn(driver, halt), dialect)
     }
 }

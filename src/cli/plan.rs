@@ -60,7 +60,8 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
         .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
         .collect();
     let (stages, stands, first) = (&staged, None, true);
-    let request = Request { plan, stages, stands, first, dialect: &dialect, text: &text };
+    let programs = std::slice::from_ref(&text);
+    let request = Request { plan, stages, stands, first, dialect: &dialect, programs };
     let proof = prove(&request)
         .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
     Ok((text, proof))

@@ -73,6 +73,7 @@ async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
             let what = format!("ready; it stands at {stands}; how it stops: {}", prepared.stop);
             check.summary.control = Some(prepared.identity);
             check.stands = Some(prepared.stands);
+            check.transmission = Some(prepared.transmission);
             check.well(Part::Control, since, what);
             Ok(())
         }

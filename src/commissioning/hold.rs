@@ -186,6 +186,8 @@ async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
 async fn ready(check: &mut Check<'_>, pace: Pace) -> Result<(), SetupError> {
     check.open(pace).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
-    check.stands = Some(controller.prepare().await?.stands);
+    let prepared = controller.prepare().await?;
+    check.stands = Some(prepared.stands);
+    check.transmission = Some(prepared.transmission);
     Ok(())
 }

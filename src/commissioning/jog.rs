@@ -7,8 +7,8 @@ use machine::record::machine::AxisSpec;
 use machine::record::motion::{Block, Motion};
 use machine::record::question::Jog;
 use machine::{Axis, Position};
-use planning::gcode::{Program, RenderError};
-use planning::proof::{JogRequest, Refusal, prove_jog};
+use planning::gcode::RenderError;
+use planning::proof::{JogRequest, ProvenBlock, Refusal, Unproven, prove_jog};
 
 /// Slow enough to be watched: a millimetre, or a degree, takes a second.
 const FEED_PER_MIN: f64 = 60.0;
@@ -23,13 +23,22 @@ const STEP: u32 = 1;
 #[derive(Debug, thiserror::Error)]
 pub(super) enum JogError {
     #[error("it cannot be written: {0}")]
-    Unwritable(#[from] RenderError),
+    Unwritable(RenderError),
     #[error("it is not proven to be free: {0}")]
-    Unproven(#[from] Refusal),
+    Unproven(Refusal),
     #[error(transparent)]
     Control(#[from] ControllerError),
     #[error("it was moved by hand: {axis} stands at {now:.3}, not at {was:.3}")]
     Moved { axis: Axis, was: f64, now: f64 },
+}
+
+impl From<Unproven> for JogError {
+    fn from(unproven: Unproven) -> Self {
+        match unproven {
+            Unproven::Unwritable(error) => Self::Unwritable(error),
+            Unproven::Refused(refusal) => Self::Unproven(refusal),
+        }
+    }
 }
 
 impl JogError {
@@ -70,7 +79,7 @@ pub(super) fn back(jog: &Jog) -> Jog {
 
 /// A jog that is proven.
 pub(super) struct Proven {
-    pub block: Block,
+    pub block: ProvenBlock,
     /// Where it ends, mm or rad.
     pub to: f64,
 }
@@ -84,15 +93,11 @@ pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     let axis = jog.axis;
     let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
     let block = Block { step: STEP, repeat: 0, motions: vec![motion(check.file, jog, to)] };
-    let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
-    let title = format!("jog {axis} {:+}", jog.by);
-    let program = Program { title: &title, axes: &axes, log: None };
-    let text = dialect.program(&program, std::slice::from_ref(&block))?;
+    let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverGone)?;
     let plan = setup::without_steps(check.file, "check", serde_json::Value::Null);
     let feed_at_most = FEED_PER_MIN;
-    let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect, text: &text };
-    prove_jog(&request)?;
-    Ok(Proven { block, to })
+    let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect };
+    Ok(Proven { block: prove_jog(&request, transmission, &block)?, to })
 }
 
 /// And the machine still stands where the proof has it: from elsewhere the same words are another move.

@@ -33,6 +33,7 @@ use crate::store::Journal;
 use devices::controllers::Controller;
 use machine::Position;
 use machine::record::question::{Answer, Question};
+use planning::gcode::Transmission;
 
 /// Why the parts that follow are not looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +73,8 @@ pub struct Check<'a> {
     devices: Option<Devices>,
     /// Where the machine stands, once the control was looked at.
     stands: Option<Position>,
+    /// How the control receives blocks, once it was prepared.
+    transmission: Option<Transmission>,
     /// How the sense of the probe's input is turned at the control, in its words.
     polarity: Option<String>,
     /// It was seen open and closed.
@@ -91,7 +94,7 @@ impl<'a> Check<'a> {
         tell: &'a mut dyn FnMut(&Finding),
     ) -> Self {
         let summary = Summary::of(&file.machine.name);
-        let (devices, stands, polarity) = (None, None, None);
+        let (devices, stands, transmission, polarity) = (None, None, None, None);
         let (probe_answers, strays) = (false, false);
         Self {
             file,
@@ -103,6 +106,7 @@ impl<'a> Check<'a> {
             stop,
             devices,
             stands,
+            transmission,
             polarity,
             probe_answers,
             strays,

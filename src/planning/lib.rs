@@ -90,16 +90,16 @@ impl Blocks {
         for block in blocks {
             let begins = self.stands.take().unwrap_or_default();
             self.seconds += machine_time_s(&block, &begins, &plan.machine);
-            self.stands = Some(end_of(&block, &begins));
+            self.stands = Some(end_of(&block.motions, &begins));
             self.blocks.push(block);
         }
         Ok(())
     }
 }
 
-/// Where the axes stand after `block`: the last target of each.
-pub fn end_of(block: &Block, begins: &Position) -> Position {
-    block.motions.iter().fold(begins.clone(), |stands, motion| match target(motion) {
+/// Where the axes are after `motions`: the last target of each.
+pub fn end_of<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
+    motions.into_iter().fold(begins.clone(), |stands, motion| match target(motion) {
         Some(to) => stands.updated_by(&to),
         None => stands,
     })

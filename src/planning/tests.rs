@@ -91,7 +91,7 @@ fn regress_the_sequence_of_one_touch() {
     let slow = Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 };
     assert!(first.motions.contains(&slow) && !first.motions.contains(&block.motions[5]));
     // A second touch of the same point needs neither rise nor turn.
-    let stands = end_of(&block, &Position::new());
+    let stands = end_of(&block.motions, &Position::new());
     assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
     let again = touch_block(
         &plan,
@@ -173,7 +173,7 @@ fn regress_every_touch_of_a_cycle_is_safe() {
             .unwrap();
             let from = stands.unwrap_or_default();
             assert_safe(&plan, &block, &from, clearance.over_all.unwrap());
-            stands = Some(end_of(&block, &from));
+            stands = Some(end_of(&block.motions, &from));
         }
     }
     let (blocks, seconds) = blocks(&plan, &clearance).unwrap();

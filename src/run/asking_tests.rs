@@ -9,10 +9,11 @@ use devices::controllers::{
     Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
 };
 use machine::record::estimate::Estimate;
-use machine::record::motion::{Block, Outcome};
+use machine::record::motion::Outcome;
 use machine::record::plan::{Step, StepKind};
 use methods::{IdentifyError, Refused};
 use planning::PlanningError;
+use planning::proof::ProvenBlock;
 
 type Calls = Arc<Mutex<Vec<&'static str>>>;
 
@@ -34,8 +35,8 @@ impl Driver for Counted {
         self.count("prepare").prepare().await
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
-        self.count("execute").execute(block.clone()).await
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+        self.count("execute").execute(block).await
     }
 
     async fn look(&mut self) -> Result<Look, ControllerError> {
@@ -169,7 +170,7 @@ fn dead() -> Controller {
         async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
             Err(ControllerError::DriverGone)
         }
-        async fn execute(&mut self, _: &Block) -> Result<Outcome, ControllerError> {
+        async fn execute(&mut self, _: ProvenBlock) -> Result<Outcome, ControllerError> {
             Err(ControllerError::DriverGone)
         }
         async fn look(&mut self) -> Result<Look, ControllerError> {

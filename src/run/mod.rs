@@ -38,6 +38,7 @@ use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 use methods::{Method, Next, Source};
+use planning::gcode::Transmission;
 
 /// One run of one method.
 pub struct Run<'a> {
@@ -54,6 +55,8 @@ pub struct Run<'a> {
     pub resumed: bool,
     /// Whether the part was approached since the control was prepared.
     approached: bool,
+    /// How the control receives blocks, once it was prepared.
+    transmission: Transmission,
     timeline: Timeline,
     /// What the plan looks with, once it is open.
     looking: Vec<Mounted>,
@@ -87,6 +90,7 @@ impl<'a> Run<'a> {
             moved: false,
             resumed: false,
             approached: false,
+            transmission: Transmission::Rows,
             timeline: Timeline::new(),
             looking: Vec::new(),
             answers: Answers::nobody(),
@@ -149,6 +153,7 @@ impl<'a> Run<'a> {
         self.note(Event::Announced { text }).await?;
         self.warmth.begin(&self.devices.thermometers).await;
         self.approached = false;
+        self.transmission = prepared.transmission;
         if !self.plan.sensors.is_empty() {
             self.sensors_live().await?;
             return Ok(prepared.stands);

@@ -11,10 +11,11 @@ use devices::controllers::ControllerError;
 use devices::sensors::{Sample, SensorError};
 use machine::Position;
 use machine::record::event::Event;
-use machine::record::motion::{Block, Outcome};
+use machine::record::motion::Outcome;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::{Flag, Reading};
 use planning::end_of;
+use planning::proof::ProvenBlock;
 
 /// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
 const MOST_SAMPLES: usize = 1_000_000;
@@ -73,7 +74,7 @@ impl Run<'_> {
         &mut self,
         (step, scan): (&Step, &Scan),
         repeat: u32,
-        blocks: Vec<Block>,
+        blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         match scan.sampling {
             Sampling::Dwell { samples, .. } => self.dwells(step, repeat, samples, blocks).await,
@@ -89,14 +90,14 @@ impl Run<'_> {
         step: &Step,
         repeat: u32,
         count: u32,
-        blocks: Vec<Block>,
+        blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let mut readings = Vec::new();
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
             let good = if number == 0 { on_the_way } else { in_sight };
-            commanded = end_of(&block, &commanded);
+            commanded = end_of(block.motions(), &commanded);
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
@@ -111,7 +112,7 @@ impl Run<'_> {
     async fn watched(
         &self,
         step: &Step,
-        block: Block,
+        block: ProvenBlock,
         good: impl Fn(&Sample) -> bool + Send + 'static,
     ) -> Result<Outcome, RunError> {
         let (sensor, halt) = (self.sensor(step)?, self.devices.controller.halt());
@@ -151,13 +152,11 @@ impl Run<'_> {
         (step, scan): (&Step, &Scan),
         repeat: u32,
         rate_hz: f64,
-        blocks: Vec<Block>,
+        mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
-        let Some((way, sweep)) = sweep::apart(blocks, &scan.path) else {
-            return Err(unswept("it has no way from a first point to a last one"));
-        };
-        if !way.motions.is_empty() {
+        let Some(sweep) = blocks.pop() else { return Err(unswept(sweep::NO_WAY)) };
+        for way in blocks {
             self.watched(step, way, on_the_way).await?;
         }
         let (tell, told) = mpsc::channel(MOST_SAMPLES);

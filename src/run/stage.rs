@@ -4,27 +4,35 @@ use tokio::sync::oneshot;
 
 use super::asking::first_question;
 use super::behind::{COMPUTING, behind};
+use super::sweep;
 use super::{Run, RunError};
+use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::event::Event;
 use machine::record::motion::{Block, Outcome};
-use machine::record::plan::{Plan, Stage, Step};
+use machine::record::plan::{Plan, Sampling, Scan, Stage, Step};
 use machine::record::proof::Proof;
 use machine::record::reading::{Flag, Reading};
-use machine::{Axis, Position};
 use methods::{Method, Next, Source};
-use planning::gcode::{Dialect, Program};
-use planning::proof::{self, Request, Staged};
+use planning::gcode::{Dialect, Transmission};
+use planning::proof::{ProvenBlock, StageRequest, Staged, Unproven, prove_blocks};
 use planning::{Clearance, Start, asked_first, end_of, machine_time_s, step_blocks};
 
-/// The blocks of a step with what belongs to them.
-struct Task {
+/// The blocks of a step with what belongs to them: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
+struct Task<B> {
     step: Step,
-    blocks: Vec<Block>,
+    blocks: Vec<B>,
     /// Machine time from here to the end of the stage, s.
     remaining_s: f64,
     /// Where the machine stands afterwards.
     ends: Position,
+}
+
+/// How text is written and sent.
+#[derive(Clone, Copy)]
+struct Sent<'a> {
+    dialect: &'a Dialect,
+    transmission: &'a Transmission,
 }
 
 /// From where a stage sets out.
@@ -47,7 +55,8 @@ impl Run<'_> {
     ) -> Result<Option<Position>, RunError> {
         let stands = self.ask_first(stage, stands).await?;
         let begin = Begin { stands: stands.clone(), first: !self.approached };
-        let (tasks, proof) = prove(&self.plan, &self.devices.dialect, done, stage, begin).await?;
+        let sent = Sent { dialect: &self.devices.dialect, transmission: &self.transmission };
+        let (tasks, proof) = prove(&self.plan, sent, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
@@ -100,7 +109,7 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         repeat: u32,
-        blocks: Vec<Block>,
+        blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let mut outcome = Outcome::default();
         for block in blocks {
@@ -154,7 +163,8 @@ pub(super) async fn rehearsed(
         plan.steps.extend(new_steps);
         let asks = !asked_first(&plan, &stage.steps)?.0.is_empty();
         let begin = Begin { stands: stands.clone(), first: done.is_empty() || asks };
-        let (tasks, _) = prove(&plan, dialect, &done, &stage, begin).await?;
+        let sent = Sent { dialect, transmission: &Transmission::Rows };
+        let (tasks, _) = prove(&plan, sent, &done, &stage, begin).await?;
         stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
         stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
         done.push(stage);
@@ -165,18 +175,20 @@ pub(super) async fn rehearsed(
 /// Plan and prove beside the runtime: a halt must not wait for it.
 async fn prove(
     plan: &Plan,
-    dialect: &Dialect,
+    sent: Sent<'_>,
     done: &[Stage],
     stage: &Stage,
     begin: Begin,
-) -> Result<(Vec<Task>, Proof), RunError> {
+) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
     let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
-    let (plan, dialect) = (plan.clone(), dialect.clone());
+    let (plan, dialect) = (plan.clone(), sent.dialect.clone());
+    let transmission = sent.transmission.clone();
     let (stage, name) = (stage.clone(), stage.name.clone());
     std::thread::spawn(move || {
         behind(COMPUTING);
-        drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, &dialect)));
+        let sent = Sent { dialect: &dialect, transmission: &transmission };
+        drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, sent)));
     });
     result.await.map_err(|_| RunError::ProofGone { stage: name })?
 }
@@ -187,25 +199,42 @@ fn proven(
     stage: &Stage,
     found: Option<&Artefact>,
     begin: &Begin,
-    dialect: &Dialect,
-) -> Result<(Vec<Task>, Proof), RunError> {
+    Sent { dialect, transmission }: Sent<'_>,
+) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
     let tasks = tasks(plan, stage, found, begin)?;
-    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
-    let program = Program { title: &stage.name, axes: &axes, log: None };
-    let text = dialect
-        .program(&program, &blocks)
-        .map_err(|source| RunError::Unwritable { stage: stage.name.clone(), source })?;
     let (_, moves) = asked_first(plan, &stage.steps)?;
     let stages = [Staged { steps: moves, found }];
     let (stages, stands, first) = (&stages, begin.stands.as_ref(), begin.first);
-    let request = Request { plan, stages, stands, first, dialect, text: &text };
-    let unproven = |refusal| {
-        let (stage, source) = (stage.name.clone(), Box::new(refusal));
-        RunError::Unproven { stage, source }
+    let request =
+        StageRequest { plan, stages, stands, first, dialect, transmission, blocks: &blocks };
+    let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
+        let stage = stage.name.clone();
+        match unproven {
+            Unproven::Unwritable(source) => RunError::Unwritable { stage, source },
+            Unproven::Refused(source) => RunError::Unproven { stage, source: Box::new(source) },
+        }
+    })?;
+    let mut proven = proven.into_iter();
+    let of_task = |Task { step, blocks, remaining_s, ends }: Task<Block>| {
+        let blocks = proven.by_ref().take(blocks.len()).collect();
+        Task { step, blocks, remaining_s, ends }
     };
-    let proof = proof::prove(&request).map_err(unproven)?;
-    Ok((tasks, proof))
+    Ok((tasks.into_iter().map(of_task).collect(), proof))
+}
+
+/// A scan in motion is a block of its own: on the way to its first point the sensor may see nothing.
+fn as_executed(step: &Step, blocks: Vec<Block>) -> Result<Vec<Block>, RunError> {
+    let Some(scan) = step.scan.as_ref().filter(|scan| is_continuous(scan)) else {
+        return Ok(blocks);
+    };
+    let unswept = || RunError::Unswept { step: step.id, why: sweep::NO_WAY.to_owned() };
+    let (way, scan) = sweep::apart(blocks, &scan.path).ok_or_else(unswept)?;
+    Ok([way, scan].into_iter().filter(|block| !block.motions.is_empty()).collect())
+}
+
+fn is_continuous(scan: &Scan) -> bool {
+    matches!(scan.sampling, Sampling::Continuous { .. })
 }
 
 /// The blocks of a stage; nothing is planned that has no way to its start.
@@ -214,7 +243,7 @@ fn tasks(
     stage: &Stage,
     found: Option<&Artefact>,
     begin: &Begin,
-) -> Result<Vec<Task>, RunError> {
+) -> Result<Vec<Task<Block>>, RunError> {
     let clearance = Clearance::known(plan, found)?;
     let mut stands = begin.stands.clone();
     let mut tasks = Vec::new();
@@ -224,10 +253,11 @@ fn tasks(
         let first = begin.first && tasks.is_empty();
         let start = Start { stands: stands.as_ref(), first };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
+        let blocks = as_executed(step, blocks)?;
         let (mut ends, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
             seconds += machine_time_s(block, &ends, &plan.machine);
-            ends = end_of(block, &ends);
+            ends = end_of(&block.motions, &ends);
         }
         stands = Some(ends.clone());
         tasks.push(Task { step: step.clone(), blocks, remaining_s: seconds, ends });

@@ -14,6 +14,8 @@ const WINDOW: usize = 50;
 /// what they are told.
 const NEAR: f64 = 0.2;
 
+pub(super) const NO_WAY: &str = "it has no way from a first point to a last one";
+
 /// The way to the first point of `path` and the rest of the motions, each a block of its own: on the way to
 /// the first point a sensor may see nothing. The scan is as many moves at feed as the path has ways.
 pub(super) fn apart(blocks: Vec<Block>, path: &[Position]) -> Option<(Block, Block)> {

@@ -9,8 +9,10 @@ use super::{Sensors, SetupError, Thermometers};
 use devices::controllers::Controller;
 use link::Clock;
 use link::clock::HostClock;
+use machine::record::machine::Machine;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
+use planning::proof::{ProvenModes, prove_modes};
 use simulator::World;
 
 /// The machine as a run needs it.
@@ -64,6 +66,18 @@ pub struct Past<'a> {
     pub readings: &'a [Reading],
     /// Since the last of them.
     pub elapsed_s: f64,
+}
+
+/// The text that sets the modes of `machine`'s control.
+///
+/// # Errors
+/// What cannot be written.
+pub fn modes(
+    dialect: &Dialect,
+    machine: &Machine,
+    log: Option<String>,
+) -> Result<ProvenModes, SetupError> {
+    Ok(prove_modes(dialect, &machine.name, machine.axes.keys().copied(), log.as_deref())?)
 }
 
 /// The language of the machine's control, with what the machine file adds to it.

@@ -6,6 +6,7 @@ use devices::sensors::SensorError;
 use link::LinkError;
 use methods::Refused;
 use planning::gcode::DialectError;
+use planning::proof::Unproven;
 use simulator::WorldError;
 
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +21,8 @@ pub enum SetupError {
     Settings { why: String },
     #[error(transparent)]
     Dialect(#[from] DialectError),
+    #[error("the text that sets the control's modes: {0}")]
+    Modes(#[from] Unproven),
     #[error("the machine file cannot be written: {why}")]
     Draft { why: String },
     #[error("the head of the program cannot be written: {0}")]
@@ -45,6 +48,7 @@ impl SetupError {
             Self::Sensor(error) => Some(error.remedy()),
             Self::Refused(refused) => Some(refused.instead.clone()),
             Self::Dialect(error) => Some(error.remedy().to_owned()),
+            Self::Modes(error) => Some(error.remedy()),
             Self::NoRepeats { name } => Some(format!(
                 "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"
             )),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
 use super::simulated::{Bench, Served, SimulatedControl};
-use super::{Devices, Pace, Past, SetupError, world};
+use super::{Devices, Pace, Past, SetupError, modes, world};
 
 use planning::gcode::Dialect;
 use simulator::faulty_wire::{BadWire, Planned};
@@ -40,7 +40,8 @@ impl<'a> Rehearsal<'a> {
     }
 
     pub(super) async fn open(&self, dialect: Dialect, pace: Pace) -> Result<Devices, SetupError> {
-        let (controller, served) = self.control.open(self.bench(pace)?, dialect.clone()).await?;
+        let modes = modes(&dialect, &self.file.machine, None)?;
+        let (controller, served) = self.control.open(self.bench(pace)?, modes).await?;
         let world = Some(self.world.clone());
         Ok(Devices::new(controller, dialect).of(self.file, world).behind(served))
     }

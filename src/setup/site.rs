@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect};
+use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect, modes};
 use devices::controllers::Named;
 use link::Clock;
 use link::clock::HostClock;
@@ -52,7 +52,9 @@ impl<'a> Site<'a> {
             Behind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
             Behind::Real(control) => {
                 let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
-                let opening = control.open(&self.file.machine, dialect.clone(), clock.clone());
+                let machine = &self.file.machine;
+                let modes = modes(&dialect, machine, control.log())?;
+                let opening = control.open(machine, modes, clock.clone());
                 let devices = Devices::timed(opening.await?, dialect, clock);
                 Ok(devices.of(self.file, None))
             }

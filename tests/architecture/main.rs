@@ -44,12 +44,12 @@ const LAYERS: [&[&str]; 6] = [
     &["main"],
 ];
 
-/// Modules whose submodules must not import each other: each is one method, driver or trigger.
-const SIBLINGS: [(&str, &[&str]); 3] = [
-    ("methods", &["laser_r_test", "latch_delay", "samba", "self_calibration"]),
-    ("devices", &["controllers::grbl", "controllers::linuxcnc", "controllers::modbus"]),
-    ("devices", &["sensors::can", "sensors::serial", "sensors::modbus"]),
-];
+/// Package and module whose folders must not import each other: each is one method or one driver.
+const SIBLINGS: [(&str, &[&str]); 3] =
+    [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
+
+/// Folders of `methods` that all methods use.
+const SHARED: [&str; 1] = ["decision"];
 
 /// Packages that do no IO and read no clock.
 const PURE: [&str; 4] = ["estimation", "machine", "planning", "methods"];
@@ -123,6 +123,14 @@ fn every_random_number_has_a_seed() {
 }
 
 #[test]
+fn only_tests_execute_blocks_without_a_proof_of_bodies() {
+    let users = PACKAGES.iter().filter(|package| package.name != "planning");
+    let breaches: Vec<String> =
+        users.flat_map(|package| used_paths(package, &["planning::proof::for_tests"])).collect();
+    assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
+}
+
+#[test]
 fn packages_that_compute_do_no_io() {
     let pure = PACKAGES.iter().filter(|package| PURE.contains(&package.name.as_str()));
     let breaches: Vec<String> =
@@ -169,10 +177,11 @@ fn upward_imports(package: &Package) -> (BTreeMap<String, BTreeSet<String>>, Vec
 
 fn sibling_imports(package: &Package) -> Vec<String> {
     let mut breaches = Vec::new();
-    for (_, siblings) in SIBLINGS.iter().filter(|(name, _)| *name == package.name) {
+    for (_, parent) in SIBLINGS.iter().filter(|(name, _)| *name == package.name) {
+        let folders = folders_below(package, parent);
         let sibling_of = |module: &Path| {
-            let path = module.join("::");
-            siblings.iter().find(|s| path == **s || path.starts_with(&format!("{s}::")))
+            let below = module.strip_prefix(owned(parent).as_slice())?;
+            folders.get(below.first()?)
         };
         for (file, line, target) in internal_references(package) {
             if let (Some(from), Some(to)) = (sibling_of(&file.module), sibling_of(&target))
@@ -183,6 +192,21 @@ fn sibling_imports(package: &Package) -> Vec<String> {
         }
     }
     breaches
+}
+
+/// The modules right below `parent` that are folders.
+fn folders_below(package: &Package, parent: &[&str]) -> BTreeSet<String> {
+    let parent = owned(parent);
+    let folders = package.files.iter().filter(|file| file.file.ends_with("/mod.rs"));
+    let below = folders.filter_map(|file| match file.module.strip_prefix(parent.as_slice())? {
+        [name] => Some(name.clone()),
+        _ => None,
+    });
+    below.filter(|name| !SHARED.contains(&name.as_str())).collect()
+}
+
+fn owned(path: &[&str]) -> Path {
+    path.iter().map(|segment| (*segment).to_owned()).collect()
 }
 
 /// Where a package uses one of `paths` of other crates.

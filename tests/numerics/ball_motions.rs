@@ -152,7 +152,7 @@ fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a Clear
         let block = touch_block(plan, step, 0, Start::default(), clearance).unwrap();
         assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
         seconds += machine_time_s(&block, &stands, &plan.machine);
-        stands = end_of(&block, &stands);
+        stands = end_of(&block.motions, &stands);
     }
     seconds
 }
@@ -199,7 +199,7 @@ fn run<'a>(
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         let here = stands.take().unwrap_or_default();
         seconds += machine_time_s(&block, &here, &plan.machine);
-        *stands = Some(end_of(&block, &here));
+        *stands = Some(end_of(&block.motions, &here));
         blocks.push(block);
     }
     (blocks, seconds)
@@ -264,7 +264,7 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
         let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
         touching += touch_s / 60.0;
         *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
-        stands = end_of(block, &stands);
+        stands = end_of(&block.motions, &stands);
     }
     println!(
         "touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min"
@@ -317,7 +317,8 @@ fn proven(
     let dialect = Dialect::named("linuxcnc").unwrap();
     let text = dialect.program(&Program { title: "t", axes: &axes, log: None }, blocks).unwrap();
     let (first, dialect) = (stands.is_none(), &dialect);
-    let proof = prove(&Request { plan, stages, stands, first, dialect, text: &text });
+    let programs = std::slice::from_ref(&text);
+    let proof = prove(&Request { plan, stages, stands, first, dialect, programs });
     let refused = |refusal: planning::proof::Refusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -9,6 +9,8 @@ use nalgebra::Vector3;
 use simulator::{Speed, World};
 use trued::setup::{self, MachineFile, Pace, Past};
 
+use crate::support::proven_block::proven_block;
+
 /// B, C, S in degrees, and the ball (counted from 0) that is touched on top.
 const TOUCHES: [([f64; 3], usize); 5] = [
     ([0.0, 0.0, 0.0], 0),
@@ -76,7 +78,8 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
         for (step, (pose, ball)) in TOUCHES.into_iter().enumerate() {
             let block = block(&file, step as u32, pose, ball);
             let expected = direct(&mut world, &block);
-            let outcome = devices.controller.execute(block).await.unwrap();
+            let outcome =
+                devices.controller.execute(proven_block(&file, &devices, &block)).await.unwrap();
             let found = outcome.touch.unwrap();
             for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
                 // Moves are written to 0.1 µm, contacts told to the micrometre that Z moves in.
@@ -110,7 +113,8 @@ fn the_spindle_turns_the_stylus() {
                     to.set(Axis::X, x + 3.0);
                 }
             }
-            let found = devices.controller.execute(block).await.unwrap().touch.unwrap();
+            let found = devices.controller.execute(proven_block(&file, &devices, &block)).await;
+            let found = found.unwrap().touch.unwrap();
             heights.push(found.at(Axis::Z));
         }
         let sphere = |off: f64| (9.35_f64.powi(2) - off * off).sqrt();

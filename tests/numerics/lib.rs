@@ -18,4 +18,5 @@ mod worlds;
 #[path = "../support"]
 mod support {
     pub mod plan_player;
+    pub mod proven_block;
 }

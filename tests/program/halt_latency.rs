@@ -13,7 +13,8 @@ use devices::controllers::{Controller, ControllerError, Halt};
 use link::Address;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::{Dialect, Program};
+use planning::gcode::{Dialect, Program, Transmission};
+use planning::proof::for_tests;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use trued::setup;
 
@@ -97,13 +98,17 @@ fn drive(path: String, give: Sender<Halt>) {
     runtime.block_on(async {
         let link = link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap();
         let dialect = Dialect::named("grbl").unwrap();
-        let (driver, halt) = Grbl::new(link, &file.machine, dialect.clone());
+        let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+        let (driver, halt) = Grbl::new(link, &file.machine, modes);
         let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
         controller.prepare().await.unwrap();
         let ended = Arc::new(AtomicBool::new(false));
         let end = ended.clone();
+        let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
+        let axes = [Axis::X, Axis::C];
+        let proven = for_tests::proven_block(&block(1), &axes, &dialect, &transmission).unwrap();
         let moving = tokio::spawn(async move {
-            let outcome = controller.execute(block(1)).await;
+            let outcome = controller.execute(proven).await;
             end.store(true, Ordering::SeqCst);
             outcome
         });

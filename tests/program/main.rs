@@ -18,6 +18,7 @@ mod latch_delay;
 mod modbus_run;
 mod samba_machines;
 mod schedule;
+mod sent_text;
 mod serve;
 mod store_kill;
 #[path = "../support/mod.rs"]
@@ -52,6 +53,7 @@ fn main() {
         modbus_run::trials(),
         samba_machines::trials(),
         schedule::trials(),
+        sent_text::trials(),
         serve::trials(),
         store_kill::trials(),
     ];

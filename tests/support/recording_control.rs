@@ -33,6 +33,12 @@ impl Record {
         self.told.len() + self.said.len()
     }
 
+    /// The lines that were received, without requests for a status.
+    pub fn lines(&self) -> Vec<String> {
+        let told = String::from_utf8_lossy(&self.told).replace('?', "");
+        told.lines().map(str::to_owned).collect()
+    }
+
     /// The largest N word of a line that moves: all steps before it were acknowledged.
     pub fn begun(&self) -> usize {
         begun(&self.told)

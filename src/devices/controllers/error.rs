@@ -3,6 +3,7 @@
 use link::LinkError;
 use link::modbus::ModbusError;
 use planning::gcode::ProbeFault;
+use planning::proof::Altered;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
@@ -66,6 +67,10 @@ pub enum ControllerError {
     NotHeld { seconds: f64 },
     #[error("the program for step {step} cannot be written: {why}")]
     Render { step: u32, why: String },
+    #[error(transparent)]
+    Altered(#[from] Altered),
+    #[error("step {step}: the block was not proven for the way in which this control receives it")]
+    Transmission { step: u32 },
     #[error("the control said something that cannot be understood: `{text}`")]
     Garbled { text: String },
     #[error("the driver's task has ended")]
@@ -94,6 +99,8 @@ impl ControllerError {
             | Self::StillTripped { step }
             | Self::Doubtful { step, .. }
             | Self::Unstamped { step, .. }
+            | Self::Altered(Altered { step })
+            | Self::Transmission { step }
             | Self::Render { step, .. } => Some(*step),
             _ => None,
         }
@@ -131,7 +138,11 @@ impl ControllerError {
             | Self::ProbeClosed => self.at_the_probe(),
             Self::Probe { fault } => fault.remedy(),
             Self::Halted => "nothing moves until a person starts a run again",
-            Self::Render { .. } | Self::Garbled { .. } | Self::DriverGone => REPORT,
+            Self::Render { .. }
+            | Self::Altered(_)
+            | Self::Transmission { .. }
+            | Self::Garbled { .. }
+            | Self::DriverGone => REPORT,
         };
         text.to_owned()
     }

@@ -14,8 +14,9 @@ use tokio::sync::{mpsc, oneshot};
 use link::Clock;
 use machine::Position;
 use machine::record::machine::Machine;
-use machine::record::motion::{Block, Outcome};
-use planning::gcode::Dialect;
+use machine::record::motion::Outcome;
+use planning::gcode::Transmission;
+use planning::proof::{ProvenBlock, ProvenModes};
 
 mod arrival;
 mod error;
@@ -34,6 +35,10 @@ pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};
 pub trait Named: fmt::Debug + Send + Sync {
     /// The language it is spoken to, a folder of `gcode-templates/`.
     fn dialect(&self) -> &str;
+    /// The file that takes the results, where the control writes them itself.
+    fn log(&self) -> Option<String> {
+        None
+    }
     /// Where it is reached, in words.
     fn at(&self) -> String;
     /// Open its links and start its task. What it stamps has the time of `clock`, unless it has a clock
@@ -41,7 +46,7 @@ pub trait Named: fmt::Debug + Send + Sync {
     fn open<'a>(
         &'a self,
         machine: &'a Machine,
-        dialect: Dialect,
+        modes: ProvenModes,
         clock: Arc<dyn Clock>,
     ) -> Opening<'a>;
     /// Why it could not be opened or prepared, which `failed` has told; the most likely first, and
@@ -69,6 +74,7 @@ pub struct Prepared {
     pub stop: String,
     /// Where the machine stands, machine coordinates: every axis that the control reports.
     pub stands: Position,
+    pub transmission: Transmission,
 }
 
 /// What is to be seen of a machine that stands.
@@ -83,10 +89,11 @@ pub struct Look {
 pub trait Driver: Send + 'static {
     /// Shake hands, refuse what cannot measure, set all modal state.
     fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
-    /// Execute one block; return when the machine stands still and the result is known.
+    /// Execute one block; return when the machine stands still and the result is known. Refused if the
+    /// machine is not where the block begins, or the block is not the one that was proven.
     fn execute(
         &mut self,
-        block: &Block,
+        block: ProvenBlock,
     ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
     /// How things stand now. Nothing moves.
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
@@ -126,7 +133,7 @@ impl Halt {
 
 enum Request {
     Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
-    Execute(Block, oneshot::Sender<Result<Outcome, ControllerError>>),
+    Execute(ProvenBlock, oneshot::Sender<Result<Outcome, ControllerError>>),
     Look(oneshot::Sender<Result<Look, ControllerError>>),
     Introduce(oneshot::Sender<Result<Introduction, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
@@ -161,7 +168,7 @@ impl Controller {
         self.ask(Request::Prepare).await
     }
 
-    pub async fn execute(&self, block: Block) -> Result<Outcome, ControllerError> {
+    pub async fn execute(&self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
         self.ask(|answer| Request::Execute(block, answer)).await
     }
 
@@ -202,7 +209,7 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt
                 };
                 drop(answer.send(driver.prepare().await.map_err(held)));
             }
-            Request::Execute(block, answer) => drop(answer.send(driver.execute(&block).await)),
+            Request::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             Request::Look(answer) => drop(answer.send(driver.look().await)),
             Request::Introduce(answer) => drop(answer.send(driver.introduce().await)),
             Request::Finish(answer) => drop(answer.send(driver.finish().await)),

@@ -18,8 +18,11 @@ pub mod rs274;
 mod spec;
 #[cfg(test)]
 mod tests;
+mod transmission;
 
 pub use dialect::Dialect;
 pub use error::{DialectError, Disagreement, RenderError};
 pub use options::ProbeFault;
 pub use render::Program;
+pub(crate) use transmission::Transmitted;
+pub use transmission::{Transmission, Unit};

@@ -38,19 +38,36 @@ impl Dialect {
     /// The first line that cannot be read or means something else.
     pub fn proves(&self, text: &str, blocks: &[Block]) -> Result<(), Disagreement> {
         let read = self.read_back(text)?;
-        let meant = blocks.iter().flat_map(|b| b.motions.iter().map(move |m| (b.step, m)));
-        let count = meant.clone().count();
-        if count != read.len() {
-            return Err(Disagreement::Count { meant: count, read: read.len() });
+        let meant = blocks.iter().map(|block| block.motions.len()).sum();
+        if meant != read.len() {
+            return Err(Disagreement::Count { meant, read: read.len() });
         }
-        for ((step, motion), read) in meant.zip(&read) {
-            self.same(step, motion, read).map_err(|why| Disagreement::Motion {
-                step,
-                line: read.line,
-                why,
-            })?;
+        let mut read = read.as_slice();
+        for block in blocks {
+            let (of_block, rest) = read.split_at(block.motions.len());
+            self.says(block.step, &block.motions, of_block)?;
+            read = rest;
         }
         Ok(())
+    }
+
+    /// Do the motions that were read say exactly what these motions of a step mean?
+    ///
+    /// # Errors
+    /// The first that means something else.
+    pub(crate) fn says(
+        &self,
+        step: u32,
+        meant: &[Motion],
+        read: &[ReadMotion],
+    ) -> Result<(), Disagreement> {
+        if meant.len() != read.len() {
+            return Err(Disagreement::Count { meant: meant.len(), read: read.len() });
+        }
+        meant.iter().zip(read).try_for_each(|(motion, read)| {
+            let differs = |why| Disagreement::Motion { step, line: read.line, why };
+            self.same(step, motion, read).map_err(differs)
+        })
     }
 
     fn same(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {

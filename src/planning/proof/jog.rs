@@ -2,13 +2,15 @@
 //! not known yet which motor hangs at which drive, nor which way round. So nothing may stand within
 //! the margin wherever that much of *any* axis, in either sense, would carry something.
 
+use super::proven::{ProvenBlock, Unproven, read_programs, without_bodies};
 use super::refusal::{Reason, Refusal};
 use super::scene::{Care, Scene};
 use super::sweep::Way;
 use super::{MARGIN_MM, rules};
-use crate::gcode::Dialect;
 use crate::gcode::rs274::{Frame, Kind, ReadMotion};
+use crate::gcode::{Dialect, Transmission};
 use machine::kinematics::Commands;
+use machine::record::motion::Block;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
@@ -16,7 +18,7 @@ use machine::{Axis, Position};
 /// No jog is longer, mm or degrees.
 const LONGEST: f64 = 10.0;
 
-/// A text, and the move that it must say.
+/// The move that a text must say.
 #[derive(Debug, Clone, Copy)]
 pub struct JogRequest<'a> {
     /// Machine, probe and bodies.
@@ -29,18 +31,32 @@ pub struct JogRequest<'a> {
     /// mm or degrees a minute.
     pub feed_at_most: f64,
     pub dialect: &'a Dialect,
-    pub text: &'a str,
 }
 
-/// Does the text move this axis alone, to this place, slowly, and does nothing meet? The smallest
-/// clearance, if there are bodies.
+/// Render a jog as it is sent, and prove that it moves this axis alone, to this place, slowly, and that
+/// nothing meets.
 ///
 /// # Errors
-/// The first line that is wrong, or whatever would come near.
-pub fn prove_jog(request: &JogRequest<'_>) -> Result<Option<Clearance>, Refusal> {
+/// What cannot be written; the first line that is wrong; whatever would come near.
+pub fn prove_jog(
+    request: &JogRequest<'_>,
+    transmission: &Transmission,
+    block: &Block,
+) -> Result<ProvenBlock, Unproven> {
+    let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
+    let blocks = std::slice::from_ref(block);
+    let sent = request.dialect.transmitted(transmission, &axes, blocks)?;
+    check_jog(request, &sent.programs)?;
+    without_bodies(block, request.stands.clone(), &axes, request.dialect, transmission)
+}
+
+/// The smallest clearance, if there are bodies.
+pub(super) fn check_jog(
+    request: &JogRequest<'_>,
+    programs: &[String],
+) -> Result<Option<Clearance>, Refusal> {
     let at = |line| move |reason| Refusal { step: None, line, reason };
-    let read = request.dialect.read_back(request.text);
-    let motions = read.map_err(|error| at(error.line)(Reason::Unreadable(error.why)))?;
+    let motions = read_programs(request.dialect, programs)?;
     let [motion] = motions.as_slice() else {
         return Err(at(1)(Reason::NotOneMove(motions.len())));
     };

@@ -1,7 +1,8 @@
 //! A jog by its text, and with bodies whose distances are known by hand.
 
+use super::jog::check_jog;
 use super::tests::{beside, plan};
-use super::{JogRequest, Reason, prove_jog};
+use super::{JogRequest, Reason};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
@@ -16,9 +17,8 @@ fn proven(
     let dialect = Dialect::named("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.from_edge(to);
-    let request =
-        JogRequest { plan, stands, axis, to, feed_at_most: 60.0, dialect: &dialect, text: &text };
-    prove_jog(&request).map_err(|refusal| refusal.reason)
+    let request = JogRequest { plan, stands, axis, to, feed_at_most: 60.0, dialect: &dialect };
+    check_jog(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 
 #[test]

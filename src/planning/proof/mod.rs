@@ -37,9 +37,13 @@
 //! could not solve before the first stage, and nothing is rendered.
 
 mod body;
+#[doc(hidden)]
+pub mod for_tests;
 mod gap;
 mod jog;
+mod modes;
 mod pairs;
+mod proven;
 mod refusal;
 mod rules;
 mod scan;
@@ -58,6 +62,8 @@ mod scan_tests;
 mod tests;
 
 pub use jog::{JogRequest, prove_jog};
+pub use modes::{ProvenModes, prove_modes};
+pub use proven::{Altered, ProvenBlock, ProvenUnit, StageRequest, Unproven, prove_blocks};
 pub use refusal::{Reason, Refusal};
 
 use crate::gcode::Dialect;
@@ -82,7 +88,8 @@ pub struct Request<'a> {
     /// at the search feed.
     pub first: bool,
     pub dialect: &'a Dialect,
-    pub text: &'a str,
+    /// Programs that are executed one after the other; each sets the modes that it needs.
+    pub programs: &'a [String],
 }
 
 /// The steps of one stage.

@@ -33,6 +33,10 @@ fn of_step(step: &Option<(u32, String)>) -> String {
 pub enum Reason {
     #[error("{0}")]
     Unreadable(String),
+    #[error("it does not say what was planned: {0}")]
+    Differs(String),
+    #[error("a line is longer than the control's buffer: `{0}`")]
+    LongLine(String),
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     #[error("the solid `{solid}` stands on an axis that the machine does not have")]

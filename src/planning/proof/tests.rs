@@ -50,7 +50,8 @@ fn proven_as(
     let dialect = Dialect::named("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [Staged { steps: &[0], found: None }];
-    prove(&Request { plan, stages: &stages, stands, first, dialect: &dialect, text: &text })
+    let programs = &[text];
+    prove(&Request { plan, stages: &stages, stands, first, dialect: &dialect, programs })
 }
 
 /// What the first lines are refused for; `None` if nothing is wrong but that the touch is missing.
@@ -335,8 +336,8 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
         let (stages, stands) = ([Staged { steps: &[1, 0], found: None }], beside());
         let (stages, stands) = (stages.as_slice(), Some(&stands));
-        let (dialect, text) = (&dialect, text.as_str());
-        prove(&Request { plan: &plan, stages, stands, first: false, dialect, text })
+        let (dialect, programs) = (&dialect, [text]);
+        prove(&Request { plan: &plan, stages, stands, first: false, dialect, programs: &programs })
     };
     let slow = WHOLE.replace("F1500", "F300");
     // Where it stands after the stop nobody knows: all axes have to be told.

@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use super::proven::read_programs;
 use super::refusal::{Reason, Refusal};
 use super::scene::{Care, Scene};
 use super::sweep::Way;
@@ -57,10 +58,7 @@ pub(super) type Checked = Result<(), Reason>;
 impl<'a> Walk<'a> {
     pub fn begin(request: &'a Request<'a>) -> Result<Self, Refusal> {
         let at = |line| move |reason| Refusal { step: None, line, reason };
-        let motions = request
-            .dialect
-            .read_back(request.text)
-            .map_err(|error| at(error.line)(Reason::Unreadable(error.why)))?;
+        let motions = read_programs(request.dialect, request.programs)?;
         let mut turns = Vec::new();
         let mut scenes = Vec::new();
         for (stage, staged) in request.stages.iter().enumerate() {

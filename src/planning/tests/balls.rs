@@ -296,7 +296,7 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
         chain.machine_from_table(at, &[]).rotation * (tip - centre)
     };
     let (blocks, _) = blocks(&plan, &clearance).unwrap();
-    let mut stands = end_of(&blocks[0], &Position::new());
+    let mut stands = end_of(&blocks[0].motions, &Position::new());
     let mut ways = Vec::new();
     for motion in blocks[1..].iter().flat_map(|block| &block.motions) {
         let next = stands.updated_by(&target(motion).unwrap());

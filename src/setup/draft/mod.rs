@@ -8,7 +8,7 @@ use std::sync::Arc;
 use minijinja::Environment;
 use minijinja::value::Value;
 
-use super::{SetupError, controls};
+use super::{SetupError, controls, modes};
 use devices::controllers::{AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
 use link::clock::HostClock;
 use machine::Axis;
@@ -44,8 +44,8 @@ impl Draft {
     /// # Errors
     /// What opening and asking say.
     pub async fn introduce(&self, control: &dyn Named) -> Result<Introduction, SetupError> {
-        let dialect = Dialect::named(control.dialect())?;
-        let controller = control.open(&nobodys(), dialect, Arc::new(HostClock::start())).await?;
+        let modes = modes(&Dialect::named(control.dialect())?, &nobodys(), control.log())?;
+        let controller = control.open(&nobodys(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.introduce().await?)
     }
 

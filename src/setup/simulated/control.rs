@@ -16,7 +16,7 @@ use devices::controllers::{Controller, ControllerError, Named as _, grbl, modbus
 use link::clock::HostClock;
 use link::{HostPort, Link, LinkError};
 use machine::record::machine::Machine;
-use planning::gcode::Dialect;
+use planning::proof::ProvenModes;
 use simulator::World;
 use simulator::controls;
 use simulator::faulty_wire::{BadWire, Planned};
@@ -224,7 +224,7 @@ impl SimulatedControl {
     pub async fn open(
         &self,
         bench: Bench<'_>,
-        dialect: Dialect,
+        modes: ProvenModes,
     ) -> Result<(Controller, Option<Served>), ControllerError> {
         let machine = bench.machine;
         if let (Wire::Memory, Kind::Grbl(faults)) = (self.wire, &bench.faults.0) {
@@ -232,21 +232,21 @@ impl SimulatedControl {
             let mut firmware = self.grbl_firmware(&bench, faults);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
             let link = Link::over("the simulated machine", near);
-            let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
+            let (driver, halt) = grbl::Grbl::new(link, machine, modes);
             return Ok((Controller::spawn(driver, halt), None));
         }
         let served = self.serve(bench)?;
         let controller = match self.speaks {
             Speaks::Grbl => {
                 let link = link::open(&served.at.address()?).await?;
-                let (driver, halt) = grbl::Grbl::new(link, machine, dialect);
+                let (driver, halt) = grbl::Grbl::new(link, machine, modes);
                 Controller::spawn(driver, halt)
             }
             Speaks::Modbus | Speaks::ModbusProgram => {
                 let keys = format!("{UNIT}{}", served.driver_keys());
                 let config: modbus::Config = toml::from_str(&keys)
                     .map_err(|error| ControllerError::Garbled { text: error.to_string() })?;
-                config.open(machine, dialect, Arc::new(HostClock::start())).await?
+                config.open(machine, modes, Arc::new(HostClock::start())).await?
             }
         };
         Ok((controller, Some(served)))

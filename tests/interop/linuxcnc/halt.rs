@@ -12,7 +12,7 @@ use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 
-use super::machine::{expect, open, open_through, run, xy, z};
+use super::machine::{expect, open, open_through, proven, run, xy, z};
 use super::rig::rig;
 
 /// From the request to the wire.
@@ -25,11 +25,10 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
             let (mut driver, halt) = open(&rig).await?;
             driver.prepare().await?;
             driver
-                .execute(&Block {
-                    step: 0,
-                    repeat: 0,
-                    motions: vec![Motion::Rapid { to: z(150.0) }],
-                })
+                .execute(proven(
+                    &driver,
+                    &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z(150.0) }] },
+                ))
                 .await?;
             let motions = vec![Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: feed }];
             let far = Block { step: 1, repeat: 0, motions };
@@ -39,12 +38,14 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
                 std::thread::sleep(Duration::from_millis(delay_ms));
                 hit.now();
             });
-            let held = driver.execute(&far).await;
+            let held = driver.execute(proven(&driver, &far)).await;
             person.join().map_err(|_| "the halt panicked")?;
             expect(held, |error| matches!(error, ControllerError::Halted))?;
             let stands = rig.joint(0)?.hypot(rig.joint(1)?);
             eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
-            expect(driver.execute(&far).await, |error| matches!(error, ControllerError::Halted))?;
+            expect(driver.execute(proven(&driver, &far)).await, |error| {
+                matches!(error, ControllerError::Halted)
+            })?;
             if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
                 return Err("it goes on after a halt".into());
             }
@@ -109,7 +110,7 @@ async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant,
         halt.now();
         asked
     });
-    let held = driver.execute(&Block { step: 1, repeat: 0, motions }).await;
+    let held = driver.execute(proven(driver, &Block { step: 1, repeat: 0, motions })).await;
     expect(held, |error| matches!(error, ControllerError::Halted))?;
     person.join().map_err(|_| "the halt panicked".into())
 }

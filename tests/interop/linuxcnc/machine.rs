@@ -4,13 +4,14 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use devices::controllers::linuxcnc::{LinuxCnc, Settings};
+use devices::controllers::linuxcnc::{LinuxCnc, Settings, log_name};
 use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
 use link::Address;
 use machine::record::motion::{Block, Motion, Outcome};
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
+use planning::proof::{ProvenBlock, for_tests, prove_modes};
 
 use super::rig::{Rig, rig};
 
@@ -30,10 +31,20 @@ pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Fail
     let settings = Settings {
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
-        axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
+        axes: AXES.to_vec(),
         ini: Some(rig_ini()),
     };
-    Ok(LinuxCnc::open(settings, Dialect::named("linuxcnc")?).await?)
+    let log = log_name(&rig.directory);
+    let modes = prove_modes(&Dialect::named("linuxcnc")?, "rig", AXES, Some(&log))?;
+    Ok(LinuxCnc::open(settings, modes).await?)
+}
+
+const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
+
+/// As it is sent to the rig; no bodies are looked at.
+pub fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+    let dialect = Dialect::named("linuxcnc").expect("its templates");
+    for_tests::proven_block(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
 
 /// That the rig is started with.
@@ -79,7 +90,7 @@ async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
     for quarter in 0..4 {
         let angle = f64::from(quarter) * FRAC_PI_2;
         let started = Instant::now();
-        let outcome = driver.execute(&touch(quarter, angle, c, 48.6, 46.0)).await?;
+        let outcome = driver.execute(proven(driver, &touch(quarter, angle, c, 48.6, 46.0))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         eprintln!("touch {quarter}: {touch:?} in {:.2} s", started.elapsed().as_secs_f64());
         if (touch.at(Axis::Z) - 50.0).abs() > 1e-4 || (touch.at(Axis::C) - c).abs() > 1e-6 {
@@ -102,7 +113,9 @@ pub fn finds_the_true_centre() -> Result<(), Failed> {
         let still = vec![Motion::Rapid { to: z(200.0) }];
         let started = Instant::now();
         for step in 0..10 {
-            driver.execute(&Block { step, repeat: 0, motions: still.clone() }).await?;
+            driver
+                .execute(proven(&driver, &Block { step, repeat: 0, motions: still.clone() }))
+                .await?;
         }
         eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
         for c in [0.0, 2.0] {
@@ -128,15 +141,15 @@ pub fn a_touch_without_contact_ends_everything_until_it_is_prepared_again() -> R
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        let missed = driver.execute(&touch(7, 0.0, 0.0, 55.0, 54.0)).await;
+        let missed = driver.execute(proven(&driver, &touch(7, 0.0, 0.0, 55.0, 54.0))).await;
         expect(missed, |error| matches!(error, ControllerError::NoContact { step: 7 }))?;
         if (rig.joint(0)? - 54.0).abs() > 1e-3 {
             return Err("it moved on after a missed touch".into());
         }
-        let next = driver.execute(&touch(8, 0.0, 0.0, 48.6, 46.0)).await;
+        let next = driver.execute(proven(&driver, &touch(8, 0.0, 0.0, 48.6, 46.0))).await;
         expect(next, |error| matches!(error, ControllerError::NotReady { .. }))?;
         driver.prepare().await?;
-        driver.execute(&touch(9, 0.0, 0.0, 48.6, 46.0)).await?;
+        driver.execute(proven(&driver, &touch(9, 0.0, 0.0, 48.6, 46.0))).await?;
         Ok(())
     })
 }
@@ -146,7 +159,7 @@ pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        let hit = driver.execute(&touch(3, TAU / 3.0, 0.0, 40.0, 35.0)).await;
+        let hit = driver.execute(proven(&driver, &touch(3, TAU / 3.0, 0.0, 40.0, 35.0))).await;
         expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
         let radius = rig.joint(0)?.hypot(rig.joint(1)?);
         if !(CONTACT_RADIUS - 2.0..CONTACT_RADIUS + 0.5).contains(&radius) {
@@ -154,11 +167,11 @@ pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
         }
         // Pressed: only a way out is taken.
         driver.prepare().await?;
-        let again = driver.execute(&touch(4, 0.0, 0.0, 48.6, 46.0)).await;
+        let again = driver.execute(proven(&driver, &touch(4, 0.0, 0.0, 48.6, 46.0))).await;
         expect(again, |error| matches!(error, ControllerError::StillTripped { step: 4 }))?;
         driver.prepare().await?;
         let out = vec![Motion::BackOff { to: xy(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
-        driver.execute(&Block { step: 5, repeat: 0, motions: out }).await?;
+        driver.execute(proven(&driver, &Block { step: 5, repeat: 0, motions: out })).await?;
         Ok(())
     })
 }
@@ -174,7 +187,7 @@ pub fn a_contact_in_a_rapid_stops_it() -> Result<(), Failed> {
             Motion::Rapid { to: z(50.0) },
             Motion::Rapid { to: xy(47.0, 0.0) },
         ];
-        let hit = driver.execute(&Block { step: 6, repeat: 0, motions }).await;
+        let hit = driver.execute(proven(&driver, &Block { step: 6, repeat: 0, motions })).await;
         expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 6 }))
     })
 }
@@ -185,17 +198,18 @@ pub fn a_probe_that_does_not_open_or_close_is_found() -> Result<(), Failed> {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
         rig.make_true("dead", 1.0)?;
-        let missed = driver.execute(&touch(1, 0.0, 0.0, 48.6, 47.6)).await;
+        let missed = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 47.6))).await;
         expect(missed, |error| matches!(error, ControllerError::NoContact { step: 1 }))?;
         let up = vec![Motion::BackOff { to: xy(60.0, 0.0), feed_mm_min: 600.0 }];
         driver.prepare().await?;
-        driver.execute(&Block { step: 2, repeat: 0, motions: up.clone() }).await?;
+        driver.execute(proven(&driver, &Block { step: 2, repeat: 0, motions: up.clone() })).await?;
         rig.make_true("dead", 0.0)?;
         rig.make_true("stuck", 1.0)?;
-        let stuck = driver.execute(&touch(3, 0.0, 0.0, 48.6, 46.0)).await;
+        let stuck = driver.execute(proven(&driver, &touch(3, 0.0, 0.0, 48.6, 46.0))).await;
         expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 3 }))?;
         driver.prepare().await?;
-        let stuck = driver.execute(&Block { step: 4, repeat: 0, motions: up }).await;
+        let stuck =
+            driver.execute(proven(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
         expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 4 }))
     })
 }
@@ -214,7 +228,7 @@ pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
             tokio::time::sleep(Duration::from_millis(700)).await;
             rig.emergency_stop()
         };
-        let (stopped, hit) = tokio::join!(driver.execute(&block), stop);
+        let (stopped, hit) = tokio::join!(driver.execute(proven(&driver, &block)), stop);
         hit?;
         expect(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
         match driver.prepare().await {
@@ -238,7 +252,7 @@ pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
             tokio::time::sleep(Duration::from_millis(700)).await;
             rig.task("-STOP")
         };
-        let (hung, frozen) = tokio::join!(driver.execute(&block), freeze);
+        let (hung, frozen) = tokio::join!(driver.execute(proven(&driver, &block)), freeze);
         rig.task("-CONT")?;
         frozen?;
         expect(hung, |error| matches!(error, ControllerError::Frozen))?;
@@ -256,7 +270,7 @@ pub fn a_limit_is_told_in_the_controls_words() -> Result<(), Failed> {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
         let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Rapid { to: xy(400.0, 0.0) }];
-        let refused = driver.execute(&Block { step: 2, repeat: 0, motions }).await;
+        let refused = driver.execute(proven(&driver, &Block { step: 2, repeat: 0, motions })).await;
         expect(
             refused,
             |error| matches!(error, ControllerError::OutOfTravel { step: 2, said } if said.contains("limit")),
@@ -274,7 +288,7 @@ pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
         let codes = person.say("get program_codes")?;
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        let outcome = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await?;
+        let outcome = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await?;
         let x = outcome.touch.ok_or("no touch")?.at(Axis::X);
         if (x - (48.0 + 0.170 - 0.0121)).abs() > 0.001 {
             return Err(format!("touched at {x}").into());

@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
 use super::desk::{Desk, complaint, result};
-use super::machine::{open, run, z};
+use super::machine::{open, proven, run, z};
 use super::rig::{Rig, rig};
 
 /// Where the true axes stand, mm, and how they lie, rad: the rig's pins.
@@ -125,7 +125,7 @@ async fn centre(
     });
     let mut points = Vec::new();
     for (step, normal) in (0..).zip(round.chain([Vector3::z()])) {
-        let outcome = driver.execute(&touch(step, near, normal, at)).await?;
+        let outcome = driver.execute(proven(driver, &touch(step, near, normal, at))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         points.push(touch.xyz().into());
     }

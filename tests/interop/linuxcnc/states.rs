@@ -8,7 +8,7 @@ use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use tokio::time::sleep;
 
-use super::machine::{expect, open, run, touch, xy, z};
+use super::machine::{expect, open, proven, run, touch, xy, z};
 use super::rig::{Rig, rig};
 
 fn refused(prepared: Result<Prepared, ControllerError>, words: &str) -> Result<(), Failed> {
@@ -78,7 +78,7 @@ pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        driver.execute(&touch(1, 0.0, 0.6, 48.6, 46.0)).await?;
+        driver.execute(proven(&driver, &touch(1, 0.0, 0.6, 48.6, 46.0))).await?;
         rig.tool_centre_point(true)?;
         let compensated = open(&rig).await?.0.prepare().await;
         rig.tool_centre_point(false)?;
@@ -97,7 +97,7 @@ pub fn another_speed_is_refused() -> Result<(), Failed> {
         rig.person()?.say("set feed_override 100")?;
         driver.prepare().await?;
         rig.person()?.say("set feed_override 120")?;
-        let hurried = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await;
+        let hurried = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await;
         let is_named = |error: &ControllerError| error.to_string().contains("at 120 %");
         expect(hurried, is_named)?;
         if rig.joint(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
@@ -112,7 +112,7 @@ pub fn another_program_is_not_run() -> Result<(), Failed> {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
         rig.person()?.say(&format!("set open {}", other.display()))?;
-        let not_ours = driver.execute(&touch(1, 0.0, 0.0, 48.6, 46.0)).await;
+        let not_ours = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await;
         expect(not_ours, |error| error.to_string().contains("another program is open"))?;
         if rig.joint(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
     })
@@ -141,7 +141,7 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
                 Ok::<_, Failed>(Instant::now())
             };
             let block = slow(step);
-            let (held, since) = tokio::join!(driver.execute(&block), hand);
+            let (held, since) = tokio::join!(driver.execute(proven(&driver, &block)), hand);
             eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
             let error = held.err().ok_or("it ended")?;
             if !matches!(&error, ControllerError::Paused { how } if how.contains(words)) {
@@ -169,9 +169,9 @@ pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
         driver.prepare().await?;
         rig.emergency_stop()?;
         sleep(Duration::from_millis(200)).await;
-        let stopped = driver.execute(&slow(1)).await;
+        let stopped = driver.execute(proven(&driver, &slow(1))).await;
         expect(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
-        let again = driver.execute(&slow(1)).await;
+        let again = driver.execute(proven(&driver, &slow(1))).await;
         expect(again, |error| matches!(error, ControllerError::NotReady { .. }))?;
         refused(driver.prepare().await, "the emergency stop is pressed")?;
         rig.release()?;
@@ -182,7 +182,7 @@ pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
         rig.person()?.say("set machine on")?;
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        driver.execute(&slow(2)).await?;
+        driver.execute(proven(&driver, &slow(2))).await?;
         Ok(())
     })
 }
@@ -202,7 +202,7 @@ pub fn nothing_moves_between_back_off_and_open_probe() -> Result<(), Failed> {
             }
             rig.make_true("stuck", 1.0)
         };
-        let (stuck, done) = tokio::join!(driver.execute(&block), sticks);
+        let (stuck, done) = tokio::join!(driver.execute(proven(&driver, &block)), sticks);
         done?;
         expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 1 }))?;
         let at = rig.stands()?;

@@ -51,7 +51,7 @@ impl Rendered {
             stands,
             first: true,
             dialect: &self.dialect,
-            text: &text,
+            programs: &[text],
         })
     }
 

@@ -377,7 +377,8 @@ fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Diale
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
     let (stages, stands) = ([Staged { steps: &[0], found: None }], position(from));
     let (stages, stands) = (&stages, Some(&stands));
-    prove(&Request { plan, stages, stands, first: false, dialect, text: &text }).unwrap_err().reason
+    let request = Request { plan, stages, stands, first: false, dialect, programs: &[text] };
+    prove(&request).unwrap_err().reason
 }
 
 #[derive(Default, Clone, Copy, Debug)]

@@ -14,6 +14,8 @@ use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun};
 
+use crate::support::proven_block::proven_block;
+
 /// The built-in machine of the method, changed.
 #[derive(Clone)]
 pub struct World(Table);
@@ -264,7 +266,8 @@ async fn touch_all(
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
             let start = Start { stands: Some(&stands), first: false };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
-            stands = end_of(&block, &stands);
+            stands = end_of(&block.motions, &stands);
+            let block = proven_block(file, &devices, &block);
             let outcome = devices.controller.execute(block).await;
             let outcome = outcome.map_err(|error| Failed(error.to_string()))?;
             readings.push(Reading {

@@ -100,7 +100,8 @@ impl Bench {
     async fn measure(&self, schedule: &Schedule) -> Ended {
         let wired = self.wire(schedule);
         let dialect = Dialect::named("grbl").unwrap();
-        let (driver, halt) = Grbl::new(wired.link, &self.file.machine, dialect.clone());
+        let modes = setup::modes(&dialect, &self.file.machine, None).unwrap();
+        let (driver, halt) = Grbl::new(wired.link, &self.file.machine, modes);
         let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
         let devices = Devices::new(controller, dialect);
         let (method, plan) = setup::header(&self.file, "self-calibration", None).unwrap();

@@ -8,11 +8,13 @@ use devices::controllers::{self, Controller, ControllerError, Halt, Introduction
 use devices::sensors::{self, Sample, Sensor, SensorError};
 use link::Clock;
 use link::LinkError;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Motion, Outcome};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 use machine::record::track::Track;
 use machine::{Axis, Position};
+use planning::gcode::Transmission;
+use planning::proof::ProvenBlock;
 
 pub const MIDDLE_MM: f64 = 80.0;
 pub const PERIOD_S: f64 = 1e-3;
@@ -250,9 +252,9 @@ impl Control {
         track.push(t_s, scene.stands.iter().map(|(_, at)| at));
     }
 
-    async fn go(&self, block: &Block) -> Result<Track, ControllerError> {
+    async fn go(&self, block: &ProvenBlock) -> Result<Track, ControllerError> {
         let feeds = |motion: &Motion| matches!(motion, Motion::Feed { .. });
-        let sweeps = block.motions.len() > 1 && block.motions.iter().all(feeds);
+        let sweeps = block.motions().count() > 1 && block.motions().all(feeds);
         let mut from = {
             let mut scene = self.scene.lock().unwrap();
             // What was said at rest is over.
@@ -262,10 +264,10 @@ impl Control {
         let mut track = Track::of(from.iter().map(|(axis, _)| axis).collect());
         let (mut lost, mut number) = (0, 0);
         self.stamp(&mut track, &mut lost);
-        for (to, speed) in block.motions.iter().filter_map(lead) {
+        for (to, speed) in block.motions().filter_map(lead) {
             for place in way(&from, to, speed) {
                 number += usize::from(sweeps);
-                self.scene.lock().unwrap().goes_on(place, (block.step, number));
+                self.scene.lock().unwrap().goes_on(place, (block.step(), number));
                 self.stamp(&mut track, &mut lost);
                 self.told().await?;
             }
@@ -282,15 +284,16 @@ impl controllers::Driver for Control {
             identity: "played".to_owned(),
             stop: "at once".to_owned(),
             stands,
+            transmission: Transmission::Rows,
         })
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
-        self.scene.lock().unwrap().begun.push(block.step);
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+        self.scene.lock().unwrap().begun.push(block.step());
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
         }
-        let gone = self.go(block).await;
+        let gone = self.go(&block).await;
         let mut scene = self.scene.lock().unwrap();
         scene.moving = false;
         let none = matches!(scene.happens, Some(Event::NoTrack));

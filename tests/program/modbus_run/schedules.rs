@@ -177,7 +177,8 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
         let keys = format!("{at}\ntimeout_s = 0.3\n{program}");
         let config: Config = toml::from_str(&keys).unwrap();
         let dialect = Dialect::named("grbl-m19").unwrap();
-        let opened = ModbusControl::open(&config, &file.machine, dialect.clone()).await;
+        let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+        let opened = ModbusControl::open(&config, &file.machine, modes).await;
         let (driver, halt) = opened.unwrap();
         let controller = Controller::spawn(driver.with_patience(patience(wire)), halt);
         let devices = Devices::new(controller, dialect);

@@ -4,7 +4,7 @@
 use super::message::{Message, Status};
 use crate::controllers::ControllerError;
 pub(super) use crate::controllers::arrival::{astray, off_the_way, tolerance};
-use planning::gcode::Dialect;
+use planning::proof::ProvenModes;
 
 /// Groups of modal words, one of each in force.
 const GROUPS: [&[&str]; 5] = [
@@ -21,8 +21,8 @@ pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
 }
 
 /// The inputs that the machine file declares, by their letters.
-pub(super) fn probe_health(status: &Status, dialect: &Dialect) -> Result<(), ControllerError> {
-    let mut inputs = dialect.health_inputs();
+pub(super) fn probe_health(status: &Status, modes: &ProvenModes) -> Result<(), ControllerError> {
+    let mut inputs = modes.health_inputs();
     match inputs.find(|(input, _)| status.pins.contains(input)) {
         Some((_, fault)) => Err(ControllerError::Probe { fault }),
         None => Ok(()),

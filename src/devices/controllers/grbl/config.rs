@@ -10,7 +10,7 @@ use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, 
 use link::Clock;
 use link::HostPort;
 use machine::record::machine::Machine;
-use planning::gcode::Dialect;
+use planning::proof::ProvenModes;
 
 const USUAL_BAUD: u32 = 115_200;
 
@@ -58,12 +58,12 @@ impl Named for Config {
     fn open<'a>(
         &'a self,
         machine: &'a Machine,
-        dialect: Dialect,
+        modes: ProvenModes,
         _clock: Arc<dyn Clock>,
     ) -> Opening<'a> {
         Box::pin(async move {
             let link = link::open(&self.link.address()?).await?;
-            let (driver, halt) = Grbl::new(link, machine, dialect);
+            let (driver, halt) = Grbl::new(link, machine, modes);
             Ok(Controller::spawn(driver, halt))
         })
     }

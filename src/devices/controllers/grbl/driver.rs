@@ -13,9 +13,9 @@ use crate::controllers::{
 };
 use link::Link;
 use machine::record::machine::Machine;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
-use planning::gcode::Dialect;
+use planning::proof::{ProvenBlock, ProvenModes};
 
 /// A spindle may take this long to find its orientation.
 const ORIENT: Duration = Duration::from_secs(30);
@@ -23,8 +23,7 @@ const ORIENT: Duration = Duration::from_secs(30);
 /// The driver of one control.
 pub struct Grbl {
     pub(super) wire: Wire,
-    pub(super) dialect: Dialect,
-    pub(super) machine: String,
+    pub(super) modes: ProvenModes,
     /// Axes that the machine file names, without the spindle.
     pub(super) wanted: Vec<Axis>,
     /// How far from its target each may stand, mm or rad.
@@ -42,9 +41,9 @@ pub struct Grbl {
 }
 
 impl Grbl {
-    /// A driver for `machine` behind `link` that writes `dialect`, and the halt that holds it.
+    /// A driver for `machine` behind `link` that sets `modes`, and the halt that holds it.
     /// After a halt the link takes no line any more: a new run opens a new one.
-    pub fn new(link: Link, machine: &Machine, dialect: Dialect) -> (Self, Halt) {
+    pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
         let (wire, halt) = Wire::new(link);
         let wanted: Vec<Axis> =
             machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
@@ -54,8 +53,7 @@ impl Grbl {
         });
         let grbl = Self {
             wire,
-            dialect,
-            machine: machine.name.clone(),
+            modes,
             tolerance: tolerance.collect(),
             stood: Position::new(),
             ready: false,
@@ -80,11 +78,9 @@ impl Grbl {
         &mut self,
         lines: &Lines<'_>,
     ) -> Result<Vec<Message>, ControllerError> {
-        let clamps = self.dialect.clamps_rest_s(lines.motion);
-        let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
-        let still = standstill(lines.motion) + clamps;
+        let still = standstill(lines.motion) + lines.clamps_rest;
         let mut said = Vec::new();
-        for line in &lines.text {
+        for line in lines.text.lines() {
             said.extend(self.wire.ask_within(line, still).await?);
         }
         Ok(said)
@@ -171,9 +167,9 @@ impl Grbl {
 }
 
 impl Grbl {
-    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
         let mut outcome = Outcome::default();
-        let lines = lines::of(block, &self.dialect, &self.wanted, self.line_limit)?;
+        let lines = lines::of(block)?;
         self.begin(block).await?;
         let mut seen = None;
         for lines in &lines {
@@ -184,16 +180,19 @@ impl Grbl {
         Ok(outcome)
     }
 
-    /// Before a block moves: the probe is well and open, and nobody has moved the machine.
-    async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+    /// Before a block moves: no fault of the probe, probe open, the machine where the block begins.
+    async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let status = self.wire.status().await?;
-        check::probe_health(&status, &self.dialect)?;
-        let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
+        check::probe_health(&status, &self.modes)?;
+        let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
-            self.open_probe(block.step, &status).await?;
+            self.open_probe(block.step(), &status).await?;
         }
         let stands = self.stands(&status)?;
-        self.unmoved(&stands).await
+        self.unmoved(&stands).await?;
+        let begins = block.begins().only(|axis| axis != Axis::S);
+        let astray = check::astray(&begins, &self.stood, |axis| self.tolerance(axis));
+        astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
     }
 
     /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
@@ -215,7 +214,7 @@ impl Driver for Grbl {
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
         if self.wire.is_halted() {
             return Err(ControllerError::Halted);
         }
@@ -225,7 +224,7 @@ impl Driver for Grbl {
                 remedy: "start again".to_owned(),
             });
         }
-        let outcome = self.block(block).await;
+        let outcome = self.block(&block).await;
         outcome.map_err(|error| self.failed(error))
     }
 
@@ -248,7 +247,8 @@ impl Driver for Grbl {
     async fn finish(&mut self) -> Result<(), ControllerError> {
         // A blank line ends a latched error.
         self.wire.ask("").await?;
-        self.send_frame(Dialect::foot).await?;
+        let foot = self.modes.foot().to_vec();
+        self.set_modes(&foot).await?;
         if !self.found.is_empty() {
             self.wire.ask(&self.found.join(" ")).await?;
         }

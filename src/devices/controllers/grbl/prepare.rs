@@ -8,7 +8,7 @@ use super::fault::not_ready;
 use super::message::Message;
 use crate::controllers::{ControllerError, Prepared};
 use machine::Axis;
-use planning::gcode::{Dialect, Program, RenderError};
+use planning::gcode::Transmission;
 
 /// Bits of `$10`: machine position, pin state and probe coordinates in reports (grblHAL settings).
 const REPORT_POSITION: u32 = 1;
@@ -28,18 +28,21 @@ impl Grbl {
         }
         let identity = self.identify().await?;
         self.check_reports().await?;
-        if !self.dialect.switches_probe_on() {
+        if !self.modes.switches_probe_on() {
             check::probe_open(&self.wire.idle().await?)?;
         }
         self.remember_modes().await?;
-        let head = self.send_frame(Dialect::head).await?;
+        let head = self.modes.head().to_vec();
+        self.set_modes(&head).await?;
         let modes = self.wire.ask("$G").await?;
         check::modes(&head, &modes, &self.wire.ask("$#").await?)?;
         let status = self.wire.idle().await?;
         check::probe_open(&status)?;
-        check::probe_health(&status, &self.dialect)?;
+        check::probe_health(&status, &self.modes)?;
         self.stood = self.stands(&status)?;
-        Ok(Prepared { identity, stop: self.stop.clone(), stands: self.stood.clone() })
+        let transmission = Transmission::Lines { max_line_bytes: self.line_limit };
+        let (stop, stands) = (self.stop.clone(), self.stood.clone());
+        Ok(Prepared { identity, stop, stands, transmission })
     }
 
     /// Who is there; axes and buffer from `$I`.
@@ -109,20 +112,14 @@ impl Grbl {
         Ok(())
     }
 
-    /// Send the dialect's head or foot; the lines.
-    pub(super) async fn send_frame(
-        &mut self,
-        lines: Frame,
-    ) -> Result<Vec<String>, ControllerError> {
-        let program = Program { title: &self.machine, axes: &self.wanted, log: None };
-        let lines = lines(&self.dialect, &program)
-            .map_err(|error| ControllerError::Render { step: 0, why: error.to_string() })?;
-        let still = self.dialect.wakes_s().unwrap_or_default();
+    /// Send the lines of the head or the foot.
+    pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
+        let still = self.modes.settles_s().unwrap_or_default();
         let still = Duration::try_from_secs_f64(still).unwrap_or_default();
-        for line in &lines {
+        for line in lines {
             self.wire.ask_within(line, still).await?;
         }
-        Ok(lines)
+        Ok(())
     }
 }
 
@@ -147,5 +144,3 @@ pub(super) fn hides_the_probe(mask: f64) -> bool {
     let shown = mask as u32;
     [REPORT_POSITION, REPORT_PINS, REPORT_PROBE].iter().any(|bit| shown & bit == 0)
 }
-
-type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

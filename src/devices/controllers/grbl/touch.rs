@@ -106,7 +106,7 @@ impl Grbl {
         self.arrive(&stood).await.map(drop).map_err(moved_by_hand)
     }
 
-    fn tolerance(&self, axis: Axis) -> f64 {
+    pub(super) fn tolerance(&self, axis: Axis) -> f64 {
         // Axes that the machine file does not name do not matter.
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }

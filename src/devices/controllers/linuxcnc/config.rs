@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
+use super::files::log_name;
 use super::{LinuxCnc, Sampler, Settings, sampler};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use link::Clock;
 use link::{Address, HostPort};
 use machine::Axis;
 use machine::record::machine::Machine;
-use planning::gcode::Dialect;
+use planning::proof::ProvenModes;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,6 +44,10 @@ impl Named for Config {
         &self.dialect
     }
 
+    fn log(&self) -> Option<String> {
+        Some(log_name(&self.program_dir))
+    }
+
     fn at(&self) -> String {
         format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
     }
@@ -50,7 +55,7 @@ impl Named for Config {
     fn open<'a>(
         &'a self,
         machine: &'a Machine,
-        dialect: Dialect,
+        modes: ProvenModes,
         clock: Arc<dyn Clock>,
     ) -> Opening<'a> {
         Box::pin(async move {
@@ -62,7 +67,7 @@ impl Named for Config {
             let directory = self.program_dir.clone();
             let settings =
                 Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
-            let (driver, halt) = LinuxCnc::open(settings, dialect).await?;
+            let (driver, halt) = LinuxCnc::open(settings, modes).await?;
             Ok(Controller::spawn(driver.stamped_by(sampler), halt))
         })
     }

@@ -11,12 +11,13 @@ use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use super::{Sampler, state, watch, way};
-use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared};
+use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
 use link::Address;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Motion, Outcome};
 use machine::record::track::Track;
 use machine::{Axis, Position};
-use planning::gcode::{Dialect, Program};
+use planning::gcode::{Transmission, Unit};
+use planning::proof::{ProvenBlock, ProvenModes};
 
 /// The link's task writes within this time.
 const ON_THE_WIRE: Duration = Duration::from_millis(20);
@@ -40,7 +41,7 @@ pub struct Settings {
 
 pub struct LinuxCnc {
     pub(super) settings: Settings,
-    dialect: Dialect,
+    modes: ProvenModes,
     pub(super) rsh: Rsh,
     /// Carries nothing but halts; kept open for them.
     halting: Rsh,
@@ -61,7 +62,7 @@ impl LinuxCnc {
     /// No linuxcncrsh at the address; a directory that cannot be used.
     pub async fn open(
         settings: Settings,
-        dialect: Dialect,
+        modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
         let files = Files::within(&settings.directory)?;
         let mut rsh = Rsh::open(&settings.address).await?;
@@ -71,7 +72,7 @@ impl LinuxCnc {
         rsh.halt = Some(halt.clone());
         let driver = Self {
             settings,
-            dialect,
+            modes,
             rsh,
             halting,
             halt: halt.clone(),
@@ -82,6 +83,10 @@ impl LinuxCnc {
             sampler: None,
         };
         Ok((driver, halt))
+    }
+
+    pub fn transmission(&self) -> Transmission {
+        Transmission::Programs { log: self.files.log_name() }
     }
 
     /// With what stamps positions during motion.
@@ -128,8 +133,9 @@ impl LinuxCnc {
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
         }
         let version = prepare::judge(&log.state)?;
-        if let Some(seconds) = self.dialect.wakes_s() {
-            self.switch(&self.dialect.keeping_probe_on()).await?;
+        if let Some(seconds) = self.modes.settles_s() {
+            let program = self.modes.switch_on().to_owned();
+            self.switch(&program).await?;
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
         let axes = &self.settings.axes;
@@ -147,41 +153,53 @@ impl LinuxCnc {
                    (0.1 s at worst), then it travels feed²/(2·acceleration)"
                 .to_owned(),
             stands,
+            transmission: self.transmission(),
         })
     }
 
     /// A program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
-    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
-        let sampler = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
+    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
+        let units = block.units()?;
+        self.begins(block).await?;
+        let sampler = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));
         sampler.inspect(|sampler| sampler.begin());
         let mut touch = None;
-        for motions in block.motions.split_inclusive(backs_off) {
-            let part = Block { step: block.step, repeat: block.repeat, motions: motions.to_vec() };
-            touch = self.part(&part).await?.or(touch);
+        for proven in units {
+            touch = self.part(block.step(), &proven.unit).await?.or(touch);
         }
         Ok(Outcome { touch, t_s: None, track: self.track(block).await? })
     }
 
-    /// Where the axes stood while `block` was executed, if it is one that wants to know and can.
-    async fn track(&mut self, block: &Block) -> Result<Option<Track>, ControllerError> {
-        let wanted = self.sampler.as_ref().filter(|_| block.motions.iter().any(moves_at_feed));
-        let Some(sampler) = wanted else { return Ok(None) };
-        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
-        sampler.end(block.step, &stands).await.map(Some)
+    /// The machine is where the proof has it.
+    async fn begins(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
+        let axes = &self.settings.axes;
+        let begins = block.begins().only(|axis| axis != Axis::S && axes.contains(&axis));
+        if begins.is_empty() {
+            return Ok(());
+        }
+        let stands = state::stands(&mut self.rsh, axes).await?;
+        let astray = arrival::astray(&begins, &stands, |axis| arrival::tolerance(axis, None));
+        astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
     }
 
-    async fn part(&mut self, part: &Block) -> Result<Option<Position>, ControllerError> {
-        let step = part.step;
-        let text = self.render(part)?;
+    /// Where the axes stood while `block` was executed, if it is one that wants to know and can.
+    async fn track(&mut self, block: &ProvenBlock) -> Result<Option<Track>, ControllerError> {
+        let wanted = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));
+        let Some(sampler) = wanted else { return Ok(None) };
+        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
+        sampler.end(block.step(), &stands).await.map(Some)
+    }
+
+    async fn part(&mut self, step: u32, part: &Unit) -> Result<Option<Position>, ControllerError> {
         if !part.motions.first().is_some_and(backs_off) {
             self.probe_is_open(step).await?;
         }
         state::full_speed(&mut self.rsh).await?;
         state::opened(&mut self.rsh, &self.files.program_name()).await?;
-        self.files.write(&text)?;
+        self.files.write(&part.text)?;
         self.refuse_if_halted()?;
-        let rests = self.rests(part);
+        let rests = rests(part);
         let log = match watch::run(&mut self.rsh, &self.files, &self.halt, step, rests).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refused(&mut self.rsh, refusal).await);
@@ -195,13 +213,13 @@ impl LinuxCnc {
             self.probe_is_open(step).await?;
         }
         state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
-        self.arrived(part).await?;
-        self.touched(part, log.verdict)
+        self.arrived(step, part).await?;
+        self.touched(step, part, log.verdict)
     }
 
     /// The program is over; so must be the way. Where LinuxCNC's task is late its interpreter reads on
     /// before a probing move has begun (2.9, issue 3650), and a contact in it shows nowhere else.
-    async fn arrived(&mut self, part: &Block) -> Result<(), ControllerError> {
+    async fn arrived(&mut self, step: u32, part: &Unit) -> Result<(), ControllerError> {
         let deadline = Instant::now() + SETTLES;
         loop {
             let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
@@ -210,7 +228,7 @@ impl LinuxCnc {
                 // The position is the feedback's: an axis may still come to rest.
                 Some(_) if Instant::now() < deadline => sleep(ON_THE_WIRE).await,
                 Some(error) => {
-                    self.probe_is_open(part.step).await?;
+                    self.probe_is_open(step).await?;
                     return Err(error);
                 }
             }
@@ -227,7 +245,8 @@ impl LinuxCnc {
     /// The position at the trigger, if `part` has a touch.
     fn touched(
         &mut self,
-        part: &Block,
+        step: u32,
+        part: &Unit,
         verdict: Option<Verdict>,
     ) -> Result<Option<Position>, ControllerError> {
         let turned = part.motions.iter().rev().find_map(|motion| match motion {
@@ -245,48 +264,18 @@ impl LinuxCnc {
                 Ok(Some(self.spindle.map_or(at.clone(), |s| at.with(Axis::S, s))))
             }
             (false, None) => Ok(None),
-            _ => Err(ControllerError::Garbled { text: format!("log of step {}", part.step) }),
+            _ => Err(ControllerError::Garbled { text: format!("log of step {step}") }),
         }
     }
 
-    /// A program that moves nothing: the head and the foot of `dialect`.
-    async fn switch(&mut self, dialect: &Dialect) -> Result<(), ControllerError> {
-        let log = self.files.log_name();
-        let program = Program { title: "no step", axes: &self.settings.axes, log: Some(&log) };
-        let text = dialect.program(&program, &[]).map_err(|error| ControllerError::Render {
-            step: STEP_OF_NO_BLOCK,
-            why: error.to_string(),
-        })?;
-        self.files.write(&text)?;
+    /// Run a program that moves nothing.
+    async fn switch(&mut self, program: &str) -> Result<(), ControllerError> {
+        self.files.write(program)?;
         self.refuse_if_halted()?;
         let log =
             watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
                 .await?;
         if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
-    }
-
-    /// The program, proven to say what the block means. The probe stays on from block to block.
-    fn render(&self, block: &Block) -> Result<String, ControllerError> {
-        let fault = |why: String| ControllerError::Render { step: block.step, why };
-        let title = format!("step {} repeat {}", block.step, block.repeat);
-        let log = self.files.log_name();
-        let program = Program { title: &title, axes: &self.settings.axes, log: Some(&log) };
-        let blocks = std::slice::from_ref(block);
-        let dialect = self.dialect.keeping_probe_on();
-        let text = dialect.program(&program, blocks).map_err(|e| fault(e.to_string()))?;
-        dialect.proves(&text, blocks).map_err(|e| fault(e.to_string()))?;
-        Ok(text)
-    }
-
-    /// How long a block stands still by itself.
-    fn rests(&self, block: &Block) -> Duration {
-        let seconds = block.motions.iter().map(|motion| match motion {
-            Motion::Dwell { seconds } => seconds.max(0.0),
-            // As long as the dialect lets it take.
-            Motion::Orient { .. } => 20.0,
-            _ => self.dialect.clamps_rest_s(motion),
-        });
-        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::ZERO)
     }
 
     /// Why a program stopped before its end.
@@ -334,12 +323,12 @@ impl Driver for LinuxCnc {
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
         self.refuse_if_halted()?;
         if !self.ready {
             return Err(not_ready("it was not prepared since the last fault", "start again"));
         }
-        match self.block(block).await {
+        match self.block(&block).await {
             Ok(outcome) => Ok(outcome),
             Err(error) => Err(self.failed(error).await),
         }
@@ -362,8 +351,8 @@ impl Driver for LinuxCnc {
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
-        if self.dialect.switches_probe_off() {
-            self.switch(&self.dialect.clone()).await?;
+        if let Some(program) = self.modes.switch_off().map(str::to_owned) {
+            self.switch(&program).await?;
         }
         match self.mode_found.take() {
             Some(mode) => self.rsh.command(&format!("mode {mode}")).await,
@@ -375,6 +364,18 @@ impl Driver for LinuxCnc {
 /// As along a scan: see [`Outcome::track`].
 fn moves_at_feed(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
+}
+
+/// How long a program stands still by itself.
+fn rests(part: &Unit) -> Duration {
+    let seconds = part.motions.iter().map(|motion| match motion {
+        Motion::Dwell { seconds } => seconds.max(0.0),
+        // As long as the dialect lets it take.
+        Motion::Orient { .. } => 20.0,
+        _ => 0.0,
+    });
+    let seconds = seconds.sum::<f64>() + part.clamps_rest_s;
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
 }
 
 fn backs_off(motion: &Motion) -> bool {

@@ -15,6 +15,11 @@ const LOG: &str = "trued.log";
 
 pub(super) struct Files(Folder);
 
+/// The file in `directory` that takes the results.
+pub fn log_name(directory: &Path) -> String {
+    directory.join(LOG).to_string_lossy().into_owned()
+}
+
 impl Files {
     /// # Errors
     /// A directory whose name LinuxCNC cannot take, or that cannot be made.

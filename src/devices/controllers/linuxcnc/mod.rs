@@ -48,6 +48,7 @@ mod way;
 
 pub use config::Config;
 pub use driver::{LinuxCnc, Settings};
+pub use files::log_name;
 pub use sampler::Sampler;
 
 pub const KIND: &str = "linuxcnc";

@@ -9,11 +9,13 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::driver::{LinuxCnc, Settings};
+use super::files::log_name;
 use crate::controllers::{ControllerError, Driver, Halt};
 use link::Address;
 use machine::record::motion::{Block, Motion, Outcome};
 use machine::{Axis, Position};
-use planning::gcode::Dialect;
+use planning::proof::for_tests::{dialect, proven_block};
+use planning::proof::{ProvenBlock, prove_modes};
 
 /// Asked before the healthy control is: the connection (the second is the one for holds), the line.
 type Odd = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
@@ -126,14 +128,22 @@ async fn prepared(
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
         ini: None,
     };
-    let dialect = Dialect::named("linuxcnc").unwrap();
-    let (mut driver, halt) = LinuxCnc::open(settings, dialect).await.unwrap();
+    let dialect = dialect("linuxcnc").unwrap();
+    let log = log_name(directory.path());
+    let modes = prove_modes(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
+    let (mut driver, halt) = LinuxCnc::open(settings, modes).await.unwrap();
     driver.prepare().await.unwrap();
     (driver, halt, machine)
 }
 
 fn to(x_mm: f64) -> Position {
     Position::new().with(Axis::X, x_mm)
+}
+
+/// As it is sent to this control; no bodies are looked at.
+fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+    let dialect = dialect("linuxcnc").unwrap();
+    proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
 
 /// To X 60 and guarded to X 30.
@@ -148,7 +158,7 @@ async fn halted(mut driver: LinuxCnc, halt: Halt) -> Result<Outcome, ControllerE
         tokio::time::sleep(Duration::from_millis(100)).await;
         halt.now();
     });
-    let outcome = driver.execute(&guarded()).await;
+    let outcome = driver.execute(proven(&driver, &guarded())).await;
     person.await.unwrap();
     outcome
 }
@@ -198,10 +208,10 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
     let (mut driver, ..) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
-    driver.execute(&guarded()).await.unwrap();
+    driver.execute(proven(&driver, &guarded())).await.unwrap();
 
     let (mut driver, _, machine) = prepared(&directory, Some((well, 47.0)), |_, _| None).await;
-    let error = driver.execute(&guarded()).await.unwrap_err();
+    let error = driver.execute(proven(&driver, &guarded())).await.unwrap_err();
     assert!(error.to_string().contains("X47.000, not at X30.000"), "{error}");
     assert_eq!(machine.lock().unwrap().aborts, 1);
 
@@ -209,6 +219,7 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let (mut driver, ..) = prepared(&directory, Some((stale, 28.0)), |_, _| None).await;
     let motions =
         vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
-    let error = driver.execute(&Block { step: 1, repeat: 0, motions }).await.unwrap_err();
+    let error =
+        driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
 }

@@ -16,9 +16,9 @@ use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
 use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
 use machine::record::machine::Machine;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
-use planning::gcode::Dialect;
+use planning::proof::{ProvenBlock, ProvenModes};
 
 /// A spindle may take this long to find its orientation.
 pub(super) const ORIENT: Duration = Duration::from_secs(30);
@@ -28,7 +28,7 @@ const SETTLE: Duration = Duration::from_millis(300);
 /// The driver of one control.
 pub struct ModbusControl {
     pub(super) window: Window,
-    pub(super) dialect: Dialect,
+    pub(super) modes: ProvenModes,
     pub(super) machine: Machine,
     /// Where it is, for the record.
     pub(super) name: String,
@@ -54,7 +54,7 @@ impl ModbusControl {
     pub async fn open(
         config: &Config,
         machine: &Machine,
-        dialect: Dialect,
+        modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
         let wanted: Vec<Axis> =
             machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
@@ -64,7 +64,7 @@ impl ModbusControl {
                 remedy: "name it in [controller.registers.status.position] and .latch".to_owned(),
             });
         }
-        let switches = dialect.wakes_s().is_some() || dialect.switches_probe_off();
+        let switches = modes.settles_s().is_some() || modes.switch_off().is_some();
         if config.program.is_some() && switches {
             return Err(ControllerError::Unsupported {
                 what: "no word for the probe or a clamp reaches a resident program".to_owned(),
@@ -79,7 +79,7 @@ impl ModbusControl {
         let tolerance = |axis: &Axis| (*axis, arrival::tolerance(*axis, machine.axes.get(axis)));
         let driver = Self {
             window,
-            dialect,
+            modes,
             machine: machine.clone(),
             name,
             tolerance: wanted.iter().map(tolerance).collect(),
@@ -100,11 +100,9 @@ impl ModbusControl {
 
     /// The lines of one motion; the status after the last.
     async fn send(&mut self, lines: &Lines<'_>) -> Result<Status, ControllerError> {
-        let clamps = self.dialect.clamps_rest_s(lines.motion);
-        let clamps = Duration::try_from_secs_f64(clamps).unwrap_or_default();
-        let still = standstill(lines.motion) + clamps;
+        let still = standstill(lines.motion) + lines.clamps_rest;
         let mut status = None;
-        for line in &lines.text {
+        for line in lines.text.lines() {
             status = Some(self.window.ask(line, still).await?);
         }
         self.rests(status).await
@@ -254,14 +252,12 @@ impl ModbusControl {
         Ok(status)
     }
 
-    async fn block(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
         if let Some(program) = self.program.clone() {
             return self.call(&program, block).await;
         }
         let mut outcome = Outcome::default();
-        // A chunk holds one line.
-        let limit = self.window.map.command.chunk.bytes() + 1;
-        let lines = lines::of(block, &self.dialect, &self.wanted, limit)?;
+        let lines = lines::of(block)?;
         self.begin(block).await?;
         let mut seen = None;
         for lines in &lines {
@@ -272,16 +268,19 @@ impl ModbusControl {
         Ok(outcome)
     }
 
-    /// Before a block moves: the probe is well and open, and nobody has moved the machine.
-    pub(super) async fn begin(&mut self, block: &Block) -> Result<(), ControllerError> {
+    /// Before a block moves: no fault of the probe, probe open, the machine where the block begins.
+    pub(super) async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let mut status = self.window.idle().await?;
         self.probe_health(&status)?;
-        let backs_off = matches!(block.motions.first(), Some(Motion::BackOff { .. }));
+        let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
-            status = self.open_probe(block.step, status).await?;
+            status = self.open_probe(block.step(), status).await?;
         }
-        let astray = arrival::astray(&self.stood, &status.position, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), |error| Err(moved_by_hand(error)))
+        let begins = self.of_machine(block.begins());
+        let expected = [&self.stood, &begins].into_iter();
+        let mut astray = expected
+            .filter_map(|at| arrival::astray(at, &status.position, |axis| self.tolerance(axis)));
+        astray.next().map_or(Ok(()), |error| Err(moved_by_hand(error)))
     }
 
     /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
@@ -303,7 +302,7 @@ impl Driver for ModbusControl {
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: &Block) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
         if self.window.is_halted() {
             return Err(ControllerError::Halted);
         }
@@ -313,7 +312,7 @@ impl Driver for ModbusControl {
                 remedy: "start again".to_owned(),
             });
         }
-        let outcome = self.block(block).await;
+        let outcome = self.block(&block).await;
         outcome.map_err(|error| self.failed(error))
     }
 
@@ -329,7 +328,8 @@ impl Driver for ModbusControl {
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
-        self.send_frame(Dialect::foot).await?;
+        let foot = self.modes.foot().to_vec();
+        self.set_modes(&foot).await?;
         self.window.idle().await.map(|_| ())
     }
 }

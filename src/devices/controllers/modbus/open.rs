@@ -6,7 +6,7 @@ use super::{Config, ModbusControl};
 use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
 use link::Clock;
 use machine::record::machine::Machine;
-use planning::gcode::Dialect;
+use planning::proof::ProvenModes;
 
 impl Named for Config {
     fn dialect(&self) -> &str {
@@ -20,11 +20,11 @@ impl Named for Config {
     fn open<'a>(
         &'a self,
         machine: &'a Machine,
-        dialect: Dialect,
+        modes: ProvenModes,
         _clock: Arc<dyn Clock>,
     ) -> Opening<'a> {
         Box::pin(async move {
-            let (driver, halt) = ModbusControl::open(self, machine, dialect).await?;
+            let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
             Ok(Controller::spawn(driver, halt))
         })
     }

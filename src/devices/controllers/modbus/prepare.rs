@@ -7,7 +7,7 @@ use super::fault::not_ready;
 use super::otherwise;
 use super::status::Status;
 use crate::controllers::{ControllerError, Prepared, arrival};
-use planning::gcode::{Dialect, Program, RenderError};
+use planning::gcode::Transmission;
 
 impl ModbusControl {
     pub(super) async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
@@ -18,13 +18,14 @@ impl ModbusControl {
         // It counts on from here; what was written before it came to life is not taken.
         (self.window.sequence, self.window.ours) = (status.accepted, false);
         self.plausible(&status)?;
-        if !self.dialect.switches_probe_on() {
+        if !self.modes.switches_probe_on() {
             probe_open(&status)?;
         }
         if self.program.is_some() {
             self.clear_results(&status).await?;
         }
-        self.send_frame(Dialect::head).await?;
+        let head = self.modes.head().to_vec();
+        self.set_modes(&head).await?;
         let status = self.window.idle().await?;
         probe_open(&status)?;
         self.probe_health(&status)?;
@@ -35,7 +36,15 @@ impl ModbusControl {
             self.window.patience.answer.as_secs_f64(),
             arrival::braking(&self.machine)
         );
-        Ok(Prepared { identity: self.identity(), stop, stands: self.stood.clone() })
+        let transmission = match self.program {
+            Some(_) => Transmission::Rows,
+            // A chunk holds one line.
+            None => {
+                Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 }
+            }
+        };
+        let (identity, stands) = (self.identity(), self.stood.clone());
+        Ok(Prepared { identity, stop, stands, transmission })
     }
 
     /// What is behind the window, and where it is.
@@ -80,22 +89,20 @@ impl ModbusControl {
             };
             bit.and_then(|bit| status.inputs.checked_shr(bit)).is_some_and(|bits| bits & 1 == 1)
         };
-        match self.dialect.health_inputs().find(|(input, _)| is_on(input)) {
+        match self.modes.health_inputs().find(|(input, _)| is_on(input)) {
             Some((_, fault)) => Err(ControllerError::Probe { fault }),
             None => Ok(()),
         }
     }
 
-    /// Send the dialect's head or foot. A resident program sets its modes itself.
-    pub(super) async fn send_frame(&mut self, lines: Frame) -> Result<(), ControllerError> {
+    /// Send the lines of the head or the foot. A resident program sets its modes itself.
+    pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
         if self.program.is_some() {
             return Ok(());
         }
-        let program = Program { title: &self.machine.name, axes: &self.wanted, log: None };
         let fault = |why: String| ControllerError::Render { step: 0, why };
-        let lines = lines(&self.dialect, &program).map_err(|error| fault(error.to_string()))?;
         let most = self.window.map.command.chunk.bytes();
-        let still = self.dialect.wakes_s().unwrap_or_default();
+        let still = self.modes.settles_s().unwrap_or_default();
         let still = Duration::try_from_secs_f64(still).unwrap_or_default();
         // Remarks do nothing there, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
@@ -112,5 +119,3 @@ impl ModbusControl {
 fn probe_open(status: &Status) -> Result<(), ControllerError> {
     if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
-
-type Frame = fn(&Dialect, &Program) -> Result<Vec<String>, RenderError>;

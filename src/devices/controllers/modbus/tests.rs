@@ -13,7 +13,9 @@ use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::Dialect;
+use planning::gcode::Transmission;
+use planning::proof::for_tests::{dialect, proven_block};
+use planning::proof::{ProvenBlock, prove_modes};
 use simulator::controls::modbus::{Diary, Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
 use simulator::interpreter::Pace;
 use simulator::{Truth, World};
@@ -48,9 +50,17 @@ pub(super) async fn driver(
     let at = listener.local_addr().unwrap();
     tokio::spawn(serve_tcp(firmware, listener));
     let config: Config = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
-    let dialect = Dialect::named("grbl-m19").unwrap();
-    let (driver, halt) = ModbusControl::open(&config, &machine(), dialect).await.unwrap();
+    let (machine, dialect) = (machine(), dialect("grbl-m19").unwrap());
+    let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
+    let (driver, halt) = ModbusControl::open(&config, &machine, modes).await.unwrap();
     (driver, halt, diary)
+}
+
+/// As it is sent to this control; no bodies are looked at. Rows are read from the same text.
+pub(super) fn proven(block: &Block) -> ProvenBlock {
+    let axes: Vec<Axis> = machine().axes.keys().copied().collect();
+    let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
+    proven_block(block, &axes, &dialect("grbl-m19").unwrap(), &transmission).unwrap()
 }
 
 fn slowly_to(x_mm: f64) -> Block {
@@ -63,7 +73,7 @@ async fn held_on_its_way(driver: &mut ModbusControl, halt: Halt) -> ControllerEr
         tokio::time::sleep(Duration::from_millis(200)).await;
         halt.now();
     });
-    driver.execute(&slowly_to(100.0)).await.unwrap_err()
+    driver.execute(proven(&slowly_to(100.0))).await.unwrap_err()
 }
 
 #[tokio::test]
@@ -74,7 +84,7 @@ async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let stands = driver.look().await.unwrap().stands.at(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
-    let error = driver.execute(&slowly_to(0.0)).await.unwrap_err();
+    let error = driver.execute(proven(&slowly_to(0.0))).await.unwrap_err();
     assert!(matches!(error, ControllerError::Halted), "{error}");
     assert!(driver.prepare().await.is_err());
     let diary = diary.lock().unwrap();
@@ -131,7 +141,7 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
     for x_mm in 1..30 {
-        ended = driver.execute(&slowly_to(f64::from(x_mm))).await;
+        ended = driver.execute(proven(&slowly_to(f64::from(x_mm)))).await;
         if ended.is_err() {
             break;
         }
@@ -160,8 +170,8 @@ async fn a_torn_status_is_never_a_reading() {
         driver.prepare().await.unwrap();
         let begun = diary.lock().unwrap().len();
         let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
-        driver.execute(&Block { step: 0, repeat: 0, motions: way }).await.unwrap();
-        let far = driver.execute(&probe(60.0, 20.0)).await.unwrap().touch.unwrap();
+        driver.execute(proven(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+        let far = driver.execute(proven(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
         let diary = diary.lock().unwrap();
         torn_within += usize::from(diary[begun..].contains(&Entry::Wrong(FaultKind::Torn)));
         assert!((far.at(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.at(Axis::X));
@@ -197,7 +207,7 @@ async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
     };
     let (mut driver, ..) = self::driver(&keys("abcd"), Pace::Fast, Vec::new()).await;
     driver.prepare().await.unwrap();
-    driver.execute(&slowly_to(12.5)).await.unwrap();
+    driver.execute(proven(&slowly_to(12.5))).await.unwrap();
     let (mut driver, ..) = self::driver(&keys("cdab"), Pace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("which it cannot"), "{error}");

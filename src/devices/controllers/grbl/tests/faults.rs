@@ -17,9 +17,9 @@ async fn sent(
     driver.prepare().await.unwrap();
     prepared.store(true, Ordering::SeqCst);
     tape.lock().unwrap().clear();
-    let error = driver.execute(&touch(3)).await.unwrap_err();
+    let error = driver.execute(proven(&touch(3))).await.unwrap_err();
     // Nothing is sent any more, and a hold has had its time to get out.
-    let again = driver.execute(&touch(4)).await.unwrap_err();
+    let again = driver.execute(proven(&touch(4))).await.unwrap_err();
     assert!(matches!(again, ControllerError::NotReady { .. }), "{again}");
     tokio::time::sleep(Duration::from_millis(30)).await;
     let sent = tape.lock().unwrap().replace('?', "");
@@ -118,7 +118,7 @@ async fn one_lost_status_request_is_no_fault() {
     });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
-    driver.execute(&touch(3)).await.unwrap();
+    driver.execute(proven(&touch(3))).await.unwrap();
 }
 
 #[tokio::test]
@@ -155,7 +155,7 @@ async fn rehearsed(
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, _) = grbl(Link::over("in process", ours));
     driver.prepare().await.expect("the fault comes later");
-    driver.execute(&touch(0)).await
+    driver.execute(proven(&touch(0))).await
 }
 
 #[tokio::test]
@@ -223,7 +223,7 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     driver.prepare().await.unwrap();
     // A second and more, if nobody holds it.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
-    let error = driver.execute(&Block { step: 0, repeat: 0, motions }).await.unwrap_err();
+    let error = driver.execute(proven(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
     tokio::time::sleep(Duration::from_millis(1500)).await;
     let at = world.lock().unwrap().position().at(Axis::X);
@@ -239,11 +239,11 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, _) = grbl(Link::over("in process", ours));
     driver.prepare().await.unwrap();
-    driver.execute(&touch(0)).await.unwrap();
+    driver.execute(proven(&touch(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
     world.lock().unwrap().travel(&by_hand, Speed::Rapid);
     let before = world.lock().unwrap().position();
-    let error = driver.execute(&touch(1)).await.unwrap_err();
+    let error = driver.execute(proven(&touch(1))).await.unwrap_err();
     let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
     assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
     // It may be met where there is no run to resume.

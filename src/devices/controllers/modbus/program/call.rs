@@ -12,8 +12,9 @@ use crate::controllers::modbus::fault::{PROBE_CLOSED, STILL_CLOSED};
 use crate::controllers::modbus::status::{Shown, Status};
 use crate::controllers::modbus::window::{Pending, Window, next};
 use crate::controllers::{ControllerError, arrival};
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
+use planning::proof::ProvenBlock;
 
 /// What became of a row that looked for a contact.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,24 +52,24 @@ impl ModbusControl {
     pub(in crate::controllers::modbus) async fn call(
         &mut self,
         program: &Program,
-        block: &Block,
+        block: &ProvenBlock,
     ) -> Result<Outcome, ControllerError> {
-        let rows = rows::of(block, &self.dialect, &self.wanted)?;
+        let rows = rows::of(block)?;
         let (found, status) = self.results(program, &rows, block).await?;
-        let touch = self.contacts(&rows, &found, block.step)?;
+        let touch = self.contacts(&rows, &found, block.step())?;
         let mut outcome = Outcome { t_s: status.time_s, ..Outcome::default() };
         if let Some(found) = touch {
-            let before = block.motions.iter().take(found.row);
-            let spindle = before.rev().find_map(orientation).or(self.spindle);
+            let spindle = block.motions().take(found.row).filter_map(orientation).last();
+            let spindle = spindle.or(self.spindle);
             let spindle = spindle.map(|s| (Axis::S, s));
             outcome.touch = Some(self.of_machine(&found.latch).iter().chain(spindle).collect());
             outcome.t_s = found.t_s.or(status.time_s);
         }
-        self.spindle = block.motions.iter().rev().find_map(orientation).or(self.spindle);
+        self.spindle = block.motions().filter_map(orientation).last().or(self.spindle);
         let end = rows::end(&rows, &self.stood);
         let status = self.arrive(status, &end)?;
         if rows.last().is_some_and(|row| row.does != Does::Touch) {
-            self.open_probe(block.step, status).await?;
+            self.open_probe(block.step(), status).await?;
         }
         Ok(outcome)
     }
@@ -78,9 +79,9 @@ impl ModbusControl {
         &mut self,
         program: &Program,
         rows: &[Row],
-        block: &Block,
+        block: &ProvenBlock,
     ) -> Result<(Vec<Found>, Status), ControllerError> {
-        let step = block.step;
+        let step = block.step();
         let call = Call { sequence: self.window.coming(), program, step, rows };
         let chunk = program.layout.chunk(&call);
         let chunk = chunk.map_err(|why| ControllerError::Render { step, why })?;

@@ -1,10 +1,10 @@
 //! A block as rows of a table: what the proven text says, as it is read back, and nothing else.
 
-use crate::controllers::{ControllerError, lines};
-use machine::record::motion::{Block, Motion};
+use crate::controllers::ControllerError;
+use machine::record::motion::Motion;
 use machine::{Axis, Position};
-use planning::gcode::Dialect;
 use planning::gcode::rs274::{Kind, ReadMotion};
+use planning::proof::ProvenBlock;
 
 /// What a row makes the program do; the number is the one of `docs/resident-program.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,25 +26,19 @@ pub(super) struct Row {
     pub value: f64,
 }
 
-/// The rows of `block`.
+/// The rows of `block`: the motions as the proof has read them.
 ///
 /// # Errors
-/// A text that does not say what the block means.
-pub(super) fn of(
-    block: &Block,
-    dialect: &Dialect,
-    axes: &[Axis],
-) -> Result<Vec<Row>, ControllerError> {
-    let fault = |why: String| ControllerError::Render { step: block.step, why };
-    let text = lines::program(block, dialect, axes).map_err(fault)?;
-    // One motion of the text is one of the block, in their order: that was proven just now.
-    let read = dialect.read_back(&text).map_err(|error| fault(error.to_string()))?;
-    let rows = block.motions.iter().zip(read).map(|(motion, read)| row(motion, read));
-    rows.collect::<Result<_, _>>().map_err(fault)
+/// A block that is not the one that was proven; a text that no row can say.
+pub(super) fn of(block: &ProvenBlock) -> Result<Vec<Row>, ControllerError> {
+    let fault = |why: String| ControllerError::Render { step: block.step(), why };
+    let units = block.units()?.iter();
+    let pairs = units.flat_map(|proven| proven.unit.motions.iter().zip(&proven.read));
+    pairs.map(|(motion, read)| row(motion, read).map_err(fault)).collect()
 }
 
 /// `motion` tells a touch from a guarded move, which some languages write alike; all else is the text's.
-fn row(motion: &Motion, read: ReadMotion) -> Result<Row, String> {
+fn row(motion: &Motion, read: &ReadMotion) -> Result<Row, String> {
     let feed = read.feed_mm_min;
     let (does, value) = match read.kind {
         Kind::Rapid => (Does::Rapid, Some(0.0)),
@@ -56,7 +50,7 @@ fn row(motion: &Motion, read: ReadMotion) -> Result<Row, String> {
         Kind::Stop => return Err(format!("line {} waits for a person", read.line)),
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
-    Ok(Row { does, target: read.target, value })
+    Ok(Row { does, target: read.target.clone(), value })
 }
 
 /// Where the machine stands after `rows`, if it stood at `from` and a touch met its contact; without

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::driver::ModbusControl;
-use super::super::tests::{driver, fault};
+use super::super::tests::{driver, fault, proven};
 use super::call::Found;
 use super::rows;
 use crate::controllers::{ControllerError, Driver};
@@ -65,7 +65,7 @@ async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
     motions.extend(beside());
     motions.extend(touch());
     motions.push(Motion::Rapid { to: to(&[(Axis::B, -0.1), (Axis::C, 0.2)]) });
-    let outcome = driver.execute(&block(motions)).await.unwrap();
+    let outcome = driver.execute(proven(&block(motions))).await.unwrap();
     let touch = outcome.touch.unwrap();
     assert!((touch.at(Axis::X) - 28.0).abs() < 1e-3, "{touch:?}");
     assert_eq!((touch.at(Axis::Z), touch.at(Axis::S)), (-150.0, -0.5));
@@ -87,9 +87,9 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
         let motions: Vec<_> =
             beside().into_iter().chain([touch(), touch(), touch()].concat()).collect();
         let block = block(motions);
-        let rows = rows::of(&block, &driver.dialect, &driver.wanted).unwrap();
+        let rows = rows::of(&proven(&block)).unwrap();
         let program = driver.program.clone().unwrap();
-        let (found, status) = driver.results(&program, &rows, &block).await.unwrap();
+        let (found, status) = driver.results(&program, &rows, &proven(&block)).await.unwrap();
         assert_eq!(found.iter().map(|found| found.row).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
         // Each is the contact that the control made.
         let diary = diary.lock().unwrap();
@@ -111,7 +111,7 @@ async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_progra
     let mut motions = beside();
     motions.push(Motion::Guarded { to: x(20.0), feed_mm_min: 60.0 });
     motions.push(Motion::Rapid { to: x(-40.0) });
-    let error = driver.execute(&block(motions)).await.unwrap_err();
+    let error = driver.execute(proven(&block(motions))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 70_001 }), "{error}");
     let stands = driver.look().await.unwrap().stands.at(Axis::X);
     assert!((stands - 28.0).abs() < 0.1, "{stands}");
@@ -120,7 +120,7 @@ async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_progra
     let mut motions = beside();
     motions.push(Motion::Probe { to: x(29.0), feed_mm_min: 60.0 });
     motions.push(Motion::Rapid { to: x(40.0) });
-    let error = driver.execute(&block(motions)).await.unwrap_err();
+    let error = driver.execute(proven(&block(motions))).await.unwrap_err();
     assert!(matches!(error, ControllerError::NoContact { .. }), "{error}");
     assert_eq!(driver.look().await.unwrap().stands.at(Axis::X), 29.0);
 }
@@ -131,7 +131,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     // The program ends, its result is never acknowledged: the daemon was killed.
     let motions: Vec<_> = beside().into_iter().chain(touch()).collect();
     let block = block(motions);
-    let rows = rows::of(&block, &first.dialect, &first.wanted).unwrap();
+    let rows = rows::of(&proven(&block)).unwrap();
     let (program, sequence) = (first.program.clone().unwrap(), first.window.coming());
     let call = super::layout::Call { sequence, program: &program, step: 70_001, rows: &rows };
     let chunk = program.layout.chunk(&call).unwrap();
@@ -142,8 +142,10 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     // The next run: it prepares, and its own touch is another one.
     first.prepare().await.unwrap();
     assert!(!first.window.status().await.unwrap().result.unwrap().valid);
-    let outcome =
-        first.execute(&Block { step: 2, repeat: 0, motions: touch().into() }).await.unwrap();
+    let outcome = first
+        .execute(proven(&Block { step: 2, repeat: 0, motions: touch().into() }))
+        .await
+        .unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
         Entry::Contact { t_s, .. } => Some(*t_s),
@@ -161,7 +163,7 @@ async fn numbers_that_registers_cannot_hold_as_the_text_says_them_start_nothing(
     ] {
         let (mut driver, diary) = prepared(keys, Vec::new()).await;
         let motions = beside().into_iter().chain(touch()).collect();
-        let error = driver.execute(&block(motions)).await.unwrap_err();
+        let error = driver.execute(proven(&block(motions))).await.unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
         assert!(told(&diary).is_empty());
     }
@@ -176,7 +178,7 @@ async fn refusals_are_told_in_words() {
         ("[program.parameters]\nsequence = { address = 7 }", "cannot do a row"),
     ] {
         let (mut driver, diary) = prepared(keys, Vec::new()).await;
-        let error = driver.execute(&block(beside())).await.unwrap_err();
+        let error = driver.execute(proven(&block(beside()))).await.unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
         assert!(told(&diary).is_empty());
         assert_eq!(driver.look().await.unwrap().stands.at(Axis::X), 0.0);
@@ -188,7 +190,7 @@ async fn a_call_that_an_earlier_run_could_not_end_is_no_matter() {
     let (mut driver, diary) = prepared(PROGRAM, Vec::new()).await;
     driver.window.begin(&[0; 48], "nonsense", Duration::ZERO).await.unwrap();
     driver.prepare().await.unwrap();
-    driver.execute(&block(beside())).await.unwrap();
+    driver.execute(proven(&block(beside()))).await.unwrap();
     assert_eq!(told(&diary).len(), 1);
 }
 
@@ -197,7 +199,8 @@ async fn a_contact_during_a_rapid_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
     let (mut driver, _, diary) = driver(PROGRAM, Pace::Real, faults).await;
     driver.prepare().await.unwrap();
-    let error = driver.execute(&block(vec![Motion::Rapid { to: x(390.0) }])).await.unwrap_err();
+    let error =
+        driver.execute(proven(&block(vec![Motion::Rapid { to: x(390.0) }]))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
     let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
     while diary.lock().unwrap().last() != Some(&Entry::Hold) {
@@ -217,7 +220,7 @@ async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result()
         let keys = format!("{PROGRAM}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
         let (mut driver, diary) = prepared(&keys, Vec::new()).await;
         let motions = beside().into_iter().chain(touch()).collect();
-        let error = driver.execute(&block(motions)).await.unwrap_err();
+        let error = driver.execute(proven(&block(motions))).await.unwrap_err();
         assert!(matches!(error, ControllerError::Astray { .. }), "{item}: {error}");
         assert!(matches!(diary.lock().unwrap()[..], [.., Entry::Contact { .. }]));
     }

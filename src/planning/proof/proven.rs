@@ -1,0 +1,257 @@
+//! Blocks whose text was proven: the only thing that a driver executes.
+
+use sha2::{Digest, Sha256};
+
+use super::refusal::{Reason, Refusal};
+use super::{Request, Staged, prove};
+use crate::gcode::rs274::ReadMotion;
+use crate::gcode::{Dialect, Disagreement, RenderError, Transmission, Transmitted, Unit};
+use crate::target;
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::Plan;
+use machine::record::proof::Proof;
+use machine::{Axis, Position};
+
+/// A stage as it is sent.
+#[derive(Debug, Clone, Copy)]
+pub struct StageRequest<'a> {
+    pub plan: &'a Plan,
+    pub stages: &'a [Staged<'a>],
+    /// As in [`Request`].
+    pub stands: Option<&'a Position>,
+    pub first: bool,
+    pub dialect: &'a Dialect,
+    pub transmission: &'a Transmission,
+    /// The motions that the text must say, in order.
+    pub blocks: &'a [Block],
+}
+
+/// Why a stage has no proven blocks. Nothing has moved.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Unproven {
+    #[error(transparent)]
+    Unwritable(#[from] RenderError),
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+}
+
+impl Unproven {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Unwritable(error) => error.remedy(),
+            Self::Refused(refusal) => refusal.remedy().to_owned(),
+        }
+    }
+}
+
+/// The text of one block as it is sent, and where the machine must stand for it. It is made by the proof
+/// alone, executed once, and not changed in between.
+#[derive(Debug)]
+pub struct ProvenBlock {
+    step: u32,
+    begins: Position,
+    units: Vec<ProvenUnit>,
+    digest: [u8; 32],
+}
+
+/// A unit, and its motions as the reader found them in the text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProvenUnit {
+    pub unit: Unit,
+    /// One for each of `unit.motions`.
+    pub read: Vec<ReadMotion>,
+}
+
+/// A block was changed after its proof.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("step {step}: the block is not the one that was proven")]
+pub struct Altered {
+    pub step: u32,
+}
+
+impl ProvenBlock {
+    fn new(block: &Block, begins: Position, units: Vec<ProvenUnit>) -> Self {
+        let digest = digest(&begins, &units);
+        Self { step: block.step, begins, units, digest }
+    }
+
+    pub fn step(&self) -> u32 {
+        self.step
+    }
+
+    /// Where the machine stands when the block begins, machine coordinates: the axes of which the proof
+    /// knows it.
+    pub fn begins(&self) -> &Position {
+        &self.begins
+    }
+
+    pub fn motions(&self) -> impl Iterator<Item = &Motion> {
+        self.units.iter().flat_map(|part| &part.unit.motions)
+    }
+
+    /// What is to be sent.
+    ///
+    /// # Errors
+    /// It is not what the proof has read.
+    pub fn units(&self) -> Result<&[ProvenUnit], Altered> {
+        let is_proven = digest(&self.begins, &self.units) == self.digest;
+        if is_proven { Ok(&self.units) } else { Err(Altered { step: self.step }) }
+    }
+}
+
+fn digest(begins: &Position, units: &[ProvenUnit]) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    hash.update(format!("{begins:?}"));
+    for part in units {
+        hash.update(format!("{:?}{:?}", part.unit, part.read));
+    }
+    hash.finalize().into()
+}
+
+/// Render the blocks of a stage as they are sent, prove that text, and keep it.
+///
+/// # Errors
+/// What cannot be written; the first line that is wrong or cannot be shown to be right.
+pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), Unproven> {
+    let StageRequest { plan, stages, stands, first, dialect, transmission, blocks } = *request;
+    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+    let sent = dialect.transmitted(transmission, &axes, blocks)?;
+    let proof = prove(&Request { plan, stages, stands, first, dialect, programs: &sent.programs })?;
+    check_line_lengths(transmission, &sent)?;
+    let begins = stands.cloned().unwrap_or_default();
+    Ok((proof, read_units(dialect, blocks, sent, begins)?))
+}
+
+/// A block that is rendered and read back; of bodies nothing is looked at.
+///
+/// # Errors
+/// As [`prove_blocks`], without what concerns bodies.
+pub(super) fn without_bodies(
+    block: &Block,
+    begins: Position,
+    axes: &[Axis],
+    dialect: &Dialect,
+    transmission: &Transmission,
+) -> Result<ProvenBlock, Unproven> {
+    let blocks = std::slice::from_ref(block);
+    let sent = dialect.transmitted(transmission, axes, blocks)?;
+    check_line_lengths(transmission, &sent)?;
+    let mut proven = read_units(dialect, blocks, sent, begins)?;
+    proven.pop().ok_or(Unproven::Refused(refusal(1, Reason::Missing(block.step))))
+}
+
+/// The motions of each unit as the reader finds them in the text, each of which says what was meant.
+fn read_units(
+    dialect: &Dialect,
+    blocks: &[Block],
+    sent: Transmitted,
+    mut begins: Position,
+) -> Result<Vec<ProvenBlock>, Refusal> {
+    let mut read = read_programs(dialect, &sent.programs)?.into_iter();
+    let mut proven = Vec::new();
+    for (block, units) in blocks.iter().zip(sent.blocks) {
+        let mut parts = Vec::new();
+        for unit in units {
+            let read: Vec<ReadMotion> = read.by_ref().take(unit.motions.len()).collect();
+            dialect.says(block.step, &unit.motions, &read).map_err(differs)?;
+            parts.push(ProvenUnit { unit, read });
+        }
+        proven.push(ProvenBlock::new(block, begins.clone(), parts));
+        begins = block.motions.iter().fold(begins, after);
+    }
+    match read.next() {
+        None => Ok(proven),
+        Some(motion) => Err(refusal(motion.line, Reason::NoStep)),
+    }
+}
+
+/// The motions of programs that are sent one after the other, each read from an unknown state. Lines count
+/// on from program to program.
+pub(super) fn read_programs(
+    dialect: &Dialect,
+    programs: &[String],
+) -> Result<Vec<ReadMotion>, Refusal> {
+    let (mut all, mut before) = (Vec::new(), 0);
+    for program in programs {
+        let read = dialect
+            .read_back(program)
+            .map_err(|error| refusal(before + error.line, Reason::Unreadable(error.why)))?;
+        all.extend(
+            read.into_iter().map(|motion| ReadMotion { line: before + motion.line, ..motion }),
+        );
+        before += program.lines().count();
+    }
+    Ok(all)
+}
+
+fn check_line_lengths(transmission: &Transmission, sent: &Transmitted) -> Result<(), Refusal> {
+    let Transmission::Lines { max_line_bytes } = *transmission else { return Ok(()) };
+    let mut lines = sent.blocks.iter().flatten().flat_map(|unit| unit.text.lines());
+    match lines.find(|line| line.len() >= max_line_bytes) {
+        Some(line) => Err(refusal(1, Reason::LongLine(line.to_owned()))),
+        None => Ok(()),
+    }
+}
+
+/// Where the machine stands after a motion; a touch leaves open where its axes are.
+fn after(stands: Position, motion: &Motion) -> Position {
+    match motion {
+        Motion::Probe { to, .. } => stands.only(|axis| to.get(axis).is_none()),
+        motion => target(motion).map_or(stands.clone(), |to| stands.updated_by(&to)),
+    }
+}
+
+fn differs(disagreement: Disagreement) -> Refusal {
+    let line = match &disagreement {
+        Disagreement::Motion { line, .. } => *line,
+        _ => 1,
+    };
+    refusal(line, Reason::Differs(disagreement.to_string()))
+}
+
+fn refusal(line: usize, reason: Reason) -> Refusal {
+    Refusal { step: None, line, reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{beside, plan};
+    use super::*;
+
+    fn proven() -> Vec<ProvenBlock> {
+        let to = Position::new().with(Axis::X, 90.0);
+        let motions = vec![Motion::Guarded { to, feed_mm_min: 100.0 }];
+        let block = Block { step: 0, repeat: 0, motions };
+        let axes: Vec<Axis> = plan(|_| {}).machine.axes.keys().copied().collect();
+        let dialect = Dialect::named("grbl").unwrap();
+        let transmission = Transmission::Lines { max_line_bytes: 80 };
+        vec![without_bodies(&block, beside(), &axes, &dialect, &transmission).unwrap()]
+    }
+
+    #[test]
+    fn a_unit_that_was_changed_after_the_proof_is_refused() {
+        for change in 0..3 {
+            let mut block = proven().remove(0);
+            assert_eq!(block.units().unwrap().len(), 1);
+            match change {
+                0 => block.units[0].unit.text = block.units[0].unit.text.replace("X90", "X91"),
+                1 => block.units[0].read[0].target = Position::new().with(Axis::X, 91.0),
+                _ => block.begins = Position::new(),
+            }
+            assert_eq!(block.units(), Err(Altered { step: 0 }));
+        }
+    }
+
+    #[test]
+    fn a_block_whose_text_does_not_mean_it_has_no_proof() {
+        // It can be written, but a control reads no feed in it.
+        let to = Position::new().with(Axis::Z, -20.0);
+        let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
+        let block = Block { step: 3, repeat: 0, motions };
+        let (dialect, lines) =
+            (Dialect::named("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
+        let refused = without_bodies(&block, Position::new(), &[Axis::Z], &dialect, &lines);
+        assert!(matches!(refused, Err(Unproven::Refused(_))), "{refused:?}");
+    }
+}

@@ -1,0 +1,158 @@
+//! What a control receives is what the proof has read, byte for byte.
+
+use std::sync::{Arc, Mutex};
+
+use devices::controllers::{
+    Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
+};
+use machine::record::event::Event;
+use machine::record::motion::Outcome;
+use planning::proof::ProvenBlock;
+use simulator::controls::modbus::{Entry, Firmware, Options, serve_tcp};
+use tokio::net::TcpListener;
+use trued::run::Run;
+use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::store::{Journal, NewRun};
+
+use crate::support::harness::{Pool, Trials, trials};
+use crate::support::recording_control::{self, RecordingControl};
+
+pub fn trials() -> Trials {
+    trials![Pool::Computing, 0;
+        grbl_receives_the_proven_lines_of_a_self_calibration,
+        grbl_receives_the_proven_lines_of_a_latch_delay,
+        a_window_of_registers_receives_the_proven_lines,
+        a_resident_program_receives_a_row_for_each_proven_motion,
+    ]
+}
+
+/// Keeps the text of each block on its way to the driver.
+struct Recorded {
+    inner: Controller,
+    proven: Arc<Mutex<Vec<String>>>,
+    motions: Arc<Mutex<usize>>,
+}
+
+impl Driver for Recorded {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.inner.prepare().await
+    }
+
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+        for part in block.units()? {
+            self.proven.lock().unwrap().extend(part.unit.text.lines().map(str::to_owned));
+        }
+        *self.motions.lock().unwrap() += block.motions().count();
+        self.inner.execute(block).await
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        self.inner.look().await
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.inner.introduce().await
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        self.inner.finish().await
+    }
+}
+
+/// What was proven in one run: the lines of all blocks, and how many motions they are.
+struct Proven {
+    head: Vec<String>,
+    lines: Vec<String>,
+    foot: Vec<String>,
+    motions: usize,
+}
+
+/// A whole run of `method` by the machine file `text`.
+async fn measure(text: String, method: &str) -> Proven {
+    let file = MachineFile::parse("machine.toml", text).unwrap();
+    let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+    let (proven, motions) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<usize>>::default());
+    let halt = devices.controller.halt();
+    let halting = Halt::new(move || halt.now());
+    let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
+    let recorded = Recorded { inner, proven: proven.clone(), motions: motions.clone() };
+    let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+    let mut devices = Devices::new(Controller::spawn(recorded, halting), dialect);
+    (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
+    let folder = tempfile::tempdir().unwrap();
+    let journal = Journal::open(folder.path()).unwrap();
+    let (method, plan) = setup::header(&file, method, None).unwrap();
+    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let id = journal.begin(&new).await.unwrap();
+    let mut tell = |_: &Event| {};
+    Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
+    let (lines, motions) = (proven.lock().unwrap().clone(), *motions.lock().unwrap());
+    Proven { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), motions }
+}
+
+fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
+}
+
+/// The lines that grbl received are queries, the head, the proven lines, the foot and the modes found.
+fn grbl(method: &str) {
+    let control = RecordingControl::start();
+    let text = recording_control::machine(&control.address()) + "positions = 5\n";
+    let proven = on_a_runtime(measure(text, method));
+    let received = control.end().lines();
+    let is_query = |line: &String| line.is_empty() || line.starts_with('$');
+    let received: Vec<String> = received.into_iter().filter(|line| !is_query(line)).collect();
+    let (modes_found, rest) = received.split_last().unwrap();
+    assert!(modes_found.starts_with('G'), "{modes_found}");
+    assert_eq!(rest, [proven.head, proven.lines.clone(), proven.foot].concat());
+    assert!(proven.lines.len() > 50, "{}", proven.lines.len());
+}
+
+pub fn grbl_receives_the_proven_lines_of_a_self_calibration() {
+    grbl("self-calibration");
+}
+
+pub fn grbl_receives_the_proven_lines_of_a_latch_delay() {
+    grbl("latch-delay");
+}
+
+/// What a control behind a window of registers took, and what was proven.
+fn window(resident: bool) -> (Vec<String>, Proven) {
+    on_a_runtime(async {
+        let text = include_str!("../../../config/simulated.toml");
+        let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
+        let world = Arc::new(Mutex::new(setup::world(&world_of).unwrap()));
+        let options = Options { resident, ..Options::of(&world_of.machine, Pace::Fast) };
+        let firmware = Firmware::new(world, options);
+        let diary = firmware.diary();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() });
+        let program = if resident { "program = {}\n" } else { "" };
+        let keys =
+            format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
+        let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
+            + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";
+        let proven = measure(text, "self-calibration").await;
+        let diary = diary.lock().unwrap();
+        let took = diary.iter().filter_map(|entry| match entry {
+            Entry::Took { text, .. } => Some(text.clone()),
+            _ => None,
+        });
+        (took.collect(), proven)
+    })
+}
+
+pub fn a_window_of_registers_receives_the_proven_lines() {
+    let (took, proven) = window(false);
+    let head = proven.head.into_iter().filter(|line| !line.starts_with('('));
+    let expected: Vec<String> = head.chain(proven.lines).chain(proven.foot).collect();
+    assert_eq!(took, expected);
+}
+
+pub fn a_resident_program_receives_a_row_for_each_proven_motion() {
+    let (took, proven) = window(true);
+    let rows = took.iter().flat_map(|table| table.lines()).count();
+    println!("{}", took[0]);
+    assert_eq!(rows, proven.motions);
+}

@@ -1,0 +1,14 @@
+//! Blocks for a simulated control, without a plan that they come from.
+
+use machine::record::motion::Block;
+use machine::Axis;
+use planning::gcode::Transmission;
+use planning::proof::{ProvenBlock, for_tests};
+use trued::setup::{Devices, MachineFile};
+
+/// `block` as it is sent, line by line; no bodies are looked at.
+pub fn proven_block(file: &MachineFile, devices: &Devices, block: &Block) -> ProvenBlock {
+    let axes: Vec<Axis> = file.machine.axes.keys().copied().collect();
+    let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
+    for_tests::proven_block(block, &axes, &devices.dialect, &transmission).expect("its text")
+}
