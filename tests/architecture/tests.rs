@@ -6,7 +6,7 @@ use super::{import_circles, package, sibling_imports, source, upward_imports, us
 fn parsed(name: &str, files: &[(&str, &str)]) -> super::Package {
     let files = files.iter().map(|(module, text)| {
         let path = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
-        (format!("{module}.rs"), path, (*text).to_owned())
+        (format!("{}/mod.rs", module.replace("::", "/")), path, (*text).to_owned())
     });
     package(name.to_owned(), &source::parse(files))
 }

@@ -1,7 +1,7 @@
 //! Blocks for a simulated control, without a plan that they come from.
 
-use machine::record::motion::Block;
 use machine::Axis;
+use machine::record::motion::Block;
 use planning::gcode::Transmission;
 use planning::proof::{ProvenBlock, for_tests};
 use trued::setup::{Devices, MachineFile};

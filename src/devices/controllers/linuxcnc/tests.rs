@@ -202,6 +202,20 @@ async fn a_control_that_takes_no_abort_is_told_as_such() {
     assert!(machine.lock().unwrap().moves);
 }
 
+#[tokio::test]
+async fn the_program_that_it_runs_is_the_proven_text() {
+    let directory = tempfile::tempdir().unwrap();
+    let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
+    let (mut driver, _, machine) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
+    let block = proven(&driver, &guarded());
+    let [part] = block.units().unwrap() else { panic!("{block:?}") };
+    let text = part.unit.text.clone();
+    driver.execute(block).await.unwrap();
+    let ran = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
+    assert_eq!(ran, text);
+    assert!(ran.contains("X30"), "{ran}");
+}
+
 /// The log says that all went well; it is the interpreter's.
 #[tokio::test]
 async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
