@@ -3,11 +3,16 @@
 use std::process::{Child, Command, Stdio};
 
 use super::firmware::Control;
-use super::{MachineShop, machine, stderr, with_control};
+use super::{MachineShop, stderr, with_control};
+use crate::support::machine_shop::with_quick_approach;
 
 pub fn signal(process: &Child, name: &str) {
     let kill = format!("kill -{name} {}", process.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+fn machine() -> String {
+    with_quick_approach(&super::machine())
 }
 
 /// A run over `control`, in the middle of its second touch: the first reading is acknowledged.

@@ -1,5 +1,7 @@
 //! The machine file of the daemon suite.
 
+use crate::support::machine_shop::built_in_machine;
+
 const SERVE: &str = "[serve]\nmin_interval_s = 0.0\n\
                      [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
                      [[serve.cycle]]\nnumber = 2\nmethod = \"latch-delay\"\n\
@@ -8,6 +10,6 @@ const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositi
 
 /// The built-in machine with few touches, and what may be started; `before`: other keys of [serve].
 pub fn served_machine(before: &str) -> String {
-    let machine = include_str!("../../../config/simulated.toml").split("\n[serve]").next().unwrap();
+    let machine = built_in_machine();
     format!("{machine}\n{SHORT}{}", SERVE.replacen("[serve]\n", &format!("[serve]\n{before}"), 1))
 }

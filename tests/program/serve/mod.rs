@@ -23,11 +23,16 @@ pub fn trials() -> Trials {
         slow::shown_out,
         lists::signs_of_life,
     ]
+    .and(trials![Pool::Waiting, 20;
+        lists::a_verdict,
+        page::a_hold,
+        several::machines,
+        audited::holds,
+        audited::reasons,
+    ])
     .and(trials![Pool::Waiting, 0;
         line::starts,
         page::a_cycle,
-        page::a_hold,
-        lists::a_verdict,
         lists::pages,
         lists::slips,
         again::resumed,
@@ -42,7 +47,6 @@ pub fn trials() -> Trials {
         prompts::answered,
         prompts::stopped,
         prompts::at_a_terminal,
-        several::machines,
         several::bad_files,
         hostile::roles,
         hostile::sessions,
@@ -51,9 +55,7 @@ pub fn trials() -> Trials {
         hostile::paths,
         tokens::by_root,
         tokens::unreadable,
-        audited::holds,
         audited::pages,
-        audited::reasons,
         audited::gone,
         refused_config::bad_sections,
     ])
