@@ -4,7 +4,8 @@
 //! reading gives the same estimate as the live one. Plans, stages, events and estimates are JSON.
 
 use std::path::Path;
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
@@ -170,13 +171,13 @@ ALTER TABLE runs ADD COLUMN temperatures_c TEXT;
 
 /// How long a writer waits for another process that writes.
 const PATIENCE: Duration = Duration::from_secs(10);
+const RETRY: Duration = Duration::from_millis(5);
 
 /// The writing connection: write-ahead log, synced at every commit, foreign keys, tables as known.
 pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     let mut connection = Connection::open(path)?;
     connection.busy_timeout(PATIENCE)?;
-    let mode: String =
-        connection.pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0))?;
+    let mode = write_ahead(&connection)?;
     if mode != "wal" {
         return Err(Fault::NoLog { mode });
     }
@@ -188,6 +189,20 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     migrate(&mut connection, path)?;
     connection.pragma_update(None, "foreign_keys", true)?;
     Ok(connection)
+}
+
+/// Switches the journal mode. Where two connections switch a new file at once, SQLite reports it as busy
+/// without waiting for `busy_timeout`, so this tries again.
+fn write_ahead(connection: &Connection) -> Result<String, Fault> {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        let mode =
+            connection.pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0));
+        match mode.map_err(Fault::from) {
+            Err(Fault::Busy) if Instant::now() < until => sleep(RETRY),
+            mode => return mode,
+        }
+    }
 }
 
 /// A reading connection, for one look.

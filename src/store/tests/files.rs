@@ -109,6 +109,11 @@ fn names_of_machines_cannot_leave_the_lock_directory() {
 
 #[test]
 fn many_may_open_a_new_journal_at_once() {
+    // SQLite's own waiting fails about once in fifty rounds.
+    (0..20).for_each(|_| many_open_a_new_journal());
+}
+
+fn many_open_a_new_journal() {
     let dir = tempfile::tempdir().unwrap();
     let opened: Vec<_> = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..8)
