@@ -263,3 +263,39 @@ fn check(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
     }
     Ok(())
 }
+
+/// Lower triangle L with L·Lᵀ = `a`, both n × n (Cholesky; Golub & Van Loan, Matrix Computations,
+/// section 4.2). `a` is symmetric and positive semidefinite; a pivot that is not positive, by
+/// linear dependence or rounding, gives a column of zeros.
+pub fn lower_root(a: &Mat<f64>) -> Mat<f64> {
+    let mut root = Mat::zeros(a.nrows(), a.nrows());
+    for i in 0..a.nrows() {
+        for j in 0..=i {
+            let before: f64 = (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum();
+            let rest: f64 = a[(i, j)] - before;
+            root[(i, j)] = if i == j {
+                rest.max(0.0).sqrt()
+            } else if root[(j, j)] > 0.0 {
+                rest / root[(j, j)]
+            } else {
+                0.0
+            };
+        }
+    }
+    root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// L = [[2, 0], [-1, 3]] by hand; of rank 1, the second column is zero.
+    #[test]
+    fn regress_lower_root_by_hand() {
+        let of = |rows: [[f64; 2]; 2]| lower_root(&Mat::from_fn(2, 2, |i, j| rows[i][j]));
+        let expected = [[2.0, 0.0], [-1.0, 3.0]];
+        assert_eq!(of([[4.0, -2.0], [-2.0, 10.0]]), Mat::from_fn(2, 2, |i, j| expected[i][j]));
+        let expected = [[3.0, 0.0], [2.0, 0.0]];
+        assert_eq!(of([[9.0, 6.0], [6.0, 4.0]]), Mat::from_fn(2, 2, |i, j| expected[i][j]));
+    }
+}

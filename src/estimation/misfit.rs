@@ -27,22 +27,59 @@ impl Misfit {
     /// `left`: what is left in the residuals of each independent draw of size one standard uncertainty,
     /// a vector as long as `residuals` each. χ² is that of a sum of squares with the mean and the
     /// variance that they make (Satterthwaite). Declared sizes stand unless the residuals contradict
-    /// them; where nothing is `declared` the residuals judge.
-    pub fn judge(residuals: &[f64], left: &[Vec<f64>], declared: bool) -> Self {
+    /// them; where nothing is `declared` the residuals judge. `dof`: rows less rank. With 0 the
+    /// expectation is rounding error: the factor is 1 and no bound is exceeded.
+    pub fn judge(residuals: &[f64], left: &[Vec<f64>], dof: usize, declared: bool) -> Self {
         let rows = residuals.len();
         let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
         let joint =
             if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
-        let dof = expected * expected / joint.squared_norm_l2();
+        let effective = expected * expected / joint.squared_norm_l2();
         let chi2: f64 = residuals.iter().map(|r| r * r).sum();
-        let bounds = coverage::chi_square_bounds(dof, CREDIBLE);
+        let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective, CREDIBLE)).flatten();
         let ratio = chi2 / expected;
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let above = declared && beyond(&|(_, upper)| ratio * dof > upper);
-        let below = declared && beyond(&|(lower, _)| ratio * dof < lower);
+        let above = declared && beyond(&|(_, upper)| ratio * effective > upper);
+        let below = declared && beyond(&|(lower, _)| ratio * effective < lower);
         let judged = above || (!declared && bounds.is_some());
         let factor = if judged { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, dof, factor, above, below }
+        Self { chi2, expected, dof: effective, factor, above, below }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is left of unit draws of six rows beside their mean: the columns of I − 1/6.
+    fn left_beside_the_mean() -> Vec<Vec<f64>> {
+        let entry = |i: usize, j: usize| f64::from(u8::from(i == j)) - 1.0 / 6.0;
+        (0..6).map(|j| (0..6).map(|i| entry(i, j)).collect()).collect()
+    }
+
+    /// Six readings and their mean: χ² has five degrees of freedom, and without a declaration the
+    /// factor is their sample standard deviation (GUM 4.2.2), here √(70/5).
+    #[test]
+    fn regress_readings_and_their_mean() {
+        let residuals = [-5.0, -3.0, -1.0, 1.0, 3.0, 5.0];
+        let misfit = Misfit::judge(&residuals, &left_beside_the_mean(), 5, false);
+        assert!((misfit.expected - 5.0).abs() < 1e-12 && (misfit.dof - 5.0).abs() < 1e-12);
+        assert!((misfit.factor - 14f64.sqrt()).abs() < 1e-12 && !misfit.above && !misfit.below);
+        let declared = Misfit::judge(&residuals, &left_beside_the_mean(), 5, true);
+        assert!(declared.above && (declared.factor - 14f64.sqrt()).abs() < 1e-12);
+        let plausible = residuals.map(|residual| 0.3 * residual);
+        let declared = Misfit::judge(&plausible, &left_beside_the_mean(), 5, true);
+        assert!(!declared.above && declared.factor == 1.0);
+    }
+
+    /// As many rows as unknowns: residuals and expectation are rounding errors of any ratio.
+    #[test]
+    fn regress_no_degrees_of_freedom_judge_nothing() {
+        let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];
+        for declared in [false, true] {
+            let misfit = Misfit::judge(&[3e-13, -1e-13], &left, 0, declared);
+            assert_eq!((misfit.factor, misfit.above, misfit.below), (1.0, false, false));
+        }
     }
 }

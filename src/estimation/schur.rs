@@ -142,6 +142,13 @@ impl Factored {
         rest
     }
 
+    /// [`solve`](Self::solve) and [`remainder`](Self::remainder) of the values `y` of all rows, from
+    /// one pass over the rows.
+    pub fn split(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+        let coordinates = self.coordinates(&mut y);
+        (self.unknowns_at(&coordinates), y)
+    }
+
     /// Qᵀ·y; `y` becomes what is left of it.
     pub(super) fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
         let mut own = Vec::with_capacity(self.unknowns());

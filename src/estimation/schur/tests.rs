@@ -68,6 +68,10 @@ fn regress_as_a_dense_solve() {
     for (found, expected) in factored.remainder(&values).iter().zip(&expected.residuals) {
         assert!((found - expected).abs() < 1e-12);
     }
+    assert_eq!(
+        factored.split(values.clone()),
+        (factored.solve(&values), factored.remainder(&values))
+    );
     let hat = &dense * &expected.gain;
     for (i, found) in factored.leverage().into_iter().enumerate() {
         assert!((found - hat[(i, i)]).abs() < 1e-12);

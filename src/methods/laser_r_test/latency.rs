@@ -12,6 +12,7 @@ use super::bench::Bench;
 use super::cells::{Sphere, by_place};
 use super::track::{Seen, Track};
 use crate::{IdentifyError, Refused};
+use estimation::linear::lower_root;
 use estimation::null_names::name_null_space;
 use estimation::schur::{Factored, Rows, factor};
 use machine::Axis;
@@ -277,23 +278,4 @@ fn without_cells(words: &str) -> String {
     let of = words.split(|c: char| c.is_whitespace() || "+-:=()".contains(c));
     let names = of.filter(|word| word.starts_with("latency") || word.starts_with("reversal"));
     names.collect::<Vec<_>>().join(" and ")
-}
-
-/// L with L·Lᵀ = a, of a positive matrix (Cholesky).
-fn lower_root(a: &Mat<f64>) -> Mat<f64> {
-    let mut root = Mat::zeros(a.nrows(), a.nrows());
-    for i in 0..a.nrows() {
-        for j in 0..=i {
-            let before: f64 = (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum();
-            let rest: f64 = a[(i, j)] - before;
-            root[(i, j)] = if i == j {
-                rest.max(0.0).sqrt()
-            } else if root[(j, j)] > 0.0 {
-                rest / root[(j, j)]
-            } else {
-                0.0
-            };
-        }
-    }
-    root
 }

@@ -97,7 +97,8 @@ pub fn misfit(
         let columns = (0..effect.ncols()).map(|j| solved.rows_of(effect, j));
         left.extend(columns.map(|rows| solved.minimum.factored.remainder(&rows)));
     }
-    Misfit::judge(&solved.minimum.residuals, &left, declared)
+    let Minimum { residuals, x, .. } = solved.minimum;
+    Misfit::judge(residuals, &left, residuals.len().saturating_sub(x.len()), declared)
 }
 
 /// First-order propagation. Unknowns: those of the second fit, then the beam's, then the latency's.

@@ -35,7 +35,8 @@ pub fn misfit(
 ) -> Misfit {
     let draws = sources.iter().flat_map(|source| &source.draws);
     let left = draws.map(|draw| minimum.factored.remainder(&weights.rows(draw)));
-    Misfit::judge(&minimum.residuals, &left.collect::<Vec<_>>(), declared)
+    let dof = minimum.residuals.len().saturating_sub(minimum.x.len());
+    Misfit::judge(&minimum.residuals, &left.collect::<Vec<_>>(), dof, declared)
 }
 
 /// First-order propagation. Unknowns: mm, rad, mm/mm.
