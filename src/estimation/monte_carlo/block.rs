@@ -15,9 +15,10 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// From `values`, trial after trial.
-    pub(super) fn new(values: &[f64], trials: usize, outputs: usize) -> Self {
-        let mut deviations = Mat::from_fn(trials, outputs, |i, j| values[i * outputs + j]);
+    /// From the values of the outputs, trials × outputs.
+    pub(super) fn new(values: Mat<f64>) -> Self {
+        let (trials, outputs) = (values.nrows(), values.ncols());
+        let mut deviations = values;
         let mut mean = Vec::with_capacity(outputs);
         let mut interval = Vec::with_capacity(outputs);
         let mut sorted = vec![0.0; trials];

@@ -3,18 +3,23 @@
 //! not change a bit of the answer.
 
 mod block;
+mod blocks;
 mod linear;
 mod normal;
+mod random;
 mod shape;
 
+use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::random::stream;
 use block::{Block, Joined};
 
+pub use blocks::propagate_blocks;
 pub use linear::{BLOCK, LinearPropagation, Moments};
 pub use normal::NormalLanes;
+pub use random::Random;
 pub use shape::Shape;
 
 /// Trials of a block; its intervals are read from its own sorted values (JCGM 101, 7.9.4: at least
@@ -52,7 +57,7 @@ pub struct Summary {
     pub stable: bool,
     pub mean: Vec<f64>,
     pub standard_deviation: Vec<f64>,
-    pub covariance: faer::Mat<f64>,
+    pub covariance: Mat<f64>,
     /// Probabilistically symmetric 95.45 % coverage interval: mean of the blocks' intervals.
     pub interval: Vec<[f64; 2]>,
 }
@@ -76,7 +81,7 @@ impl Summary {
 }
 
 /// Runs `trial` again and again; it draws its inputs from the stream it is given and writes its
-/// outputs. For a linear identification [`LinearPropagation`] is far faster.
+/// outputs. [`propagate_blocks`] computes many trials at once.
 ///
 /// # Errors
 /// The first error of a trial, in the order of the trials.
@@ -145,7 +150,10 @@ fn run_wave<E: std::error::Error + Send>(
         .collect();
     let values: Vec<Vec<f64>> = values.into_iter().collect::<Result<_, _>>()?;
     let blocks = values.par_iter().zip(sizes);
-    Ok(blocks.map(|(values, size)| Block::new(values, *size, outputs)).collect())
+    let block = |(values, size): (&Vec<f64>, &usize)| {
+        Block::new(Mat::from_fn(*size, outputs, |i, j| values[i * outputs + j]))
+    };
+    Ok(blocks.map(block).collect())
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.

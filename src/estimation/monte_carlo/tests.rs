@@ -113,3 +113,46 @@ fn regress_fast_path_against_propagation_by_hand() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert_eq!(pool.install(|| propagation.run(trials, 4, 1, difference)), found);
 }
+
+/// A normal and a rectangular draw, many trials at once.
+fn two_outputs_in_blocks(random: &mut Random, trials: usize) -> Mat<f64> {
+    let units = random.units(trials, &[Shape::Normal, Shape::Rectangular]);
+    let (a, b) = units.split_at(trials);
+    Mat::from_fn(trials, 2, |i, j| [3.0 + 0.5 * a[i], 2.0 * a[i] + b[i]][j])
+}
+
+/// The same trials, drawn one by one.
+fn two_outputs_one_by_one(rng: &mut ChaCha8Rng, out: &mut [f64]) -> Result<(), Infallible> {
+    let (a, b) = (Shape::Normal.draw(rng), Shape::Rectangular.draw(rng));
+    out.copy_from_slice(&[3.0 + 0.5 * a, 2.0 * a + b]);
+    Ok(())
+}
+
+/// Blocks of unequal sizes, chunks that are not whole, one and three threads: the same bits.
+#[test]
+fn regress_blocks_draw_as_single_trials_do() {
+    let trials = Trials::Fixed(23_457);
+    let with_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| propagate_blocks(trials, 5, 2, two_outputs_in_blocks).unwrap())
+    };
+    let single = propagate(trials, 5, 2, two_outputs_one_by_one).unwrap();
+    for found in [with_threads(1), with_threads(3)] {
+        assert_eq!((found.trials, found.stable), (23_457, true));
+        assert_eq!(found.mean, single.mean);
+        assert_eq!(found.interval, single.interval);
+        assert_eq!(found.covariance, single.covariance);
+    }
+}
+
+#[test]
+fn regress_blocks_stop_when_stable_or_report_it() {
+    let rule = |digits, max| Trials::Adaptive { digits, max };
+    let found = propagate_blocks(rule(1, 1_000_000), 1, 2, two_outputs_in_blocks).unwrap();
+    let single = propagate(rule(1, 1_000_000), 1, 2, two_outputs_one_by_one).unwrap();
+    assert!(found.stable && found.trials == single.trials, "{}", found.trials);
+    let found = propagate_blocks(rule(3, 40_000), 1, 2, two_outputs_in_blocks).unwrap();
+    assert!(!found.stable && found.trials == 40_000);
+    let error = propagate_blocks(Trials::Fixed(1), 1, 2, two_outputs_in_blocks).unwrap_err();
+    assert_eq!(error, MonteCarloError::TooFew(1));
+}
