@@ -7,6 +7,7 @@ pub mod circle;
 pub mod circle_lanes;
 pub mod coverage;
 mod gram_schmidt;
+pub mod independence;
 pub mod linear;
 pub mod misfit;
 pub mod monte_carlo;

@@ -1,0 +1,91 @@
+//! Which columns of a design are combinations of others.
+
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
+
+/// A known column that keeps less than this part of its length beside those before it is one of their
+/// combinations.
+const MIN_KNOWN_SHARE: f64 = 1e-6;
+
+/// Of the `candidates`, taken in their order, the indices of those that keep more than the part
+/// `min_share(index)` of their length beside the `known` columns and the candidates chosen before. All
+/// columns have one length; scale the rows to one unit first.
+pub fn independent_columns(
+    known: &[Vec<f64>],
+    candidates: &[Vec<f64>],
+    min_share: impl Fn(usize) -> f64,
+) -> Vec<usize> {
+    let mut basis = Vec::new();
+    for column in known {
+        extend_basis(&mut basis, column, MIN_KNOWN_SHARE);
+    }
+    let all = candidates.iter().enumerate();
+    all.filter(|(i, column)| extend_basis(&mut basis, column, min_share(*i)))
+        .map(|(i, _)| i)
+        .collect()
+}
+
+/// The coefficients, one a `known` column, of the combination that `column` is but for the part
+/// `min_share` of its length. `None`: it is independent, or there are more known columns than rows.
+pub fn combination_of(known: &[Vec<f64>], column: &[f64], min_share: f64) -> Option<Vec<f64>> {
+    let (rows, count) = (column.len(), known.len());
+    if count == 0 {
+        return (length(column) == 0.0).then(Vec::new);
+    }
+    if rows < count {
+        return None;
+    }
+    let matrix = Mat::from_fn(rows, count, |i, j| known[j][i]);
+    let right = Mat::from_fn(rows, 1, |i, _| column[i]);
+    let solved = matrix.col_piv_qr().solve_lstsq(&right);
+    let coefficients = solved.get(..count, ..);
+    let remainder = &right - &matrix * coefficients;
+    let is_combination = remainder.norm_l2() <= min_share * right.norm_l2();
+    is_combination.then(|| (0..count).map(|j| coefficients[(j, 0)]).collect())
+}
+
+/// Whether `column` keeps more than the part `min_share` of its length beside the orthonormal `basis`,
+/// which it then extends (Gram–Schmidt, twice: Giraud et al., Numer. Math. 101, 2005).
+fn extend_basis(basis: &mut Vec<Vec<f64>>, column: &[f64], min_share: f64) -> bool {
+    let mut remainder = column.to_vec();
+    for _ in 0..2 {
+        for unit in basis.iter() {
+            let share: f64 = unit.iter().zip(&remainder).map(|(u, r)| u * r).sum();
+            remainder.iter_mut().zip(unit).for_each(|(r, u)| *r -= share * u);
+        }
+    }
+    let rest = length(&remainder);
+    let is_independent = rest > min_share * length(column);
+    if is_independent {
+        remainder.iter_mut().for_each(|r| *r /= rest);
+        basis.push(remainder);
+    }
+    is_independent
+}
+
+fn length(column: &[f64]) -> f64 {
+    column.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In the plane of two known columns, out of it by 3 %, and a repetition of that one.
+    #[test]
+    fn regress_columns_in_and_out_of_a_plane() {
+        let known = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0]];
+        let slanted = vec![1.0, 0.0, 0.03];
+        let candidates = [vec![2.0, -1.0, 0.0], slanted.clone(), vec![0.0, 5.0, 7.0]];
+        assert_eq!(independent_columns(&known, &candidates, |_| 1e-6), [1]);
+        assert_eq!(independent_columns(&known, &candidates, |_| 0.1), [2]);
+        assert_eq!(independent_columns(&[], &known, |_| 1e-6), [0, 1]);
+        assert_eq!(independent_columns(&[], &[vec![0.0; 3]], |_| 1e-6), [0_usize; 0]);
+        let found = combination_of(&known, &candidates[0], 1e-6).unwrap();
+        assert!((found[0] - 3.0).abs() < 1e-14 && (found[1] + 1.0).abs() < 1e-14, "{found:?}");
+        assert_eq!(combination_of(&known, &slanted, 1e-6), None);
+        assert!(combination_of(&known, &slanted, 0.1).is_some());
+        assert_eq!(combination_of(&[], &[0.0], 1e-6), Some(Vec::new()));
+        assert_eq!(combination_of(&known, &[1.0], 1e-6), None);
+    }
+}
