@@ -1,0 +1,97 @@
+//! Sizes and patterns of the sources that the plan declares of probe and axes (METHODS section 6). A
+//! pattern is the deviation by one draw of unit variance, mm: one entry a contact (a touch, a dwell
+//! point).
+
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+use estimation::smooth::smooth_function;
+use machine::Axis;
+use machine::kinematics::{ErrorParameter, Shape};
+use machine::record::plan::Plan;
+use nalgebra::Vector3;
+
+/// Harmonics of pre-travel; each has an equal share of the declared variance. Lower ones are radius and
+/// stylus offset.
+const LOBING_ORDERS: RangeInclusive<u32> = 2..=6;
+/// Harmonics of a rotary axis' error motion; each has an equal share of the declared variance. The mean
+/// is the axis' location, and the first harmonic is inseparable from what the axis carries.
+const MOTION_ORDERS: RangeInclusive<u32> = 2..=5;
+/// Assumed standard uncertainty of one touch where none is declared, mm; the residuals rescale it.
+const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
+
+/// An error motion of a rotary axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RotaryMotion {
+    pub error: ErrorParameter,
+    /// Standard deviation of its amplitude.
+    pub size_mm: f64,
+}
+
+/// Standard uncertainty of one touch, mm: declared, or assumed where none is declared.
+pub fn repeatability_mm(plan: &Plan) -> f64 {
+    plan.probe.repeatability_um.map_or(UNDECLARED_REPEATABILITY_MM, |um| um * 1e-3)
+}
+
+/// Width of one step of the displayed position along the unit vector `normal` (machine frame), mm.
+pub fn display_step_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
+    let width = |axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
+    Vector3::from(Axis::LINEAR.map(width)).component_mul(&normal).norm()
+}
+
+/// Standard uncertainty by rounding of the displayed position along the unit vector `normal` (machine
+/// frame), mm: rectangular over one step (JCGM 100, F.2.2.1).
+pub fn resolution_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
+    display_step_mm(plan, normal) / 12f64.sqrt()
+}
+
+/// Standard deviation of the drift rate of the table against the spindle, along each axis, mm/s.
+pub fn drift_mm_per_s(plan: &Plan) -> f64 {
+    plan.machine.drift_um_per_h * 1e-3 / 3600.0
+}
+
+/// Direction-dependent pre-travel: harmonics of the azimuth of the contacts' outward unit `normals`
+/// (spindle frame), times the sine of their angle to the spindle axis. Patterns: orders rising, cosine
+/// before sine.
+pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    let share = plan.probe.lobing_um * 1e-3 / (LOBING_ORDERS.count() as f64).sqrt();
+    let pattern = |order: u32, quarter_turns: f64| {
+        let at = |n: &Vector3<f64>| {
+            let phase = f64::from(order) * n.y.atan2(n.x) - quarter_turns * TAU;
+            share * n.x.hypot(n.y) * phase.cos()
+        };
+        normals.iter().map(at).collect()
+    };
+    LOBING_ORDERS.flat_map(|order| [0.0, 0.25].map(|turns| pattern(order, turns))).collect()
+}
+
+/// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random
+/// function of each axis' position. The caller applies each pattern along X, Y and Z independently.
+pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    let mut patterns = Vec::new();
+    for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
+        if spec.error_motion_um > 0.0 {
+            let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
+            let size_mm = spec.error_motion_um * 1e-3;
+            patterns.extend(smooth_function(&positions, size_mm, spec.error_wavelength_mm));
+        }
+    }
+    patterns
+}
+
+/// Translational error motions of the rotary axes (ISO 230-7). Order: axis; harmonic, rising, cosine
+/// before sine; X, Y, Z.
+pub fn rotary_motions(plan: &Plan) -> Vec<RotaryMotion> {
+    let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
+    let mut motions = Vec::new();
+    for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
+        let size_mm = spec.error_motion_um * 1e-3 / (MOTION_ORDERS.count() as f64).sqrt();
+        for shape in MOTION_ORDERS.flat_map(|n| [Shape::Cos(n), Shape::Sin(n)]) {
+            let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
+            let errors = errors.into_iter().flatten();
+            motions.extend(errors.map(|error| RotaryMotion { error, size_mm }));
+        }
+    }
+    motions
+}

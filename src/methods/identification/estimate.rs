@@ -1,0 +1,181 @@
+//! The estimate in its published form: parameters, covariance, functions.
+
+use estimation::coverage::coverage_factor;
+use estimation::linear::Survey;
+use estimation::monte_carlo::Summary;
+use estimation::null_names::name_null_space;
+use machine::record::estimate::{
+    BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit, Verdict,
+};
+
+use super::model::{FitFigures, Solution};
+use super::outputs::{Curve, Output, Outputs};
+use super::propagation::{Propagation, Uncertainty};
+use super::source::UncertaintySource;
+use super::trials::{TrialPlan, propagate_by_trials};
+use crate::IdentifyError;
+
+/// At most so many lost combinations of unknowns are named.
+const MAX_NAMED_LOST: usize = 4;
+
+/// Identified quantities with their uncertainty.
+pub struct Identification {
+    pub outputs: Outputs,
+    pub propagation: Propagation,
+    /// Of the parameters in the order of the estimate, internal units.
+    pub trials: Option<Summary>,
+    pub figures: FitFigures,
+}
+
+/// Propagates the sources to the outputs: to first order and, with a `plan`, by trials.
+///
+/// # Errors
+/// Fewer than two trials.
+pub fn identify(
+    solution: &Solution<'_>,
+    sources: &[UncertaintySource],
+    outputs: Outputs,
+    plan: Option<TrialPlan>,
+) -> Result<Identification, IdentifyError> {
+    let propagation = Propagation::new(solution, sources);
+    let misfit = &propagation.misfit;
+    let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
+    let trials = plan.map(run).transpose()?;
+    Ok(Identification { outputs, propagation, trials, figures: solution.figures })
+}
+
+impl Identification {
+    /// The estimate without the method's own sentences and figures, which the method adds.
+    pub fn estimate(&self, method: &str) -> Estimate {
+        let (figures, misfit) = (&self.figures, &self.propagation.misfit);
+        let parameters = self.outputs.all_parameters().enumerate();
+        Estimate {
+            trued_estimate: ESTIMATE_VERSION,
+            method: method.to_owned(),
+            parameters: parameters.map(|(i, output)| self.parameter(i, output)).collect(),
+            functions: self.outputs.curves.iter().map(|curve| self.function(curve)).collect(),
+            circles: Vec::new(),
+            arrows: Vec::new(),
+            covariance: self.covariance(),
+            rank: figures.rank,
+            unknowns: figures.unknowns,
+            condition: figures.condition,
+            weakest: None,
+            gauge: Vec::new(),
+            not_identifiable: Vec::new(),
+            residual_rms_um: figures.residual_rms_mm * 1e3,
+            degrees_of_freedom: figures.dof,
+            chi2_per_dof: if figures.dof > 0 { misfit.chi2 / misfit.expected } else { 0.0 },
+            verdict: Verdict::None,
+            warnings: Vec::new(),
+            priors: Vec::new(),
+        }
+    }
+
+    fn parameter(&self, index: usize, output: &Output) -> Parameter {
+        let Output { symbol, unit, value, .. } = output;
+        let own = self.uncertainty_of(index, output);
+        let has_budget = index < self.outputs.parameters.len();
+        let lines = own.budget.into_iter().filter(|_| has_budget);
+        Parameter {
+            u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
+            budget: lines
+                .map(|(source, u)| BudgetLine { source, u: unit.from_internal(u) })
+                .collect(),
+            ..reported_parameter(symbol, *unit, *value, own.u, own.dof)
+        }
+    }
+
+    /// Standard uncertainty by trials, internal unit.
+    fn u_by_trials(&self, index: usize) -> Option<f64> {
+        self.trials.as_ref()?.standard_deviation.get(index).copied()
+    }
+
+    /// Uncertainty of a parameter, by its index in the estimate, in its internal unit. `None`: there is
+    /// no such parameter.
+    pub fn uncertainty(&self, index: usize) -> Option<Uncertainty> {
+        let output = self.outputs.all_parameters().nth(index)?;
+        Some(self.uncertainty_of(index, output))
+    }
+
+    fn uncertainty_of(&self, index: usize, output: &Output) -> Uncertainty {
+        match &output.slope {
+            Some(slope) => self.propagation.uncertainty(slope),
+            None => {
+                let u = self.u_by_trials(index).unwrap_or(f64::NAN);
+                Uncertainty { u, dof: None, budget: Vec::new() }
+            }
+        }
+    }
+
+    /// Of the linear parameters, in the products of their reported units.
+    fn covariance(&self) -> Covariance {
+        let outputs = &self.outputs.parameters;
+        let slopes = self.outputs.slopes(self.propagation.unknowns());
+        let full = self.propagation.covariance(&slopes);
+        let edge: Vec<f64> = outputs.iter().map(|o| o.unit.from_internal(1.0)).collect();
+        let row = |i: usize| (0..edge.len()).map(|j| full[(i, j)] * edge[i] * edge[j]).collect();
+        Covariance {
+            symbols: outputs.iter().map(|output| output.symbol.clone()).collect(),
+            rows: (0..edge.len()).map(row).collect(),
+        }
+    }
+
+    fn function(&self, curve: &Curve) -> Function {
+        let u = |slope: &Vec<f64>| curve.unit.from_internal(self.propagation.uncertainty(slope).u);
+        Function {
+            symbol: curve.symbol.clone(),
+            argument: curve.argument.to_owned(),
+            argument_unit: curve.argument_unit.to_owned(),
+            x: curve.x.clone(),
+            unit: curve.unit,
+            y: curve.y.iter().map(|y| curve.unit.from_internal(*y)).collect(),
+            u: curve.slopes.iter().map(u).collect(),
+            figure: curve.figure,
+        }
+    }
+
+    /// Symbols of the linear parameters whose first-order u the trials contradict (JCGM 101, 8.1.3).
+    pub fn contradicted(&self) -> Vec<&str> {
+        let Some(trials) = &self.trials else { return Vec::new() };
+        let parameters = self.outputs.parameters.iter().enumerate();
+        parameters
+            .filter(|(i, output)| trials.contradicts(*i, self.uncertainty_of(*i, output).u))
+            .map(|(_, output)| output.symbol.as_str())
+            .collect()
+    }
+}
+
+/// A parameter without budget and trials, of a known `value` and standard uncertainty `u` (internal unit)
+/// with `dof` effective degrees of freedom (`None`: infinitely many).
+pub fn reported_parameter(
+    symbol: &str,
+    unit: Unit,
+    value: f64,
+    u: f64,
+    dof: Option<f64>,
+) -> Parameter {
+    let k = coverage_factor(dof.unwrap_or(f64::INFINITY));
+    Parameter {
+        symbol: symbol.to_owned(),
+        value: unit.from_internal(value),
+        unit,
+        u: unit.from_internal(u),
+        expanded: unit.from_internal(k * u),
+        k,
+        dof,
+        identifiable: true,
+        u_monte_carlo: None,
+        budget: Vec::new(),
+    }
+}
+
+/// One line a direction of the survey's null space, by [`name_null_space`]; after the fourth, the number
+/// of the others.
+pub fn describe_null_space(survey: &Survey, names: &[String]) -> Vec<String> {
+    let mut lines = name_null_space(survey.null_space.as_ref(), names);
+    let more = lines.len().saturating_sub(MAX_NAMED_LOST);
+    lines.truncate(MAX_NAMED_LOST);
+    lines.extend((more > 0).then(|| format!("and {more} more")));
+    lines
+}

@@ -1,0 +1,37 @@
+//! The identification core that all methods share: from a solved observation model and its sources of
+//! uncertainty to the estimate.
+//!
+//! A method solves its equations and gives an [`ObservationModel`] at the solution, a list of
+//! [`UncertaintySource`]s and its [`Outputs`]. [`identify`] propagates the sources to first order
+//! (JCGM 100) and by trials (JCGM 101), and [`Identification::estimate`] makes the estimate of it.
+//! Observations are numbers of one unit, mm, in an order that the method fixes; sources refer to them
+//! by index. The core imports no method.
+
+// Until all methods use the core.
+#![allow(dead_code, unused_imports)]
+
+pub mod declared;
+mod estimate;
+mod model;
+mod outputs;
+mod propagation;
+mod source;
+mod trials;
+
+pub use estimate::{Identification, describe_null_space, identify, reported_parameter};
+pub use model::{
+    FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
+    multiply, solve_each_trial,
+};
+pub use outputs::{
+    Curve, NonlinearOutputs, Output, Outputs, TrialFunction, central_differences, reported_unit,
+};
+pub use propagation::{Propagation, Uncertainty};
+pub use source::{
+    Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
+    block_covariances,
+};
+pub use trials::{TrialPlan, propagate_by_trials};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,177 @@
+//! A solved observation model, as the propagation of uncertainty uses it.
+
+use estimation::nonlinear::Minimum;
+use faer::{Mat, MatRef};
+
+/// Figures of a solved problem that the estimate repeats.
+#[derive(Debug, Clone, Copy)]
+pub struct FitFigures {
+    pub rank: usize,
+    /// Free unknowns: without those that the gauge fixes.
+    pub unknowns: usize,
+    /// σmax/σmin of the column-scaled design.
+    pub condition: f64,
+    /// Rows less rank.
+    pub dof: usize,
+    pub residual_rms_mm: f64,
+}
+
+/// A solved observation model with its residuals.
+pub struct Solution<'a> {
+    pub model: &'a dyn ObservationModel,
+    /// Weighted (divided by the standard uncertainties), measured less model.
+    pub residuals: &'a [f64],
+    /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
+    pub is_declared: bool,
+    pub figures: FitFigures,
+}
+
+/// First-order effect of a change of the observations.
+#[derive(Debug, Clone)]
+pub struct Response {
+    /// Change of the unknowns, in their units.
+    pub unknowns: Vec<f64>,
+    /// Change of the weighted residuals, one entry a residual of the [`Solution`].
+    pub residuals: Vec<f64>,
+}
+
+/// Unknowns as a function of the observations near the readings. The unknowns include those that a
+/// source changes directly.
+pub trait ObservationModel: Sync {
+    /// Number of observations.
+    fn observations(&self) -> usize;
+
+    /// Number of unknowns.
+    fn unknowns(&self) -> usize;
+
+    /// First-order effect of a change of the observations, mm, one entry an observation.
+    fn respond(&self, change: &[f64]) -> Response;
+
+    /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
+    /// observations, mm); nonlinear where the model is.
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
+}
+
+/// The rows of a nonlinear least-squares problem as a function of its observations.
+pub trait ObservationEquation: Sync {
+    /// Number of observations.
+    fn observations(&self) -> usize;
+
+    /// Weighted residuals, measured less model, at the unknowns `x` for observations changed by `change`
+    /// (mm, one entry an observation).
+    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64>;
+
+    /// First-order change of the weighted residuals by `change` at fixed unknowns; the sign is that of
+    /// measured less model.
+    fn weighted_change(&self, change: &[f64]) -> Vec<f64>;
+}
+
+/// Gauss–Newton steps to a solution nearby with one Jacobian. After the second the error is of third
+/// order in a change that the model explains; of a change that it does not explain, the curvature times
+/// the residuals remains.
+const NEAR_STEPS: usize = 2;
+
+/// A problem solved by [`estimation::nonlinear::minimise`].
+pub struct LeastSquares<'a, E> {
+    pub equation: &'a E,
+    pub minimum: &'a Minimum,
+}
+
+impl<E: ObservationEquation> LeastSquares<'_, E> {
+    /// The unknowns for observations changed by `change`, mm.
+    pub fn near(&self, change: &[f64]) -> Vec<f64> {
+        let mut x = self.minimum.x.clone();
+        for _ in 0..NEAR_STEPS {
+            let step = self.minimum.factored.solve(&self.equation.residuals(&x, change));
+            x.iter_mut().zip(step).for_each(|(x, step)| *x += step);
+        }
+        x
+    }
+}
+
+impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
+    fn observations(&self) -> usize {
+        self.equation.observations()
+    }
+
+    fn unknowns(&self) -> usize {
+        self.minimum.x.len()
+    }
+
+    fn respond(&self, change: &[f64]) -> Response {
+        let rows = self.equation.weighted_change(change);
+        let (unknowns, residuals) = self.minimum.factored.split(rows);
+        Response { unknowns, residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        solve_each_trial(changes, self.unknowns(), |change| self.near(change))
+    }
+}
+
+/// Solves trial by trial: `solve` gives `unknowns` numbers for a row of `changes`. Trials × unknowns.
+pub fn solve_each_trial(
+    changes: MatRef<'_, f64>,
+    unknowns: usize,
+    solve: impl Fn(&[f64]) -> Vec<f64>,
+) -> Mat<f64> {
+    let mut all = Mat::zeros(changes.nrows(), unknowns);
+    for trial in 0..changes.nrows() {
+        let change: Vec<f64> = changes.row(trial).iter().copied().collect();
+        solve(&change).into_iter().enumerate().for_each(|(j, value)| all[(trial, j)] = value);
+    }
+    all
+}
+
+/// A linear fit x = gain·y of y = a·x, with or without constraints.
+pub struct LinearFit<'a> {
+    /// The solution.
+    pub x: &'a [f64],
+    /// Observations × unknowns.
+    pub a: &'a Mat<f64>,
+    /// Standard uncertainty of each observation, mm.
+    pub sigma: &'a [f64],
+    /// Unknowns × observations.
+    pub gain: &'a Mat<f64>,
+}
+
+impl LinearFit<'_> {
+    /// Change of the weighted residuals where the unknowns follow the gain.
+    pub fn residual_change(&self, change: &[f64]) -> Vec<f64> {
+        let explained = multiply(self.a, &multiply(self.gain, change));
+        let rows = change.iter().zip(explained).zip(self.sigma);
+        rows.map(|((change, explained), sigma)| (change - explained) / sigma).collect()
+    }
+}
+
+impl ObservationModel for LinearFit<'_> {
+    fn observations(&self) -> usize {
+        self.a.nrows()
+    }
+
+    fn unknowns(&self) -> usize {
+        self.a.ncols()
+    }
+
+    fn respond(&self, change: &[f64]) -> Response {
+        let residuals = self.residual_change(change);
+        Response { unknowns: multiply(self.gain, change), residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        let mut x = changes * self.gain.transpose();
+        for (j, solved) in self.x.iter().enumerate() {
+            x.col_as_slice_mut(j).iter_mut().for_each(|x| *x += solved);
+        }
+        x
+    }
+}
+
+/// Matrix × vector.
+pub fn multiply(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
+    let mut product = vec![0.0; matrix.nrows()];
+    for (j, value) in vector.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+        product.iter_mut().zip(matrix.col_as_slice(j)).for_each(|(sum, m)| *sum += m * value);
+    }
+    product
+}

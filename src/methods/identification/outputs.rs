@@ -1,0 +1,127 @@
+//! Reported quantities, as functions of the unknowns.
+
+use faer::{Mat, MatRef};
+use machine::kinematics::{ErrorParameter, Shape};
+use machine::record::estimate::{FigureKind, Unit};
+
+/// A parameter of the estimate. Internal units: mm, rad, mm/mm, s.
+#[derive(Debug, Clone)]
+pub struct Output {
+    pub symbol: String,
+    /// In which the estimate reports it.
+    pub unit: Unit,
+    /// At the solution, internal unit.
+    pub value: f64,
+    /// Derivative by each unknown, internal units. `None`: its uncertainty comes from the trials alone.
+    pub slope: Option<Vec<f64>>,
+}
+
+impl Output {
+    /// coefficients·x.
+    pub fn linear(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
+        let value = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
+        Self { symbol: symbol.to_owned(), unit, value, slope: Some(coefficients) }
+    }
+
+    /// The unknown `index` of `x`.
+    pub fn unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
+        let coefficients = (0..x.len()).map(|j| f64::from(u8::from(j == index))).collect();
+        Self::linear(symbol, unit, coefficients, x)
+    }
+}
+
+/// A function of the estimate whose points are linear in the unknowns. Its u is of first order.
+#[derive(Debug, Clone)]
+pub struct Curve {
+    pub symbol: String,
+    pub argument: &'static str,
+    pub argument_unit: &'static str,
+    /// In `argument_unit`.
+    pub x: Vec<f64>,
+    /// At the solution, internal unit.
+    pub y: Vec<f64>,
+    /// In which the estimate reports y.
+    pub unit: Unit,
+    pub figure: FigureKind,
+    /// Points × unknowns: derivative of each y by each unknown, internal units.
+    pub slopes: Vec<Vec<f64>>,
+}
+
+/// Trials × unknowns to trials × outputs, internal units.
+pub type TrialFunction = Box<dyn Fn(MatRef<'_, f64>) -> Mat<f64> + Send + Sync>;
+
+/// Parameters that are no linear function of the unknowns: a circle's centre, a largest deviation. They
+/// have no budget and are not in the covariance. One without slope has no u but by trials: NaN where
+/// none are run.
+pub struct NonlinearOutputs {
+    pub outputs: Vec<Output>,
+    /// Values of the outputs, in their order.
+    pub values: TrialFunction,
+}
+
+#[derive(Default)]
+pub struct Outputs {
+    /// With budget and covariance. Each has a slope.
+    pub parameters: Vec<Output>,
+    pub curves: Vec<Curve>,
+    pub nonlinear: Option<NonlinearOutputs>,
+}
+
+impl Outputs {
+    /// Derivatives of the `parameters`: outputs × unknowns. NaN where a slope is missing.
+    pub fn slopes(&self, unknowns: usize) -> Mat<f64> {
+        let slope = |i: usize| self.parameters[i].slope.as_deref().unwrap_or_default();
+        Mat::from_fn(self.parameters.len(), unknowns, |i, j| {
+            slope(i).get(j).copied().unwrap_or(f64::NAN)
+        })
+    }
+
+    /// Parameters in the order of the estimate: linear, then nonlinear ones.
+    pub fn all_parameters(&self) -> impl Iterator<Item = &Output> {
+        self.parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
+    }
+
+    /// Trials × parameters in the order of the estimate, internal units, of the unknowns `x` (trials ×
+    /// unknowns). A linear parameter is slope·x: where its value is not, it is shifted by a constant.
+    pub fn evaluate_trials(&self, x: &Mat<f64>, slopes: &Mat<f64>) -> Mat<f64> {
+        let linear = x * slopes.transpose();
+        let Some(nonlinear) = &self.nonlinear else { return linear };
+        let others = (nonlinear.values)(x.as_ref());
+        Mat::from_fn(x.nrows(), linear.ncols() + others.ncols(), |trial, j| {
+            match j.checked_sub(linear.ncols()) {
+                Some(j) => others[(trial, j)],
+                None => linear[(trial, j)],
+            }
+        })
+    }
+}
+
+/// Derivatives of `function` at the point `at` by central differences of the half width `step`: values ×
+/// arguments. `None` where `function` has no value.
+pub fn central_differences(
+    at: &[f64],
+    step: f64,
+    function: impl Fn(&[f64]) -> Option<Vec<f64>>,
+) -> Option<Vec<Vec<f64>>> {
+    let mut slopes = vec![vec![0.0; at.len()]; function(at)?.len()];
+    for j in 0..at.len() {
+        let moved = |by: f64| {
+            let mut moved = at.to_vec();
+            moved[j] += by;
+            function(&moved)
+        };
+        for (slope, (up, down)) in slopes.iter_mut().zip(moved(step)?.iter().zip(moved(-step)?)) {
+            slope[j] = (up - down) / (2.0 * step);
+        }
+    }
+    Some(slopes)
+}
+
+/// The unit in which an error parameter is reported.
+pub fn reported_unit(error: &ErrorParameter) -> Unit {
+    match (error.shape(), error.component().is_linear()) {
+        (Shape::Gain, _) => Unit::UmPerM,
+        (_, true) => Unit::Um,
+        (_, false) => Unit::Urad,
+    }
+}

@@ -1,0 +1,124 @@
+//! First-order propagation of the sources to unknowns and outputs (JCGM 100), and the misfit.
+
+use estimation::coverage::{coverage_factor, effective_dof};
+use estimation::misfit::Misfit;
+use faer::Mat;
+
+use super::model::{Response, Solution};
+use super::source::{InResiduals, UncertaintySource};
+
+/// The effects of the sources on the unknowns.
+pub struct Propagation {
+    pub misfit: Misfit,
+    effects: Vec<UnknownsEffect>,
+    /// Unknowns × unknowns, in the units of the unknowns.
+    covariance: Mat<f64>,
+}
+
+/// The effect of one source on the unknowns.
+struct UnknownsEffect {
+    name: String,
+    is_judged: bool,
+    dof: f64,
+    /// Unknowns × draws of one standard deviation.
+    draws: Mat<f64>,
+}
+
+/// Uncertainty of one output, in its internal unit.
+#[derive(Debug, Clone)]
+pub struct Uncertainty {
+    /// Standard uncertainty.
+    pub u: f64,
+    /// Effective degrees of freedom; `None`: infinitely many.
+    pub dof: Option<f64>,
+    /// Standard uncertainty by source, in the order of the sources.
+    pub budget: Vec<(String, f64)>,
+}
+
+impl Uncertainty {
+    /// Expanded uncertainty U = k·u, coverage probability 95.45 %.
+    pub fn expanded(&self) -> f64 {
+        coverage_factor(self.dof.unwrap_or(f64::INFINITY)) * self.u
+    }
+}
+
+impl UnknownsEffect {
+    /// Appends to `left` what each draw leaves in the residuals, if χ² is expected to contain it.
+    fn new(solution: &Solution<'_>, source: &UncertaintySource, left: &mut Vec<Vec<f64>>) -> Self {
+        let model = solution.model;
+        let mut draws = Mat::zeros(model.unknowns(), source.draws());
+        for draw in 0..source.draws() {
+            let change = source.observation_change(draw, model.observations());
+            let Response { mut unknowns, residuals } = model.respond(&change);
+            let direct = source.direct_changes.get(draw).into_iter().flatten();
+            unknowns.iter_mut().zip(direct).for_each(|(x, change)| *x += change);
+            draws.col_as_slice_mut(draw).copy_from_slice(&unknowns);
+            if source.in_residuals >= InResiduals::Expected {
+                left.push(residuals);
+            }
+        }
+        let is_judged = source.in_residuals == InResiduals::Judged;
+        Self { name: source.name.clone(), is_judged, dof: source.dof, draws }
+    }
+
+    /// Variance of the output with this derivative by the unknowns.
+    fn variance(&self, slope: &[f64]) -> f64 {
+        let along = |draw: &[f64]| -> f64 { slope.iter().zip(draw).map(|(s, d)| s * d).sum() };
+        (0..self.draws.ncols()).map(|k| along(self.draws.col_as_slice(k)).powi(2)).sum()
+    }
+}
+
+impl Propagation {
+    /// Propagates each draw by the model's response, judges the residuals and scales the judged sources
+    /// by [`Misfit::factor`].
+    pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
+        let Solution { model, residuals, is_declared, figures } = *solution;
+        let mut left = Vec::new();
+        let effects = sources.iter().map(|source| UnknownsEffect::new(solution, source, &mut left));
+        let mut effects: Vec<UnknownsEffect> = effects.collect();
+        let misfit = Misfit::judge(residuals, &left, figures.dof, is_declared);
+        let mut covariance = Mat::zeros(model.unknowns(), model.unknowns());
+        for effect in &mut effects {
+            if effect.is_judged {
+                effect.draws *= faer::Scale(misfit.factor);
+            }
+            covariance += &effect.draws * effect.draws.transpose();
+        }
+        Self { misfit, effects, covariance }
+    }
+
+    /// Uncertainty of the output with this derivative by each unknown. Where the residuals scale the
+    /// judged sources, these are one component with the degrees of freedom of the misfit; each other
+    /// source is a component of its own (Welch–Satterthwaite, JCGM 100, G.4).
+    pub fn uncertainty(&self, slope: &[f64]) -> Uncertainty {
+        let variances: Vec<f64> = self.effects.iter().map(|e| e.variance(slope)).collect();
+        let is_scaled = self.misfit.factor != 1.0;
+        let mut judged = 0.0;
+        let mut components = Vec::new();
+        for (effect, variance) in self.effects.iter().zip(&variances) {
+            match is_scaled && effect.is_judged {
+                true => judged += variance,
+                false => components.push((*variance, effect.dof)),
+            }
+        }
+        // The degrees of freedom of the misfit may be NaN where it scales nothing.
+        components.extend(is_scaled.then_some((judged, self.misfit.dof)));
+        let lines = self.effects.iter().zip(&variances);
+        Uncertainty {
+            u: variances.iter().sum::<f64>().sqrt(),
+            dof: Some(effective_dof(&components)).filter(|dof| dof.is_finite()),
+            budget: lines.map(|(effect, v)| (effect.name.clone(), v.sqrt())).collect(),
+        }
+    }
+
+    /// Covariance (outputs × outputs) of the outputs with the derivatives `slopes` (outputs ×
+    /// unknowns), in their internal units.
+    pub fn covariance(&self, slopes: &Mat<f64>) -> Mat<f64> {
+        slopes * &self.covariance * slopes.transpose()
+    }
+
+    /// Number of unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.covariance.nrows()
+    }
+}

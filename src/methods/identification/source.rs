@@ -1,0 +1,193 @@
+//! Sources of uncertainty: what one independent draw of each changes in the observations.
+
+use estimation::linear::lower_root;
+use estimation::misfit::Misfit;
+pub use estimation::monte_carlo::Shape;
+use faer::Mat;
+use machine::record::estimate::{Estimate, Parameter};
+use nalgebra::{SMatrix, SVector};
+
+/// How the size of a source was evaluated (JCGM 100, 4.2 and 4.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EvaluationType {
+    /// By statistics of repeated readings.
+    A,
+    /// By other means: a declaration, a certificate.
+    B,
+}
+
+/// How χ² of the residuals counts a source. Each value includes the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum InResiduals {
+    /// χ² is judged without it.
+    Absent,
+    /// In the expectation of χ²; its size remains as given.
+    Expected,
+    /// In the expectation, and [`Misfit::factor`] scales its size.
+    Judged,
+}
+
+/// Neighbouring observations that one draw changes together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObservationRun {
+    /// Index of the first observation.
+    pub first: usize,
+    /// Changes, mm, one entry an observation.
+    pub values: Vec<f64>,
+}
+
+/// Changes of the observations by independent draws of unit variance, mm.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Effect {
+    /// One draw an observation: the standard uncertainty of each.
+    Each(Vec<f64>),
+    /// One draw a run.
+    Runs(Vec<ObservationRun>),
+    /// One draw a column; a column has one entry an observation from the first on, missing entries
+    /// are zero.
+    Joint(Vec<Vec<f64>>),
+}
+
+/// A line of the uncertainty budget.
+#[derive(Debug, Clone)]
+pub struct UncertaintySource {
+    /// As the budget names it.
+    pub name: String,
+    pub evaluation: EvaluationType,
+    /// Distribution of each draw.
+    pub shape: Shape,
+    /// Degrees of freedom of its size; infinite for a declared one.
+    pub dof: f64,
+    pub in_residuals: InResiduals,
+    /// Whether it enters the weights of the observations.
+    pub is_in_weights: bool,
+    pub effect: Effect,
+    /// What each draw changes of the unknowns besides its effect on the observations: draws ×
+    /// unknowns, in the units of the unknowns. Empty: nothing.
+    pub direct_changes: Vec<Vec<f64>>,
+}
+
+impl UncertaintySource {
+    /// A normal Type B source of infinite degrees of freedom that the residuals judge and that enters
+    /// the weights.
+    pub fn new(name: impl Into<String>, effect: Effect) -> Self {
+        Self {
+            name: name.into(),
+            evaluation: EvaluationType::B,
+            shape: Shape::Normal,
+            dof: f64::INFINITY,
+            in_residuals: InResiduals::Judged,
+            is_in_weights: true,
+            effect,
+            direct_changes: Vec::new(),
+        }
+    }
+
+    /// The parameters `symbols` of an earlier estimate with their covariance. `columns[j]`: derivative
+    /// of each observation by the parameter `symbols[j]`, mm per mm, rad, mm/mm or s. Expected in the
+    /// residuals, not in the weights. `None`: the estimate lacks one of them or its covariance.
+    pub fn of_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
+        let parameters: Vec<&Parameter> =
+            symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
+        let root = lower_root(&covariance(prior, &parameters)?);
+        let draws = (0..symbols.len()).map(|draw| combined(columns, root.col_as_slice(draw)));
+        let effect = Effect::Joint(draws.collect());
+        Some(Self {
+            dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
+            in_residuals: InResiduals::Expected,
+            is_in_weights: false,
+            ..Self::new(format!("estimate of {}", prior.method), effect)
+        })
+    }
+
+    /// Number of independent draws.
+    pub fn draws(&self) -> usize {
+        match &self.effect {
+            Effect::Each(sizes) => sizes.len(),
+            Effect::Runs(runs) => runs.len(),
+            Effect::Joint(columns) => columns.len(),
+        }
+    }
+
+    /// Whether no draw changes anything.
+    pub fn is_zero(&self) -> bool {
+        let mut changes = (0..self.draws()).flat_map(|draw| self.run(draw).1);
+        changes.all(|change| *change == 0.0)
+            && self.direct_changes.iter().flatten().all(|change| *change == 0.0)
+    }
+
+    /// The neighbouring observations that a draw changes: index of the first, and the changes, mm.
+    pub fn run(&self, draw: usize) -> (usize, &[f64]) {
+        match &self.effect {
+            Effect::Each(sizes) => (draw, &sizes[draw..=draw]),
+            Effect::Runs(runs) => (runs[draw].first, &runs[draw].values),
+            Effect::Joint(columns) => (0, &columns[draw]),
+        }
+    }
+
+    /// A draw as a change of all `observations`, mm.
+    pub fn observation_change(&self, draw: usize, observations: usize) -> Vec<f64> {
+        let (first, values) = self.run(draw);
+        let mut change = vec![0.0; observations];
+        let changed = change.iter_mut().skip(first);
+        changed.zip(values).for_each(|(change, value)| *change = *value);
+        change
+    }
+
+    /// What scales its declared size, by the residuals.
+    pub fn factor(&self, misfit: &Misfit) -> f64 {
+        if self.in_residuals == InResiduals::Judged { misfit.factor } else { 1.0 }
+    }
+}
+
+fn parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
+    prior.parameters.iter().find(|parameter| parameter.symbol == symbol)
+}
+
+/// In internal units (mm, rad, mm/mm, s).
+fn covariance(prior: &Estimate, parameters: &[&Parameter]) -> Option<Mat<f64>> {
+    let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
+    let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
+    let edge: Vec<f64> = parameters.iter().map(|p| p.unit.from_internal(1.0)).collect();
+    let mut covariance = Mat::zeros(edge.len(), edge.len());
+    for (i, row) in indices.iter().enumerate() {
+        for (j, column) in indices.iter().enumerate() {
+            let entry = prior.covariance.rows.get(*row)?.get(*column)?;
+            covariance[(i, j)] = entry / (edge[i] * edge[j]);
+        }
+    }
+    Some(covariance)
+}
+
+/// Σ of the columns times their coefficients.
+fn combined(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
+    let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
+    for (column, coefficient) in columns.iter().zip(coefficients) {
+        sum.iter_mut().zip(column).for_each(|(sum, value)| *sum += coefficient * value);
+    }
+    sum
+}
+
+/// Covariance, mm², of each of the first `blocks` blocks of `N` neighbouring observations, by the sources
+/// that enter the weights, without the correlation between blocks: the weights are its inverses.
+/// Observations after the last block are left out.
+pub fn block_covariances<const N: usize>(
+    sources: &[UncertaintySource],
+    blocks: usize,
+) -> Vec<SMatrix<f64, N, N>> {
+    let mut sums = vec![SMatrix::zeros(); blocks];
+    for source in sources.iter().filter(|source| source.is_in_weights) {
+        for draw in 0..source.draws() {
+            let (mut first, mut rest) = source.run(draw);
+            while !rest.is_empty() && first / N < blocks {
+                let offset = first % N;
+                let (own, after) = rest.split_at(rest.len().min(N - offset));
+                let mut part = SVector::<f64, N>::zeros();
+                part.as_mut_slice()[offset..][..own.len()].copy_from_slice(own);
+                sums[first / N] += part * part.transpose();
+                (first, rest) = (first + own.len(), after);
+            }
+        }
+    }
+    sums
+}

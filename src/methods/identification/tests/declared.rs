@@ -1,0 +1,97 @@
+//! Declared sources against the declarations of a plan.
+
+use machine::Axis;
+use machine::record::plan::Plan;
+use nalgebra::Vector3;
+use serde_json::json;
+
+use super::assert_near;
+use crate::identification::declared::{
+    display_step_mm, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
+    resolution_mm, rotary_motions,
+};
+
+fn plan() -> Plan {
+    let axis = |resolution_um: f64, error_motion_um: f64| {
+        json!({"min": -500.0, "max": 500.0, "resolution_um": resolution_um,
+            "error_motion_um": error_motion_um, "error_wavelength_mm": 50.0})
+    };
+    serde_json::from_value(json!({
+        "trued_plan": 1, "method": "none", "settings": null,
+        "machine": {
+            "name": "test", "topology": "w-C-B-X-F-Z-Y-S-t", "drift_um_per_h": 7.2,
+            "axes": {"X": axis(3.0, 2.0), "Y": axis(4.0, 0.0), "B": axis(0.0, 0.0), "C": axis(0.0, 1.0)},
+        },
+        "probe": {"ball_radius_mm": 3.0, "lobing_um": 0.5},
+        "artefact": {"kind": "balls"},
+    }))
+    .unwrap()
+}
+
+/// Σ of the squares of the patterns' entries at a contact and the products between two.
+fn covariance(patterns: &[Vec<f64>], i: usize, j: usize) -> f64 {
+    patterns.iter().map(|pattern| pattern[i] * pattern[j]).sum()
+}
+
+#[test]
+fn regress_sizes_are_the_declared_ones() {
+    let mut plan = plan();
+    assert_near(repeatability_mm(&plan), 1e-3, 0.0);
+    plan.probe.repeatability_um = Some(0.25);
+    assert_near(repeatability_mm(&plan), 0.25e-3, 1e-18);
+    assert_near(display_step_mm(&plan, Vector3::x()), 3e-3, 1e-18);
+    let diagonal = Vector3::new(0.6, 0.8, 0.0);
+    assert_near(display_step_mm(&plan, diagonal), (1.8_f64.hypot(3.2)) * 1e-3, 1e-17);
+    assert_near(resolution_mm(&plan, -Vector3::y()), 4e-3 / 12f64.sqrt(), 1e-18);
+    assert_near(drift_mm_per_s(&plan), 2e-6, 1e-20);
+}
+
+/// The declared variance at each azimuth, nothing at the pole, and correlation by the mean of the
+/// cosines between two contacts.
+#[test]
+fn regress_lobing_has_the_declared_variance_everywhere() {
+    let at = |turns: f64| {
+        let (sin, cos) = (turns * std::f64::consts::TAU).sin_cos();
+        Vector3::new(cos, sin, 0.0)
+    };
+    let normals = [at(0.0), at(0.1), at(0.37), Vector3::z(), Vector3::new(0.6, 0.0, 0.8)];
+    let patterns = lobing_patterns(&plan(), &normals);
+    assert_eq!(patterns.len(), 10);
+    for i in 0..3 {
+        assert_near(covariance(&patterns, i, i), 0.25e-6, 1e-18);
+    }
+    assert_near(covariance(&patterns, 3, 3), 0.0, 1e-30);
+    assert_near(covariance(&patterns, 4, 4), 0.36 * 0.25e-6, 1e-18);
+    let cosines: f64 = (2..=6).map(|n| (f64::from(n) * 0.1 * std::f64::consts::TAU).cos()).sum();
+    assert_near(covariance(&patterns, 0, 1), 0.25e-6 * cosines / 5.0, 1e-18);
+    // Cosine before sine: the first of each pair is greatest along X.
+    assert!(patterns.iter().step_by(2).all(|p| p[0] > 0.0));
+    assert!(patterns.iter().skip(1).step_by(2).all(|p| p[0].abs() < 1e-18));
+}
+
+/// f(x) − f(0) of covariance σ²·exp(−Δ²/2ℓ²), of X alone: Y declares none, Z is not there.
+#[test]
+fn regress_linear_motions_have_the_declared_covariance() {
+    let points = [0.0, 30.0, -80.0].map(|x| Vector3::new(x, 17.0, 5.0));
+    let patterns = linear_motion_patterns(&plan(), &points);
+    let bell = |d: f64| (-0.5 * (d / 50.0).powi(2)).exp();
+    for (i, u) in [0.0, 30.0, -80.0].into_iter().enumerate() {
+        for (j, v) in [0.0, 30.0, -80.0].into_iter().enumerate() {
+            let expected = 4e-6 * (bell(u - v) - bell(u) - bell(v) + 1.0);
+            assert_near(covariance(&patterns, i, j), expected, 1e-14);
+        }
+    }
+}
+
+/// Of C alone: four harmonics, cosine and sine, along X, Y and Z; at each angle the declared variance.
+#[test]
+fn regress_rotary_motions_share_the_declared_variance() {
+    let motions = rotary_motions(&plan());
+    assert_eq!(motions.len(), 4 * 2 * 3);
+    assert!(motions.iter().all(|motion| motion.error.axis() == Axis::C));
+    let total: f64 = motions.iter().map(|motion| motion.size_mm.powi(2)).sum();
+    // Cosine and sine of an angle have squares that sum to one.
+    assert_near(total / 2.0, 3.0 * 1e-6, 1e-18);
+    let symbols: Vec<String> = motions[..4].iter().map(|motion| motion.error.to_string()).collect();
+    assert_eq!(symbols, ["EXC_cos2", "EYC_cos2", "EZC_cos2", "EXC_sin2"]);
+}

@@ -1,0 +1,133 @@
+//! Estimates from identifications.
+
+use std::f64::consts::PI;
+
+use estimation::monte_carlo::Trials;
+use faer::{Mat, MatRef};
+use machine::kinematics::ErrorParameter;
+use machine::record::estimate::{FigureKind, Unit};
+
+use super::{Mean, assert_near};
+use crate::identification::{
+    Curve, Effect, NonlinearOutputs, Output, Outputs, TrialPlan, UncertaintySource,
+    central_differences, identify, reported_parameter, reported_unit,
+};
+
+/// |x| of an x around zero: half-normal.
+fn magnitude() -> NonlinearOutputs {
+    let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());
+    let output = Output { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
+    NonlinearOutputs { outputs: vec![output], values: Box::new(values) }
+}
+
+/// A mean of four readings of u = 2 µm: u = 1 µm, in µm and as an angle over 500 mm; its magnitude has
+/// the standard deviation √(1 − 2/π).
+#[test]
+fn regress_an_estimate_by_hand() {
+    let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
+    let fit = mean.fit();
+    let x = [4e-3];
+    let outputs = Outputs {
+        parameters: vec![
+            Output::unknown("EX0C", Unit::Um, 0, &x),
+            Output::linear("EB0C", Unit::Urad, vec![0.002], &x),
+        ],
+        curves: vec![Curve {
+            symbol: "E".into(),
+            argument: "C",
+            argument_unit: "deg",
+            x: vec![0.0, 90.0],
+            y: vec![4e-3, -8e-3],
+            unit: Unit::Um,
+            figure: FigureKind::Polar,
+            slopes: vec![vec![1.0], vec![-2.0]],
+        }],
+        nonlinear: Some(magnitude()),
+    };
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![2e-3; 4]))];
+    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(100_000) };
+    let identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
+    assert!(identified.contradicted().is_empty());
+    let estimate = identified.estimate("mean");
+    let [location, angle, size] = estimate.parameters.as_slice() else { panic!() };
+    for (found, expected) in [(location.value, 4.0), (location.u, 1.0), (location.expanded, 2.0)] {
+        assert_near(found, expected, 1e-9);
+    }
+    assert_eq!((location.k, location.dof, location.budget[0].source.as_str()), (2.0, None, "each"));
+    assert_near(location.budget[0].u, 1.0, 1e-9);
+    assert_near(angle.value, 8.0, 1e-9);
+    assert_near(angle.u, 2.0, 1e-9);
+    assert_near(angle.u_monte_carlo.unwrap(), 2.0, 0.02);
+    assert_near(size.u, (1.0 - 2.0 / PI).sqrt(), 0.01);
+    assert_eq!((size.u_monte_carlo, size.budget.len()), (Some(size.u), 0));
+    assert_eq!(estimate.covariance.symbols, ["EX0C", "EB0C"]);
+    assert_near(estimate.covariance.rows[0][1], 2.0, 1e-9);
+    assert_near(estimate.covariance.rows[1][1], 4.0, 1e-9);
+    assert_eq!(estimate.functions[0].y, [4.0, -8.0]);
+    assert_near(estimate.functions[0].u[1], 2.0, 1e-9);
+    // χ² is 10 of weights 1 against an expectation of 3·4, both µm².
+    assert_near(estimate.chi2_per_dof, 10.0 / 12.0, 1e-9);
+    assert_eq!((estimate.degrees_of_freedom, estimate.rank), (3, 1));
+    assert_near(identified.uncertainty(1).unwrap().u, 2e-6, 1e-15);
+    assert!(identified.uncertainty(3).is_none());
+}
+
+/// A nonlinear output alone, as a largest deviation; without trials it has no uncertainty.
+#[test]
+fn regress_an_estimate_without_linear_parameters() {
+    let mean = Mean::of(&[0.0, 0.0]);
+    let fit = mean.fit();
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1e-3; 2]))];
+    let outputs = Outputs { nonlinear: Some(magnitude()), ..Outputs::default() };
+    let identified = identify(&mean.solution(&fit, true), &sources, outputs, None).unwrap();
+    let estimate = identified.estimate("mean");
+    assert!(estimate.parameters[0].u.is_nan() && estimate.covariance.rows.is_empty());
+    assert!(identified.contradicted().is_empty());
+}
+
+/// A u that is stated ten times too small.
+#[test]
+fn regress_trials_contradict_a_wrong_slope() {
+    let mean = Mean::of(&[0.0]);
+    let fit = mean.fit();
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0]))];
+    let outputs = Outputs {
+        parameters: vec![Output::unknown("x", Unit::Mm, 0, &[0.0])],
+        ..Outputs::default()
+    };
+    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(10_000) };
+    let mut identified =
+        identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
+    assert!(identified.contradicted().is_empty());
+    identified.outputs.parameters[0].slope = Some(vec![0.1]);
+    assert_eq!(identified.contradicted(), ["x"]);
+}
+
+/// GUM table G.2: k = 2.65 for 5 degrees of freedom.
+#[test]
+fn paper_gum_reported_parameter() {
+    let parameter = reported_parameter("T_scan", Unit::Ms, 2e-3, 1e-4, Some(5.0));
+    assert_near(parameter.value, 2.0, 1e-12);
+    assert_near(parameter.expanded, 0.265, 6e-4);
+    assert_eq!(reported_parameter("a", Unit::Mm, 0.0, 1.0, None).k, 2.0);
+}
+
+/// x² + y and x·y at (3, 5).
+#[test]
+fn regress_central_differences_of_polynomials() {
+    let function = |x: &[f64]| Some(vec![x[0] * x[0] + x[1], x[0] * x[1]]);
+    let slopes = central_differences(&[3.0, 5.0], 1e-3, function).unwrap();
+    for (found, expected) in slopes.iter().flatten().zip([6.0, 1.0, 5.0, 3.0]) {
+        assert_near(*found, expected, 1e-9);
+    }
+    let until_three = |x: &[f64]| (x[0] <= 3.0).then(|| x.to_vec());
+    assert_eq!(central_differences(&[3.0], 1e-3, until_three), None);
+}
+
+#[test]
+fn regress_units_of_error_parameters() {
+    for (symbol, unit) in [("EX0C", Unit::Um), ("EA0C", Unit::Urad), ("EXX1", Unit::UmPerM)] {
+        let error: ErrorParameter = symbol.parse().unwrap();
+        assert_eq!(reported_unit(&error), unit, "{symbol}");
+    }
+}

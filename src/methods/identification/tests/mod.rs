@@ -1,0 +1,59 @@
+//! The core against hand calculation, closed forms and published examples.
+
+mod declared;
+mod estimates;
+mod propagation;
+mod sources;
+mod trials;
+
+use faer::Mat;
+
+use super::{FitFigures, LinearFit, ObservationModel, Solution};
+
+/// The mean of observations of one quantity: x = Σy/n, all of standard uncertainty 1.
+pub struct Mean {
+    x: Vec<f64>,
+    a: Mat<f64>,
+    sigma: Vec<f64>,
+    gain: Mat<f64>,
+    pub residuals: Vec<f64>,
+}
+
+impl Mean {
+    pub fn of(readings: &[f64]) -> Self {
+        let count = readings.len();
+        let mean = readings.iter().sum::<f64>() / count as f64;
+        Self {
+            x: vec![mean],
+            a: Mat::from_fn(count, 1, |_, _| 1.0),
+            sigma: vec![1.0; count],
+            gain: Mat::from_fn(1, count, |_, _| 1.0 / count as f64),
+            residuals: readings.iter().map(|reading| reading - mean).collect(),
+        }
+    }
+
+    pub fn fit(&self) -> LinearFit<'_> {
+        let Self { x, a, sigma, gain, .. } = self;
+        LinearFit { x, a, sigma, gain }
+    }
+
+    pub fn solution<'a>(&'a self, fit: &'a LinearFit<'a>, is_declared: bool) -> Solution<'a> {
+        solution(fit, &self.residuals, is_declared)
+    }
+}
+
+/// A solution of full rank.
+pub fn solution<'a>(
+    model: &'a dyn ObservationModel,
+    residuals: &'a [f64],
+    is_declared: bool,
+) -> Solution<'a> {
+    let rank = model.unknowns();
+    let dof = residuals.len().saturating_sub(rank);
+    let figures = FitFigures { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
+    Solution { model, residuals, is_declared, figures }
+}
+
+pub fn assert_near(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "{found} instead of {expected}");
+}

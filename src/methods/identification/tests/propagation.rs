@@ -1,0 +1,204 @@
+//! First-order propagation.
+
+use estimation::nonlinear::{Minimum, minimise};
+use estimation::schur::Rows;
+use faer::Mat;
+
+use super::{Mean, assert_near, solution};
+use crate::identification::{
+    Effect, EvaluationType, InResiduals, LeastSquares, ObservationEquation, ObservationModel,
+    ObservationRun, Propagation, UncertaintySource,
+};
+
+/// Mean of two readings. 0.3 and 0.4 of each alone: 0.25·(0.09 + 0.16) = 0.25²; 0.5 of both: 0.5².
+#[test]
+fn regress_two_inputs_by_hand() {
+    let mean = Mean::of(&[1.0, 3.0]);
+    let fit = mean.fit();
+    let both = UncertaintySource::new("both", Effect::Joint(vec![vec![0.5, 0.5]]));
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![0.3, 0.4])), both];
+    let propagation = Propagation::new(&mean.solution(&fit, true), &sources);
+    // χ² = 2 against 0.5·(0.3² + 0.4²) = 0.125: above, and both sources are scaled by 4.
+    assert_near(propagation.misfit.expected, 0.125, 1e-15);
+    assert_near(propagation.misfit.factor, 4.0, 1e-12);
+    let found = propagation.uncertainty(&[2.0]);
+    assert_near(found.u, 2.0 * 4.0 * 0.3125_f64.sqrt(), 1e-12);
+    let lines: Vec<(&str, f64)> = found.budget.iter().map(|(s, u)| (s.as_str(), *u)).collect();
+    assert_eq!((lines[0].0, lines[1].0), ("each", "both"));
+    assert_near(lines[0].1, 2.0, 1e-12);
+    assert_near(lines[1].1, 4.0, 1e-12);
+    let slopes = Mat::from_fn(2, 1, |i, _| [2.0, -1.0][i]);
+    assert_near(propagation.covariance(&slopes)[(0, 1)], -2.0 * 16.0 * 0.3125, 1e-11);
+}
+
+/// JCGM 100, 4.2.3: without a declaration the mean of n readings has u = s/√n and n − 1 degrees of
+/// freedom. A certificate of u = 3 with 8 degrees of freedom joins them by equation G.2b.
+#[test]
+fn paper_gum_mean_of_repeated_readings() {
+    let mean = Mean::of(&[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]);
+    let fit = mean.fit();
+    let repeatability = UncertaintySource {
+        evaluation: EvaluationType::A,
+        ..UncertaintySource::new("repeatability", Effect::Each(vec![1.0; 6]))
+    };
+    let certificate = UncertaintySource {
+        dof: 8.0,
+        in_residuals: InResiduals::Absent,
+        ..UncertaintySource::new("certificate", Effect::Joint(vec![vec![3.0; 6]]))
+    };
+    let sources = [repeatability, certificate];
+    let alone = Propagation::new(&mean.solution(&fit, false), &sources[..1]).uncertainty(&[1.0]);
+    let variance = 14.0 / 6.0;
+    assert_near(alone.u, f64::sqrt(variance), 1e-12);
+    assert_near(alone.dof.unwrap(), 5.0, 1e-9);
+    // Student's t for 95.45 % and 5 degrees of freedom (JCGM 100, table G.2).
+    assert_near(alone.expanded() / alone.u, 2.65, 0.0051);
+    let both = Propagation::new(&mean.solution(&fit, false), &sources).uncertainty(&[1.0]);
+    let combined = variance + 9.0;
+    assert_near(both.u, combined.sqrt(), 1e-12);
+    let dof = combined.powi(2) / (variance.powi(2) / 5.0 + 81.0 / 8.0);
+    assert_near(both.dof.unwrap(), dof, 1e-9);
+}
+
+/// Sizes that the residuals do not scale: infinitely many degrees of freedom, and k = 2.
+#[test]
+fn regress_declared_sizes_stand_where_residuals_agree() {
+    let mean = Mean::of(&[0.5, -0.5, 1.0, -1.0]);
+    let fit = mean.fit();
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0; 4]))];
+    let found = Propagation::new(&mean.solution(&fit, true), &sources).uncertainty(&[1.0]);
+    assert_eq!((found.u, found.dof, found.expanded()), (0.5, None, 1.0));
+    // As many rows as unknowns judge nothing, not even undeclared sizes.
+    let single = Mean::of(&[7.0]);
+    let fit = single.fit();
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0]))];
+    let found = Propagation::new(&single.solution(&fit, false), &sources).uncertainty(&[1.0]);
+    assert_eq!((found.u, found.dof), (1.0, None));
+}
+
+/// The same draws as runs and as columns, absent from χ² or expected in it.
+#[test]
+fn regress_effects_of_the_same_draws_agree() {
+    let mean = Mean::of(&[0.1, 0.0, -0.1]);
+    let fit = mean.fit();
+    let run = |first, values: &[f64]| ObservationRun { first, values: values.to_vec() };
+    let runs = Effect::Runs(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
+    let columns = Effect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
+    let propagated = |effect: Effect, in_residuals: InResiduals| {
+        let source = UncertaintySource { in_residuals, ..UncertaintySource::new("one", effect) };
+        Propagation::new(&mean.solution(&fit, true), &[source])
+    };
+    let [a, b] = [runs.clone(), columns].map(|effect| propagated(effect, InResiduals::Expected));
+    assert_eq!(a.uncertainty(&[1.0]).u, b.uncertainty(&[1.0]).u);
+    assert_eq!(a.misfit.expected, b.misfit.expected);
+    assert_near(a.uncertainty(&[1.0]).u, (0.25_f64 + 0.25).sqrt() / 3.0, 1e-15);
+    assert_eq!(propagated(runs, InResiduals::Absent).misfit.expected, 0.0);
+}
+
+/// y_i = exp(x·t_i), a curved model of one unknown, at standard uncertainty `SIGMA`.
+pub struct Growth {
+    pub readings: Vec<f64>,
+}
+
+const TIMES: [f64; 4] = [0.5, 1.0, 1.5, 2.0];
+const SIGMA: f64 = 0.01;
+
+impl Growth {
+    pub fn minimum(&self) -> Minimum {
+        let rows = |x: &[f64]| {
+            let mut rows = Rows::zeros(TIMES.len(), 0, 1);
+            for (i, t) in TIMES.into_iter().enumerate() {
+                rows.set_common(i, 0, t * (x[0] * t).exp() / SIGMA);
+                rows.set_value(i, (self.readings[i] - (x[0] * t).exp()) / SIGMA);
+            }
+            vec![rows]
+        };
+        minimise(vec![0.2], rows, |x| self.residuals(x, &[0.0; 4])).unwrap()
+    }
+}
+
+impl ObservationEquation for Growth {
+    fn observations(&self) -> usize {
+        TIMES.len()
+    }
+
+    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+        let rows = self.readings.iter().zip(change).zip(TIMES);
+        rows.map(|((y, change), t)| (y + change - (x[0] * t).exp()) / SIGMA).collect()
+    }
+
+    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+        change.iter().map(|change| change / SIGMA).collect()
+    }
+}
+
+/// Exact readings of x = 0.3.
+pub fn growth() -> Growth {
+    Growth { readings: TIMES.map(|t| (0.3 * t).exp()).to_vec() }
+}
+
+/// The response is the derivative of complete solutions of changed readings, sign included.
+#[test]
+fn regress_response_is_the_derivative_of_the_solution() {
+    let equation = growth();
+    let minimum = equation.minimum();
+    let model = LeastSquares { equation: &equation, minimum: &minimum };
+    let change = [1e-5, -2e-5, 3e-5, 2e-5];
+    let solved = |sign: f64| {
+        let readings = equation.readings.iter().zip(change).map(|(y, by)| y + sign * by);
+        Growth { readings: readings.collect() }.minimum()
+    };
+    let (up, down) = (solved(1.0), solved(-1.0));
+    let response = model.respond(&change);
+    assert_near(response.unknowns[0], 0.5 * (up.x[0] - down.x[0]), 1e-9);
+    assert!(response.unknowns[0] > 5e-6);
+    for (i, found) in response.residuals.iter().enumerate() {
+        assert_near(*found, 0.5 * (up.residuals[i] - down.residuals[i]), 1e-7);
+    }
+}
+
+/// Readings of an unknown that is greater by a step: the error of the near solution is of third order.
+#[test]
+fn regress_near_solution_is_right_to_second_order() {
+    let equation = growth();
+    let minimum = equation.minimum();
+    let model = LeastSquares { equation: &equation, minimum: &minimum };
+    let error = |step: f64| {
+        let change = TIMES.map(|t| ((0.3 + step) * t).exp() - (0.3 * t).exp());
+        (model.near(&change)[0] - 0.3 - step).abs()
+    };
+    let ratio = error(0.02) / error(0.01);
+    assert!((7.0..9.0).contains(&ratio), "{ratio}");
+    assert!(error(0.01) < 1e-5);
+}
+
+/// A draw that shifts the unknown by the observations and back directly has no effect: its sign is that
+/// of measured less model in dense and in blockwise fits.
+#[test]
+fn regress_opposite_effects_of_a_draw_cancel() {
+    let mean = Mean::of(&[0.1, 0.2, 0.3]);
+    let fit = mean.fit();
+    let source = UncertaintySource {
+        in_residuals: InResiduals::Absent,
+        direct_changes: vec![vec![-0.4]],
+        ..UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]]))
+    };
+    let found = Propagation::new(&mean.solution(&fit, true), &[source]);
+    assert_near(found.uncertainty(&[1.0]).u, 0.0, 1e-15);
+
+    let equation = growth();
+    let minimum = equation.minimum();
+    let model = LeastSquares { equation: &equation, minimum: &minimum };
+    let shift: Vec<f64> = TIMES.iter().map(|t| 0.01 * t * (minimum.x[0] * t).exp()).collect();
+    assert_eq!((model.observations(), model.unknowns()), (4, 1));
+    let mut source = UncertaintySource {
+        in_residuals: InResiduals::Absent,
+        ..UncertaintySource::new("shift", Effect::Joint(vec![shift]))
+    };
+    let alone = solution(&model, &minimum.residuals, true);
+    let found = Propagation::new(&alone, std::slice::from_ref(&source));
+    assert_near(found.uncertainty(&[1.0]).u, 0.01, 1e-8);
+    source.direct_changes = vec![vec![-0.01]];
+    let found = Propagation::new(&alone, &[source]);
+    assert_near(found.uncertainty(&[1.0]).u, 0.0, 1e-8);
+}

@@ -1,0 +1,101 @@
+//! Sources, weights and priors.
+
+use estimation::linear::survey;
+use faer::Mat;
+use machine::record::estimate::Unit;
+use nalgebra::Matrix2;
+
+use super::{Mean, assert_near};
+use crate::identification::{
+    Effect, InResiduals, ObservationRun, Output, Outputs, UncertaintySource, block_covariances,
+    describe_null_space, identify,
+};
+
+fn run(first: usize, values: &[f64]) -> ObservationRun {
+    ObservationRun { first, values: values.to_vec() }
+}
+
+/// Two blocks of two observations and one observation more, by hand.
+#[test]
+fn regress_block_covariances_by_hand() {
+    let sources = [
+        UncertaintySource::new("each", Effect::Each(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
+        UncertaintySource::new("run", Effect::Runs(vec![run(1, &[0.5, 0.25]), run(4, &[9.0])])),
+        UncertaintySource::new("joint", Effect::Joint(vec![vec![1.0, -1.0], vec![0.0; 5]])),
+        UncertaintySource {
+            is_in_weights: false,
+            ..UncertaintySource::new("apart", Effect::Joint(vec![vec![7.0; 5]]))
+        },
+    ];
+    let expected = [Matrix2::new(2.0, -1.0, -1.0, 5.25), Matrix2::new(9.0625, 0.0, 0.0, 16.0)];
+    assert_eq!(block_covariances::<2>(&sources, 2), expected);
+    let single = block_covariances::<1>(&sources, 5);
+    assert_eq!(single.iter().map(|s| s[0]).collect::<Vec<_>>(), [2.0, 5.25, 9.0625, 16.0, 106.0]);
+}
+
+#[test]
+fn regress_draws_as_changes_of_all_observations() {
+    let [each, runs, joint] = [
+        Effect::Each(vec![1.0, 2.0, 3.0]),
+        Effect::Runs(vec![run(1, &[4.0, 5.0])]),
+        Effect::Joint(vec![vec![6.0], vec![7.0, 8.0]]),
+    ]
+    .map(|effect| UncertaintySource::new("one", effect));
+    assert_eq!([&each, &runs, &joint].map(UncertaintySource::draws), [3, 1, 2]);
+    assert_eq!(each.observation_change(1, 3), [0.0, 2.0, 0.0]);
+    assert_eq!(runs.observation_change(0, 3), [0.0, 4.0, 5.0]);
+    assert_eq!(joint.observation_change(1, 3), [7.0, 8.0, 0.0]);
+    assert!(!each.is_zero() && !runs.is_zero() && !joint.is_zero());
+    let mut zero = UncertaintySource::new("zero", Effect::Joint(vec![vec![0.0; 3]; 2]));
+    assert!(zero.is_zero());
+    zero.direct_changes = vec![vec![0.0], vec![1.0]];
+    assert!(!zero.is_zero());
+}
+
+/// Two parameters that an estimate publishes in µm and µrad act again with the covariance that they had
+/// in mm and rad.
+#[test]
+fn regress_prior_has_the_covariance_of_its_estimate() {
+    let mean = Mean::of(&[1.0, 2.0]);
+    let fit = mean.fit();
+    let each = UncertaintySource {
+        dof: 7.0,
+        in_residuals: InResiduals::Absent,
+        ..UncertaintySource::new("each", Effect::Each(vec![3e-3, 4e-3]))
+    };
+    let mut outputs = Outputs::default();
+    for (symbol, unit, slope) in [("EX0C", Unit::Um, 2.0), ("EA0C", Unit::Urad, -0.1)] {
+        outputs.parameters.push(Output::linear(symbol, unit, vec![slope], &[1.5]));
+    }
+    let identified = identify(&mean.solution(&fit, true), &[each], outputs, None).unwrap();
+    let prior = identified.estimate("mean");
+    assert_near(prior.covariance.rows[0][1], -2.0 * 0.1 * 2.5e-3_f64.powi(2) * 1e9, 1e-9);
+
+    let columns = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 5.0]];
+    let source = UncertaintySource::of_prior(&prior, &["EA0C", "EX0C"], &columns).unwrap();
+    assert_eq!(
+        (source.name.as_str(), source.in_residuals),
+        ("estimate of mean", InResiduals::Expected)
+    );
+    assert_near(source.dof, 7.0, 1e-9);
+    let changes: Vec<Vec<f64>> = (0..2).map(|draw| source.observation_change(draw, 3)).collect();
+    // EA0C acts on the first observation, EX0C on the second and five times on the third.
+    let derivatives = [-0.1, 2.0, 10.0].map(|derivative| 2.5e-3 * derivative);
+    for (i, di) in derivatives.iter().enumerate() {
+        for (j, dj) in derivatives.iter().enumerate() {
+            let covariance: f64 = changes.iter().map(|change| change[i] * change[j]).sum();
+            assert_near(covariance, di * dj, 1e-12);
+        }
+    }
+    assert!(UncertaintySource::of_prior(&prior, &["EY0C"], &columns[..1]).is_none());
+}
+
+#[test]
+fn regress_long_null_spaces_are_cut_short() {
+    let a = Mat::from_fn(2, 7, |i, j| f64::from(u8::from(i == j)));
+    let survey = survey(a.as_ref(), None, 1e-10).unwrap();
+    let names: Vec<String> = ["a", "b", "c", "d", "e", "f", "g"].map(Into::into).into();
+    let lines = describe_null_space(&survey, &names);
+    assert_eq!(lines.len(), 5);
+    assert_eq!((lines[0].as_str(), lines[4].as_str()), ("c (not seen)", "and 1 more"));
+}

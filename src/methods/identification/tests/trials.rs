@@ -1,0 +1,163 @@
+//! Monte Carlo propagation.
+
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::{Summary, Trials};
+use faer::Mat;
+use machine::record::estimate::Unit;
+
+use super::propagation::growth;
+use super::{Mean, assert_near};
+use crate::IdentifyError;
+use crate::identification::{
+    Effect, InResiduals, LeastSquares, LinearFit, ObservationModel, ObservationRun, Output,
+    Outputs, Shape, TrialPlan, UncertaintySource, propagate_by_trials,
+};
+
+const TRIALS: usize = 200_001;
+
+pub const AS_DECLARED: Misfit =
+    Misfit { chi2: 1.0, expected: 1.0, dof: 1.0, factor: 1.0, above: false, below: false };
+
+fn plan(trials: usize) -> TrialPlan {
+    TrialPlan { seed: 4, trials: Trials::Fixed(trials) }
+}
+
+fn outputs(slopes: &[&[f64]]) -> Outputs {
+    let output = |slope: &&[f64]| Output::linear("x", Unit::Mm, slope.to_vec(), &[]);
+    Outputs { parameters: slopes.iter().map(output).collect(), ..Outputs::default() }
+}
+
+fn run(model: &dyn ObservationModel, sources: &[UncertaintySource], slopes: &[&[f64]]) -> Summary {
+    propagate_by_trials(model, sources, &AS_DECLARED, &outputs(slopes), plan(TRIALS)).unwrap()
+}
+
+/// The sum of four quantities.
+fn sum_of_four(sources: &[UncertaintySource]) -> Summary {
+    let (a, gain) = (Mat::from_fn(4, 1, |_, _| 0.25), Mat::from_fn(1, 4, |_, _| 1.0));
+    let fit = LinearFit { x: &[0.0], a: &a, sigma: &[1.0; 4], gain: &gain };
+    run(&fit, sources, &[&[1.0]])
+}
+
+/// JCGM 101, 9.2.2 and 9.2.3: four normal or four rectangular quantities of u = 1 sum to u = 2. The
+/// interval of 95.45 % is ±4 where they are normal; that of the rectangles is shorter.
+#[test]
+fn paper_jcgm_101_additive_model() {
+    let each = UncertaintySource::new("each", Effect::Each(vec![1.0; 4]));
+    let normal = sum_of_four(std::slice::from_ref(&each));
+    let rectangular = sum_of_four(&[UncertaintySource { shape: Shape::Rectangular, ..each }]);
+    for found in [&normal, &rectangular] {
+        assert_near(found.mean[0], 0.0, 4.0 * 2.0 / (TRIALS as f64).sqrt());
+        assert_near(found.standard_deviation[0], 2.0, 2.0 * 4.0 / (2.0 * TRIALS as f64).sqrt());
+    }
+    assert_near(normal.interval[0][1], 4.0, 0.05);
+    // JCGM 101, table 3: [-3.88, 3.88] at 95 %, and ±2·√12 bounds it.
+    assert!((3.88..3.99).contains(&rectangular.interval[0][1]), "{:?}", rectangular.interval);
+}
+
+/// Two unknowns from three rows; standard deviations by hand, and their difference.
+#[test]
+fn regress_linear_fit_against_propagation_by_hand() {
+    let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
+    let a = Mat::zeros(3, 2);
+    let fit = LinearFit { x: &[10.0, -3.0], a: &a, sigma: &[1.0; 3], gain: &gain };
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0, 2.0, 0.5]))];
+    let found = run(&fit, &sources, &[&[1.0, 0.0], &[0.0, 1.0], &[1.0, -1.0]]);
+    let expected = [(10.0, 1.25), (-3.0, 2.0), (13.0, 0.25 + 1.0 + 1.0)];
+    assert_eq!((found.trials, found.stable), (TRIALS, true));
+    for (j, (mean, variance)) in expected.into_iter().enumerate() {
+        let (sd, root) = (f64::sqrt(variance), (TRIALS as f64).sqrt());
+        assert_near(found.mean[j], mean, 4.0 * sd / root);
+        assert_near(found.standard_deviation[j] / sd, 1.0, 4.0 / (2.0_f64.sqrt() * root));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let single = pool.install(|| run(&fit, &sources, &[&[1.0, 0.0]]));
+    assert_eq!(single.mean[0], found.mean[0]);
+    assert_eq!(single.standard_deviation[0], found.standard_deviation[0]);
+}
+
+/// Sources follow each other in the stream: the same draws as runs, as columns and of each observation
+/// give the same trials.
+#[test]
+fn regress_effects_of_the_same_draws_give_the_same_trials() {
+    let mean = Mean::of(&[0.0; 3]);
+    let sizes = [0.5, 0.2, 0.7];
+    let column = |i: usize, size: f64| [vec![0.0; i], vec![size]].concat();
+    let numbered = || sizes.into_iter().enumerate();
+    let run_of = |(first, size)| ObservationRun { first, values: vec![size] };
+    let before = UncertaintySource::new("before", Effect::Joint(vec![vec![0.3; 3], vec![0.1; 2]]));
+    let found = [
+        Effect::Each(sizes.to_vec()),
+        Effect::Runs(numbered().map(run_of).collect()),
+        Effect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
+    ]
+    .map(|effect| {
+        run(&mean.fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]])
+    });
+    let variance = 0.09 + (0.2_f64 / 3.0).powi(2) + (0.25 + 0.04 + 0.49) / 9.0;
+    for one in &found {
+        let relative = 4.0 / (2.0 * TRIALS as f64).sqrt();
+        assert_near(one.standard_deviation[0] / variance.sqrt(), 1.0, relative);
+        assert_near(one.mean[0], found[0].mean[0], 1e-14);
+        assert_near(one.standard_deviation[0], found[0].standard_deviation[0], 1e-14);
+    }
+}
+
+/// The residuals scale the judged source alone.
+#[test]
+fn regress_misfit_scales_judged_sources() {
+    let mean = Mean::of(&[0.0]);
+    let judged = UncertaintySource::new("judged", Effect::Each(vec![1.0]));
+    let expected = UncertaintySource { in_residuals: InResiduals::Expected, ..judged.clone() };
+    let misfit = Misfit { factor: 3.0, ..AS_DECLARED };
+    for (source, sd) in [(judged, 3.0), (expected, 1.0)] {
+        let outputs = outputs(&[&[1.0]]);
+        let found = propagate_by_trials(&mean.fit(), &[source], &misfit, &outputs, plan(10_000));
+        assert_near(found.unwrap().standard_deviation[0], sd, 0.03 * sd);
+    }
+}
+
+/// A draw that shifts the unknown by the observations and back directly changes no trial.
+#[test]
+fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
+    let mean = Mean::of(&[1.0, 2.0, 3.0]);
+    let mut source = UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]; 2]));
+    source.direct_changes = vec![vec![-0.4]; 2];
+    let noise = UncertaintySource::new("noise", Effect::Each(vec![1.0; 3]));
+    let found = run(&mean.fit(), std::slice::from_ref(&source), &[&[1.0]]);
+    assert_near(found.mean[0], 2.0, 1e-14);
+    assert_near(found.standard_deviation[0], 0.0, 1e-14);
+    source.effect = Effect::Each(vec![0.0; 2]);
+    let found = run(&mean.fit(), &[noise, source], &[&[1.0]]);
+    let variance = 1.0 / 3.0 + 2.0 * 0.16_f64;
+    assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.007);
+}
+
+/// A curved model: the mean of the trials is shifted to second order.
+#[test]
+fn regress_trials_follow_the_curvature() {
+    let equation = growth();
+    let minimum = equation.minimum();
+    let model = LeastSquares { equation: &equation, minimum: &minimum };
+    let change = [0.02, 0.06, 0.12, 0.2];
+    let source = UncertaintySource::new("growth", Effect::Joint(vec![change.to_vec()]));
+    let found = run(&model, &[source], &[&[1.0]]);
+    let at = |unit: f64| model.near(&change.map(|change| unit * change))[0] - minimum.x[0];
+    // Moments of the near solution by Gauss–Hermite quadrature of five points.
+    let nodes = [(2.856_970, 0.011_257_4), (1.355_626, 0.222_075_9)];
+    let moment = |power: i32| -> f64 {
+        let pair = |(node, weight)| weight * (f64::powi(at(node), power) + at(-node).powi(power));
+        nodes.into_iter().map(pair).sum()
+    };
+    let variance = moment(2) - moment(1).powi(2);
+    let shift = found.mean[0] - minimum.x[0];
+    assert!(moment(1).abs() > 10.0 * variance.sqrt() / (TRIALS as f64).sqrt());
+    assert_near(shift, moment(1), 4.0 * variance.sqrt() / (TRIALS as f64).sqrt());
+    assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.01);
+}
+
+#[test]
+fn regress_one_trial_is_refused() {
+    let mean = Mean::of(&[0.0]);
+    let found = propagate_by_trials(&mean.fit(), &[], &AS_DECLARED, &outputs(&[&[1.0]]), plan(1));
+    assert!(matches!(found, Err(IdentifyError::Numerical(why)) if why.starts_with("1 trials")));
+}

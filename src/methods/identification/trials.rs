@@ -1,0 +1,116 @@
+//! Monte Carlo propagation through the whole identification (JCGM 101), many trials at once.
+
+use estimation::misfit::Misfit;
+use estimation::monte_carlo::{Random, Shape, Summary, Trials, propagate_blocks};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::model::ObservationModel;
+use super::outputs::Outputs;
+use super::source::{Effect, UncertaintySource};
+use crate::IdentifyError;
+
+/// Number of trials, and the seed of their streams: the same readings give the same bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct TrialPlan {
+    pub seed: u64,
+    pub trials: Trials,
+}
+
+/// A source prepared for drawing.
+struct DrawnSource<'a> {
+    source: &'a UncertaintySource,
+    /// By the misfit.
+    scale: f64,
+    /// Index of its first draw among those of all sources.
+    first: usize,
+    /// Draws × observations, of joint draws.
+    joint: Mat<f64>,
+    /// Draws × unknowns; no rows where a draw changes no unknown directly.
+    direct: Mat<f64>,
+}
+
+impl<'a> DrawnSource<'a> {
+    fn new(source: &'a UncertaintySource, misfit: &Misfit, first: usize) -> Self {
+        let joint = match &source.effect {
+            Effect::Joint(columns) => by_rows(columns),
+            _ => Mat::new(),
+        };
+        let (scale, direct) = (source.factor(misfit), by_rows(&source.direct_changes));
+        Self { source, scale, first, joint, direct }
+    }
+
+    /// Adds the effect of this source to the observations (trials × observations). `units`: trials ×
+    /// draws of all sources, by columns.
+    fn add_to_observations(&self, units: &[f64], changes: &mut Mat<f64>) {
+        let trials = changes.nrows();
+        if let Effect::Joint(_) = &self.source.effect {
+            let own = self.own_units(units, trials);
+            let changed = changes.subcols_mut(0, self.joint.ncols());
+            matmul(changed, Accum::Add, own, self.joint.as_ref(), self.scale, Par::Seq);
+            return;
+        }
+        for draw in 0..self.source.draws() {
+            let (first, values) = self.source.run(draw);
+            let units = &units[(self.first + draw) * trials..][..trials];
+            for (i, value) in values.iter().enumerate() {
+                let size = self.scale * value;
+                let column = changes.col_as_slice_mut(first + i).iter_mut();
+                column.zip(units).for_each(|(change, unit)| *change += size * unit);
+            }
+        }
+    }
+
+    /// Adds the direct effect of this source to the unknowns (trials × unknowns).
+    fn add_to_unknowns(&self, units: &[f64], x: &mut Mat<f64>) {
+        if self.direct.nrows() > 0 {
+            let own = self.own_units(units, x.nrows());
+            matmul(x, Accum::Add, own, self.direct.as_ref(), self.scale, Par::Seq);
+        }
+    }
+
+    /// Trials × draws of this source.
+    fn own_units<'u>(&self, units: &'u [f64], trials: usize) -> MatRef<'u, f64> {
+        let draws = self.source.draws();
+        let own = &units[self.first * trials..][..draws * trials];
+        MatRef::from_column_major_slice(own, trials, draws)
+    }
+}
+
+/// The longest row gives the columns; missing entries are zero.
+fn by_rows(rows: &[Vec<f64>]) -> Mat<f64> {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    Mat::from_fn(rows.len(), columns, |i, j| rows[i].get(j).copied().unwrap_or(0.0))
+}
+
+/// Trials of all parameters in the order of the estimate, internal units. Each trial draws source after
+/// source in the order of the list, and in a source draw after draw; judged sources are scaled by
+/// `misfit`.
+///
+/// # Errors
+/// Fewer than two trials.
+pub fn propagate_by_trials(
+    model: &dyn ObservationModel,
+    sources: &[UncertaintySource],
+    misfit: &Misfit,
+    outputs: &Outputs,
+    plan: TrialPlan,
+) -> Result<Summary, IdentifyError> {
+    let shapes: Vec<Shape> = sources.iter().flat_map(|s| vec![s.shape; s.draws()]).collect();
+    let mut drawn: Vec<DrawnSource<'_>> = Vec::new();
+    for source in sources {
+        let first = drawn.last().map_or(0, |before| before.first + before.source.draws());
+        drawn.push(DrawnSource::new(source, misfit, first));
+    }
+    let slopes = outputs.slopes(model.unknowns());
+    let compute = |random: &mut Random, trials: usize| {
+        let units = random.units(trials, &shapes);
+        let mut changes = Mat::zeros(trials, model.observations());
+        drawn.iter().for_each(|source| source.add_to_observations(&units, &mut changes));
+        let mut x = model.solve_near(changes.as_ref());
+        drawn.iter().for_each(|source| source.add_to_unknowns(&units, &mut x));
+        outputs.evaluate_trials(&x, &slopes)
+    };
+    propagate_blocks(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
+        .map_err(|why| IdentifyError::Numerical(why.to_string()))
+}
