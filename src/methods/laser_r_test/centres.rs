@@ -5,18 +5,18 @@
 //! The norm of t is left free: it is the sensor's gain. Three heights tell it and the direction; what
 //! the direction is not known moves all centres alike, as all poses are scanned at one height.
 
-use faer::Mat;
 use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::spots::Scanned;
+use crate::identification::ObservationEquation;
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::Rows;
 
-/// Steps to a solution nearby.
-const NEAR_STEPS: usize = 2;
 /// Unknowns of the beam: its lean along two directions across, its gain less 1.
 pub const BEAM: usize = 3;
+/// Index of the gain among them.
+pub const GAIN: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
@@ -99,11 +99,6 @@ impl Centres {
         self.rows.iter().map(off).collect()
     }
 
-    fn residuals(&self, x: &[f64]) -> Vec<f64> {
-        let off = self.off(x).into_iter().zip(&self.rows);
-        off.map(|(off, row)| -off / row.sigma).collect()
-    }
-
     fn blocks(&self, x: &[f64]) -> Vec<Rows> {
         let (common, own) = (self.common(), self.own());
         let of_group = |group: usize| {
@@ -126,7 +121,7 @@ impl Centres {
     /// # Errors
     /// Samples that do not fix all centres, or the beam.
     pub fn solve(&self) -> Result<Minimum, NonlinearError> {
-        minimise(self.start(), |x| self.blocks(x), |x| self.residuals(x))
+        minimise(self.start(), |x| self.blocks(x), |x| self.weighted_change(&self.off(x)))
     }
 
     /// A radius behind the mean light spot.
@@ -148,33 +143,22 @@ impl Centres {
         }
         x
     }
+}
 
-    /// The solution for dwell points whose distances from the centre are greater by `by`, mm each, near
-    /// the one found.
-    pub fn solve_near(&self, minimum: &Minimum, by: &[f64]) -> Vec<f64> {
-        let mut x = minimum.x.clone();
-        for _ in 0..NEAR_STEPS {
-            let mut residuals = self.residuals(&x);
-            let rows = self.rows.iter().zip(by);
-            residuals.iter_mut().zip(rows).for_each(|(r, (row, by))| *r -= by / row.sigma);
-            let step = minimum.factored.solve(&residuals);
-            x.iter_mut().zip(step).for_each(|(x, dx)| *x += dx);
-        }
-        x
+/// Observations: the distance of each dwell point from its centre.
+impl ObservationEquation for Centres {
+    fn observations(&self) -> usize {
+        self.rows.len()
     }
 
-    /// Unknowns × rows: what a distance greater by 1 mm does to the unknowns.
-    pub fn gain(&self, minimum: &Minimum) -> Mat<f64> {
-        let unknowns = minimum.x.len();
-        let mut gain = Mat::zeros(unknowns, self.rows.len());
-        let mut unit = vec![0.0; self.rows.len()];
-        for (j, row) in self.rows.iter().enumerate() {
-            unit[j] = -1.0 / row.sigma;
-            let column = minimum.factored.solve(&unit);
-            unit[j] = 0.0;
-            column.into_iter().enumerate().for_each(|(i, value)| gain[(i, j)] = value);
-        }
-        gain
+    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+        let off: Vec<f64> =
+            self.off(x).iter().zip(change).map(|(off, change)| off + change).collect();
+        self.weighted_change(&off)
+    }
+
+    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+        change.iter().zip(&self.rows).map(|(change, row)| -change / row.sigma).collect()
     }
 }
 

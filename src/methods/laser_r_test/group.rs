@@ -1,6 +1,6 @@
 //! Which scans see one and the same centre.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::bench::Bench;
 use super::centres::{Centres, Row, fixes_centre, frame};
@@ -9,6 +9,7 @@ use super::observe::Observed;
 use super::settings::heights;
 use super::spots::{Scanned, Spot};
 use crate::Refused;
+use crate::identification::declared;
 use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample where nothing is declared and nothing is seen, mm.
@@ -27,6 +28,8 @@ pub struct Group {
     pub travel: Matrix3<f64>,
     /// And back.
     pub axes_for: Matrix3<f64>,
+    /// Table frame to machine frame.
+    pub table: Rotation3<f64>,
 }
 
 /// Centres to be fitted, and what each row is.
@@ -101,7 +104,8 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
 fn group(bench: &Bench<'_>, scan: &Scanned) -> Result<Group, Refused> {
     let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
     let (travel, axes_for) = (bench.travel(&rotary), bench.axes_for(&rotary)?);
-    Ok(Group { label, t_s: 0.0, travel, axes_for, rotary })
+    let table = bench.chain.machine_from_table(&rotary, &[]).rotation;
+    Ok(Group { label, t_s: 0.0, travel, axes_for, table, rotary })
 }
 
 fn nothing(observed: &Observed) -> Refused {
@@ -162,8 +166,8 @@ fn pole(scan: &Scanned) -> f64 {
 
 /// Coarsest display, as a standard uncertainty.
 fn resolution_mm(bench: &Bench<'_>) -> f64 {
-    let width = |axis| bench.plan.machine.axes.get(&axis).map_or(0.0, |a| a.resolution_um * 1e-3);
-    Axis::LINEAR.into_iter().map(width).fold(0.0, f64::max) / 12f64.sqrt()
+    let along = |axis: Axis| declared::resolution_mm(bench.plan, axis.direction());
+    Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
 }
 
 impl Group {

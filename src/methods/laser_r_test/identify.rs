@@ -1,29 +1,33 @@
 //! Plan + readings → estimate.
 
-use nalgebra::Rotation3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::bench::Bench;
 use super::group::{Grouped, grouped};
 use super::label::Pass;
+use super::latency::Latency;
 use super::model::{Model, Problem, Sight, placed};
 use super::observe::{Observed, observe};
 use super::outputs;
-use super::parameters::{self, Chosen};
+use super::parameters;
 use super::parts::Parts;
-use super::sources::{UncertaintySource, sources};
-use super::uncertainty::{self, Effects, Solved, by_covariance, by_trials};
+use super::sources::sources;
+use super::two_fits::{CentresThenMachine, centre_covariances, gain};
+use crate::identification::{
+    self, FitFigures, LeastSquares, Solution, TrialPlan, describe_null_space,
+};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
 use estimation::monte_carlo::Trials;
 use estimation::nonlinear::{Minimum, NonlinearError};
-use estimation::null_names::name_null_space;
 use estimation::whitening::whitening;
 use machine::frame::unit_vector;
 use machine::record::estimate::Estimate;
 use machine::record::reading::Reading;
 
-/// Trials of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds.
-const MOST_TRIALS: usize = 40_000;
+const MONTE_CARLO_SEED: u64 = 0x6c61_7365;
+/// Largest number of trials of the adaptive Monte Carlo propagation: a run time of seconds.
+const MAX_TRIALS: usize = 40_000;
 /// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 
@@ -38,46 +42,42 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
     let settings = bench.settings;
     let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::names(&chosen.parameters, &bench.ball.id);
-    let sources = sources(bench, &observed, &grouped, &fitted.x);
-    let effects = Effects::new(&grouped.centres, &fitted, &sources);
-    let into_table = into_table(bench, &grouped);
-    let problem = problem(bench, &grouped, &fitted, &chosen, &effects, &sources);
+    let centres = LeastSquares { equation: &grouped.centres, minimum: &fitted };
+    let gain = gain(&centres);
+    let latency_index = names.len() + grouped.centres.common();
+    let sources = sources(bench, &observed, &grouped, &fitted.x, latency_index);
+    let covariances = centre_covariances(&grouped.centres, &gain, &sources);
+    let sights = sights(&grouped, &fitted.x, covariances);
+    let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters.clone() };
+    let problem = Problem { model, sights, hold: None };
     let (survey, minimum) = solve(bench, &problem, &names)?;
-    let solved = Solved {
-        centres: &grouped.centres,
-        fitted: &fitted,
-        problem: &problem,
-        minimum: &minimum,
-        into_table: &into_table,
-        clocks: observed.latency.as_ref().map_or(0, |latency| latency.values().len()),
+    let latency = observed.latency.as_ref().map_or_else(Vec::new, Latency::values);
+    let x = [&minimum.x, &fitted.x[..grouped.centres.common()], &latency].concat();
+    let machine = LeastSquares { equation: &problem, minimum: &minimum };
+    let (groups, latency) = (&grouped.groups, latency.len());
+    let solution = Solution {
+        model: &CentresThenMachine { centres, gain: &gain, machine, groups, latency },
+        residuals: &minimum.residuals,
+        is_declared: bench.sensor.noise_um.is_some(),
+        figures: figures(&survey, &minimum, &outputs::misses(&problem, groups, &minimum.x)),
     };
-    let declared = bench.sensor.noise_um.is_some();
-    let misfit = uncertainty::misfit(&solved, &effects, &sources, declared);
-    let propagated = by_covariance(&solved, &effects, &sources, &misfit);
-    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MOST_TRIALS);
-    let monte_carlo = by_trials(&solved, &sources, misfit.factor, trials)
-        .map_err(|why| IdentifyError::Numerical(why.to_string()))?;
-    Ok(Parts {
-        bench,
-        observed,
-        grouped,
-        fitted,
-        chosen,
-        problem,
-        minimum,
-        names,
-        survey,
-        into_table,
-        misfit,
-        propagated,
-        monte_carlo,
-    })
+    let outputs = outputs::outputs(&problem, &names, observed.latency.as_ref(), &x);
+    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let plan = TrialPlan { seed: MONTE_CARLO_SEED, trials };
+    let identified = identification::identify(&solution, &sources, outputs, Some(plan))?;
+    Ok(Parts { bench, observed, grouped, fitted, chosen, problem, minimum, names, identified })
 }
 
-/// Machine frame to table frame, of each group.
-fn into_table(bench: &Bench<'_>, grouped: &Grouped) -> Vec<Rotation3<f64>> {
-    let table = |at| bench.chain.machine_from_table(at, &[]).rotation;
-    grouped.groups.iter().map(|group| table(&group.rotary).inverse()).collect()
+/// `misses`: residuals of the sphere's places, mm.
+fn figures(survey: &Survey, minimum: &Minimum, misses: &[Vector3<f64>]) -> FitFigures {
+    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
+    FitFigures {
+        rank: survey.rank,
+        unknowns: minimum.x.len(),
+        condition: survey.condition,
+        dof: minimum.residuals.len().saturating_sub(minimum.x.len()),
+        residual_rms_mm: (square / (3 * misses.len()).max(1) as f64).sqrt(),
+    }
 }
 
 /// The sphere's centres and the beam, from the samples that the incidence limit leaves.
@@ -153,25 +153,14 @@ fn leave_out_oblique(
     !beyond.is_empty()
 }
 
-fn problem(
-    bench: &Bench<'_>,
-    grouped: &Grouped,
-    fitted: &Minimum,
-    chosen: &Chosen,
-    effects: &Effects,
-    sources: &[UncertaintySource],
-) -> Problem {
-    let sight = |(i, group): (usize, &super::group::Group)| {
-        let at = placed(&group.rotary, group.axes(grouped.centres.centre(&fitted.x, i)));
-        let table = bench.chain.machine_from_table(&group.rotary, &[]).rotation;
-        Sight {
-            at,
-            weight: whitening(effects.covariance(sources, grouped.centres.first(i))) * table,
-        }
-    };
-    let sights = grouped.groups.iter().enumerate().map(sight).collect();
-    let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters.clone() };
-    Problem { model, sights, hold: None }
+/// At the centres of the fit `x`, with their `covariances` in the machine frame.
+fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<Sight> {
+    let groups = grouped.groups.iter().enumerate().zip(covariances);
+    let sights = groups.map(|((i, group), covariance)| Sight {
+        at: placed(&group.rotary, group.axes(grouped.centres.centre(x, i))),
+        weight: whitening(covariance) * group.table,
+    });
+    sights.collect()
 }
 
 fn solve(
@@ -185,7 +174,7 @@ fn solve(
     let lost = |survey: &Survey| IdentifyError::RankDeficient {
         rank: survey.rank,
         unknowns: survey.rank + survey.nullity,
-        what: name_null_space(survey.null_space.as_ref(), names),
+        what: describe_null_space(survey, names),
     };
     let survey = problem.survey(&start).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
     if survey.nullity > 0 {

@@ -24,7 +24,7 @@ mod stages;
 mod tests;
 mod touches;
 mod track;
-mod uncertainty;
+mod two_fits;
 mod words;
 
 pub use settings::Settings;

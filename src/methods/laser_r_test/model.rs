@@ -14,8 +14,7 @@ use estimation::schur::{Rows, factor};
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
 use machine::{Position, frame::Point};
 
-/// Steps to a solution nearby: the second is of second order already.
-const NEAR_STEPS: usize = 2;
+use crate::identification::ObservationEquation;
 
 /// Unknowns beside the machine's errors: where the zero point sits (spindle frame), then where the
 /// sphere stands (table frame), both mm.
@@ -89,26 +88,12 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Weighted: measured less model.
-    pub fn residuals(&self, x: &[f64]) -> Vec<f64> {
-        self.residuals_moved(x, &[])
-    }
-
-    /// With the sights moved by `moved` (table frame), one each.
-    fn residuals_moved(&self, x: &[f64], moved: &[Vector3<f64>]) -> Vec<f64> {
-        let of = |(i, sight): (usize, &Sight)| -> [f64; 3] {
-            let by = moved.get(i).copied().unwrap_or_default();
-            (sight.weight * -(self.model.misclosure(&sight.at, x) + by)).into()
-        };
-        let mut rows: Vec<f64> = self.sights.iter().enumerate().flat_map(of).collect();
-        if let Some((zero, sigma)) = self.hold {
-            rows.extend(&((zero - self.model.zero(x)) / sigma));
-        }
-        rows
+    fn unchanged_residuals(&self, x: &[f64]) -> Vec<f64> {
+        self.residuals(x, &vec![0.0; self.observations()])
     }
 
     fn rows(&self, x: &[f64]) -> Vec<Rows> {
-        let residuals = self.residuals(x);
+        let residuals = self.unchanged_residuals(x);
         let mut rows = Rows::zeros(residuals.len(), 0, self.model.unknowns());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
         for (i, sight) in self.sights.iter().enumerate() {
@@ -130,17 +115,38 @@ impl Problem {
     }
 
     pub fn solve(&self, start: Vec<f64>) -> Result<Minimum, NonlinearError> {
-        minimise(start, |x| self.rows(x), |x| self.residuals(x))
+        minimise(start, |x| self.rows(x), |x| self.unchanged_residuals(x))
+    }
+}
+
+/// Observations: the sphere's centre at each sight, three coordinates in the table frame.
+impl ObservationEquation for Problem {
+    fn observations(&self) -> usize {
+        3 * self.sights.len()
     }
 
-    /// The solution for sights moved by `moved` (table frame, mm), near the one found.
-    pub fn solve_near(&self, minimum: &Minimum, moved: &[Vector3<f64>]) -> Vec<f64> {
-        let mut x = minimum.x.clone();
-        for _ in 0..NEAR_STEPS {
-            let step = minimum.factored.solve(&self.residuals_moved(&x, moved));
-            x.iter_mut().zip(step).for_each(|(x, dx)| *x += dx);
+    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+        let misclosures = self
+            .sights
+            .iter()
+            .flat_map(|sight| -> [f64; 3] { self.model.misclosure(&sight.at, x).into() });
+        let misclosures: Vec<f64> = misclosures.zip(change).map(|(m, change)| m + change).collect();
+        let mut rows = self.weighted_change(&misclosures);
+        if let Some((zero, sigma)) = self.hold {
+            let held = (zero - self.model.zero(x)) / sigma;
+            rows[self.observations()..].copy_from_slice(held.as_slice());
         }
-        x
+        rows
+    }
+
+    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+        let changes = change.chunks_exact(3).map(Vector3::from_column_slice);
+        let rows = self
+            .sights
+            .iter()
+            .zip(changes)
+            .flat_map(|(sight, change)| -> [f64; 3] { (sight.weight * -change).into() });
+        rows.chain(self.hold.iter().flat_map(|_| [0.0; 3])).collect()
     }
 }
 

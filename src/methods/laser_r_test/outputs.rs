@@ -1,123 +1,68 @@
-//! The estimate in the words and units of the contract.
+//! Reported quantities and figures.
+
+use std::iter::{once, repeat};
 
 use nalgebra::Vector3;
 
-use super::centres::sensor_gain;
+use super::centres::{BEAM, GAIN, sensor_gain};
+use super::group::Group;
 use super::label::in_words;
-use super::model::placed;
+use super::latency::Latency;
+use super::model::{Problem, placed};
 use super::parts::Parts;
 use super::words;
-use estimation::coverage;
-use machine::kinematics::{ErrorParameter, Shape};
+use crate::identification::{Output, Outputs, reported_unit};
 use machine::record::estimate::{
-    Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, FigureKind,
-    Function, Parameter, Unit, VectorKind, Verdict,
+    Arrow, ArrowFigure, Arrows, Estimate, FigureKind, Function, Unit, VectorKind,
 };
 use machine::{Axis, Position};
 
-/// Index of the gain among the beam's unknowns.
-const GAIN: usize = 2;
+/// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
+/// looks down), and deviation of the sensor's scale from 1.
+const BEAM_NAMES: [&str; BEAM] = ["beam_x", "beam_y", "gain"];
+const BEAM_UNITS: [Unit; BEAM] = [Unit::Urad, Unit::Urad, Unit::UmPerM];
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
-    let misses = misses(parts, &parts.minimum.x);
-    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
-    let own = parts.minimum.x.len();
-    let count = own + parts.grouped.centres.common() + parts.clocks().0.len();
-    let dof = parts.minimum.residuals.len().saturating_sub(own);
+    let misses = misses(&parts.problem, &parts.grouped.groups, &parts.minimum.x);
     Estimate {
-        trued_estimate: ESTIMATE_VERSION,
-        method: super::NAME.to_owned(),
-        parameters: (0..count).map(|i| parameter(parts, i)).collect(),
         functions: functions(parts),
-        circles: Vec::new(),
         arrows: vec![deviations(parts, &misses), residuals(parts, &misses)],
-        covariance: covariance(parts, count),
-        rank: parts.survey.rank,
-        unknowns: own,
-        condition: parts.survey.condition,
-        weakest: None,
         gauge: words::gauge(parts),
         not_identifiable: words::not_identifiable(parts),
-        residual_rms_um: (square / (3 * misses.len()).max(1) as f64).sqrt() * 1e3,
-        degrees_of_freedom: dof,
-        chi2_per_dof: if dof > 0 { parts.misfit.chi2 / parts.misfit.expected } else { 0.0 },
-        verdict: Verdict::None,
         warnings: words::warnings(parts),
-        priors: Vec::new(),
+        ..parts.identified.estimate(super::NAME)
     }
 }
 
-fn unit(parts: &Parts<'_>, i: usize) -> Unit {
-    let own = parts.names.len();
-    let of_machine = |p: &ErrorParameter| match (p.shape(), p.component().is_linear()) {
-        (Shape::Gain, _) => Unit::UmPerM,
-        (_, true) => Unit::Um,
-        (_, false) => Unit::Urad,
-    };
-    match parts.clock(i) {
-        Some(0) => return Unit::Ms,
-        Some(_) => return Unit::Um,
-        None => {}
+/// Of the unknowns `x`: those with `names` (machine, zero point, sphere), the beam's, the latency's.
+pub fn outputs(
+    problem: &Problem,
+    names: &[String],
+    latency: Option<&Latency>,
+    x: &[f64],
+) -> Outputs {
+    let latency = latency.map_or_else(Vec::new, Latency::names);
+    let beam = x.len() - names.len() - latency.len();
+    let errors = problem.model.parameters.iter().map(reported_unit);
+    let own = names.iter().cloned().zip(errors.chain(repeat(Unit::Mm)));
+    let of_beam = BEAM_NAMES.map(str::to_owned).into_iter().zip(BEAM_UNITS).take(beam);
+    let latency = latency.into_iter().zip(once(Unit::Ms).chain(repeat(Unit::Um)));
+    let all = own.chain(of_beam).chain(latency).enumerate();
+    let parameters = all.map(|(i, (name, unit))| Output::unknown(&name, unit, i, x));
+    let mut parameters: Vec<Output> = parameters.collect();
+    if beam > GAIN {
+        let gain = &mut parameters[names.len() + GAIN];
+        gain.value = sensor_gain(gain.value);
+        gain.slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }
-    match i.checked_sub(own) {
-        Some(GAIN) => Unit::UmPerM,
-        Some(_) => Unit::Urad,
-        None => parts.problem.model.parameters.get(i).map_or(Unit::Mm, of_machine),
-    }
+    Outputs { parameters, ..Outputs::default() }
 }
 
-fn value(parts: &Parts<'_>, i: usize) -> f64 {
-    if let Some(k) = parts.clock(i) {
-        return parts.clocks().1.get(k).copied().unwrap_or_default();
-    }
-    let of_beam = |k: Option<usize>| k.and_then(|k| parts.fitted.x.get(k)).copied();
-    let own = i.checked_sub(parts.names.len());
-    let beam = of_beam(own).unwrap_or_default();
-    let beam = if own == Some(GAIN) { sensor_gain(beam) } else { beam };
-    parts.minimum.x.get(i).copied().unwrap_or(beam)
-}
-
-fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
-    let unit = unit(parts, i);
-    let dof = parts.propagated.dof(i, &parts.misfit);
-    let (k, u) = (coverage::coverage_factor(dof.unwrap_or(f64::INFINITY)), parts.propagated.u(i));
-    let budget = parts.propagated.budget.iter().map(|(source, u)| BudgetLine {
-        source: (*source).to_owned(),
-        u: unit.from_internal(u[i]),
-    });
-    let by_trials = parts.monte_carlo.standard_deviation.get(i);
-    Parameter {
-        symbol: parts.symbol(i),
-        value: unit.from_internal(value(parts, i)),
-        unit,
-        u: unit.from_internal(u),
-        expanded: unit.from_internal(k * u),
-        k,
-        dof,
-        identifiable: true,
-        u_monte_carlo: by_trials.map(|u| unit.from_internal(*u)),
-        budget: budget.collect(),
-    }
-}
-
-fn covariance(parts: &Parts<'_>, count: usize) -> Covariance {
-    let sign = |i: usize| if i == parts.names.len() + GAIN { -1.0 } else { 1.0 };
-    let factor: Vec<f64> =
-        (0..count).map(|i| sign(i) * unit(parts, i).from_internal(1.0)).collect();
-    let full = &parts.propagated.covariance;
-    let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
-    Covariance {
-        symbols: (0..count).map(|i| parts.symbol(i)).collect(),
-        rows: (0..count).map(row).collect(),
-    }
-}
-
-/// Where the machine with the errors in `x` sees the sphere, less where it is; machine frame, mm.
-fn misses(parts: &Parts<'_>, x: &[f64]) -> Vec<Vector3<f64>> {
-    let sights = parts.problem.sights.iter().zip(&parts.into_table);
-    sights
-        .map(|(sight, into)| into.inverse() * parts.problem.model.misclosure(&sight.at, x))
-        .collect()
+/// Position of the sphere by the machine with the errors in `x`, less its estimated one; machine frame,
+/// mm.
+pub fn misses(problem: &Problem, groups: &[Group], x: &[f64]) -> Vec<Vector3<f64>> {
+    let sights = problem.sights.iter().zip(groups);
+    sights.map(|(sight, group)| group.table * problem.model.misclosure(&sight.at, x)).collect()
 }
 
 /// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
@@ -126,7 +71,7 @@ fn deviations(parts: &Parts<'_>, misses: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
-    let all = self::misses(parts, &without);
+    let all = self::misses(&parts.problem, &parts.grouped.groups, &without);
     let modelled: Vec<Vector3<f64>> =
         all.iter().zip(misses).map(|(all, miss)| all - miss).collect();
     let figure = figure(parts, "measured less commanded sphere", &all, Some(&modelled));

@@ -1,74 +1,46 @@
-//! Sources of uncertainty as they act on dwell points: by how much each one's distance from the
-//! sphere's centre is greater, mm. The magnitudes are those that the plan declares (METHODS section 6).
+//! Sources of uncertainty: by how much each draw increases the distance of each dwell point from the
+//! sphere's centre, mm. The magnitudes are those that the plan declares (METHODS section 6).
 
 mod outside;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::bench::Bench;
-use super::centres::{Centres, Row};
 use super::group::{Grouped, noise_mm};
 use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
-use estimation::monte_carlo::Shape;
+use crate::identification::declared::{self, RotaryMotion};
+use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
 use estimation::smooth::smooth_function;
 use machine::frame::unit_vector;
-use machine::kinematics::{ErrorParameter, Shape as Motion};
 use machine::record::plan::{Step, StepKind};
-use machine::{Axis, Position, frame::Point};
+use machine::{Position, frame::Point};
 
-/// What the independent draws move.
-#[derive(Debug, Clone)]
-pub enum Acts {
-    /// A draw for each dwell point.
-    Each(Vec<f64>),
-    /// A draw for each of these columns over all dwell points.
-    Joint(Vec<Vec<f64>>),
-}
+/// Correlation length of the sensor's linearity error, as a part of its range.
+const LINEARITY_LENGTH: f64 = 0.25;
 
-#[derive(Debug, Clone)]
-pub struct UncertaintySource {
-    pub name: &'static str,
-    pub shape: Shape,
-    pub acts: Acts,
-    /// Whether the residuals show it, so that they may correct its size.
-    pub shown: bool,
-    /// Of joint draws: what each is of the latency and of what the axes lose where they turn round, s and
-    /// mm in the order of [`Latency::names`].
-    pub clocks: Vec<Vec<f64>>,
-}
-
-/// Harmonics of an error motion; each takes an equal share of the declared variance. The mean is the
-/// axis' place, and the first goes with what turns on it.
-const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
-/// Contact-direction harmonics of lobing; lower ones are radius and stylus offset.
-const LOBES: std::ops::RangeInclusive<u32> = 2..=6;
-/// Part of the range over which the sensor's curve changes.
-const CURVE: f64 = 0.25;
-
-/// The dwell points as the sources see them.
-struct Seen<'a> {
+/// The dwell points, at the fitted centres and beam.
+struct DwellPoints<'a> {
     bench: &'a Bench<'a>,
     grouped: &'a Grouped,
     /// Outward normal at each, machine frame.
     normals: Vec<Vector3<f64>>,
-    /// −cos of the incidence: what a greater reading does to the distance.
+    /// −cos of the incidence: change of the distance by that of the reading.
     along: Vec<f64>,
 }
 
+/// `latency_index`: index of the first unknown of the latency among all unknowns.
 pub fn sources(
     bench: &Bench<'_>,
     observed: &Observed,
     grouped: &Grouped,
     x: &[f64],
+    latency_index: usize,
 ) -> Vec<UncertaintySource> {
-    let centres: &Centres = &grouped.centres;
-    let normals: Vec<Vector3<f64>> = centres
-        .rows
-        .iter()
-        .map(|row| unit_vector(centres.arm(x, row)).unwrap_or_default())
-        .collect();
+    let centres = &grouped.centres;
+    let normal = |row| unit_vector(centres.arm(x, row)).unwrap_or_default();
+    let normals: Vec<Vector3<f64>> = centres.rows.iter().map(normal).collect();
     let beam = unit_vector(centres.beam(x)).unwrap_or_default();
     let along = centres.rows.iter().zip(&normals);
     let along = along.map(|(row, n)| match bench.touches() {
@@ -76,34 +48,38 @@ pub fn sources(
         false => n.dot(&(row.spindle * beam)),
     });
     let along = along.collect();
-    let seen = Seen { bench, grouped, normals, along };
+    let points = DwellPoints { bench, grouped, normals, along };
     let mut list = vec![
-        seen.noise(noise_mm(bench, observed)),
-        seen.resolution(),
-        seen.linearity(),
-        seen.lobing(),
-        seen.linear_axes(),
-        seen.rotary_axes(x),
-        seen.drift(),
-        seen.interruptions(&observed.stops),
-        seen.radius(),
-        seen.squareness(),
-        seen.form(),
-        seen.incidence(),
+        points.noise(noise_mm(bench, observed)),
+        points.resolution(),
+        points.linearity(),
+        points.lobing(),
+        points.linear_axes(),
+        points.rotary_axes(x),
+        points.drift(),
+        points.interruptions(&observed.stops),
+        points.radius(),
+        points.squareness(),
+        points.form(),
+        points.incidence(),
     ];
-    list.extend(observed.latency.as_ref().map(|latency| seen.latency(latency)));
-    list.retain(|source| match &source.acts {
-        Acts::Each(sizes) => sizes.iter().any(|size| *size != 0.0),
-        Acts::Joint(columns) => columns.iter().flatten().any(|size| *size != 0.0),
-    });
+    let latency = observed.latency.as_ref();
+    list.extend(latency.map(|latency| points.latency(latency, latency_index)));
+    list.retain(|source| !source.is_zero());
     list
 }
 
-fn source(name: &'static str, acts: Acts) -> UncertaintySource {
-    UncertaintySource { name, shape: Shape::Normal, acts, shown: true, clocks: Vec::new() }
+/// A source that the residuals do not judge and that does not enter the weights: it moves all centres
+/// alike.
+fn unjudged(name: &str, effect: Effect) -> UncertaintySource {
+    UncertaintySource {
+        in_residuals: InResiduals::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new(name, effect)
+    }
 }
 
-impl Seen<'_> {
+impl DwellPoints<'_> {
     fn noise(&self, sample_mm: f64) -> UncertaintySource {
         let spots = self.grouped.spots.iter().zip(&self.along);
         let each =
@@ -112,124 +88,78 @@ impl Seen<'_> {
             true => "repeatability of a touch",
             false => "noise of the sensor",
         };
-        source(name, Acts::Each(each.collect()))
+        UncertaintySource::new(name, Effect::Each(each.collect()))
     }
 
     fn resolution(&self) -> UncertaintySource {
-        let axes = &self.bench.plan.machine.axes;
-        let width = |axis| axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
-        let width = Vector3::from(Axis::LINEAR.map(width));
-        let each = self.normals.iter().map(|n| width.component_mul(n).norm() / 12f64.sqrt());
-        let acts = Acts::Each(each.collect());
-        UncertaintySource { shape: Shape::Rectangular, ..source("resolution of the axes", acts) }
+        let each = self.normals.iter().map(|n| declared::resolution_mm(self.bench.plan, *n));
+        let source = UncertaintySource::new("resolution of the axes", Effect::Each(each.collect()));
+        UncertaintySource { shape: Shape::Rectangular, ..source }
     }
 
-    /// What the sensor's curve deviates from a line, a smooth function of the reading.
+    /// The sensor's linearity error: a smooth random function of the reading.
     fn linearity(&self) -> UncertaintySource {
         let [least, most] = self.bench.sensor.range_mm;
         let readings: Vec<f64> =
             self.grouped.spots.iter().map(|spot| (spot.value * 20.0).round() / 20.0).collect();
         let sigma = self.bench.sensor.linearity_um * 1e-3;
-        let columns = smooth_function(&readings, sigma, CURVE * (most - least)).into_iter();
-        let acts =
-            columns.map(|column| column.iter().zip(&self.along).map(|(c, a)| c * a).collect());
-        source("linearity of the sensor", Acts::Joint(acts.collect()))
-    }
-
-    /// Direction-dependent pre-travel of the probe: harmonics of the azimuth in the frame of the spindle,
-    /// fading towards its pole.
-    fn lobing(&self) -> UncertaintySource {
-        let lobing = if self.bench.touches() { self.bench.plan.probe.lobing_um } else { 0.0 };
-        let share = lobing * 1e-3 / (LOBES.count() as f64).sqrt();
-        let column = |lobes: f64, quarter: f64| {
-            let rows = self.grouped.centres.rows.iter().zip(&self.normals);
-            let at = move |(row, normal): (&Row, &Vector3<f64>)| {
-                let n = row.spindle.inverse() * normal;
-                let phase = lobes * n.y.atan2(n.x) - quarter * std::f64::consts::TAU;
-                share * n.x.hypot(n.y) * phase.cos()
-            };
-            rows.map(at).collect::<Vec<f64>>()
-        };
+        let patterns = smooth_function(&readings, sigma, LINEARITY_LENGTH * (most - least));
         let columns =
-            LOBES.flat_map(|lobes| [0.0, 0.25].map(|quarter| column(f64::from(lobes), quarter)));
-        source("probe lobing", Acts::Joint(columns.collect()))
+            patterns.iter().map(|p| p.iter().zip(&self.along).map(|(p, a)| p * a).collect());
+        UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))
     }
 
-    /// Positioning and straightness of X, Y and Z, each a smooth random function of its axis.
+    /// Of the touch probe alone.
+    fn lobing(&self) -> UncertaintySource {
+        let rows = self.grouped.centres.rows.iter().filter(|_| self.bench.touches());
+        let normals = rows.zip(&self.normals).map(|(row, n)| row.spindle.inverse() * n);
+        let patterns = declared::lobing_patterns(self.bench.plan, &normals.collect::<Vec<_>>());
+        UncertaintySource::new("probe lobing", Effect::Joint(patterns))
+    }
+
     fn linear_axes(&self) -> UncertaintySource {
-        let mut columns = Vec::new();
-        for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-            let Some(spec) = self.bench.plan.machine.axes.get(&axis) else { continue };
-            if spec.error_motion_um == 0.0 {
-                continue;
-            }
-            let places: Vec<f64> = self.grouped.spots.iter().map(|s| s.xyz[k].round()).collect();
-            let sigma = spec.error_motion_um * 1e-3;
-            for column in smooth_function(&places, sigma, spec.error_wavelength_mm) {
-                let along = |k: usize| {
-                    let normals = self.normals.iter().zip(&column);
-                    normals.map(|(n, by)| n[k] * by).collect::<Vec<f64>>()
-                };
-                columns.extend((0..3).map(along));
-            }
-        }
-        source("error motions of X, Y and Z", Acts::Joint(columns))
+        let positions: Vec<_> = self.grouped.spots.iter().map(|spot| spot.xyz).collect();
+        let patterns = declared::linear_motion_patterns(self.bench.plan, &positions);
+        let along = |k: usize, pattern: &[f64]| {
+            self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>()
+        };
+        let columns = patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern)));
+        UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
     }
 
-    /// The table moves by `shift` (machine frame) of each group.
-    fn by_group(&self, shift: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
-        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
-        rows.map(|(row, n)| -n.dot(&shift(row.group))).collect()
-    }
-
-    /// Along X, Y and Z, each a few harmonics of the angle (ISO 230-7).
     fn rotary_axes(&self, x: &[f64]) -> UncertaintySource {
-        let mut columns = Vec::new();
-        let turning = self.bench.plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
-        for (axis, spec) in turning.filter(|(_, spec)| spec.error_motion_um > 0.0) {
-            let share = spec.error_motion_um * 1e-3 / (ORDERS.count() as f64).sqrt();
-            for order in ORDERS {
-                for shape in [Motion::Cos(order), Motion::Sin(order)] {
-                    for along in Axis::LINEAR {
-                        let Ok(motion) = ErrorParameter::new(along, *axis, shape) else { continue };
-                        let shifts = self.shifts(x, motion, share);
-                        columns.push(self.by_group(|group| shifts[group]));
-                    }
-                }
-            }
-        }
-        source("error motions of rotary axes", Acts::Joint(columns))
+        let motions = declared::rotary_motions(self.bench.plan).into_iter();
+        let columns = motions.map(|motion| self.rotary_axis(x, motion));
+        UncertaintySource::new("error motions of rotary axes", Effect::Joint(columns.collect()))
     }
 
-    /// Of the table at each group, machine frame, for an error motion of this size.
-    fn shifts(&self, x: &[f64], motion: ErrorParameter, size: f64) -> Vec<Vector3<f64>> {
+    fn rotary_axis(&self, x: &[f64], motion: RotaryMotion) -> Vec<f64> {
         let (chain, tip) = (&self.bench.chain, Point::from_vec(self.bench.zero()));
         let groups = self.grouped.groups.iter().enumerate();
-        groups
-            .map(|(i, group)| {
-                let at = placed(&group.rotary, group.axes(self.grouped.centres.centre(x, i)));
-                let table = chain.machine_from_table(&at, &[]).rotation;
-                let column = chain.jacobian(&at, tip, &[], &[motion]);
-                -(table * column.first().copied().unwrap_or_default()) * size
-            })
-            .collect()
+        let shifts = groups.map(|(i, group)| {
+            let at = placed(&group.rotary, group.axes(self.grouped.centres.centre(x, i)));
+            let column = chain.jacobian(&at, tip, &[], &[motion.error]);
+            group.table * column.first().copied().unwrap_or_default() * motion.size_mm
+        });
+        let shifts: Vec<Vector3<f64>> = shifts.collect();
+        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
     }
 
     /// The table against the spindle, at the declared rate, from the middle of the run.
     fn drift(&self) -> UncertaintySource {
-        let rate = self.bench.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
+        let rate = declared::drift_mm_per_s(self.bench.plan);
         let spots = &self.grouped.spots;
         let mean = spots.iter().map(|spot| spot.t_s).sum::<f64>() / spots.len().max(1) as f64;
         let along = |k: usize| {
             let spots = spots.iter().zip(&self.normals);
             spots.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
         };
-        source("thermal drift", Acts::Joint((0..3).map(along).collect()))
+        UncertaintySource::new("thermal drift", Effect::Joint((0..3).map(along).collect()))
     }
 
-    /// What was measured after an interruption may lie apart from what was measured before, by as much
-    /// as references measured again are allowed to. That whole limit counts as standard uncertainty: nobody
-    /// knows how steps spread.
+    /// A shift between the points before and after an interruption, up to the limit of the reference
+    /// check. The whole limit counts as standard uncertainty, as the distribution is unknown.
     fn interruptions(&self, stops: &[(f64, f64)]) -> UncertaintySource {
         let columns = stops.iter().flat_map(|(gap_s, limit_mm)| {
             (0..3).map(move |k| {
@@ -238,7 +168,7 @@ impl Seen<'_> {
                 spots.map(|(s, n)| if s.t_s > *gap_s { n[k] * size } else { 0.0 }).collect()
             })
         });
-        source("steps at interruptions", Acts::Joint(columns.collect()))
+        UncertaintySource::new("steps at interruptions", Effect::Joint(columns.collect()))
     }
 
     /// So far may the sphere stand along an axis for a reference that is 1 mm off; 1 where none sees it.
@@ -254,30 +184,33 @@ impl Seen<'_> {
         // A touched sphere's radius is an unknown.
         let stated = if self.bench.touches() { 0.0 } else { self.bench.settings.radius_u_um };
         let u = stated * 1e-3;
-        let acts = Acts::Joint(vec![vec![-u; self.normals.len()]]);
-        UncertaintySource { shown: false, ..source("radius of the sphere", acts) }
+        unjudged("radius of the sphere", Effect::Joint(vec![vec![-u; self.normals.len()]]))
     }
 
-    /// The latency and, known no better without it, what the axes lose where they turn round.
-    fn latency(&self, latency: &Latency) -> UncertaintySource {
+    /// The latency and the lost motion of the axes, which are correlated.
+    fn latency(&self, latency: &Latency, latency_index: usize) -> UncertaintySource {
         let grouped = self.grouped;
-        let draws = latency.root.col_iter().map(|draw| draw.iter().copied().collect::<Vec<f64>>());
-        let clocks: Vec<Vec<f64>> = draws.collect();
         let rows = grouped.centres.rows.iter().zip(&grouped.spots).zip(&self.normals);
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
-                let travel =
-                    grouped.groups.get(row.group).map_or(Matrix3::identity(), |g| g.travel);
+                let travel = grouped.groups[row.group].travel;
                 let moved = latency.columns(spot.velocity, spot.toward).into_iter();
                 moved.map(|by| n.dot(&(travel * by))).collect()
             })
             .collect();
-        let along = |draw: &Vec<f64>| {
-            let of = |by: &Vec<f64>| by.iter().zip(draw).map(|(by, size)| by * size).sum();
-            each.iter().map(of).collect()
-        };
-        let acts = Acts::Joint(clocks.iter().map(along).collect());
-        UncertaintySource { shown: false, clocks, ..source("latency of the sensor", acts) }
+        let (mut columns, mut direct_changes) = (Vec::new(), Vec::new());
+        for draw in latency.root.col_iter() {
+            let of = |by: &Vec<f64>| by.iter().zip(draw.iter()).map(|(by, size)| by * size).sum();
+            columns.push(each.iter().map(of).collect());
+            let mut change = vec![0.0; latency_index];
+            change.extend(draw.iter());
+            direct_changes.push(change);
+        }
+        UncertaintySource {
+            evaluation: EvaluationType::A,
+            direct_changes,
+            ..unjudged("latency of the sensor", Effect::Joint(columns))
+        }
     }
 }
 

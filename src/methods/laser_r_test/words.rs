@@ -1,6 +1,6 @@
 //! What a reader of the estimate must know beside its numbers.
 
-use super::centres::sensor_gain;
+use super::centres::GAIN;
 use super::label::Pass;
 use super::observe::Observed;
 use super::paper;
@@ -8,9 +8,10 @@ use super::parts::Parts;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
 
-/// A gain that deviates from 1 by more than this many u, and by more than this, is worth a word.
-const FAR: f64 = 4.0;
-const GAIN: f64 = 1e-3;
+/// A gain is reported if its deviation from 1 is larger than this, and than so many standard
+/// uncertainties.
+const MIN_GAIN: f64 = 1e-3;
+const MIN_GAIN_RATIO: f64 = 4.0;
 
 pub fn warnings(parts: &Parts<'_>) -> Vec<String> {
     let mut lines: Vec<String> = missing(parts);
@@ -37,7 +38,7 @@ fn thin(parts: &Parts<'_>) -> impl Iterator<Item = String> {
 }
 
 fn misfit(parts: &Parts<'_>) -> Option<String> {
-    let misfit = &parts.misfit;
+    let misfit = &parts.identified.propagation.misfit;
     let against = format!("χ² {:.0}, expected {:.0}", misfit.chi2, misfit.expected);
     if misfit.above {
         return Some(format!(
@@ -60,12 +61,13 @@ fn misfit(parts: &Parts<'_>) -> Option<String> {
 }
 
 fn gain(parts: &Parts<'_>) -> Option<String> {
-    let index = parts.names.len() + 2;
     if parts.bench.touches() {
         return None;
     }
-    let (gain, u) = (sensor_gain(*parts.fitted.x.get(2)?), parts.propagated.u(index));
-    (gain.abs() > FAR * u && gain.abs() > GAIN).then(|| {
+    let index = parts.names.len() + GAIN;
+    let gain = parts.identified.outputs.parameters.get(index)?.value;
+    let u = parts.identified.uncertainty(index)?.u;
+    (gain.abs() > MIN_GAIN_RATIO * u && gain.abs() > MIN_GAIN).then(|| {
         format!(
             "the sensor says {:+.0} um/m more than X, Y and Z move (u {:.0}): check its scale, and that \
              range_mm and the sphere's radius are right",
@@ -110,9 +112,7 @@ fn noise(parts: &Parts<'_>) -> Option<String> {
 }
 
 fn disagreement(parts: &Parts<'_>) -> Option<String> {
-    let count = parts.propagated.covariance.nrows();
-    let off = (0..count).filter(|i| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
-    let names: Vec<String> = off.map(|i| parts.symbol(i)).collect();
+    let names = parts.identified.contradicted();
     (!names.is_empty()).then(|| {
         format!(
             "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the Monte Carlo one \
@@ -156,7 +156,8 @@ fn latency(parts: &Parts<'_>) -> Option<String> {
     let Observed { latency, turning, .. } = &parts.observed;
     let latency = latency.as_ref()?;
     let first = parts.names.len() + parts.grouped.centres.common();
-    let expanded = |k: usize| 2.0 * parts.propagated.u(first + k);
+    let expanded =
+        |k: usize| parts.identified.uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
     let lags = latency.axes.iter().zip(latency.values().into_iter().skip(1)).enumerate();
     let lags = lags.map(|(k, (axis, lag))| {
         format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3)

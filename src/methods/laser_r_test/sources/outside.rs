@@ -1,11 +1,12 @@
 //! What no unknown of the model takes, by the magnitude that is declared: squareness of X, Y and Z, the
 //! sphere's form, what the sensor says of a surface that leans.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::Vector3;
 
-use super::{Acts, Seen, UncertaintySource, source};
+use super::{DwellPoints, unjudged};
+use crate::identification::{Effect, UncertaintySource};
 
-impl Seen<'_> {
+impl DwellPoints<'_> {
     /// Axes that are not square: X follows Y and Z, Y follows Z, in proportion.
     pub(super) fn squareness(&self) -> UncertaintySource {
         const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
@@ -17,18 +18,16 @@ impl Seen<'_> {
             let spots = spots.iter().zip(&self.normals);
             spots.map(|(spot, n)| n[along] * sigma * (spot.xyz[over] - mean[over])).collect()
         };
-        source("squareness of X, Y and Z", Acts::Joint(PAIRS.map(column).into()))
+        UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(PAIRS.map(column).into()))
     }
 
     /// An oval that turns with the table: the radius along a unit vector u is longer by uᵀ·S·u, S
     /// symmetric and without trace, of the declared standard deviation along every u.
     pub(super) fn form(&self) -> UncertaintySource {
         let sigma = self.bench.settings.form_u_um * 1e-3;
-        let outward = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
-            let rotary = self.grouped.groups.get(row.group).map(|group| &group.rotary);
-            let table = rotary.map(|at| self.bench.chain.machine_from_table(at, &[]).rotation);
-            table.unwrap_or(Rotation3::identity()).inverse() * normal
-        });
+        let groups = &self.grouped.groups;
+        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        let outward = rows.map(|(row, normal)| groups[row.group].table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
         let over =
             |of: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * of(u)).collect();
@@ -36,7 +35,7 @@ impl Seen<'_> {
         let own = |k: usize| over(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| over(&move |u| 3f64.sqrt() * u[i] * u[j]);
         let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
-        source("form of the sphere", Acts::Joint(columns.into()))
+        UncertaintySource::new("form of the sphere", Effect::Joint(columns.into()))
     }
 
     /// What a surface that does not face the beam adds to a reading: as the squared tangent of its lean,
@@ -46,7 +45,7 @@ impl Seen<'_> {
         let sigma = self.bench.sensor.incidence_um * 1e-3;
         // A touch goes all round: there the tangent has no end.
         if sigma == 0.0 || self.bench.touches() {
-            return source(name, Acts::Joint(Vec::new()));
+            return unjudged(name, Effect::Joint(Vec::new()));
         }
         let frame = self.grouped.centres.frame;
         let leans = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
@@ -60,7 +59,6 @@ impl Seen<'_> {
             rows.map(|(lean, along)| sigma * along * of(lean)).collect()
         };
         let columns = [over(|[x, y]| x * x + y * y), over(|[x, _]| *x), over(|[_, y]| *y)];
-        // All scans alike: it moves the centres together, and no centre weighs less for it.
-        UncertaintySource { shown: false, ..source(name, Acts::Joint(columns.into())) }
+        unjudged(name, Effect::Joint(columns.into()))
     }
 }

@@ -8,6 +8,7 @@ mod played;
 mod probe;
 mod refusals;
 mod stops;
+mod two_fits;
 mod whole;
 
 use serde::Deserialize;

@@ -5,9 +5,10 @@ use nalgebra::{Matrix3, Vector3};
 use super::played::{World, run, table_5};
 use super::{ideal, settings};
 use crate::decision::revisit::References;
+use crate::identification::Effect;
 use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::identify::{identify, parts};
-use crate::laser_r_test::sources::{Acts, sources};
+use crate::laser_r_test::sources::sources;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
 use machine::record::reading::Reading;
 
@@ -88,9 +89,9 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
         [&stopped.before, &stopped.again(Vector3::zeros()), &stopped.later];
     let readings = [before.as_slice(), again, later].concat();
     let parts = parts(&bench, &readings).unwrap();
-    let all = sources(&bench, &parts.observed, &parts.grouped, &parts.fitted.x);
+    let all = sources(&bench, &parts.observed, &parts.grouped, &parts.fitted.x, 0);
     let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
-    let Acts::Joint(columns) = &step.acts else { panic!("each by itself") };
+    let Effect::Joint(columns) = &step.effect else { panic!("each by itself") };
     let granted = sizes_mm(columns);
     for (k, way) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
         let let_pass = stopped.most_mm(way);

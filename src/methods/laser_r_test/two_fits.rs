@@ -1,0 +1,103 @@
+//! Both fits as one observation model: the sphere's centres from the dwell points, then the machine from
+//! the centres.
+
+use faer::{Mat, MatRef};
+use nalgebra::Matrix3;
+
+use super::centres::Centres;
+use super::group::Group;
+use super::model::Problem;
+use crate::identification::{
+    Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances,
+    multiply, solve_each_trial,
+};
+
+/// Smallest standard uncertainty of a centre, mm.
+const MIN_CENTRE_U_MM: f64 = 1e-6;
+
+/// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and
+/// sphere; the beam; the latency's, which the sources alone change.
+pub struct CentresThenMachine<'a> {
+    pub centres: LeastSquares<'a, Centres>,
+    /// Unknowns of `centres` × dwell points.
+    pub gain: &'a Mat<f64>,
+    pub machine: LeastSquares<'a, Problem>,
+    pub groups: &'a [Group],
+    /// Number of unknowns of the latency.
+    pub latency: usize,
+}
+
+impl CentresThenMachine<'_> {
+    /// Changes of the centres in the table frame, three coordinates a group, by a change of the unknowns
+    /// of the first fit.
+    fn on_table(&self, change: &[f64]) -> Vec<f64> {
+        let groups = self.groups.iter().enumerate();
+        let moved = groups.flat_map(|(i, group)| -> [f64; 3] {
+            (group.table.inverse() * self.centres.equation.centre(change, i)).into()
+        });
+        moved.collect()
+    }
+
+    fn joined(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
+        machine.extend(&centres[..self.centres.equation.common()]);
+        machine.resize(self.unknowns(), 0.0);
+        machine
+    }
+}
+
+impl ObservationModel for CentresThenMachine<'_> {
+    fn observations(&self) -> usize {
+        self.centres.observations()
+    }
+
+    fn unknowns(&self) -> usize {
+        self.machine.unknowns() + self.centres.equation.common() + self.latency
+    }
+
+    fn respond(&self, change: &[f64]) -> Response {
+        let centres = multiply(self.gain, change);
+        let Response { unknowns, residuals } = self.machine.respond(&self.on_table(&centres));
+        Response { unknowns: self.joined(unknowns, &centres), residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        solve_each_trial(changes, self.unknowns(), |change| {
+            let x = self.centres.near(change);
+            let solved = self.centres.minimum.x.iter();
+            let moved: Vec<f64> = x.iter().zip(solved).map(|(x, solved)| x - solved).collect();
+            self.joined(self.machine.near(&self.on_table(&moved)), &x)
+        })
+    }
+}
+
+/// Change of the unknowns by each observation, per mm: unknowns × observations.
+pub fn gain(fit: &impl ObservationModel) -> Mat<f64> {
+    let mut gain = Mat::zeros(fit.unknowns(), fit.observations());
+    let mut change = vec![0.0; fit.observations()];
+    for j in 0..fit.observations() {
+        change[j] = 1.0;
+        gain.col_as_slice_mut(j).copy_from_slice(&fit.respond(&change).unknowns);
+        change[j] = 0.0;
+    }
+    gain
+}
+
+/// Covariance of each centre, machine frame, by the sources that enter the weights.
+pub fn centre_covariances(
+    centres: &Centres,
+    gain: &Mat<f64>,
+    sources: &[UncertaintySource],
+) -> Vec<Matrix3<f64>> {
+    let moved = |change: Vec<f64>| {
+        let x = multiply(gain, &change);
+        (0..centres.groups).flat_map(|i| <[f64; 3]>::from(centres.centre(&x, i))).collect()
+    };
+    let changes = sources.iter().filter(|source| source.is_in_weights).flat_map(|source| {
+        (0..source.draws()).map(|draw| source.observation_change(draw, gain.ncols()))
+    });
+    let moved = UncertaintySource::new("centres", Effect::Joint(changes.map(moved).collect()));
+    let mut covariances = block_covariances(&[moved], centres.groups);
+    let least = Matrix3::from_diagonal_element(MIN_CENTRE_U_MM.powi(2));
+    covariances.iter_mut().for_each(|covariance| *covariance += least);
+    covariances
+}
