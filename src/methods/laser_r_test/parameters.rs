@@ -1,16 +1,20 @@
 //! Which machine errors are unknown, and which cannot be told apart by one sphere.
 
-use nalgebra::{Matrix3, Vector3};
+use faer::Mat;
+use nalgebra::Vector3;
 
-use super::model::{Model, Problem, Sight};
+use super::model::{Model, PLACES, placed};
 use crate::Refused;
+use estimation::independence::{combination_of, independent_columns};
 use estimation::null_names::name_null_space;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::{Axis, Position, frame::Point};
 
-/// Poses all around, at which errors are told apart in principle: incommensurate angles.
-const ALL_AROUND: usize = 24;
+/// Poses with incommensurate angles, at which errors are distinguishable if they are at any pose.
+const POSES: usize = 24;
 const STEP: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
+/// A column that keeps less than this part of its length beside the others is one of their combinations.
+const MIN_SHARE: f64 = 1e-6;
 /// Components of a joint's error in their order.
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
@@ -47,21 +51,22 @@ pub fn chosen(chain: &Chain, names: &[String], orders: &[u32]) -> Result<Chosen,
     let mut motions = harmonics(chain, orders)?;
     motions.retain(|motion| !candidates.contains(motion));
     candidates.extend(motions);
-    let (mut parameters, mut held, mut gauge) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, candidate) in candidates.into_iter().enumerate() {
-        let with = [parameters.as_slice(), &[candidate]].concat();
-        // What a person asks for is not dropped: the measurement says whether it can be told.
-        match if index < asked { None } else { lost(chain, &with) } {
-            None => parameters = with,
-            Some(words) => {
-                held.push(candidate);
-                if candidate.shape() != Shape::Location {
-                    gauge.push(format!("{candidate} is held at zero: {words}"));
-                }
-            }
-        }
-    }
-    Ok(Chosen { parameters, held, gauge })
+    let (columns, places) = columns(chain, &candidates);
+    let independent = independent_columns(&places, &columns, |_| MIN_SHARE);
+    // A requested error is kept: the measurement decides whether it is identifiable.
+    let is_kept = |index: &usize| *index < asked || independent.contains(index);
+    let (kept, dropped): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_kept);
+    let pick = |indices: &[usize]| indices.iter().map(|i| candidates[*i]).collect::<Vec<_>>();
+    let known = independent.iter().map(|i| &columns[*i]).chain(&places).cloned();
+    let known: Vec<Vec<f64>> = known.collect();
+    let motions = dropped.iter().filter(|i| candidates[**i].shape() != Shape::Location);
+    let gauge = motions.map(|i| {
+        let errors = [pick(&independent), vec![candidates[*i]]].concat();
+        let words = combination_in_words(&errors, &known, &columns[*i]);
+        format!("{} is held at zero: {words}", candidates[*i])
+    });
+    let gauge = gauge.collect();
+    Ok(Chosen { parameters: pick(&kept), held: pick(&dropped), gauge })
 }
 
 fn locations(chain: &Chain) -> Vec<ErrorParameter> {
@@ -114,31 +119,34 @@ pub fn names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
     parameters.iter().map(ToString::to_string).chain(places).collect()
 }
 
-/// What poses all around do not tell, in words; `None` where they tell all.
-fn lost(chain: &Chain, parameters: &[ErrorParameter]) -> Option<String> {
+/// Derivatives of the sphere's coordinates at poses all around, mm: by each of the errors; by zero point
+/// and sphere.
+fn columns(chain: &Chain, parameters: &[ErrorParameter]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let model = Model { chain: chain.clone(), parameters: parameters.to_vec() };
     let (ball, zero) = (Vector3::new(80.0, 25.0, 60.0), Vector3::new(3.0, -5.0, -150.0));
+    let x = [&vec![0.0; parameters.len()], zero.as_slice(), ball.as_slice()].concat();
     let axes = of_table(chain);
-    let sights = (0..ALL_AROUND).filter_map(|pose| {
+    let mut columns: Vec<Vec<f64>> = vec![Vec::new(); parameters.len() + PLACES];
+    for pose in 0..POSES {
         let turned = axes.iter().zip(STEP).map(|(axis, step)| (*axis, step * pose as f64));
         let rotary: Position = turned.collect();
-        let at =
-            model.chain.linear_axes_for(Point::from_vec(ball), Point::from_vec(zero), &rotary, &[]);
-        let at = rotary.updated_by(&at.ok()?);
-        Some(Sight { at, weight: Matrix3::identity() })
-    });
-    let problem = Problem { sights: sights.collect(), model, hold: None };
-    let mut x = vec![0.0; parameters.len()];
-    x.extend(&zero);
-    x.extend(&ball);
-    match problem.survey(&x) {
-        Ok(survey) if survey.nullity == 0 => None,
-        Ok(survey) => {
-            let names = names(parameters, "1");
-            Some(name_null_space(survey.null_space.as_ref(), &names).join("; "))
-        }
-        Err(why) => Some(why.to_string()),
+        let Ok(xyz) = expected(chain, &rotary, zero, ball) else { continue };
+        let derivatives = model.columns(&placed(&rotary, xyz), &x);
+        columns.iter_mut().zip(derivatives).for_each(|(column, by)| column.extend(&by));
     }
+    let places = columns.split_off(parameters.len());
+    (columns, places)
+}
+
+/// The combination of the `known` columns (of all but the last of the `errors`, of zero point and sphere)
+/// that the `column` of the last error is.
+fn combination_in_words(errors: &[ErrorParameter], known: &[Vec<f64>], column: &[f64]) -> String {
+    let Some(mut direction) = combination_of(known, column, MIN_SHARE) else {
+        return "a combination of the others".to_owned();
+    };
+    direction.insert(errors.len() - 1, -1.0);
+    let null_space = Mat::from_fn(direction.len(), 1, |i, _| direction[i]);
+    name_null_space(null_space.as_ref(), &names(errors, "1")).join("; ")
 }
 
 /// Axis positions that bring the zero point to the sphere's centre, by the nominal machine.
