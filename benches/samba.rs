@@ -15,7 +15,7 @@ use estimation::random;
 use machine::kinematics::{Chain, ErrorTerm};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
-use methods::samba::{Bar, Measured, Model, Problem, Seen};
+use methods::samba::{Bar, LeastSquares, Measured, Measurement, Model, Problem, Seen};
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -117,20 +117,20 @@ fn ours(data: &Data) -> Result<(f64, Minimum), Box<dyn Error>> {
 fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
     let Data { problem, measured, .. } = data;
     let minimum = problem.solve(measured, problem.start(measured))?;
+    let model = LeastSquares { equation: &Measurement { problem, measured }, minimum: &minimum };
     let start = Instant::now();
     let squares: f64 = (0..TRIALS)
         .into_par_iter()
         .map(|trial| {
             let mut normal = StandardNormal.sample_iter(random::stream(trial as u64, &[2]));
-            let mut drawn = measured.clone();
-            for xyz in &mut drawn.xyz {
-                let mut next = || -> f64 { normal.next().unwrap_or_default() };
-                *xyz += Vector3::new(next(), next(), next()) * NOISE_MM;
-            }
-            for length in &mut drawn.lengths {
-                *length += normal.next().unwrap_or_default() * U_BAR_MM;
-            }
-            (problem.solve_near(&minimum, &drawn)[0] - minimum.x[0]).powi(2)
+            let mut next = |size: f64| {
+                let unit: f64 = normal.next().unwrap_or_default();
+                unit * size
+            };
+            let centres = 3 * measured.xyz.len();
+            let mut change: Vec<f64> = (0..centres).map(|_| next(NOISE_MM)).collect();
+            change.extend(measured.lengths.iter().map(|_| next(U_BAR_MM)));
+            (model.near(&change)[0] - minimum.x[0]).powi(2)
         })
         .sum();
     let seconds = start.elapsed().as_secs_f64();

@@ -1,6 +1,8 @@
 //! All measurements as one least-squares problem: machine and stylus are common to all rows, the balls
 //! are its blocks. Balls with a certified length between them share a block.
 
+mod measurement;
+
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -10,8 +12,7 @@ use estimation::schur::Rows;
 use machine::Position;
 use machine::frame::unit_vector;
 
-/// Steps to a solution nearby: the second is of second order already.
-const NEAR_STEPS: usize = 2;
+pub use measurement::Measurement;
 
 /// Where and how well a ball was measured.
 #[derive(Debug, Clone, Copy)]
@@ -281,16 +282,6 @@ impl Problem {
             rows.set_own(row, self.ball_at[bar.to] - first + j, along[j]);
             rows.set_own(row, self.ball_at[bar.from] - first + j, -along[j]);
         }
-    }
-
-    /// The solution for measurements that differ little from those of `minimum`: its Jacobian serves.
-    pub fn solve_near(&self, minimum: &Minimum, measured: &Measured) -> Vec<f64> {
-        let mut x = minimum.x.clone();
-        for _ in 0..NEAR_STEPS {
-            let step = minimum.factored.solve(&self.residuals(&x, measured));
-            x.iter_mut().zip(&step).for_each(|(x, step)| *x += step);
-        }
-        x
     }
 
     /// What an exact machine of these unknowns would measure. Only there do the rows show what cannot

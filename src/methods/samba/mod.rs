@@ -11,18 +11,18 @@ mod model;
 mod observe;
 mod outputs;
 mod parameters;
-mod parts;
 mod separable;
 mod settings;
+mod solution;
 mod sources;
 mod stages;
 mod suspects;
 #[cfg(test)]
 mod tests;
-mod uncertainty;
 mod warnings;
 
-pub use fit::{Bar, Measured, Problem, Seen};
+pub use crate::identification::LeastSquares;
+pub use fit::{Bar, Measured, Measurement, Problem, Seen};
 pub use model::Model;
 pub use settings::Settings;
 

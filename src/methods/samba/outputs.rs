@@ -3,134 +3,47 @@
 use std::collections::BTreeSet;
 
 use faer::{Mat, Side};
-use nalgebra::Vector3;
 
-use super::fit::{Problem, vector};
+use super::fit::vector;
 use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
-use super::parts::{Parts, place_name};
-use super::suspects::{Outlier, Solved};
-use super::warnings;
-use estimation::coverage;
+use super::solution::GeometrySolution;
+use super::suspects::Outlier;
+use super::warnings::{self, place_name};
+use crate::identification::{Identification, Output, Outputs, reported_unit};
 use machine::kinematics::{ErrorParameter, Shape};
-use machine::record::artefact::Balls;
-use machine::record::estimate::{
-    Arrow, ArrowFigure, Arrows, BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Parameter,
-    Unit, VectorKind, Verdict,
-};
+use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
 
 /// Members of the least certain direction that are named, and how small a part still counts.
 const NAMED: usize = 4;
 const COUNTS: f64 = 0.3;
 
-pub fn estimate(parts: &Parts<'_>) -> Estimate {
-    let Solved { problem, minimum, .. } = parts.solved;
-    let outliers = parts.solved.outliers();
-    let misses = misses(parts);
-    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
-    let dof = minimum.residuals.len().saturating_sub(problem.unknowns());
-    let left_out = left_out(problem.model());
+/// All unknowns.
+pub fn outputs(solved: &GeometrySolution<'_>) -> Outputs {
+    let errors = solved.problem.model().parameters();
+    let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
+    let names = solved.names.iter().enumerate();
+    let all = names.map(|(i, name)| Output::unknown(name, unit(i), i, &solved.minimum.x));
+    Outputs { parameters: all.collect(), ..Outputs::default() }
+}
+
+pub fn estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
+    let outliers = solved.outliers();
+    let left_out = left_out(solved.problem.model());
     Estimate {
-        trued_estimate: ESTIMATE_VERSION,
-        method: super::NAME.to_owned(),
-        parameters: (0..problem.unknowns()).map(|i| parameter(parts, i)).collect(),
-        functions: Vec::new(),
-        circles: Vec::new(),
-        arrows: vec![arrows(parts, &misses, &outliers)],
-        covariance: covariance(parts),
-        rank: parts.survey.rank,
-        unknowns: problem.unknowns(),
-        condition: parts.survey.condition,
-        weakest: weakest(parts),
-        gauge: gauge(parts, &left_out),
-        not_identifiable: [in_words(&left_out), parts.solved.thin()].concat(),
-        residual_rms_um: (square / (3 * misses.len()).max(1) as f64).sqrt() * 1e3,
-        degrees_of_freedom: dof,
-        chi2_per_dof: if dof > 0 { parts.misfit.chi2 / parts.misfit.expected } else { 0.0 },
-        verdict: Verdict::None,
-        warnings: warnings::warnings(parts, &outliers),
-        priors: Vec::new(),
+        arrows: vec![arrows(solved, &outliers)],
+        weakest: weakest(solved),
+        gauge: gauge(solved, &left_out),
+        not_identifiable: [in_words(&left_out), solved.thin()].concat(),
+        warnings: warnings::warnings(solved, identified, &outliers),
+        ..identified.estimate(super::NAME)
     }
 }
 
-/// Of all unknowns in their order: machine errors by their ISO names, stylus, balls.
-pub fn names(problem: &Problem, balls: &Balls) -> Vec<String> {
-    let mut names: Vec<String> =
-        problem.model().parameters().iter().map(ToString::to_string).collect();
-    let stylus = problem.model().stylus().iter();
-    names.extend(stylus.map(|k| format!("tool_{}", ["x", "y", "z"][*k])));
-    names.resize(problem.unknowns(), String::new());
-    for (ball, named) in balls.balls.iter().enumerate() {
-        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            names[problem.ball_at(ball) + k] = format!("ball_{}_{axis}", named.id);
-        }
-    }
-    names
-}
-
-/// Lost directions, the one of the uniform scale by its own name.
-pub fn lost_in_words(lines: Vec<String>) -> Vec<String> {
-    let lines = lines.into_iter().map(|line| {
-        let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
-        if gains > 1 {
-            format!("the uniform scale, which a certified length would give: {line}")
-        } else {
-            line
-        }
-    });
-    lines.collect()
-}
-
-fn unit(parts: &Parts<'_>, unknown: usize) -> Unit {
-    let of_machine = |p: &ErrorParameter| match (p.shape(), p.component().is_linear()) {
-        (Shape::Gain, _) => Unit::UmPerM,
-        (_, true) => Unit::Um,
-        (_, false) => Unit::Urad,
-    };
-    parts.solved.problem.model().parameters().get(unknown).map_or(Unit::Mm, of_machine)
-}
-
-fn parameter(parts: &Parts<'_>, i: usize) -> Parameter {
-    let unit = unit(parts, i);
-    let dof = parts.propagated.dof(i, &parts.misfit);
-    let (k, u) = (coverage::coverage_factor(dof.unwrap_or(f64::INFINITY)), parts.propagated.u(i));
-    let budget = parts.propagated.budget.iter().map(|(source, u)| BudgetLine {
-        source: (*source).to_owned(),
-        u: unit.from_internal(u[i]),
-    });
-    Parameter {
-        symbol: parts.names[i].clone(),
-        value: unit.from_internal(parts.solved.minimum.x[i]),
-        unit,
-        u: unit.from_internal(u),
-        expanded: unit.from_internal(k * u),
-        k,
-        dof,
-        identifiable: true,
-        u_monte_carlo: Some(unit.from_internal(parts.monte_carlo.standard_deviation[i])),
-        budget: budget.collect(),
-    }
-}
-
-fn covariance(parts: &Parts<'_>) -> Covariance {
-    let count = parts.names.len();
-    let factor: Vec<f64> = (0..count).map(|i| unit(parts, i).from_internal(1.0)).collect();
-    let full = &parts.propagated.covariance;
-    let row = |i: usize| (0..count).map(|j| full[(i, j)] * factor[i] * factor[j]).collect();
-    Covariance { symbols: parts.names.clone(), rows: (0..count).map(row).collect() }
-}
-
-/// Where the machine as found sees each ball, less where it is; table frame, mm.
-fn misses(parts: &Parts<'_>) -> Vec<Vector3<f64>> {
-    let Solved { problem, minimum, observed, .. } = parts.solved;
-    let tips = problem.tips(&minimum.x, parts.measured);
-    let ball = |ball| vector(&minimum.x, problem.ball_at(ball));
-    observed.sights.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
-}
-
-fn arrows(parts: &Parts<'_>, misses: &[Vector3<f64>], outliers: &[Outlier]) -> ArrowFigure {
-    let Solved { problem, minimum, observed, balls } = parts.solved;
+fn arrows(solved: &GeometrySolution<'_>, outliers: &[Outlier]) -> ArrowFigure {
+    let GeometrySolution { problem, minimum, observed, balls, .. } = solved;
+    let misses = solved.misses();
     let flagged: BTreeSet<usize> = outliers.iter().map(|outlier| outlier.sight).collect();
     let arrow = |i: usize| {
         let ball = observed.sights[i].ball;
@@ -156,8 +69,8 @@ fn arrows(parts: &Parts<'_>, misses: &[Vector3<f64>], outliers: &[Outlier]) -> A
 }
 
 /// The direction in the scaled unknowns that the measurements see least.
-fn weakest(parts: &Parts<'_>) -> Option<String> {
-    let factored = &parts.solved.minimum.factored;
+fn weakest(solved: &GeometrySolution<'_>) -> Option<String> {
+    let factored = &solved.minimum.factored;
     let (covariance, norms) = (factored.covariance(), factored.column_norms());
     let count = norms.len();
     let scaled = Mat::from_fn(count, count, |i, j| covariance[(i, j)] * norms[i] * norms[j]);
@@ -168,7 +81,7 @@ fn weakest(parts: &Parts<'_>) -> Option<String> {
     let largest = direction[*members.first()?].abs();
     members.retain(|i| direction[*i].abs() > COUNTS * largest);
     members.truncate(NAMED);
-    let names: Vec<&str> = members.iter().map(|i| parts.names[*i].as_str()).collect();
+    let names: Vec<&str> = members.iter().map(|i| solved.names[*i].as_str()).collect();
     Some(match names.as_slice() {
         [only] => format!("{only} alone"),
         [first, others @ ..] => format!("{first} together with {}", others.join(", ")),
@@ -176,8 +89,8 @@ fn weakest(parts: &Parts<'_>) -> Option<String> {
     })
 }
 
-fn gauge(parts: &Parts<'_>, left_out: &[LeftOut]) -> Vec<String> {
-    let model = parts.solved.problem.model();
+fn gauge(solved: &GeometrySolution<'_>, left_out: &[LeftOut]) -> Vec<String> {
+    let model = solved.problem.model();
     let told = left_out.iter().map(|left| left.error);
     let told: Vec<ErrorParameter> = told.chain(model.parameters().iter().copied()).collect();
     let held: Vec<String> = model
@@ -210,9 +123,9 @@ fn gauge(parts: &Parts<'_>, left_out: &[LeftOut]) -> Vec<String> {
             "tool_x and tool_y: an offset of the spindle (EX0S, EY0S) stands in them".to_owned(),
         );
     }
-    if parts.lengths.iter().any(|length| length.temperature_c.is_some()) {
+    if solved.balls.lengths.iter().any(|length| length.temperature_c.is_some()) {
         lines.push("gains: against the certified length at its stated temperature".to_owned());
     }
-    lines.extend(harmonics::in_words(model, &parts.solved.observed.commanded));
+    lines.extend(harmonics::in_words(model, &solved.observed.commanded));
     lines
 }

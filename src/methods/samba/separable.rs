@@ -3,10 +3,9 @@
 
 use std::f64::consts::TAU;
 
-use faer::Mat;
-use faer::linalg::solvers::SolveLstsq;
 use nalgebra::Vector3;
 
+use estimation::independence::{combination_of, independent_columns};
 use machine::frame::unit_vector;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::Balls;
@@ -97,19 +96,16 @@ impl Way<'_> {
     /// The coordinates of the stylus that are no mere shift of all balls.
     pub fn free_stylus(&self) -> Vec<usize> {
         let Columns { stylus, balls, .. } = self.columns(&[]);
-        let mut basis = basis_of(&balls);
-        (0..3).filter(|k| joins(&mut basis, &stylus[*k], INDEPENDENT)).collect()
+        independent_columns(&balls, &stylus, |_| INDEPENDENT)
     }
 
     /// Of the `candidates`, taken in their order, those that are no sum of stylus, balls and what was
     /// kept before.
     pub fn kept(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
         let Columns { stylus, balls, machine } = self.columns(candidates);
-        let mut basis = basis_of(stylus.iter().chain(&balls));
-        let both = candidates.iter().zip(machine);
-        let mut new =
-            |error: &ErrorParameter, column: &[f64]| joins(&mut basis, column, least(error));
-        both.filter(|(error, column)| new(error, column)).map(|(error, _)| *error).collect()
+        let known = [stylus, balls].concat();
+        let kept = independent_columns(&known, &machine, |i| least(&candidates[i]));
+        kept.into_iter().map(|i| candidates[i]).collect()
     }
 
     /// What `error` cannot be told from beside the errors that are `taken`; `None` if it can.
@@ -120,24 +116,14 @@ impl Way<'_> {
         let free = self.free_stylus();
         let stylus = free.iter().map(|k| stylus[*k].clone());
         let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
-        if column.len() < known.len() {
-            return None;
-        }
-        let matrix = Mat::from_fn(column.len(), known.len(), |i, j| known[j][i]);
-        let right = Mat::from_fn(column.len(), 1, |i, _| column[i]);
-        let solved = matrix.col_piv_qr().solve_lstsq(&right);
-        let shares = solved.get(..known.len(), ..);
-        let left = &right - &matrix * shares;
-        if left.norm_l2() > least(&error) * right.norm_l2() {
-            return None;
-        }
-        let counts = |j: usize| length(&known[j]) * shares[(j, 0)].abs() > COUNTS * right.norm_l2();
+        let shares = combination_of(&known, &column, least(&error))?;
+        let counts = |j: usize| length(&known[j]) * shares[j].abs() > COUNTS * length(&column);
         let of_errors = taken.iter().map(|other| (other.to_string(), kind(*other)));
         let of_stylus =
             free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), Kind::Offset));
         let mut beside = Beside::default();
         for (j, (name, of)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| counts(*j)) {
-            let share = shares[(j, 0)];
+            let share = shares[j];
             if of == kind(error) && (share.abs() - 1.0).abs() < WHOLE {
                 let sign = if share < 0.0 { '-' } else { '+' };
                 beside.sums.push(format!("{name} is given as {name} {sign} {error}"));
@@ -223,32 +209,4 @@ fn least(error: &ErrorParameter) -> f64 {
 
 fn length(column: &[f64]) -> f64 {
     column.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn basis_of<'a>(columns: impl IntoIterator<Item = &'a Vec<f64>>) -> Vec<Vec<f64>> {
-    let mut basis = Vec::new();
-    for column in columns {
-        joins(&mut basis, column, INDEPENDENT);
-    }
-    basis
-}
-
-/// Whether `column` keeps more than the part `least` of its length beside the orthonormal `basis`, which
-/// it then joins (Gram–Schmidt, twice).
-fn joins(basis: &mut Vec<Vec<f64>>, column: &[f64], least: f64) -> bool {
-    let whole = length(column);
-    let mut left = column.to_vec();
-    for _ in 0..2 {
-        for unit in basis.iter() {
-            let share: f64 = unit.iter().zip(&left).map(|(u, l)| u * l).sum();
-            left.iter_mut().zip(unit).for_each(|(l, u)| *l -= share * u);
-        }
-    }
-    let rest = length(&left);
-    let new = rest > least * whole;
-    if new {
-        left.iter_mut().for_each(|l| *l /= rest);
-        basis.push(left);
-    }
-    new
 }

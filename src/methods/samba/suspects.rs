@@ -3,13 +3,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::fit::Problem;
-use super::observe::Observed;
+use super::model::length_u_mm;
+use super::solution::GeometrySolution;
 use estimation::coverage;
-use estimation::nonlinear::Minimum;
 use machine::Axis;
 use machine::kinematics::Shape;
-use machine::record::artefact::{Balls, Length};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
@@ -20,15 +18,6 @@ const ALONE: f64 = 1.0 - 1e-4;
 /// Disagreement of a certified length with its balls that no machine has, mm/mm.
 const DISAGREES: f64 = 1e-4;
 
-/// The least-squares problem at its solution.
-#[derive(Clone, Copy)]
-pub struct Solved<'a> {
-    pub problem: &'a Problem,
-    pub minimum: &'a Minimum,
-    pub observed: &'a Observed,
-    pub balls: &'a Balls,
-}
-
 /// A measurement that is far from the rest.
 #[derive(Debug, Clone, Copy)]
 pub struct Outlier {
@@ -37,17 +26,13 @@ pub struct Outlier {
     pub t: f64,
 }
 
-impl Solved<'_> {
+impl GeometrySolution<'_> {
     fn id(&self, ball: usize) -> &str {
         self.balls.balls.get(ball).map_or("", |ball| ball.id.as_str())
     }
 
     fn chi2(&self) -> f64 {
         self.minimum.residuals.iter().map(|r| r * r).sum()
-    }
-
-    fn dof(&self) -> usize {
-        self.minimum.residuals.len().saturating_sub(self.problem.unknowns())
     }
 
     /// Measurements whose externally studentised residuals are beyond the limit of Student's t for so
@@ -147,15 +132,15 @@ impl Solved<'_> {
 
     /// Lengths that disagree with their balls by more than 100 µm/m: with the balls as the machine sees
     /// them without this length; or, where nothing else gives the scale, with the machine's own scales.
-    pub fn lengths(&self, lengths: &[&Length], u_bars: &[f64]) -> Vec<String> {
+    pub fn length_disagreements(&self) -> Vec<String> {
         let leverage = self.minimum.factored.leverage();
-        let told = lengths.iter().enumerate().filter_map(|(i, length)| {
+        let told = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
             let row = self.problem.row_of_bar(i);
             let (off, against) = if leverage[row] > ALONE {
                 (self.scale(), "the machine's own scales")
             } else {
                 let alone = self.minimum.residuals[row] / (1.0 - leverage[row]);
-                (alone * u_bars[i] / length.mm, "its balls as all else sees them")
+                (alone * length_u_mm(length) / length.mm, "its balls as all else sees them")
             };
             (off.abs() > DISAGREES).then(|| {
                 format!(

@@ -1,48 +1,55 @@
 //! What a reader of the estimate must know beside its numbers.
 
 use super::parameters::tilts_table;
-use super::parts::{Parts, place_name};
+use super::solution::GeometrySolution;
 use super::suspects::Outlier;
+use crate::identification::Identification;
+use estimation::misfit::Misfit;
+use machine::Position;
 use machine::kinematics::{ErrorParameter, Shape};
 
-pub fn warnings(parts: &Parts<'_>, outliers: &[Outlier]) -> Vec<String> {
-    let mut lines = parts.solved.observed.left_out.clone();
-    lines.extend(misfit(parts));
-    lines.extend(parts.solved.moved());
-    lines.extend(outliers.iter().map(|outlier| far_off(parts, outlier)));
-    lines.extend(parts.solved.lengths(parts.lengths, parts.u_bars));
-    lines.extend(unsound_balls(parts));
-    lines.extend(cold(parts));
-    lines.extend(disagreement(parts));
-    lines.extend(unstable(parts));
+pub fn warnings(
+    solved: &GeometrySolution<'_>,
+    identified: &Identification,
+    outliers: &[Outlier],
+) -> Vec<String> {
+    let mut lines = solved.observed.left_out.clone();
+    lines.extend(misfit(solved, identified));
+    lines.extend(solved.moved());
+    lines.extend(outliers.iter().map(|outlier| far_off(solved, outlier)));
+    lines.extend(solved.length_disagreements());
+    lines.extend(unsound_balls(solved));
+    lines.extend(cold(solved));
+    lines.extend(disagreement(identified));
+    lines.extend(unstable(identified));
     lines
 }
 
-fn misfit(parts: &Parts<'_>) -> Option<String> {
-    let misfit = &parts.misfit;
+fn misfit(solved: &GeometrySolution<'_>, identified: &Identification) -> Option<String> {
+    let misfit = &identified.propagation.misfit;
     if misfit.above {
         return Some(format!(
             "the model does not explain the measurements: they scatter {:.1} times more than declared \
              ({}); look for error motions, sag, drift or a loose ball. The \
              uncertainties are enlarged by that factor, which need not cover what the model does not hold{}",
             misfit.factor,
-            against_expectation(parts),
-            where_sag_goes(parts)
+            against_expectation(identified),
+            where_sag_goes(solved)
         ));
     }
     misfit.below.then(|| {
         format!(
             "the measurements scatter less than declared ({}): \
              repeatability_um or error_motion_um may be stated too large, and the uncertainties with it",
-            against_expectation(parts)
+            against_expectation(identified)
         )
     })
 }
 
 /// Sag follows the tilt: it looks like turning about the tilting axis, and like offsets of what it
 /// carries.
-fn where_sag_goes(parts: &Parts<'_>) -> String {
-    let model = parts.solved.problem.model();
+fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
+    let model = solved.problem.model();
     let table = model.chain().topology().workpiece();
     let Some(at) = table.iter().position(|axis| tilts_table(model.chain(), *axis)) else {
         return String::new();
@@ -61,10 +68,9 @@ fn where_sag_goes(parts: &Parts<'_>) -> String {
 }
 
 /// χ² and what it is on average where all is as declared.
-fn against_expectation(parts: &Parts<'_>) -> String {
-    let (chi2, expected) = (parts.misfit.chi2, parts.misfit.expected);
-    let solved = &parts.solved;
-    let dof = solved.minimum.residuals.len().saturating_sub(solved.problem.unknowns());
+fn against_expectation(identified: &Identification) -> String {
+    let Misfit { chi2, expected, .. } = identified.propagation.misfit;
+    let dof = identified.figures.dof;
     let mut told = format!("χ² {chi2:.0} where {expected:.0} is expected");
     if (expected - dof as f64).abs() >= 0.5 {
         told += &format!(
@@ -75,8 +81,8 @@ fn against_expectation(parts: &Parts<'_>) -> String {
     told
 }
 
-fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
-    let observed = parts.solved.observed;
+fn far_off(solved: &GeometrySolution<'_>, outlier: &Outlier) -> String {
+    let observed = &solved.observed;
     let sight = &observed.sights[outlier.sight];
     format!(
         "ball {} at indexation {} ({}) is {:.1} standard deviations off the rest: dirt, loose ball or \
@@ -90,10 +96,10 @@ fn far_off(parts: &Parts<'_>, outlier: &Outlier) -> String {
 
 /// Spheres that are none, and diameters that differ: from the stated ones, less what all have in
 /// common, which is pre-travel.
-fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
-    let sights = &parts.solved.observed.sights;
-    let stylus = parts.plan.probe.ball_radius_mm;
-    let radius = |ball: usize| parts.solved.balls.balls[ball].radius_mm + stylus;
+fn unsound_balls(solved: &GeometrySolution<'_>) -> Vec<String> {
+    let sights = &solved.observed.sights;
+    let stylus = solved.plan.probe.ball_radius_mm;
+    let radius = |ball: usize| solved.balls.balls[ball].radius_mm + stylus;
     let short: Vec<f64> = sights.iter().map(|sight| sight.radius - radius(sight.ball)).collect();
     let mut sorted = short.clone();
     sorted.sort_by(f64::total_cmp);
@@ -102,12 +108,12 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
     for (sight, short) in sights.iter().zip(&short) {
         let (form_um, off_um) = (sight.form * 1e3, 2e3 * (short - common));
         let whose = format!("ball {} at indexation {}", sight.label.ball, sight.label.number());
-        if form_um > parts.settings.form_limit_um {
+        if form_um > solved.settings.form_limit_um {
             lines.push(format!(
                 "{whose}: its form is {form_um:.1} µm: dirt, loose ball or wrong stylus?"
             ));
         }
-        if off_um.abs() > parts.settings.diameter_limit_um {
+        if off_um.abs() > solved.settings.diameter_limit_um {
             lines.push(format!(
                 "{whose}: its diameter differs by {off_um:+.1} µm from the others: dirt, loose ball or \
                  wrong stylus?"
@@ -117,8 +123,9 @@ fn unsound_balls(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-fn cold(parts: &Parts<'_>) -> Vec<String> {
-    let unknown = parts
+fn cold(solved: &GeometrySolution<'_>) -> Vec<String> {
+    let unknown = solved
+        .balls
         .lengths
         .iter()
         .filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());
@@ -133,24 +140,25 @@ fn cold(parts: &Parts<'_>) -> Vec<String> {
 }
 
 /// JCGM 101, 7.9: the trials were as many as may be, and not enough for their stopping rule.
-fn unstable(parts: &Parts<'_>) -> Option<String> {
-    let told = || {
-        format!(
-            "after {} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
-             U are those by covariance. Ask for more by monte_carlo_trials",
-            parts.monte_carlo.trials
-        )
-    };
-    (!parts.monte_carlo.stable).then(told)
+fn unstable(identified: &Identification) -> Option<String> {
+    let trials = identified.trials.as_ref().filter(|trials| !trials.stable)?.trials;
+    Some(format!(
+        "after {trials} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
+         U are those by covariance. Ask for more by monte_carlo_trials"
+    ))
 }
 
 /// Where covariance and Monte Carlo differ.
-fn disagreement(parts: &Parts<'_>) -> Vec<String> {
-    let far = parts.names.iter().enumerate();
-    let far = far.filter(|(i, _)| parts.monte_carlo.contradicts(*i, parts.propagated.u(*i)));
-    let names: Vec<&str> = far.map(|(_, name)| name.as_str()).collect();
-    if names.is_empty() {
-        return Vec::new();
-    }
-    vec![format!("u by covariance and by Monte Carlo disagree: {}", names.join(", "))]
+fn disagreement(identified: &Identification) -> Option<String> {
+    let names = identified.contradicted();
+    let told = || format!("u by covariance and by Monte Carlo disagree: {}", names.join(", "));
+    (!names.is_empty()).then(told)
+}
+
+/// e.g. `B -30°, C 90°`.
+pub fn place_name(position: &Position) -> String {
+    let axes = position.iter().filter(|(axis, _)| !axis.is_linear());
+    let named: Vec<String> =
+        axes.map(|(axis, value)| format!("{axis} {:.0}°", axis.to_edge(value))).collect();
+    named.join(", ")
 }

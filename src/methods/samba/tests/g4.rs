@@ -10,8 +10,8 @@ use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
 use crate::samba::fit::{Bar, Measured, Problem, Seen};
 use crate::samba::model::Model;
-use crate::samba::outputs;
 use crate::samba::settings::{Criterion, Design};
+use crate::samba::solution::{describe_lost, unknown_names};
 use estimation::linear::Survey;
 use estimation::null_names::name_null_space;
 use estimation::random::stream;
@@ -86,8 +86,7 @@ fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
         balls: paper_balls().into_iter().enumerate().map(named).collect(),
         ..Balls::default()
     };
-    let names = outputs::names(&problem, &balls);
-    let lost = outputs::lost_in_words(name_null_space(survey.null_space.as_ref(), &names));
+    let lost = describe_lost(&survey, &unknown_names(&problem, &balls));
     (survey, lost)
 }
 

@@ -5,8 +5,10 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
 use super::whole::{SOUND, says, settings};
-use crate::samba::fit::Measured;
-use crate::samba::identify::{Found, found, identify, of_centres};
+use crate::identification::{LeastSquares, ObservationEquation};
+use crate::samba::fit::Measurement;
+use crate::samba::identify::identify;
+use crate::samba::solution::{GeometrySolution, of_centres, solve_geometry};
 use estimation::monte_carlo::numerical_tolerance;
 use estimation::random::stream;
 use machine::Axis;
@@ -15,30 +17,34 @@ use machine::Axis;
 const NOISE_MM: f64 = 5e-3;
 
 /// All unknowns with the deviations of one trial, by centres and by touches.
-fn both(found: &Found, trial: u64) -> [Vec<f64>; 2] {
+fn both(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
+    let GeometrySolution { problem, measured, minimum, .. } = solved;
     let mut normal = StandardNormal.sample_iter(stream(7, &[trial]));
-    let (mut centres, mut touched) = (found.measured.clone(), found.observed.clone());
+    let mut touched = solved.observed.clone();
+    let equation = Measurement { problem, measured };
+    let mut change = vec![0.0; equation.observations()];
     for (i, sight) in touched.sights.iter_mut().enumerate() {
         for touch in &mut sight.touches {
             let deviation: f64 = normal.next().unwrap();
-            centres.xyz[i] += touch.gain * (deviation * NOISE_MM);
+            let shift = touch.gain * (deviation * NOISE_MM);
+            change[3 * i..].iter_mut().zip(&shift).for_each(|(change, shift)| *change += shift);
             touch.point += touch.normal * (deviation * NOISE_MM);
         }
     }
-    touched.fit_again(&found.problem.ways(&found.minimum.x)).unwrap();
-    let touches = of_centres(&touched, &[]);
-    let touches = Measured { lengths: centres.lengths.clone(), ..touches };
-    let whole = found.problem.solve(&touches, found.minimum.x.clone()).unwrap();
-    [found.problem.solve_near(&found.minimum, &centres), whole.x]
+    touched.fit_again(&problem.ways(&minimum.x)).unwrap();
+    let touches = of_centres(&touched, &solved.balls.lengths);
+    let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
+    [LeastSquares { equation: &equation, minimum }.near(&change), whole.x]
 }
 
 #[test]
 fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
     const TRIALS: u64 = 1000;
     let (plan, readings) = SOUND.measure();
-    let found = found(&plan, &settings(), &readings).unwrap();
-    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| both(&found, trial)).collect();
-    for (i, x) in found.minimum.x.iter().enumerate() {
+    let settings = settings();
+    let solved = solve_geometry(&plan, &settings, &readings).unwrap();
+    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| both(&solved, trial)).collect();
+    for (i, x) in solved.minimum.x.iter().enumerate() {
         let mean = |which: usize| {
             trials.iter().map(|both| both[which][i] - x).sum::<f64>() / TRIALS as f64
         };
@@ -58,6 +64,23 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
         assert!((mean(0) - mean(1)).abs() < tolerance, "{i}");
     }
     assert_ne!(trials[0][0], trials[0][1]);
+}
+
+/// The weighted change of a changed centre or length is that of its residuals, sign included, but for the
+/// errors of the machine.
+#[test]
+fn regress_weighted_changes_are_those_of_the_residuals() {
+    let (plan, readings) = SOUND.measure();
+    let settings = settings();
+    let GeometrySolution { problem, measured, minimum, .. } =
+        &solve_geometry(&plan, &settings, &readings).unwrap();
+    let equation = Measurement { problem, measured };
+    let change: Vec<f64> = (0..equation.observations()).map(|i| 1e-3 * (i as f64).sin()).collect();
+    let changed = equation.residuals(&minimum.x, &change);
+    let weighted = equation.weighted_change(&change);
+    for ((changed, before), weighted) in changed.iter().zip(&minimum.residuals).zip(weighted) {
+        assert!((changed - before - weighted).abs() < 1e-3, "{changed} {before} {weighted}");
+    }
 }
 
 /// A ball that moves before its last measurement or after its first looks as one measurement that is
