@@ -5,8 +5,12 @@ use std::f64::consts::PI;
 use faer::Mat;
 
 use super::observe::{Observed, Touch};
+use super::outputs;
+use crate::identification::{
+    Effect, EvaluationType, FitFigures, Identification, InResiduals, LinearFit, Solution,
+    Uncertainty, UncertaintySource, identify,
+};
 use crate::{IdentifyError, Refused};
-use estimation::coverage;
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
 /// Weights from the scatter, scatter from the residuals: after so many rounds they stand.
@@ -21,32 +25,16 @@ pub struct Scatter {
 }
 
 pub struct Fitted {
+    pub identified: Identification,
     /// Latch delay, s.
     pub delay_s: f64,
-    /// Variance of the delay by source, s², with its degrees of freedom: slow touches, fast ones, the
-    /// display's steps.
-    pub sources: [(f64, f64); 3],
+    /// Of the delay, s.
+    pub delay_uncertainty: Uncertainty,
     pub scatter: [Scatter; 2],
     /// mm/s, positive towards the part.
     pub drift_mm_s: f64,
     /// Each touch less what it would read without delay, mm.
     pub late_mm: Vec<f64>,
-    pub solution: LinearSolution,
-}
-
-impl Fitted {
-    pub fn u_s(&self) -> f64 {
-        self.sources.iter().map(|(variance, _)| variance).sum::<f64>().sqrt()
-    }
-
-    pub fn dof(&self) -> f64 {
-        coverage::effective_dof(&self.sources)
-    }
-
-    /// Expanded uncertainty of the delay, s.
-    pub fn expanded_s(&self) -> f64 {
-        coverage::coverage_factor(self.dof()) * self.u_s()
-    }
 }
 
 /// # Errors
@@ -56,52 +44,103 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
     let touches = &observed.touches;
     let Times { middle, half } = Times::of(touches);
     let speeds = observed.speeds();
-    let segments = touches.iter().map(|touch| touch.segment).max().unwrap_or(0) + 1;
-    let a = Mat::from_fn(touches.len(), segments + 2, |i, j| match j {
-        _ if j < segments => f64::from(u8::from(touches[i].segment == j)),
-        _ if j == segments => speeds[touches[i].feed],
+    // Unknowns: the position in each segment, mm; the delay, s; half of the drift in all, mm.
+    let delay = touches.iter().map(|touch| touch.segment).max().unwrap_or(0) + 1;
+    let a = Mat::from_fn(touches.len(), delay + 2, |i, j| match j {
+        _ if j < delay => f64::from(u8::from(touches[i].segment == j)),
+        _ if j == delay => speeds[touches[i].feed],
         _ => (touches[i].t_s - middle) / half,
     });
+    let (solution, scatter) = reweighted(observed, &a)?;
+    let LinearSolution { x, gain, residuals, .. } = &solution;
+    let sigma = sigma(touches, scatter);
+    let weighted: Vec<f64> = residuals.iter().zip(&sigma).map(|(r, sigma)| r / sigma).collect();
+    let solved = Solution {
+        model: &LinearFit { x, a: &a, sigma: &sigma, gain },
+        residuals: &weighted,
+        is_declared: true,
+        figures: figures(&solution),
+    };
+    let slope: Vec<f64> = (0..x.len()).map(|j| f64::from(u8::from(j == delay))).collect();
+    let outputs = outputs::outputs(observed, x, &slope);
+    let identified = identify(&solved, &sources(observed, scatter, &slope), outputs, None)?;
+    let late = residuals.iter().zip(touches).map(|(r, touch)| r + x[delay] * speeds[touch.feed]);
+    Ok(Fitted {
+        delay_s: x[delay],
+        delay_uncertainty: identified.propagation.uncertainty(&slope),
+        identified,
+        scatter,
+        drift_mm_s: x[delay + 1] / half,
+        late_mm: late.collect(),
+    })
+}
+
+/// Rounds of weights from the scatter and scatter from the residuals.
+fn reweighted(
+    observed: &Observed,
+    a: &Mat<f64>,
+) -> Result<(LinearSolution, [Scatter; 2]), IdentifyError> {
+    let touches = &observed.touches;
     let y: Vec<f64> = touches.iter().map(|touch| touch.along_mm - observed.way_mm).collect();
     let least = observed.resolution_mm / 12f64.sqrt();
     let mut scatter = [Scatter { s_mm: 1e-3, dof: 0.0 }; 2];
     let mut solved = None;
     for _ in 0..ROUNDS {
-        let sigma: Vec<f64> = touches.iter().map(|touch| scatter[touch.feed].s_mm).collect();
         let problem = LinearProblem {
             a: a.as_ref(),
             y: &y,
-            sigma: &sigma,
+            sigma: &sigma(touches, scatter),
             constraints: None,
             rank_threshold: RANK_THRESHOLD,
         };
         let solution = linear::solve(&problem).map_err(refused)?;
-        scatter = [0, 1].map(|feed| judged(touches, &a, &solution, feed, least));
+        scatter = [0, 1].map(|feed| judged(touches, a, &solution, feed, least));
         if let Some(feed) = (0..2).find(|feed| scatter[*feed].s_mm <= 0.0) {
             return Err(alike(observed.feeds_mm_min[feed]));
         }
         solved = Some(solution);
     }
     let solution = solved.ok_or_else(|| IdentifyError::Numerical("nothing to fit".to_owned()))?;
-    let delay_s = solution.x[segments];
-    let gain = |i: usize| solution.gain[(segments, i)];
+    Ok((solution, scatter))
+}
+
+fn sigma(touches: &[Touch], scatter: [Scatter; 2]) -> Vec<f64> {
+    touches.iter().map(|touch| scatter[touch.feed].s_mm).collect()
+}
+
+fn figures(solution: &LinearSolution) -> FitFigures {
+    let LinearSolution { residuals, rank, condition, dof, .. } = solution;
+    let squares: f64 = residuals.iter().map(|r| r * r).sum();
+    FitFigures {
+        rank: *rank,
+        unknowns: solution.x.len(),
+        condition: *condition,
+        dof: *dof,
+        residual_rms_mm: (squares / residuals.len().max(1) as f64).sqrt(),
+    }
+}
+
+/// The scatter at each feed, and what it does not average out of the display's steps, on the delay
+/// itself. `delay`: derivative of the delay by the unknowns. χ² judges none: the sizes follow from the
+/// residuals already.
+fn sources(observed: &Observed, scatter: [Scatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
     let of_feed = |feed: usize| {
-        let own = (0..touches.len()).filter(|i| touches[*i].feed == feed);
-        let variance = own.map(|i| (gain(i) * scatter[feed].s_mm).powi(2)).sum();
-        (variance, scatter[feed].dof)
+        let Scatter { s_mm, dof } = scatter[feed];
+        let size = |touch: &Touch| if touch.feed == feed { s_mm } else { 0.0 };
+        let each = Effect::Each(observed.touches.iter().map(size).collect());
+        let name = format!("scatter at {} mm/min", observed.feeds_mm_min[feed]);
+        let evaluation = EvaluationType::A;
+        UncertaintySource { evaluation, dof, ..UncertaintySource::new(name, each) }
     };
-    let [slow, fast] = speeds;
+    let [slow, fast] = observed.speeds();
     let steps: f64 = scatter.iter().map(|s| rounding(observed.resolution_mm, s.s_mm).powi(2)).sum();
-    Ok(Fitted {
-        delay_s,
-        sources: [of_feed(0), of_feed(1), (steps / (fast - slow).powi(2), f64::INFINITY)],
-        scatter,
-        drift_mm_s: solution.x[segments + 1] / half,
-        late_mm: (0..touches.len())
-            .map(|i| solution.residuals[i] + delay_s * speeds[touches[i].feed])
-            .collect(),
-        solution,
-    })
+    let u_s = steps.sqrt() / (fast - slow);
+    let resolution = UncertaintySource {
+        direct_changes: vec![delay.iter().map(|slope| slope * u_s).collect()],
+        ..UncertaintySource::new("resolution", Effect::Joint(vec![Vec::new()]))
+    };
+    [of_feed(0), of_feed(1), resolution]
+        .map(|source| UncertaintySource { in_residuals: InResiduals::Absent, ..source })
 }
 
 struct Times {

@@ -4,6 +4,7 @@
 //! anything from 0 to T: T/2 on average, and touches scatter by v·T/√12 (rectangular, GUM 4.3.7), which
 //! grows with the feed as no scatter of the probe does.
 
+mod estimate;
 mod feeds;
 mod fit;
 mod observe;
@@ -88,7 +89,7 @@ impl Method for LatchDelay {
     ) -> Result<Estimate, IdentifyError> {
         self.check_priors(priors)?;
         let (observed, fitted, scan) = look(plan, readings)?;
-        Ok(outputs::estimate(plan, &observed, &fitted, &scan))
+        Ok(estimate::estimate(plan, &observed, &fitted, &scan))
     }
 }
 
@@ -119,7 +120,7 @@ impl Found {
     /// As [`Method::identify`].
     pub fn of(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
         let (observed, fitted, scan) = look(plan, readings)?;
-        let declared_mm = outputs::declared_mm(plan, &observed);
+        let declared_mm = estimate::declared_mm(plan, &observed);
         Ok(Self {
             latch: scan.latch,
             latch_in_words: words::of_latch(&observed, &fitted, &scan),

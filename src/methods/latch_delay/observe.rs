@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::feeds::{Feeds, run_up_mm};
 use super::plan::SEARCH;
+use crate::identification::declared::display_step_mm;
 use crate::{IdentifyError, Refused};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
@@ -122,9 +123,7 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
         .map(|(place, touch)| if timed { touch } else { Touch { t_s: place as f64, ..touch } })
         .collect();
     check_enough(&touches, feeds_mm_min)?;
-    let width = |axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
-    let widths = Axis::LINEAR.into_iter().zip(direction(first).0);
-    let resolution_mm = widths.map(|(axis, part)| (part * width(axis)).powi(2)).sum::<f64>().sqrt();
+    let resolution_mm = display_step_mm(plan, direction(first).0.into());
     let way_mm = touches.iter().map(|touch| touch.along_mm).sum::<f64>() / touches.len() as f64;
     Ok(Observed { touches, feeds_mm_min, resolution_mm, way_mm, timed })
 }

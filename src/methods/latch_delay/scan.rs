@@ -57,8 +57,9 @@ pub fn judge(observed: &Observed, fitted: &Fitted) -> Scan {
         let time = time(observed.speeds(), slow, fast);
         // A scan comes late by half of itself at least.
         let early = time.t_s / 2.0 - fitted.delay_s;
-        let u = fitted.u_s().hypot(time.u_s / 2.0);
-        match early > coverage_factor(fitted.dof().min(time.dof)) * u {
+        let delay = &fitted.delay_uncertainty;
+        let dof = delay.dof.map_or(time.dof, |dof| dof.min(time.dof));
+        match early > coverage_factor(dof) * delay.u.hypot(time.u_s / 2.0) {
             true => Latch::Unsteady(time),
             false => Latch::Scan(time),
         }
@@ -92,5 +93,5 @@ fn longest(speeds: [f64; 2], fitted: &Fitted, ratio: f64) -> f64 {
     let wide = variance_ratio_bound(1.0 - LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);
     let more = (ratio.max(1.0) * wide - 1.0).max(0.0) * slow.s_mm.powi(2);
     let by_scatter = (12.0 * more / (speeds[1].powi(2) - speeds[0].powi(2))).sqrt();
-    by_scatter.min(2.0 * (fitted.delay_s.max(0.0) + fitted.expanded_s()))
+    by_scatter.min(2.0 * (fitted.delay_s.max(0.0) + fitted.delay_uncertainty.expanded()))
 }

@@ -54,7 +54,7 @@ pub fn of_latch(observed: &Observed, fitted: &Fitted, scan: &Scan) -> String {
 /// Of a delay beyond its uncertainty.
 pub fn of_delay(observed: &Observed, fitted: &Fitted) -> Option<String> {
     let [slow, _] = observed.feeds_mm_min;
-    let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.expanded_s() * 1e3);
+    let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);
     if delay_ms > expanded_ms {
         Some(format!(
             "contact is latched {delay_ms:.2} ms late (U = {expanded_ms:.2} ms): {:.2} µm at {slow} \
