@@ -36,7 +36,7 @@ impl Asking {
             from: Position::new(),
             to: Position::new(),
             feed_mm_min: 0.0,
-            sensor: String::new(),
+            sensors: Vec::new(),
             normal: [0.0; 3],
             scan: None,
             text: Some(text.clone()),
@@ -105,8 +105,8 @@ impl Method for Asking {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
-        self.method.looks_with(sensors)
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
+        self.method.required_sensors(sensors)
     }
 
     fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {

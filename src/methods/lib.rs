@@ -101,13 +101,13 @@ pub trait Method: Send + Sync {
     /// needed: positions are taken from the plan's nominal artefact.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
 
-    /// What it looks with, of the sensors that the machine has; nothing, if it touches.
+    /// The sensors that it needs besides the probe, of those that the machine has.
     ///
     /// # Errors
-    /// It looks, and none of them suits.
-    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+    /// One that it needs is not there.
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
         let _ = sensors;
-        Ok(None)
+        Ok(Vec::new())
     }
 
     /// Whether this method can take these estimates as known; asked before anything moves. Most take

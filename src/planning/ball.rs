@@ -104,7 +104,7 @@ impl Access {
                     from: from.as_written(),
                     to: to.as_written(),
                     feed_mm_min: task.approach.feed_mm_min(probe),
-                    sensor: "probe".to_owned(),
+                    sensors: vec!["probe".to_owned()],
                     normal: contact.normal.into(),
                     scan: None,
                     text: None,

@@ -97,7 +97,10 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     if !(step.feed_mm_min.is_finite() && step.feed_mm_min > 0.0) {
         return wrong("its feed is no speed");
     }
-    if !plan.sensors.iter().any(|sensor| sensor.name == step.sensor) {
+    if step.sensors.len() > 1 {
+        return wrong("it has several sensors, and a run reads one at a time");
+    }
+    if !plan.sensors.iter().any(|sensor| sensor.name == step.sensor()) {
         return wrong("the plan has no sensor of that name");
     }
     match scan.sampling {

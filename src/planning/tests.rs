@@ -47,7 +47,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
         from: place(48.5),
         to: place(47.0),
         feed_mm_min: 30.0,
-        sensor: "probe".into(),
+        sensors: vec!["probe".into()],
         normal: [phi.cos(), phi.sin(), 0.0],
         scan: None,
         text: None,
@@ -320,7 +320,7 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
         from: point(-1.0, c),
         to: point(1.0, c),
         feed_mm_min: 60.0,
-        sensor: "laser".into(),
+        sensors: vec!["laser".into()],
         scan: Some(Scan {
             path: vec![point(-1.0, c), point(0.0, c), point(1.0, c)],
             sampling: Sampling::Dwell { dwell_s: 0.5, samples: 3 },
@@ -348,6 +348,10 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     broken.steps[0].scan.as_mut().unwrap().path[1] = at(&[(Axis::X, 0.0)]);
     let refused = super::blocks(&broken, &clearance).unwrap_err();
     assert!(matches!(refused, PlanningError::Incomplete { step: 0, .. }), "{refused}");
+    let mut several = plan.clone();
+    several.steps[0].sensors.push("probe".into());
+    let refused = super::blocks(&several, &clearance).unwrap_err();
+    assert!(refused.to_string().contains("several sensors"), "{refused}");
     plan.sensors.clear();
     let refused = super::blocks(&plan, &clearance).unwrap_err();
     assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
@@ -365,7 +369,7 @@ fn a_continuous_scan_is_one_block_without_a_rest() {
         from: path[0].clone(),
         to: path[path.len() - 1].clone(),
         feed_mm_min: 60.0,
-        sensor: "laser".into(),
+        sensors: vec!["laser".into()],
         scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz } }),
         ..touch(0, 0.0, 0.0, 0.0, 0.0)
     };

@@ -65,8 +65,8 @@ impl Run<'_> {
     }
 
     fn sensor(&self, step: &Step) -> Result<&Mounted, RunError> {
-        let named = self.looking.iter().find(|sensor| sensor.name() == step.sensor);
-        named.ok_or_else(|| faulty(step)(SensorError::Unknown { name: step.sensor.clone() }))
+        let named = self.looking.iter().find(|sensor| sensor.name() == step.sensor());
+        named.ok_or_else(|| faulty(step)(SensorError::Unknown { name: step.sensor().to_owned() }))
     }
 
     /// The blocks of a scan; every sample that was taken along it.
@@ -143,7 +143,7 @@ impl Run<'_> {
 
     fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
         let flag = seen.map_or(Flag::Stale, |sample| sample.flag);
-        RunError::Blind { step: step.id, sensor: step.sensor.clone(), flag }
+        RunError::Blind { step: step.id, sensor: step.sensor().to_owned(), flag }
     }
 
     /// All samples of the way from the first point to the last, each where its own time says.
@@ -212,7 +212,7 @@ impl Run<'_> {
             repeat,
             position,
             value_mm: sample.value_mm,
-            sensor: step.sensor.clone(),
+            sensor: step.sensor().to_owned(),
             t_s: sample.t_s + shift_s,
             flag: sample.flag,
             temperatures_c: Default::default(),
@@ -235,7 +235,7 @@ impl Run<'_> {
             repeat,
             position: stands.clone(),
             value_mm: sample.value_mm,
-            sensor: step.sensor.clone(),
+            sensor: step.sensor().to_owned(),
             t_s: began + (sample.t_s - first),
             flag: sample.flag,
             temperatures_c: Default::default(),
@@ -246,6 +246,6 @@ impl Run<'_> {
 
 /// What the sensor that `step` looks with has met.
 fn faulty(step: &Step) -> impl Fn(SensorError) -> RunError {
-    let name = step.sensor.clone();
+    let name = step.sensor().to_owned();
     move |source| RunError::Sensor { name: name.clone(), source }
 }

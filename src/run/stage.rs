@@ -120,7 +120,7 @@ impl Run<'_> {
             repeat,
             position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
             value_mm: None,
-            sensor: step.sensor.clone(),
+            sensor: step.sensor().to_owned(),
             t_s: self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: Flag::None,
             temperatures_c: Default::default(),

@@ -60,9 +60,9 @@ pub fn header(
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
-    let looks_with = method.looks_with(&sensors)?;
+    let required = method.required_sensors(&sensors)?;
     let plan = Plan {
-        sensors: looks_with.cloned().into_iter().collect(),
+        sensors: required.into_iter().cloned().collect(),
         ..without_steps(file, name, method.settings())
     };
     Ok((methods::asking(method, file.asks_before(name)), plan))

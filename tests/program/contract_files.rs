@@ -110,7 +110,7 @@ fn a_plan_by_hand_is_understood() {
     assert!(is_the_one, "{:?}", plan.artefact);
     let [step] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
     assert_eq!((step.id, step.stage, step.kind), (0, 0, StepKind::Touch));
-    assert_eq!((step.label.as_str(), step.sensor.as_str()), ("1a/C045", "probe"));
+    assert_eq!((step.label.as_str(), step.sensor()), ("1a/C045", "probe"));
     assert_eq!((step.feed_mm_min, step.normal), (30.0, [1.0, 0.0, 0.0]));
     // Inside: mm and rad.
     assert_eq!(step.from.get(Axis::Z), Some(62.0));

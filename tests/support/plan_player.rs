@@ -24,7 +24,7 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
         repeat,
         position: contact.position,
         value_mm: None,
-        sensor: step.sensor.clone(),
+        sensor: step.sensor().to_owned(),
         t_s: contact.t_s,
         flag: Flag::None,
         temperatures_c: Default::default(),
@@ -39,7 +39,7 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
             Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
             Sensed::Saturated => (None, Flag::Saturated),
         };
-        let (sensor, temperatures_c) = (step.sensor.clone(), Default::default());
+        let (sensor, temperatures_c) = (step.sensor().to_owned(), Default::default());
         Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }
     };
     let speed = Speed::Feed { mm_min: step.feed_mm_min };
@@ -47,7 +47,7 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
     for (number, point) in scan.path.iter().enumerate() {
         match scan.sampling {
             Sampling::Continuous { rate_hz } if number > 0 => {
-                let passing = world.sense_on_the_way(&step.sensor, point, speed, 1.0 / rate_hz);
+                let passing = world.sense_on_the_way(step.sensor(), point, speed, 1.0 / rate_hz);
                 readings.extend(passing.into_iter().map(|p| reading(p.position, p.t_s, p.sensed)));
             }
             Sampling::Continuous { .. } => {
@@ -57,7 +57,7 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
                 world.travel(point, speed);
                 world.dwell(dwell_s);
                 for _ in 0..samples {
-                    let sensed = world.sense(&step.sensor, 1e-3).expect("a sensor");
+                    let sensed = world.sense(step.sensor(), 1e-3).expect("a sensor");
                     readings.push(reading(world.position(), world.time_s(), sensed));
                 }
             }

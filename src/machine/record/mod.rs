@@ -5,6 +5,7 @@ pub mod estimate;
 pub mod event;
 pub mod machine;
 pub mod motion;
+mod one_or_many;
 pub mod plan;
 pub mod proof;
 pub mod question;

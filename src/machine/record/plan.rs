@@ -64,7 +64,10 @@ pub struct Step {
     pub from: Position,
     pub to: Position,
     pub feed_mm_min: f64,
-    pub sensor: String,
+    /// Names of what measures: `probe`, or of the plan's sensors. In JSON one is a string, several are a
+    /// list, and none is an empty string.
+    #[serde(rename = "sensor", with = "super::one_or_many")]
+    pub sensors: Vec<String>,
     /// Outward surface normal where contact is expected, machine frame; of a scan: against the beam.
     pub normal: [f64; 3],
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
@@ -72,6 +75,13 @@ pub struct Step {
     /// What a prompt asks a person to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
+}
+
+impl Step {
+    /// The first of its sensors; empty where it has none.
+    pub fn sensor(&self) -> &str {
+        self.sensors.first().map_or("", String::as_str)
+    }
 }
 
 /// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of

@@ -65,7 +65,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
         from: path.first().cloned().unwrap_or_default(),
         to: path.last().cloned().unwrap_or_default(),
         feed_mm_min,
-        sensor: bench.sensor.name.clone(),
+        sensors: vec![bench.sensor.name.clone()],
         normal: (-beam).into(),
         scan: Some(Scan { path, sampling }),
         text: None,

@@ -77,10 +77,10 @@ impl Method for LaserRTest {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    fn looks_with<'a>(&self, sensors: &'a [Sensor]) -> Result<Option<&'a Sensor>, Refused> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
         match self.settings.by {
-            By::Laser => bench::sensor(sensors, &self.settings).map(Some),
-            By::Probe => Ok(None),
+            By::Laser => Ok(vec![bench::sensor(sensors, &self.settings)?]),
+            By::Probe => Ok(Vec::new()),
         }
     }
 

@@ -60,7 +60,7 @@ impl Place {
             from: self.from.clone(),
             to: self.to.clone(),
             feed_mm_min: feed,
-            sensor: "probe".to_owned(),
+            sensors: vec!["probe".to_owned()],
             normal: self.normal,
             scan: None,
             text: None,

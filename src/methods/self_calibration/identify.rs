@@ -72,7 +72,7 @@ fn nominal_reading(step: &Step) -> Reading {
         repeat: 0,
         position: step.from.clone(),
         value_mm: None,
-        sensor: step.sensor.clone(),
+        sensor: step.sensor().to_owned(),
         t_s: f64::from(step.id) + 1.0,
         flag: Flag::None,
         temperatures_c: Default::default(),

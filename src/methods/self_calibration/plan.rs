@@ -242,7 +242,7 @@ impl<'a> Planner<'a> {
             from: from.updated_by(&rotary).as_written(),
             to: to.updated_by(&rotary).as_written(),
             feed_mm_min: spec.feed_mm_min,
-            sensor: "probe".to_owned(),
+            sensors: vec!["probe".to_owned()],
             normal: normal.into(),
             scan: None,
             text: None,

@@ -39,7 +39,7 @@ fn step(id: u32) -> Step {
         from: Position::new().with(Axis::X, 50.1).with(Axis::C, Axis::C.from_edge(45.0)),
         to: Position::new().with(Axis::X, 44.0),
         feed_mm_min: 30.0,
-        sensor: "probe".to_owned(),
+        sensors: vec!["probe".to_owned()],
         normal: [angle.cos(), angle.sin(), 0.0],
         scan: None,
         text: None,

@@ -81,7 +81,7 @@ impl Passes {
                     from: over(-REACH),
                     to: over(-REACH),
                     feed_mm_min,
-                    sensor: "laser".to_owned(),
+                    sensors: vec!["laser".to_owned()],
                     normal: [0.0, 0.0, 1.0],
                     scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0 } }),
                     text: None,

@@ -275,7 +275,7 @@ async fn touch_all(
                 repeat: stage.repeat,
                 position: outcome.touch.unwrap(),
                 value_mm: None,
-                sensor: step.sensor.clone(),
+                sensor: step.sensor().to_owned(),
                 t_s: outcome.t_s.unwrap_or(0.0),
                 flag: Flag::None,
                 temperatures_c: Default::default(),

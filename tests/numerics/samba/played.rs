@@ -65,7 +65,7 @@ fn touch(world: &mut World, step: &Step) -> Reading {
         repeat: 0,
         position: contact.position,
         value_mm: None,
-        sensor: step.sensor.clone(),
+        sensor: step.sensor().to_owned(),
         t_s: contact.t_s,
         flag: Flag::None,
         temperatures_c: Default::default(),

@@ -55,7 +55,7 @@ fn step(id: u32) -> Step {
         from: path[0].clone(),
         to: path[path.len() - 1].clone(),
         feed_mm_min: FEED_MM_MIN,
-        sensor: "laser".to_owned(),
+        sensors: vec!["laser".to_owned()],
         normal: [0.0, 0.0, 1.0],
         scan: Some(Scan { path, sampling }),
         text: None,

@@ -80,7 +80,7 @@ impl World {
                     from: place(xyz + n),
                     to: place(xyz - n),
                     feed_mm_min: 30.0,
-                    sensor: "probe".into(),
+                    sensors: vec!["probe".into()],
                     normal: n.into(),
                     scan: None,
                     text: None,
