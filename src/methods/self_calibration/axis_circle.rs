@@ -1,56 +1,42 @@
 //! The axis position as ISO 230-7 has it: the least-squares circle through the positions of
 //! E_total, beside the mean that is the default.
 
-use faer::Mat;
-
+use super::model::Layout;
 use super::parts::Parts;
-use estimation::circle::{Circle, fit_circle};
+use crate::identification::{central_differences, reported_parameter};
+use estimation::circle::fit_circle;
+use machine::record::estimate::{CircleFigure, Estimate, Unit};
 
-pub struct AxisCircle {
-    /// E_total at each angle of C, first height, mm.
-    pub points: Vec<[f64; 2]>,
-    pub fitted: Circle,
-    /// Standard uncertainty of the centre, mm.
-    pub u: [f64; 2],
-}
+/// Half width of the numerical derivative of the circle's centre, mm.
+const DERIVATIVE_STEP_MM: f64 = 1e-6;
 
-/// `None` where no circle can be fitted: an axis without offset leaves only scatter.
-pub fn axis_circle(parts: &Parts<'_>) -> Option<AxisCircle> {
-    let (layout, x) = (&parts.fit.layout, &parts.solved.x);
-    let points: Vec<[f64; 2]> =
-        (0..layout.design.n).map(|i| [x[layout.ex(0, i)], x[layout.ey(0, i)]]).collect();
-    let fitted = fit_circle(&points).ok()?;
-    let u = circle_uncertainty(parts, &points)?;
-    Some(AxisCircle { points, fitted, u })
-}
-
-/// Standard uncertainty of the circle's centre by first-order propagation of the covariance of its
-/// points (numerical derivative of the fit).
-fn circle_uncertainty(parts: &Parts<'_>, points: &[[f64; 2]]) -> Option<[f64; 2]> {
-    let n = points.len();
-    let start = |symbol: &str| {
-        let before = parts.functions.iter().take_while(|f| f.symbol != symbol);
-        parts.parameters.len() + before.map(|f| f.points.len()).sum::<usize>()
-    };
-    let suffix = parts.functions.first()?.symbol.strip_prefix("EXC_total")?;
-    let (first_x, first_y) =
-        (start(&format!("EXC_total{suffix}")), start(&format!("EYC_total{suffix}")));
-    let step = 1e-6;
-    let mut slopes = Mat::<f64>::zeros(2, 2 * n);
-    for j in 0..2 * n {
-        let moved = |by: f64| {
-            let mut moved = points.to_vec();
-            moved[j % n][j / n] += by;
-            fit_circle(&moved).ok()
-        };
-        let (up, down) = (moved(step)?, moved(-step)?);
-        for i in 0..2 {
-            slopes[(i, j)] = (up.centre[i] - down.centre[i]) / (2.0 * step);
-        }
+/// Adds the centre and the figure of the circle. Where no circle can be fitted there is none: an axis
+/// without offset leaves only scatter.
+pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
+    let (layout, x) = (&parts.fit.layout, &parts.fit.x);
+    let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
+    let centre =
+        |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
+    let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };
+    let own = [0, 1].map(|i| parts.identification.propagation.uncertainty(&slopes[i]));
+    for (i, symbol) in ["EX0C_lsc", "EY0C_lsc"].into_iter().enumerate() {
+        let value = circle.centre[i];
+        let parameter = reported_parameter(symbol, Unit::Um, value, own[i].u, own[i].dof);
+        estimate.parameters.push(parameter);
     }
-    let place = |j: usize| if j < n { first_x + j } else { first_y + j - n };
-    let of_points =
-        Mat::from_fn(2 * n, 2 * n, |i, j| parts.propagated.covariance[(place(i), place(j))]);
-    let variance = &slopes * of_points * slopes.transpose();
-    Some([variance[(0, 0)].max(0.0).sqrt(), variance[(1, 1)].max(0.0).sqrt()])
+    let um = |i: usize| axis_points(layout, x).iter().map(|point| point[i] * 1e3).collect();
+    estimate.circles.push(CircleFigure {
+        symbol: "axis of C".to_owned(),
+        unit: Unit::Um,
+        x: um(0),
+        y: um(1),
+        centre: circle.centre.map(|mm| mm * 1e3),
+        radius: circle.radius * 1e3,
+        centre_expanded: own.map(|own| own.expanded() * 1e3),
+    });
+}
+
+/// E_total at each angle of C at the first height, mm.
+fn axis_points(layout: &Layout, x: &[f64]) -> Vec<[f64; 2]> {
+    (0..layout.design.n).map(|i| [x[layout.ex(0, i)], x[layout.ey(0, i)]]).collect()
 }

@@ -1,71 +1,71 @@
 //! The second-order terms of the measurement equation (METHODS section 1): what a radius lacks
-//! because the ball meets the part beside the ray. Everything that does not depend on the unknowns
-//! is worked out once, for the sake of the Monte Carlo trials.
+//! because the ball meets the part beside the ray. The coefficients do not depend on the unknowns; many
+//! trials are evaluated at once.
 
-use super::algebra::dot;
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::fit::product;
 use super::model::{Layout, Observation};
 use super::outputs::scale_and_squareness;
 use estimation::trigonometric::Trigonometric;
 
 pub struct Bend {
-    places: Vec<Place>,
-    heights: Vec<Height>,
+    contacts: Vec<Contact>,
+    heights: Vec<HeightForms>,
 }
 
-/// Where one observation stands.
-struct Place {
+/// One observation.
+struct Contact {
     height: usize,
-    sin: f64,
-    cos: f64,
+    normal: Vector3<f64>,
+    /// Indices of its unknowns.
     ex: usize,
     ey: usize,
+    /// Grid angle on the part.
     theta: usize,
     lateral: f64,
 }
 
-/// Linear forms over the unknowns.
-struct Height {
+/// Linear forms over the unknowns at one height.
+struct HeightForms {
+    /// Index of R.
     radius: usize,
-    /// First unknown of W.
-    flank: usize,
-    /// Row i: the derivative of W at grid angle i, by the values of W, 1/rad.
-    slope: Vec<Vec<f64>>,
-    /// For R = 1 mm.
-    scale_difference: Vec<f64>,
-    squareness: Vec<f64>,
+    /// Unknowns × forms: at each grid angle the derivative of W, 1/rad; then scale difference and
+    /// squareness for R = 1 mm.
+    forms: Mat<f64>,
 }
 
 impl Bend {
     pub fn new(layout: &Layout, observations: &[Observation]) -> Self {
-        let places = observations.iter().map(|seen| Place::new(layout, seen)).collect();
-        let heights = (0..layout.heights).map(|height| Height::new(layout, height)).collect();
-        Self { places, heights }
+        let contacts = observations.iter().map(|seen| Contact::new(layout, seen)).collect();
+        let heights = (0..layout.heights).map(|height| HeightForms::new(layout, height)).collect();
+        Self { contacts, heights }
     }
 
-    /// τW′/L + τ²/2L for every observation, τ = (E − E_lin)·t − lateral, L = R, mm.
-    pub fn terms(&self, x: &[f64]) -> Vec<f64> {
-        let heights: Vec<HeightTerms> = self.heights.iter().map(|height| height.at(x)).collect();
-        self.places
-            .iter()
-            .map(|place| {
-                let terms = &heights[place.height];
-                let (sin, cos) = (place.sin, place.cos);
-                // E_lin·t from scale difference and squareness.
-                let linear_axes = terms.squareness * sin * sin + terms.scale_difference * sin * cos;
-                let tau = -x[place.ex] * sin + x[place.ey] * cos - linear_axes - place.lateral;
-                tau * (terms.slope[place.theta] + tau / 2.0) / terms.radius
-            })
-            .collect()
+    /// τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, mm: trials × observations, at the unknowns `x`
+    /// (trials × unknowns).
+    pub fn terms(&self, x: &Mat<f64>) -> Mat<f64> {
+        let forms: Vec<Mat<f64>> =
+            self.heights.iter().map(|height| product(x, height.forms.as_ref())).collect();
+        Mat::from_fn(x.nrows(), self.contacts.len(), |trial, i| {
+            let Contact { height, normal, ex, ey, theta, lateral } = self.contacts[i];
+            let (cos, sin) = (normal.x, normal.y);
+            let form = |j: usize| forms[height][(trial, j)];
+            let scale = forms[height].ncols() - 2;
+            // E_lin·t. The forms hold 1/L, the deviations L: they cancel.
+            let linear_axes = form(scale + 1) * sin * sin + form(scale) * sin * cos;
+            let tau = -x[(trial, ex)] * sin + x[(trial, ey)] * cos - linear_axes - lateral;
+            tau * (form(theta) + tau / 2.0) / x[(trial, self.heights[height].radius)]
+        })
     }
 }
 
-impl Place {
+impl Contact {
     fn new(layout: &Layout, seen: &Observation) -> Self {
-        let (sin, cos) = layout.design.angle(seen.phi).sin_cos();
         Self {
             height: seen.height,
-            sin,
-            cos,
+            normal: layout.normal(seen.phi),
             ex: layout.ex(seen.height, seen.c),
             ey: layout.ey(seen.height, seen.c),
             theta: layout.design.theta(seen.c, seen.phi),
@@ -74,40 +74,21 @@ impl Place {
     }
 }
 
-/// What the terms need to know of one height at one solution, mm.
-struct HeightTerms {
-    radius: f64,
-    slope: Vec<f64>,
-    /// Over the radius L.
-    scale_difference: f64,
-    squareness: f64,
-}
-
-impl Height {
+impl HeightForms {
     fn new(layout: &Layout, height: usize) -> Self {
         let n = layout.design.n;
-        let mut slope = vec![vec![0.0; n]; n];
+        let mut forms = Mat::zeros(layout.unknowns(), n + 2);
         for j in 0..n {
             let mut unit = vec![0.0; n];
             unit[j] = 1.0;
             let interpolant = Trigonometric::new(&unit);
-            for (i, row) in slope.iter_mut().enumerate() {
-                row[j] = interpolant.derivative(layout.design.angle(i));
+            for i in 0..n {
+                forms[(layout.w(height, j), i)] = interpolant.derivative(layout.design.angle(i));
             }
         }
         let (scale_difference, squareness) = scale_and_squareness(layout, height, 1.0);
-        let (radius, flank) = (layout.radius(height), layout.w(height, 0));
-        Self { radius, flank, slope, scale_difference, squareness }
-    }
-
-    fn at(&self, x: &[f64]) -> HeightTerms {
-        let flank = &x[self.flank..];
-        HeightTerms {
-            radius: x[self.radius],
-            slope: self.slope.iter().map(|row| dot(row, flank)).collect(),
-            // The forms hold 1/L, the deviations L: they cancel.
-            scale_difference: dot(&self.scale_difference, x),
-            squareness: dot(&self.squareness, x),
-        }
+        forms.col_as_slice_mut(n).copy_from_slice(&scale_difference);
+        forms.col_as_slice_mut(n + 1).copy_from_slice(&squareness);
+        Self { radius: layout.radius(height), forms }
     }
 }

@@ -1,30 +1,35 @@
 //! From radii to the unknowns: weighted least squares with the gauge made explicit, and the
 //! second-order correction around it.
 
-use faer::Mat;
+use faer::{Mat, MatRef, Scale};
 
-use super::algebra::multiply;
 use super::bend::Bend;
 use super::model::{Layout, Observation};
+use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;
+/// At most so many repetitions of the second-order correction. It is some 20 µm times the error of E over
+/// the radius: it contracts by a factor of about 1e-3 a repetition.
+const MAX_CORRECTIONS: usize = 8;
+/// Largest change of an unknown by the last correction, mm.
+const SETTLED_MM: f64 = 1e-10;
+/// Half width of the numerical derivative by a radius, mm.
+const DERIVATIVE_STEP_MM: f64 = 1e-3;
 
-/// The linear estimator for one set of observations, reusable for other radii at the same places.
+/// The fit of one set of observations.
 pub struct Fit {
     pub layout: Layout,
     pub observations: Vec<Observation>,
+    /// Standard uncertainty of each radius, mm.
+    pub sigma: Vec<f64>,
     pub a: Mat<f64>,
+    /// Without second order.
     pub solution: LinearSolution,
     bend: Option<Bend>,
-}
-
-/// A solved set of radii.
-pub struct Solved {
+    /// The unknowns, second order included.
     pub x: Vec<f64>,
-    /// Residuals of the corrected radii, mm.
-    pub residuals: Vec<f64>,
 }
 
 impl Fit {
@@ -33,7 +38,7 @@ impl Fit {
     pub fn new(
         layout: Layout,
         observations: Vec<Observation>,
-        sigma: &[f64],
+        sigma: Vec<f64>,
         second_order: bool,
     ) -> Result<Self, LinearError> {
         let a = layout.matrix(&observations);
@@ -42,55 +47,119 @@ impl Fit {
         let solution = linear::solve(&LinearProblem {
             a: a.as_ref(),
             y: &radii,
-            sigma,
+            sigma: &sigma,
             constraints: Some(gauge.as_ref()),
             rank_threshold: RANK_THRESHOLD,
         })?;
         let bend = second_order.then(|| Bend::new(&layout, &observations));
-        Ok(Self { layout, observations, a, solution, bend })
+        let mut fit = Self { layout, observations, sigma, a, solution, bend, x: Vec::new() };
+        let x = fit.solve_near(Mat::zeros(1, radii.len()).as_ref());
+        fit.x = x.row(0).iter().copied().collect();
+        Ok(fit)
     }
 
-    /// Solve for other radii (one per observation).
-    pub fn solve(&self, radii: &[f64]) -> Solved {
-        let mut corrected = radii.to_vec();
-        let mut x = multiply(&self.solution.gain, &corrected);
-        if let Some(bend) = &self.bend {
-            // The correction is some 20 um times the error of E over the radius: it contracts by
-            // a factor of about 1e-3 a turn.
-            for _ in 0..8 {
-                corrected = radii.iter().zip(bend.terms(&x)).map(|(r, b)| r + b).collect();
-                let next = multiply(&self.solution.gain, &corrected);
-                let change = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                x = next;
-                if change < 1e-10 {
-                    break;
-                }
+    /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm).
+    pub fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        let radii = Mat::from_fn(changes.nrows(), changes.ncols(), |trial, i| {
+            self.observations[i].radius + changes[(trial, i)]
+        });
+        let gain = self.solution.gain.transpose();
+        let mut x = product(&radii, gain);
+        let Some(bend) = &self.bend else { return x };
+        let mut unsettled: Vec<usize> = (0..x.nrows()).collect();
+        for _ in 0..MAX_CORRECTIONS {
+            let next = product(&(&radii + bend.terms(&x)), gain);
+            // A settled trial does not depend on the trials beside it.
+            unsettled.retain(|trial| {
+                let change = (next.row(*trial) - x.row(*trial)).norm_max();
+                x.row_mut(*trial).copy_from(next.row(*trial));
+                change >= SETTLED_MM
+            });
+            if unsettled.is_empty() {
+                break;
             }
         }
-        let model = multiply(&self.a, &x);
-        let residuals = corrected.iter().zip(&model).map(|(r, m)| r - m).collect();
-        Solved { x, residuals }
+        x
+    }
+
+    /// Of the corrected radii, mm.
+    pub fn residuals(&self) -> Vec<f64> {
+        let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
+        let terms = self.bend.as_ref().map(|bend| bend.terms(&x));
+        let model = multiply(&self.a, &self.x);
+        let residual = |(i, seen): (usize, &Observation)| {
+            seen.radius + terms.as_ref().map_or(0.0, |terms| terms[(0, i)]) - model[i]
+        };
+        self.observations.iter().enumerate().map(residual).collect()
+    }
+
+    pub fn figures(&self, residuals: &[f64]) -> FitFigures {
+        let sum: f64 = residuals.iter().map(|r| r * r).sum();
+        FitFigures {
+            rank: self.solution.rank,
+            unknowns: self.layout.unknowns() - self.layout.gauge().nrows(),
+            condition: self.solution.condition,
+            dof: self.solution.dof,
+            residual_rms_mm: (sum / residuals.len().max(1) as f64).sqrt(),
+        }
     }
 
     /// Unknowns × observations: the derivative of the whole solution by each radius, second order
     /// included. With an eccentric part it differs from the linear gain by some W′/L, 2 % per mm.
-    pub fn sensitivity(&self, radii: &[f64]) -> Mat<f64> {
+    fn sensitivity(&self) -> Mat<f64> {
         if self.bend.is_none() {
             return self.solution.gain.clone();
         }
-        let step = 1e-3;
-        let mut sensitivity = Mat::zeros(self.layout.unknowns(), radii.len());
-        for j in 0..radii.len() {
-            let moved = |by: f64| {
-                let mut moved = radii.to_vec();
-                moved[j] += by;
-                self.solve(&moved).x
-            };
-            let (up, down) = (moved(step), moved(-step));
-            for (i, (u, d)) in up.iter().zip(&down).enumerate() {
-                sensitivity[(i, j)] = (u - d) / (2.0 * step);
-            }
+        let rows = self.observations.len();
+        let moved =
+            |by: f64| self.solve_near((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref());
+        let (up, down) = (moved(DERIVATIVE_STEP_MM), moved(-DERIVATIVE_STEP_MM));
+        (up - down).transpose() * Scale(0.5 / DERIVATIVE_STEP_MM)
+    }
+}
+
+/// Trials × columns of `matrix`, summed in the order of its rows. Thus the rounding of a trial does not
+/// depend on the number of trials, which the numerical derivative of some 1e-9 relative would show.
+pub fn product(trials: &Mat<f64>, matrix: MatRef<'_, f64>) -> Mat<f64> {
+    let mut product = Mat::zeros(trials.nrows(), matrix.ncols());
+    for j in 0..matrix.ncols() {
+        for (k, factor) in matrix.col(j).iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+            let sums = product.col_as_slice_mut(j).iter_mut();
+            sums.zip(trials.col_as_slice(k)).for_each(|(sum, value)| *sum += factor * value);
         }
-        sensitivity
+    }
+    product
+}
+
+/// A fit with the derivative of its solution.
+pub struct LinearisedFit<'a> {
+    fit: &'a Fit,
+    sensitivity: Mat<f64>,
+}
+
+impl<'a> LinearisedFit<'a> {
+    pub fn new(fit: &'a Fit) -> Self {
+        Self { fit, sensitivity: fit.sensitivity() }
+    }
+}
+
+impl ObservationModel for LinearisedFit<'_> {
+    fn observations(&self) -> usize {
+        self.fit.a.nrows()
+    }
+
+    fn unknowns(&self) -> usize {
+        self.fit.a.ncols()
+    }
+
+    fn respond(&self, change: &[f64]) -> Response {
+        let Fit { x, a, sigma, solution, .. } = self.fit;
+        let linear = LinearFit { x, a, sigma, gain: &solution.gain };
+        let residuals = linear.residual_change(change);
+        Response { unknowns: multiply(&self.sensitivity, change), residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        self.fit.solve_near(changes)
     }
 }

@@ -2,11 +2,10 @@
 //! Ibaraki 2020; corrected and extended as in METHODS section 1): axis position, error motion,
 //! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
 
-mod algebra;
-mod assemble;
 mod axis_circle;
 mod bend;
 mod design;
+mod estimate;
 mod fit;
 mod gaps;
 mod identify;
@@ -19,7 +18,6 @@ mod plan;
 mod sense;
 mod settings;
 mod sources;
-mod uncertainty;
 
 #[cfg(test)]
 mod tests;

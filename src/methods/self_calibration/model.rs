@@ -10,6 +10,7 @@
 //! radial error of the linear axes. R holds the ball's radius too.
 
 use faer::Mat;
+use nalgebra::Vector3;
 
 use super::design::Design;
 
@@ -112,18 +113,24 @@ impl Layout {
         names
     }
 
+    /// Unit vector along the ray at a grid angle, machine frame.
+    pub fn normal(&self, index: usize) -> Vector3<f64> {
+        let (sin, cos) = self.design.angle(index).sin_cos();
+        Vector3::new(cos, sin, 0.0)
+    }
+
     /// Rows × unknowns: the derivative of each radius by each unknown.
     pub fn matrix(&self, observations: &[Observation]) -> Mat<f64> {
         let mut a = Mat::zeros(observations.len(), self.unknowns());
         for (row, seen) in observations.iter().enumerate() {
-            let (sin, cos) = self.design.angle(seen.phi).sin_cos();
+            let normal = self.normal(seen.phi);
             let theta = self.design.theta(seen.c, seen.phi);
             a[(row, self.radius(seen.height))] = 1.0;
-            a[(row, self.ex(seen.height, seen.c))] = cos;
-            a[(row, self.ey(seen.height, seen.c))] = sin;
+            a[(row, self.ex(seen.height, seen.c))] = normal.x;
+            a[(row, self.ey(seen.height, seen.c))] = normal.y;
             a[(row, self.er(seen.height, seen.phi))] = -1.0;
             a[(row, self.w(seen.height, theta))] = 1.0;
-            for (what, along) in [cos, sin, 1.0].into_iter().enumerate() {
+            for (what, along) in [normal.x, normal.y, 1.0].into_iter().enumerate() {
                 for power in 1..=self.drift_order {
                     a[(row, self.drift(what, power))] = seen.time.powi(power as i32) * along;
                 }

@@ -2,27 +2,29 @@
 //! difference, squareness, and the functions of angle.
 
 use super::model::Layout;
+use crate::identification::{Curve, Output, Outputs};
 use machine::record::estimate::{FigureKind, Unit};
 
-/// One reported number: `value = coefficients · unknowns` (mm, rad).
-pub struct Output {
-    pub symbol: String,
-    pub unit: Unit,
-    pub coefficients: Vec<f64>,
-}
-
-/// One reported function of angle; one output a grid angle.
-pub struct OutputFunction {
-    pub symbol: String,
-    pub argument: &'static str,
-    pub figure: FigureKind,
-    pub points: Vec<Vec<f64>>,
+pub fn outputs(layout: &Layout, heights: &[f64], x: &[f64]) -> Outputs {
+    let suffix = |height: usize| match heights.len() {
+        1 => String::new(),
+        _ => format!("@Z{:.1}", heights[height]),
+    };
+    let curves = |height| functions(layout, height, &suffix(height), x);
+    Outputs {
+        parameters: parameters(layout, heights, x),
+        curves: (0..layout.heights).flat_map(curves).collect(),
+        nonlinear: None,
+    }
 }
 
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
-/// frame, `radius` the mean R, mm.
-pub fn parameters(layout: &Layout, z: &[f64], radius: f64) -> Vec<Output> {
+/// frame, mm.
+fn parameters(layout: &Layout, z: &[f64], x: &[f64]) -> Vec<Output> {
     let heights = layout.heights as f64;
+    let radius = (0..layout.heights).map(|h| x[layout.radius(h)]).sum::<f64>() / heights;
+    let output =
+        |symbol, unit, coefficients: Vec<f64>| Output::linear(symbol, unit, coefficients, x);
     let mut list = vec![
         output("EX0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).0, 1.0 / heights))),
         output("EY0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).1, 1.0 / heights))),
@@ -44,7 +46,7 @@ pub fn parameters(layout: &Layout, z: &[f64], radius: f64) -> Vec<Output> {
 }
 
 /// The functions of one height.
-pub fn functions(layout: &Layout, height: usize, suffix: &str) -> Vec<OutputFunction> {
+pub fn functions(layout: &Layout, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
     let n = layout.design.n;
     let unit_vector = |index: usize| {
         let mut coefficients = vec![0.0; layout.unknowns()];
@@ -62,23 +64,37 @@ pub fn functions(layout: &Layout, height: usize, suffix: &str) -> Vec<OutputFunc
         }
         coefficients
     };
-    let function =
-        |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| OutputFunction {
+    let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
+        let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
+        Curve {
             symbol: format!("{symbol}{suffix}"),
             argument,
+            argument_unit: "deg",
+            x: (0..n).map(|i| rounded_deg(layout.design.angle(i))).collect(),
+            y: slopes.iter().map(|slope| dot(slope, x)).collect(),
+            unit: Unit::Um,
             figure,
-            points: (0..n).map(point).collect(),
-        };
-    use FigureKind::{Curve, Polar};
+            slopes,
+        }
+    };
+    use FigureKind::{Curve as Line, Polar};
     vec![
-        function("EXC_total", "C", Curve, &|i| unit_vector(layout.ex(height, i))),
-        function("EYC_total", "C", Curve, &|i| unit_vector(layout.ey(height, i))),
-        function("EXC", "C", Curve, &|i| motion(i, false)),
-        function("EYC", "C", Curve, &|i| motion(i, true)),
-        function("E_radial_XY", "phi", Curve, &|i| unit_vector(layout.er(height, i))),
+        function("EXC_total", "C", Line, &|i| unit_vector(layout.ex(height, i))),
+        function("EYC_total", "C", Line, &|i| unit_vector(layout.ey(height, i))),
+        function("EXC", "C", Line, &|i| motion(i, false)),
+        function("EYC", "C", Line, &|i| motion(i, true)),
+        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.er(height, i))),
         function("W_radial", "theta", Polar, &|i| unit_vector(layout.w(height, i))),
         function("W_form", "theta", Polar, &|i| form(layout, height, i)),
     ]
+}
+
+fn rounded_deg(angle: f64) -> f64 {
+    (angle.to_degrees() * 1e9).round() / 1e9
+}
+
+pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
+    coefficients.iter().zip(x).map(|(c, x)| c * x).sum()
 }
 
 /// Mean of E_total over C: the axis position, unbiased for zero-mean error motion (METHODS
@@ -103,10 +119,6 @@ fn form(layout: &Layout, height: usize, i: usize) -> Vec<f64> {
     }
     coefficients[layout.w(height, i)] += 1.0;
     coefficients
-}
-
-fn output(symbol: &str, unit: Unit, coefficients: Vec<f64>) -> Output {
-    Output { symbol: symbol.to_owned(), unit, coefficients }
 }
 
 /// Weighted sum over the heights of coefficient vectors.

@@ -5,11 +5,10 @@
 
 use faer::Mat;
 
-use super::algebra::dot;
 use super::design::{Design, Test, Touch};
 use super::fit::RANK_THRESHOLD;
 use super::model::{Layout, Observation};
-use super::outputs;
+use super::outputs::{axis_position, dot};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// The paper's linear system for a design; the paper's own has one probe angle φ_b beside 0.
@@ -58,7 +57,7 @@ impl PaperForm {
         let differences: Vec<f64> =
             self.touches.iter().map(|t| radius(t).map(|r| r - reference)).collect::<Option<_>>()?;
         let x = self.solve(&differences, 1.0).ok()?.x;
-        let (cx, cy) = outputs::axis_position(&self.layout, 0);
+        let (cx, cy) = axis_position(&self.layout, 0);
         Some([dot(&cx[1..], &x), dot(&cy[1..], &x)])
     }
 }

@@ -1,11 +1,9 @@
 //! The results of the identification.
 
-use super::fit::{Fit, Solved};
-use super::outputs::{Output, OutputFunction};
+use super::fit::Fit;
 use super::sense::Sense;
 use super::settings::Settings;
-use super::uncertainty::{Propagated, TouchScale};
-use estimation::monte_carlo::Summary;
+use crate::identification::Identification;
 use machine::record::plan::Plan;
 
 /// Everything that the estimate is written from.
@@ -15,13 +13,7 @@ pub struct Parts<'a> {
     /// In the machine frame, mm.
     pub heights: &'a [f64],
     pub fit: Fit,
-    pub solved: Solved,
-    pub chi2: f64,
-    pub scale: TouchScale,
-    pub parameters: Vec<Output>,
-    pub functions: Vec<OutputFunction>,
-    pub propagated: Propagated,
-    pub monte_carlo: Summary,
+    pub identification: Identification,
     pub sense: Sense,
     pub timed: bool,
     /// Readings that no step connects with the rest.

@@ -1,7 +1,6 @@
 //! Whether C turns the way the machine file says.
 
-use super::algebra::dot;
-use super::fit::{Fit, Solved};
+use super::fit::Fit;
 use super::model::{Layout, Observation};
 use super::outputs;
 
@@ -18,16 +17,15 @@ pub enum Sense {
 
 /// Solve with the opposite sense as well. Under the wrong one an eccentric part looks like an
 /// error motion of twice its eccentricity; under the right one the error motion is small.
-pub fn judge(fit: &Fit, sigma: &[f64], solved: &Solved) -> Sense {
+pub fn judge(fit: &Fit) -> Sense {
     let n = fit.layout.design.n;
     let turned: Vec<Observation> =
         fit.observations.iter().map(|seen| Observation { c: (n - seen.c) % n, ..*seen }).collect();
-    let radii: Vec<f64> = turned.iter().map(|seen| seen.radius).collect();
-    let Ok(other) = Fit::new(fit.layout.clone(), turned, sigma, false) else {
+    let Ok(other) = Fit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
         return Sense::NotConfirmed;
     };
-    let stated = error_motion_rms(&fit.layout, &solved.x);
-    let opposite = error_motion_rms(&fit.layout, &other.solve(&radii).x);
+    let stated = error_motion_rms(&fit.layout, &fit.x);
+    let opposite = error_motion_rms(&fit.layout, &other.x);
     // A factor of five is far beyond what scatter does to either figure.
     if opposite > 5.0 * stated {
         Sense::Confirmed
@@ -39,12 +37,7 @@ pub fn judge(fit: &Fit, sigma: &[f64], solved: &Solved) -> Sense {
 }
 
 fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
-    let functions = outputs::functions(layout, 0, "");
-    let squares: f64 = functions
-        .iter()
-        .filter(|f| f.symbol == "EXC" || f.symbol == "EYC")
-        .flat_map(|f| &f.points)
-        .map(|point| dot(point, x).powi(2))
-        .sum();
-    squares.sqrt()
+    let curves = outputs::functions(layout, 0, "", x);
+    let motions = curves.iter().filter(|curve| curve.symbol == "EXC" || curve.symbol == "EYC");
+    motions.flat_map(|curve| &curve.y).map(|y| y.powi(2)).sum::<f64>().sqrt()
 }

@@ -1,29 +1,14 @@
-//! Sources of uncertainty as they act on the radii: one factor matrix B a source (observations ×
-//! independent draws), covariance B·Bᵀ, mm². The magnitudes are those declared in the plan; how
-//! each acts is METHODS sections 1 and 6.
+//! Sources of uncertainty as they act on the radii, mm (METHODS sections 1 and 6).
 
-use faer::Mat;
+use nalgebra::Vector3;
 
 use super::model::{Layout, Observation};
 use super::settings::Spindle;
-use estimation::monte_carlo::Shape;
-use estimation::smooth::smooth_function;
-use machine::Axis;
-use machine::record::machine::AxisSpec;
+use crate::identification::declared::{
+    drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_mm,
+};
+use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
 use machine::record::plan::Plan;
-
-pub struct UncertaintySource {
-    pub name: &'static str,
-    pub shape: Shape,
-    pub factor: Mat<f64>,
-}
-
-/// Contact-direction harmonics of lobing; each takes an equal share of the declared variance.
-/// Lower ones are radius and stylus offset.
-const LOBES: std::ops::RangeInclusive<usize> = 2..=6;
-
-/// Assumed standard uncertainty of one touch where none is declared, mm; the residuals rescale it.
-const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 
 /// All sources, the touches' own scatter first.
 pub fn sources(
@@ -33,159 +18,90 @@ pub fn sources(
     spindle: Spindle,
     seconds_per_unit: f64,
 ) -> Vec<UncertaintySource> {
-    let mut list = vec![repeatability(plan, seen), resolution(plan, layout, seen)];
-    list.push(stylus_offset(plan, layout, seen, spindle));
-    list.push(lobing(plan, layout, seen, spindle));
-    list.push(linear_axes(plan, layout, seen));
+    let normals: Vec<Vector3<f64>> = seen.iter().map(|s| layout.normal(s.phi)).collect();
+    let repeatability = Effect::Each(vec![repeatability_mm(plan); seen.len()]);
+    let repeatability = UncertaintySource::new("repeatability of a touch", repeatability);
+    let resolution = Effect::Each(normals.iter().map(|n| resolution_mm(plan, *n)).collect());
+    let resolution = UncertaintySource::new("resolution", resolution);
+    let mut list = vec![
+        UncertaintySource { evaluation: EvaluationType::A, ..repeatability },
+        UncertaintySource { shape: Shape::Rectangular, ..resolution },
+        absent_in_residuals("stylus offset", stylus_offset(plan, &normals, spindle)),
+        absent_in_residuals("probe lobing", lobing(plan, &normals, spindle)),
+        absent_in_residuals("error motions of X and Y", linear_axes(plan, seen, &normals)),
+    ];
     if layout.drift_order == 0 {
-        list.push(drift(plan, layout, seen, seconds_per_unit));
+        let columns = drift(plan, seen, &normals, seconds_per_unit);
+        list.push(absent_in_residuals("thermal drift", columns));
     }
-    list.retain(|source| source.factor.norm_max() > 0.0);
+    list.retain(|source| !source.is_zero());
     list
 }
 
-/// Standard uncertainty of each radius from the sources that differ touch by touch, mm.
-pub fn touch_sigma(sources: &[UncertaintySource], rows: usize) -> Vec<f64> {
-    (0..rows)
-        .map(|row| {
-            let variance: f64 = sources
-                .iter()
-                .filter(|source| is_touch_by_touch(source))
-                .map(|source| source.factor[(row, row)].powi(2))
-                .sum();
-            variance.sqrt()
-        })
-        .collect()
+/// A normal source of joint draws without which χ² is judged.
+fn absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    UncertaintySource {
+        in_residuals: InResiduals::Absent,
+        is_in_weights: false,
+        ..UncertaintySource::new(name, Effect::Joint(columns))
+    }
 }
 
-/// Whether the source is independent from touch to touch (Type A, seen in the residuals).
-pub fn is_touch_by_touch(source: &UncertaintySource) -> bool {
-    source.name == REPEATABILITY || source.name == RESOLUTION
-}
-
-const REPEATABILITY: &str = "repeatability of a touch";
-const RESOLUTION: &str = "resolution";
-
-fn repeatability(plan: &Plan, seen: &[Observation]) -> UncertaintySource {
-    let u = plan.probe.repeatability_um.map_or(UNDECLARED_REPEATABILITY_MM, |um| um * 1e-3);
-    let factor = Mat::from_fn(seen.len(), seen.len(), |i, j| if i == j { u } else { 0.0 });
-    UncertaintySource { name: REPEATABILITY, shape: Shape::Normal, factor }
-}
-
-/// Rectangular, width one step of each displayed axis, projected on the ray.
-fn resolution(plan: &Plan, layout: &Layout, seen: &[Observation]) -> UncertaintySource {
-    let width =
-        |axis| plan.machine.axes.get(&axis).map_or(0.0, |a: &AxisSpec| a.resolution_um * 1e-3);
-    let factor = Mat::from_fn(seen.len(), seen.len(), |i, j| {
-        let (sin, cos) = layout.design.angle(seen[i].phi).sin_cos();
-        let step = (width(Axis::X) * cos).hypot(width(Axis::Y) * sin);
-        if i == j { step / 12f64.sqrt() } else { 0.0 }
-    });
-    UncertaintySource { name: RESOLUTION, shape: Shape::Rectangular, factor }
-}
-
-/// The stylus stands beside its stated place. Turned with the probe it only changes R.
-fn stylus_offset(
-    plan: &Plan,
-    layout: &Layout,
-    seen: &[Observation],
-    spindle: Spindle,
-) -> UncertaintySource {
+/// Offset of the stylus from its stated position. With a following spindle it changes R alone.
+fn stylus_offset(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec<Vec<f64>> {
     let u = plan.probe.stylus_offset_um * 1e-3;
-    let factor = match spindle {
-        Spindle::Follow => Mat::from_fn(seen.len(), 1, |_, _| u),
-        Spindle::Fixed => Mat::from_fn(seen.len(), 2, |i, j| {
-            let (sin, cos) = layout.design.angle(seen[i].phi).sin_cos();
-            u * if j == 0 { cos } else { sin }
-        }),
-    };
-    UncertaintySource { name: "stylus offset", shape: Shape::Normal, factor }
+    match spindle {
+        Spindle::Follow => vec![vec![u; normals.len()]],
+        Spindle::Fixed => [0, 1].map(|k| normals.iter().map(|n| u * n[k]).collect()).into(),
+    }
 }
 
-/// Direction-dependent pre-travel of the probe.
-fn lobing(
-    plan: &Plan,
-    layout: &Layout,
-    seen: &[Observation],
-    spindle: Spindle,
-) -> UncertaintySource {
-    let u = plan.probe.lobing_um * 1e-3;
-    let share = u / (LOBES.count() as f64).sqrt();
-    let factor = match spindle {
-        Spindle::Follow => Mat::from_fn(seen.len(), 1, |_, _| u),
-        Spindle::Fixed => Mat::from_fn(seen.len(), 2 * LOBES.count(), |i, j| {
-            let lobes = (LOBES.start() + j / 2) as f64;
-            let (sin, cos) = (lobes * layout.design.angle(seen[i].phi)).sin_cos();
-            share * if j % 2 == 0 { cos } else { sin }
-        }),
-    };
-    UncertaintySource { name: "probe lobing", shape: Shape::Normal, factor }
+/// Direction-dependent pre-travel. With a following spindle it changes R alone.
+fn lobing(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec<Vec<f64>> {
+    match spindle {
+        Spindle::Follow => vec![vec![plan.probe.lobing_um * 1e-3; normals.len()]],
+        Spindle::Fixed => lobing_patterns(plan, normals),
+    }
 }
 
-/// Drift at the declared rates where none is fitted.
+/// Drift of X, Y and the radius at the declared rates.
 fn drift(
     plan: &Plan,
-    layout: &Layout,
     seen: &[Observation],
+    normals: &[Vector3<f64>],
     seconds_per_unit: f64,
-) -> UncertaintySource {
-    let rate_mm_per_s = plan.machine.drift_um_per_h * 1e-3 / 3600.0;
-    let factor = Mat::from_fn(seen.len(), 3, |i, j| {
-        let (sin, cos) = layout.design.angle(seen[i].phi).sin_cos();
-        rate_mm_per_s * seconds_per_unit * seen[i].time * [cos, sin, 1.0][j]
-    });
-    UncertaintySource { name: "thermal drift", shape: Shape::Normal, factor }
+) -> Vec<Vec<f64>> {
+    let rate = drift_mm_per_s(plan) * seconds_per_unit;
+    let column = |component: fn(&Vector3<f64>) -> f64| {
+        seen.iter().zip(normals).map(|(s, n)| rate * s.time * component(n)).collect()
+    };
+    vec![column(|n| n.x), column(|n| n.y), column(|_| 1.0)]
 }
 
-/// The references stand at C = 0: they see that something moved while the cycle was interrupted, but
-/// not whether it was the table, which is what is fitted, or the part on it, which turns with C.
-/// Anything between is taken as equally likely, from the steps in `x`.
+/// Positioning and straightness errors of X and Y, along the ray.
+fn linear_axes(plan: &Plan, seen: &[Observation], normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    let points: Vec<Vector3<f64>> = seen.iter().zip(normals).map(|(s, n)| n * s.radius).collect();
+    let along_ray = |pattern: &[f64], k: usize| {
+        pattern.iter().zip(normals).map(|(value, n)| -value * n[k]).collect::<Vec<f64>>()
+    };
+    let patterns = linear_motion_patterns(plan, &points);
+    patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
+}
+
+/// The references are touched at C = 0. They show a step during an interruption, but not whether the
+/// table moved, which is what is fitted, or the part on it, which turns with C. Any share is taken as
+/// equally likely. `x`: the solution with its steps.
 pub fn interruptions(layout: &Layout, seen: &[Observation], x: &[f64]) -> UncertaintySource {
-    let factor = Mat::from_fn(seen.len(), 2 * layout.gaps.len(), |i, j| {
-        let (gap, what) = (j / 2, j % 2);
-        let along = |index: usize| {
-            let (sin, cos) = layout.design.angle(index).sin_cos();
-            [cos, sin][what]
+    let column = |gap: usize, k: usize| {
+        let step = x[layout.step(k, gap)] / 3f64.sqrt();
+        let at = |s: &Observation| {
+            let theta = layout.design.theta(s.c, s.phi);
+            let turned = layout.normal(theta)[k] - layout.normal(s.phi)[k];
+            step * layout.stepped(s, gap) * turned
         };
-        let (s, theta) = (&seen[i], layout.design.theta(seen[i].c, seen[i].phi));
-        let step = x[layout.step(what, gap)] / 3f64.sqrt();
-        step * layout.stepped(s, gap) * (along(theta) - along(s.phi))
-    });
-    UncertaintySource { name: "what moved when interrupted", shape: Shape::Rectangular, factor }
-}
-
-/// Error motions of X and Y: positioning and straightness, each a stationary random function with
-/// covariance σ²·exp(−Δ²/2ℓ²), zero at axis zero, acting along the ray.
-fn linear_axes(plan: &Plan, layout: &Layout, seen: &[Observation]) -> UncertaintySource {
-    let mut columns: Vec<Vec<f64>> = Vec::new();
-    for (axis, along) in [(Axis::X, 0), (Axis::Y, 1)] {
-        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
-        if spec.error_motion_um == 0.0 {
-            continue;
-        }
-        let places: Vec<f64> = seen
-            .iter()
-            .map(|s| {
-                let (sin, cos) = layout.design.angle(s.phi).sin_cos();
-                (s.radius * [cos, sin][along]).round()
-            })
-            .collect();
-        for draw in smooth_function(&places, spec.error_motion_um * 1e-3, spec.error_wavelength_mm)
-        {
-            // Positioning and straightness of the axis: the same law, independent draws.
-            for part in 0..2 {
-                columns.push(
-                    seen.iter()
-                        .zip(&draw)
-                        .map(|(s, value)| {
-                            let (sin, cos) = layout.design.angle(s.phi).sin_cos();
-                            -value * [cos, sin][part]
-                        })
-                        .collect(),
-                );
-            }
-        }
-    }
-    let factor = Mat::from_fn(seen.len(), columns.len(), |i, j| columns[j][i]);
-    UncertaintySource { name: "error motions of X and Y", shape: Shape::Normal, factor }
+        seen.iter().map(at).collect()
+    };
+    let columns = (0..layout.gaps.len()).flat_map(|gap| [0, 1].map(|k| column(gap, k))).collect();
+    let source = absent_in_residuals("what moved when interrupted", columns);
+    UncertaintySource { shape: Shape::Rectangular, ..source }
 }

@@ -6,18 +6,24 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::algebra::{dot, multiply};
 use super::design::Design;
 use super::fit::{Fit, RANK_THRESHOLD};
 use super::model::{Layout, Observation};
-use super::outputs;
+use super::outputs::{axis_position, dot};
 use super::paper::PaperForm;
 use super::settings::Settings;
-use estimation::linear::survey;
-use estimation::monte_carlo::LinearPropagation;
+use crate::identification::{
+    Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource,
+    identify, multiply,
+};
+use estimation::linear::{LinearSolution, survey};
+use estimation::monte_carlo::Trials;
 use estimation::random::stream;
 use estimation::{circle, linear};
+use machine::record::estimate::Unit;
 use testing::population::population;
+
+mod propagation;
 
 fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
@@ -74,15 +80,31 @@ fn regress_45_degrees_works_for_8_positions_only() {
     }
 }
 
+/// Standard deviations of the unknowns by trials, for differences of unit uncertainty.
+fn standard_deviations(form: &PaperForm, trials: usize) -> Vec<f64> {
+    let LinearSolution { x, gain, rank, condition, dof, .. } =
+        form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
+    let sigma = vec![1.0; form.touches.len()];
+    let unknowns = (0..x.len()).map(|j| Output::unknown("x", Unit::Mm, j, &x));
+    let outputs = Outputs { parameters: unknowns.collect(), ..Outputs::default() };
+    let figures = FitFigures { rank, unknowns: rank, condition, dof, residual_rms_mm: 0.0 };
+    let solution = Solution {
+        model: &LinearFit { x: &x, a: &form.a, sigma: &sigma, gain: &gain },
+        residuals: &vec![0.0; sigma.len()],
+        is_declared: true,
+        figures,
+    };
+    let source = UncertaintySource::new("differences", Effect::Each(sigma.clone()));
+    let plan = TrialPlan { seed: 5, trials: Trials::Fixed(trials) };
+    identify(&solution, &[source], outputs, Some(plan)).unwrap().trials.unwrap().standard_deviation
+}
+
 /// Paper 1, Table 5; W(180°) is the one exception that METHODS lists (1.63 against 1.94).
 #[test]
 fn paper_table_5_uncertainties() {
     let form = paper_design(8, 1);
-    let solution = form.solve(&[0.0; 32], 1.0).unwrap();
-    let propagation =
-        LinearPropagation::new(solution.gain.as_ref(), &[1.0; 32], &solution.x).unwrap();
-    let moments = propagation.run(1_000_000, 5, 0, |_, _| {});
-    let expanded = |with_r: usize| 2.0 * moments[with_r - 1].standard_deviation();
+    let standard_deviations = standard_deviations(&form, 100_000);
+    let expanded = |with_r: usize| 2.0 * standard_deviations[with_r - 1];
     let layout = &form.layout;
     let mut squares = Vec::new();
     for line in include_str!("../../../tests/data/paper1-table5.csv").lines().skip(2) {
@@ -109,7 +131,7 @@ fn paper_table_5_uncertainties() {
 fn regress_uncertainty_of_the_mean_axis_position() {
     let form = paper_design(8, 1);
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
-    let (x, y) = outputs::axis_position(&form.layout, 0);
+    let (x, y) = axis_position(&form.layout, 0);
     let u = |c: &[f64]| {
         let product = multiply(&solution.covariance, &c[1..]);
         dot(&c[1..], &product).sqrt()
@@ -185,11 +207,9 @@ fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
         })
         .collect();
     let layout = Layout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
-    let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
-    let sigma = vec![1e-3; radii.len()];
-    let fit = Fit::new(layout, observations, &sigma, second_order).unwrap();
-    let x = fit.solve(&radii).x;
-    let (cx, cy) = outputs::axis_position(&fit.layout, 0);
+    let sigma = vec![1e-3; observations.len()];
+    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, second_order).unwrap();
+    let (cx, cy) = axis_position(&layout, 0);
     [dot(&cx, &x), dot(&cy, &x)]
 }
 
@@ -289,10 +309,9 @@ fn regress_drift_needs_references_only_where_it_says_so() {
         })
         .collect();
     let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
-    let radii: Vec<f64> = observations.iter().map(|s| s.radius).collect();
-    let fit = Fit::new(layout, observations, &vec![1e-3; radii.len()], true).unwrap();
-    let x = fit.solve(&radii).x;
-    let (cx, cy) = outputs::axis_position(&fit.layout, 0);
+    let sigma = vec![1e-3; observations.len()];
+    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, true).unwrap();
+    let (cx, cy) = axis_position(&layout, 0);
     assert!((dot(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot(&cx, &x));
     assert!((dot(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot(&cy, &x));
 }

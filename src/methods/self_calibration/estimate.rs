@@ -1,0 +1,170 @@
+//! The estimate: parameters, figures and sentences.
+
+use super::axis_circle::add_axis_circle;
+use super::model::DRIFTING;
+use super::outputs::{axis_position, dot};
+use super::paper::PaperForm;
+use super::parts::Parts;
+use super::sense::Sense;
+use super::settings::Spindle;
+use estimation::coverage::coverage_factor;
+use estimation::misfit::Misfit;
+use machine::record::estimate::Estimate;
+
+pub fn estimate(parts: &Parts<'_>) -> Estimate {
+    let mut estimate = parts.identification.estimate(super::NAME);
+    add_axis_circle(parts, &mut estimate);
+    for parameter in &mut estimate.parameters {
+        // Under the wrong sense of C the values answer another question.
+        parameter.identifiable = parts.sense != Sense::Contradicted;
+    }
+    estimate.gauge = gauge(parts);
+    estimate.not_identifiable = not_identifiable(parts);
+    estimate.warnings = warnings(parts, &estimate);
+    estimate
+}
+
+fn gauge(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = parts.fit.layout.gauge_in_words();
+    let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
+    lines.push(match heights.len() {
+        1 => format!("EX0C and EY0C hold at Z = {} mm only", heights[0]),
+        _ => format!(
+            "EX0C and EY0C hold at the mean of Z = {} mm; EA0C and EB0C are relative to the Z axis",
+            heights.join(", ")
+        ),
+    });
+    if parts.fit.layout.drift_order > 0 {
+        lines.push(format!(
+            "drift of X, Y and radius fitted (order {}) and removed; values hold at the middle of \
+             the cycle{}",
+            parts.fit.layout.drift_order,
+            if parts.plan.gaps_s.is_empty() { "" } else { ", interruptions left out" }
+        ));
+    }
+    lines
+}
+
+fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
+    let mut lines = vec![
+        "common scale of X and Y: inseparable from the radius R".to_owned(),
+        "machine origin: fixed by the gauge".to_owned(),
+        "co-rotating first harmonic of the error motion: inseparable from the part's set-up"
+            .to_owned(),
+    ];
+    if parts.settings.spindle == Spindle::Fixed {
+        lines.push(
+            "stylus offset and odd lobes of the probe: inseparable from EX0C and EY0C with a fixed \
+             spindle (they stand in the budget; spindle = \"follow\" removes them)"
+                .to_owned(),
+        );
+    }
+    if parts.fit.layout.heights == 1 {
+        lines.push("EA0C and EB0C: need two heights (heights_mm)".to_owned());
+    }
+    lines
+}
+
+fn warnings(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
+    let mut lines = Vec::new();
+    match parts.sense {
+        Sense::Confirmed => {}
+        Sense::NotConfirmed => lines.push(
+            "sense of C not confirmed by these readings: an eccentric or lobed part and a number of \
+             positions divisible by 4 show it best"
+                .to_owned(),
+        ),
+        Sense::Contradicted => lines.push(
+            "the readings contradict the stated sense of C: check [axes.C] positive".to_owned(),
+        ),
+    }
+    lines.extend(scatter_warning(&parts.identification.propagation.misfit));
+    if !parts.timed && parts.settings.drift_order > 0 {
+        lines.push(
+            "the readings carry no times: their order and the planned machine time served for the \
+             drift"
+                .to_owned(),
+        );
+    }
+    lines.extend(steps(parts));
+    lines.extend(disagreement(parts, estimate));
+    lines.extend(paper_comparison(parts));
+    lines
+}
+
+fn scatter_warning(misfit: &Misfit) -> Option<String> {
+    if misfit.above {
+        return Some(format!(
+            "the touches scatter {:.1} times more than declared; the uncertainty follows the \
+             residuals",
+            misfit.factor
+        ));
+    }
+    misfit.below.then(|| {
+        "the touches scatter less than declared: repeatability_um may be stated too large, and \
+         the uncertainty with it"
+            .to_owned()
+    })
+}
+
+/// What the machine did in the interruptions, with U from the touches' scatter.
+fn steps(parts: &Parts<'_>) -> Vec<String> {
+    let layout = &parts.fit.layout;
+    let misfit = &parts.identification.propagation.misfit;
+    let k = coverage_factor(if misfit.factor == 1.0 { f64::INFINITY } else { misfit.dof });
+    let um = |gap: usize, what: usize| {
+        let at = layout.step(what, gap);
+        let u = misfit.factor * parts.fit.solution.covariance[(at, at)].max(0.0).sqrt();
+        format!("{} {:+.2} ± {:.2}", DRIFTING[what], parts.fit.x[at] * 1e3, k * u * 1e3)
+    };
+    let mut lines: Vec<String> = (0..layout.gaps.len())
+        .map(|gap| {
+            let steps: Vec<String> = (0..DRIFTING.len()).map(|what| um(gap, what)).collect();
+            format!("interrupted: a step was fitted and removed, {} µm", steps.join(", "))
+        })
+        .collect();
+    if parts.left_out > 0 {
+        lines.push(format!(
+            "{} readings stand between interruptions without references and are left out",
+            parts.left_out
+        ));
+    }
+    lines
+}
+
+/// Where covariance and Monte Carlo differ.
+fn disagreement(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
+    let contradicted = parts.identification.contradicted();
+    let differs = |symbol: &str| contradicted.contains(&symbol);
+    let parameters = estimate.parameters.iter().filter(|parameter| differs(&parameter.symbol));
+    parameters
+        .map(|parameter| {
+            format!(
+                "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
+                parameter.symbol,
+                parameter.u,
+                parameter.u_monte_carlo.unwrap_or(f64::NAN),
+                parameter.unit.symbol()
+            )
+        })
+        .collect()
+}
+
+/// The paper's own identification of the first pass beside ours, where it is far off: more than
+/// four times the product's u.
+fn paper_comparison(parts: &Parts<'_>) -> Option<String> {
+    let mut design = parts.fit.layout.design.clone();
+    design.probes.truncate(2);
+    let paper = PaperForm::new(&design).axis_position(&parts.fit.observations)?;
+    let (x, y) = axis_position(&parts.fit.layout, 0);
+    let own = [dot(&x, &parts.fit.x), dot(&y, &parts.fit.x)];
+    let u = |i: usize| parts.identification.uncertainty(i).map_or(f64::NAN, |own| own.u);
+    let is_far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * u(i));
+    is_far.then(|| {
+        format!(
+            "the paper's form (differences, no drift, first order) gives EX0C {:.2}, EY0C {:.2} um",
+            paper[0] * 1e3,
+            paper[1] * 1e3
+        )
+    })
+}
