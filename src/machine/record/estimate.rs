@@ -62,9 +62,21 @@ pub struct Parameter {
     pub budget: Vec<BudgetLine>,
 }
 
+/// How the size of a source of uncertainty was evaluated (JCGM 100, 4.2 and 4.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum EvaluationType {
+    /// By statistics of repeated readings.
+    A,
+    /// By other means: a declaration, a certificate.
+    B,
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BudgetLine {
     pub source: String,
+    /// Absent in estimates of earlier versions.
+    #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
+    pub evaluation: Option<EvaluationType>,
     pub u: f64,
 }
 

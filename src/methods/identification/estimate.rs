@@ -80,7 +80,7 @@ impl Identification {
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
             budget: lines
-                .map(|(source, u)| BudgetLine { source, u: unit.from_internal(u) })
+                .map(|line| BudgetLine { u: unit.from_internal(line.u), ..line })
                 .collect(),
             ..reported_parameter(symbol, *unit, *value, own.u, own.dof)
         }

@@ -3,6 +3,7 @@
 use estimation::coverage::{coverage_factor, effective_dof};
 use estimation::misfit::Misfit;
 use faer::Mat;
+use machine::record::estimate::{BudgetLine, EvaluationType};
 
 use super::model::{Response, Solution};
 use super::source::{InResiduals, UncertaintySource};
@@ -18,6 +19,7 @@ pub struct Propagation {
 /// The effect of one source on the unknowns.
 struct UnknownsEffect {
     name: String,
+    evaluation: EvaluationType,
     is_judged: bool,
     dof: f64,
     /// Unknowns × draws of one standard deviation.
@@ -31,8 +33,8 @@ pub struct Uncertainty {
     pub u: f64,
     /// Effective degrees of freedom; `None`: infinitely many.
     pub dof: Option<f64>,
-    /// Standard uncertainty by source, in the order of the sources.
-    pub budget: Vec<(String, f64)>,
+    /// Standard uncertainty by source, internal unit, in the order of the sources.
+    pub budget: Vec<BudgetLine>,
 }
 
 impl Uncertainty {
@@ -58,7 +60,8 @@ impl UnknownsEffect {
             }
         }
         let is_judged = source.in_residuals == InResiduals::Judged;
-        Self { name: source.name.clone(), is_judged, dof: source.dof, draws }
+        let (name, evaluation, dof) = (source.name.clone(), source.evaluation, source.dof);
+        Self { name, evaluation, is_judged, dof, draws }
     }
 
     /// Variance of the output with this derivative by the unknowns.
@@ -104,10 +107,15 @@ impl Propagation {
         // The degrees of freedom of the misfit may be NaN where it scales nothing.
         components.extend(is_scaled.then_some((judged, self.misfit.dof)));
         let lines = self.effects.iter().zip(&variances);
+        let line = |(effect, variance): (&UnknownsEffect, &f64)| BudgetLine {
+            source: effect.name.clone(),
+            evaluation: Some(effect.evaluation),
+            u: variance.sqrt(),
+        };
         Uncertainty {
             u: variances.iter().sum::<f64>().sqrt(),
             dof: Some(effective_dof(&components)).filter(|dof| dof.is_finite()),
-            budget: lines.map(|(effect, v)| (effect.name.clone(), v.sqrt())).collect(),
+            budget: lines.map(line).collect(),
         }
     }
 

@@ -4,17 +4,9 @@ use estimation::linear::lower_root;
 use estimation::misfit::Misfit;
 pub use estimation::monte_carlo::Shape;
 use faer::Mat;
+pub use machine::record::estimate::EvaluationType;
 use machine::record::estimate::{Estimate, Parameter};
 use nalgebra::{SMatrix, SVector};
-
-/// How the size of a source was evaluated (JCGM 100, 4.2 and 4.3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EvaluationType {
-    /// By statistics of repeated readings.
-    A,
-    /// By other means: a declaration, a certificate.
-    B,
-}
 
 /// How χ² of the residuals counts a source. Each value includes the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -88,7 +88,8 @@ impl DwellPoints<'_> {
             true => "repeatability of a touch",
             false => "noise of the sensor",
         };
-        UncertaintySource::new(name, Effect::Each(each.collect()))
+        let noise = UncertaintySource::new(name, Effect::Each(each.collect()));
+        UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
 
     fn resolution(&self) -> UncertaintySource {

@@ -23,7 +23,8 @@ fn regress_two_inputs_by_hand() {
     assert_near(propagation.misfit.factor, 4.0, 1e-12);
     let found = propagation.uncertainty(&[2.0]);
     assert_near(found.u, 2.0 * 4.0 * 0.3125_f64.sqrt(), 1e-12);
-    let lines: Vec<(&str, f64)> = found.budget.iter().map(|(s, u)| (s.as_str(), *u)).collect();
+    let lines: Vec<(&str, f64)> =
+        found.budget.iter().map(|line| (line.source.as_str(), line.u)).collect();
     assert_eq!((lines[0].0, lines[1].0), ("each", "both"));
     assert_near(lines[0].1, 2.0, 1e-12);
     assert_near(lines[1].1, 4.0, 1e-12);

@@ -65,6 +65,9 @@ pub struct ParameterView {
 #[schema(as = Budget)]
 pub struct BudgetView {
     source: String,
+    /// A: by statistics of repeated readings; B: by other means. Absent in estimates of earlier versions.
+    #[schema(rename = "type", required = false)]
+    evaluation: Option<String>,
     u: f64,
 }
 
@@ -140,7 +143,7 @@ mod tests {
     use super::*;
     use crate::archive::compare::Comparison;
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
-    use machine::record::estimate::{BudgetLine, Parameter, Unit, Verdict};
+    use machine::record::estimate::{BudgetLine, EvaluationType, Parameter, Unit, Verdict};
     use methods::decision::difference::Difference;
 
     fn names(of: &serde_json::Value) -> Vec<String> {
@@ -176,7 +179,11 @@ mod tests {
             dof: Some(9.0),
             identifiable: true,
             u_monte_carlo: Some(0.5),
-            budget: vec![BudgetLine { source: "probe".to_owned(), u: 0.1 }],
+            budget: vec![BudgetLine {
+                source: "probe".to_owned(),
+                evaluation: Some(EvaluationType::A),
+                u: 0.1,
+            }],
         };
         same::<BudgetView>(&parameter.budget[0]);
         same::<ParameterView>(parameter);
