@@ -4,7 +4,6 @@
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod circle;
-pub mod circle_lanes;
 pub mod coverage;
 mod gram_schmidt;
 pub mod independence;
@@ -13,7 +12,6 @@ pub mod misfit;
 pub mod monte_carlo;
 pub mod nonlinear;
 pub mod null_names;
-pub mod propagated;
 mod radial;
 pub mod random;
 pub mod schur;

@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 
 mod asking;
 pub mod decision;
-mod identification;
+pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
 mod registry;

@@ -1,24 +1,16 @@
-//! Monte Carlo propagation of distributions (JCGM 101). Seeded: each chunk of trials draws from a
-//! ChaCha8 stream of its own and results are joined in order, so that the number of threads does
-//! not change a bit of the answer.
+//! Monte Carlo propagation of distributions (JCGM 101), many trials at a time: observations, unknowns
+//! and outputs are columns over trials. Seeded: each chunk of trials draws from a stream of its own and
+//! results are joined in order, so that the number of threads does not change a bit of the answer.
 
 mod block;
-mod blocks;
-mod linear;
-mod normal;
 mod random;
 mod shape;
 
 use faer::Mat;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::random::stream;
 use block::{Block, Joined};
 
-pub use blocks::propagate_blocks;
-pub use linear::{BLOCK, LinearPropagation, Moments};
-pub use normal::NormalLanes;
 pub use random::Random;
 pub use shape::Shape;
 
@@ -27,6 +19,8 @@ pub use shape::Shape;
 const BLOCK_TRIALS: usize = 10_000;
 /// Trials that share a random stream.
 const CHUNK_TRIALS: usize = 1_000;
+/// Trials of one call of `compute`; divides [`CHUNK_TRIALS`].
+const TRIALS_PER_CALL: usize = 200;
 /// Blocks between two looks at the stopping rule.
 const WAVE: usize = 4;
 
@@ -63,12 +57,8 @@ pub struct Summary {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum MonteCarloError<E: std::error::Error> {
-    #[error("{0} trials show no scatter; ask for at least 2, better 10 000")]
-    TooFew(usize),
-    #[error("a trial of block {block} failed: {source}")]
-    Trial { block: usize, source: E },
-}
+#[error("{0} trials show no scatter; ask for at least 2, better 10 000")]
+pub struct TooFewTrials(pub usize);
 
 impl Summary {
     /// Whether the trials contradict the standard uncertainty `u` of an output by first-order
@@ -80,31 +70,33 @@ impl Summary {
     }
 }
 
-/// Runs `trial` again and again; it draws its inputs from the stream it is given and writes its
-/// outputs. [`propagate_blocks`] computes many trials at once.
+/// Monte Carlo propagation (JCGM 101) by trials in blocks. `compute` draws the inputs of so many trials
+/// from the stream that it is given and returns the outputs, trials × `outputs`. The same `seed` gives
+/// the same bytes, whatever the number of threads.
 ///
 /// # Errors
-/// The first error of a trial, in the order of the trials.
-pub fn propagate<E: std::error::Error + Send>(
+/// Fewer than two trials.
+pub fn propagate(
     trials: Trials,
     seed: u64,
     outputs: usize,
-    trial: impl Fn(&mut ChaCha8Rng, &mut [f64]) -> Result<(), E> + Sync,
-) -> Result<Summary, MonteCarloError<E>> {
+    compute: impl Fn(&mut Random, usize) -> Mat<f64> + Sync,
+) -> Result<Summary, TooFewTrials> {
     let (total, digits) = match trials {
         Trials::Fixed(total) => (total, None),
         Trials::Adaptive { digits, max } => (max, Some(digits)),
     };
     if total < 2 {
-        return Err(MonteCarloError::TooFew(total));
+        return Err(TooFewTrials(total));
     }
     let sizes = block_sizes(total);
     let mut joined = Joined::new(outputs);
     for (wave, sizes) in sizes.chunks(WAVE).enumerate() {
-        let first = wave * WAVE;
-        for block in run_wave(sizes, first, seed, outputs, &trial)? {
-            joined.push(block);
-        }
+        let numbered = sizes.par_iter().enumerate();
+        let blocks: Vec<Block> = numbered
+            .map(|(i, size)| one_block(seed, (wave * WAVE + i) as u64, *size, outputs, &compute))
+            .collect();
+        blocks.into_iter().for_each(|block| joined.push(block));
         if digits.is_some_and(|digits| joined.is_stable(digits)) {
             return Ok(joined.summary(true));
         }
@@ -118,42 +110,27 @@ fn block_sizes(total: usize) -> Vec<usize> {
     (0..blocks).map(|b| total / blocks + usize::from(b < total % blocks)).collect()
 }
 
-fn run_wave<E: std::error::Error + Send>(
-    sizes: &[usize],
-    first: usize,
+fn one_block(
     seed: u64,
+    number: u64,
+    size: usize,
     outputs: usize,
-    trial: &(impl Fn(&mut ChaCha8Rng, &mut [f64]) -> Result<(), E> + Sync),
-) -> Result<Vec<Block>, MonteCarloError<E>> {
-    let values: Vec<Result<Vec<f64>, MonteCarloError<E>>> = sizes
-        .par_iter()
-        .enumerate()
-        .map(|(index, size)| {
-            let block = first + index;
-            let chunks: Vec<Result<Vec<f64>, E>> = (0..size.div_ceil(CHUNK_TRIALS))
-                .into_par_iter()
-                .map(|chunk| {
-                    let count = CHUNK_TRIALS.min(size - chunk * CHUNK_TRIALS);
-                    let mut rng = stream(seed, &[block as u64, chunk as u64]);
-                    let mut values = vec![0.0; count * outputs];
-                    for row in 0..count {
-                        trial(&mut rng, &mut values[row * outputs..][..outputs])?;
-                    }
-                    Ok(values)
-                })
-                .collect();
-            let joined: Result<Vec<Vec<f64>>, E> = chunks.into_iter().collect();
-            joined
-                .map(|chunks| chunks.concat())
-                .map_err(|source| MonteCarloError::Trial { block, source })
-        })
-        .collect();
-    let values: Vec<Vec<f64>> = values.into_iter().collect::<Result<_, _>>()?;
-    let blocks = values.par_iter().zip(sizes);
-    let block = |(values, size): (&Vec<f64>, &usize)| {
-        Block::new(Mat::from_fn(*size, outputs, |i, j| values[i * outputs + j]))
+    compute: &(impl Fn(&mut Random, usize) -> Mat<f64> + Sync),
+) -> Block {
+    let chunk = |chunk: usize| -> Vec<Mat<f64>> {
+        let count = CHUNK_TRIALS.min(size - chunk * CHUNK_TRIALS);
+        let mut random = Random::of(seed, &[number, chunk as u64]);
+        let starts = (0..count).step_by(TRIALS_PER_CALL);
+        starts.map(|first| compute(&mut random, TRIALS_PER_CALL.min(count - first))).collect()
     };
-    Ok(blocks.map(block).collect())
+    let chunks: Vec<_> = (0..size.div_ceil(CHUNK_TRIALS)).into_par_iter().map(chunk).collect();
+    let mut values = Mat::zeros(size, outputs);
+    let mut first = 0;
+    for part in chunks.into_iter().flatten() {
+        values.subrows_mut(first, part.nrows()).copy_from(&part);
+        first += part.nrows();
+    }
+    Block::new(values)
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.

@@ -7,9 +7,6 @@
 //! Observations are numbers of one unit, mm, in an order that the method fixes; sources refer to them
 //! by index. The core imports no method.
 
-// Until all methods use the core.
-#![allow(dead_code, unused_imports)]
-
 pub mod declared;
 mod estimate;
 mod model;
@@ -23,9 +20,7 @@ pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, solve_each_trial,
 };
-pub use outputs::{
-    Curve, NonlinearOutputs, Output, Outputs, TrialFunction, central_differences, reported_unit,
-};
+pub use outputs::{Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit};
 pub use propagation::{Propagation, Uncertainty};
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,

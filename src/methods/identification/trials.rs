@@ -1,7 +1,7 @@
 //! Monte Carlo propagation through the whole identification (JCGM 101), many trials at once.
 
 use estimation::misfit::Misfit;
-use estimation::monte_carlo::{Random, Shape, Summary, Trials, propagate_blocks};
+use estimation::monte_carlo::{Random, Shape, Summary, Trials, propagate};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -111,6 +111,6 @@ pub fn propagate_by_trials(
         drawn.iter().for_each(|source| source.add_to_unknowns(&units, &mut x));
         outputs.evaluate_trials(&x, &slopes)
     };
-    propagate_blocks(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
+    propagate(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
         .map_err(|why| IdentifyError::Numerical(why.to_string()))
 }

@@ -2,38 +2,37 @@
 //! because the ball meets the part beside the ray. The coefficients do not depend on the unknowns; many
 //! trials are evaluated at once.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use nalgebra::Vector3;
 
-use super::fit::product;
 use super::model::{Layout, Observation};
 use super::outputs::scale_and_squareness;
 use estimation::trigonometric::Trigonometric;
 
 pub struct Bend {
-    contacts: Vec<Contact>,
-    heights: Vec<HeightForms>,
+    pub contacts: Vec<Contact>,
+    pub heights: Vec<HeightForms>,
 }
 
 /// One observation.
-struct Contact {
-    height: usize,
-    normal: Vector3<f64>,
+pub struct Contact {
+    pub height: usize,
+    pub normal: Vector3<f64>,
     /// Indices of its unknowns.
-    ex: usize,
-    ey: usize,
+    pub ex: usize,
+    pub ey: usize,
     /// Grid angle on the part.
-    theta: usize,
-    lateral: f64,
+    pub theta: usize,
+    pub lateral: f64,
 }
 
 /// Linear forms over the unknowns at one height.
-struct HeightForms {
+pub struct HeightForms {
     /// Index of R.
-    radius: usize,
+    pub radius: usize,
     /// Unknowns × forms: at each grid angle the derivative of W, 1/rad; then scale difference and
     /// squareness for R = 1 mm.
-    forms: Mat<f64>,
+    pub forms: Mat<f64>,
 }
 
 impl Bend {
@@ -47,7 +46,7 @@ impl Bend {
     /// (trials × unknowns).
     pub fn terms(&self, x: &Mat<f64>) -> Mat<f64> {
         let forms: Vec<Mat<f64>> =
-            self.heights.iter().map(|height| product(x, height.forms.as_ref())).collect();
+            self.heights.iter().map(|height| multiply_trials(x, height.forms.as_ref())).collect();
         Mat::from_fn(x.nrows(), self.contacts.len(), |trial, i| {
             let Contact { height, normal, ex, ey, theta, lateral } = self.contacts[i];
             let (cos, sin) = (normal.x, normal.y);
@@ -91,4 +90,17 @@ impl HeightForms {
         forms.col_as_slice_mut(n + 1).copy_from_slice(&squareness);
         Self { radius: layout.radius(height), forms }
     }
+}
+
+/// `trials` (trials × n) times `matrix` (n × columns), summed in the order of n: the rounding of a trial
+/// does not depend on the number of trials. The numerical derivative of the fit amplifies rounding.
+pub fn multiply_trials(trials: &Mat<f64>, matrix: MatRef<'_, f64>) -> Mat<f64> {
+    let mut product = Mat::zeros(trials.nrows(), matrix.ncols());
+    for j in 0..matrix.ncols() {
+        for (k, factor) in matrix.col(j).iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+            let sums = product.col_as_slice_mut(j).iter_mut();
+            sums.zip(trials.col_as_slice(k)).for_each(|(sum, value)| *sum += factor * value);
+        }
+    }
+    product
 }

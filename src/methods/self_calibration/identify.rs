@@ -11,7 +11,9 @@ use super::plan::Planner;
 use super::sense;
 use super::settings::Settings;
 use super::sources::{interruptions, sources};
-use crate::identification::{self, Solution, TrialPlan, block_covariances, describe_null_space};
+use crate::identification::{
+    self, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances, describe_null_space,
+};
 use crate::{IdentifyError, Refused};
 use estimation::linear::LinearError;
 use estimation::monte_carlo::Trials;
@@ -81,13 +83,23 @@ fn observe_cycle(
     Ok((Layout { design, heights: heights.len(), drift_order, gaps }, observed))
 }
 
-/// The whole identification of one plan's readings.
-pub fn identify(
+/// The solved fit of one plan's readings, and what its uncertainty follows from.
+pub struct Fitted {
+    pub fit: Fit,
+    pub sources: Vec<UncertaintySource>,
+    pub outputs: Outputs,
+    timed: bool,
+    left_out: usize,
+}
+
+/// # Errors
+/// As [`identify`].
+pub fn fitted(
     plan: &Plan,
     settings: &Settings,
     heights: &[f64],
     readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+) -> Result<Fitted, IdentifyError> {
     let (layout, observed) = observe_cycle(plan, settings, heights, readings)?;
     let Observed { observations, half_duration_s, timed, left_out, .. } = observed;
     let mut sources = sources(plan, &layout, &observations, settings.spindle, half_duration_s);
@@ -97,6 +109,19 @@ pub fn identify(
     if !fit.layout.gaps.is_empty() {
         sources.push(interruptions(&fit.layout, &fit.observations, &fit.x));
     }
+    let outputs = outputs::outputs(&fit.layout, heights, &fit.x);
+    Ok(Fitted { fit, sources, outputs, timed, left_out })
+}
+
+/// The whole identification of one plan's readings.
+pub fn identify(
+    plan: &Plan,
+    settings: &Settings,
+    heights: &[f64],
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let Fitted { fit, sources, outputs, timed, left_out } =
+        fitted(plan, settings, heights, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = Solution {
@@ -105,7 +130,6 @@ pub fn identify(
         is_declared: plan.probe.repeatability_um.is_some(),
         figures: fit.figures(&residuals),
     };
-    let outputs = outputs::outputs(&fit.layout, heights, &fit.x);
     let trials = Some(trial_plan(settings, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = sense::judge(&fit);

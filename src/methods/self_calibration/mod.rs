@@ -22,6 +22,9 @@ mod sources;
 #[cfg(test)]
 mod tests;
 
+pub use bend::Bend;
+pub use fit::{Fit, LinearisedFit};
+pub use identify::Fitted;
 pub use settings::Settings;
 
 use self::plan::{Part, Planner};
@@ -47,6 +50,15 @@ impl SelfCalibration {
             steps,
             found: None,
         }
+    }
+
+    /// The fit alone, for the benchmark of its trials.
+    ///
+    /// # Errors
+    /// As `identify`.
+    pub fn fitted(&self, plan: &Plan, readings: &[Reading]) -> Result<Fitted, IdentifyError> {
+        let heights = Planner::new(plan, &self.settings)?.heights();
+        identify::fitted(plan, &self.settings, &heights, readings)
     }
 
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
