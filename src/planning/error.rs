@@ -26,6 +26,8 @@ pub enum PlanningError {
     LatePrompt { step: u32 },
     #[error("step {step} is no prompt that can be asked: {why}")]
     NotAPrompt { step: u32, why: &'static str },
+    #[error("step {step} has several sensors; a run reads one at a time")]
+    SeveralSensors { step: u32 },
     #[error("step {step} does not say where {axis} stands")]
     Incomplete { step: u32, axis: Axis },
     #[error("step {step} turns {axis} during the touch")]
@@ -55,6 +57,7 @@ impl PlanningError {
                 "move the part nearer to the middle, or correct the limits in [axes]"
             }
             Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
+            Self::SeveralSensors { .. } => "give each sensor a step of its own",
             Self::Tilted { .. } => {
                 "measure with the axis of the head where the spindle stands along Z"
             }

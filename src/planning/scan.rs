@@ -23,6 +23,9 @@ pub fn step_blocks(
     start: Start<'_>,
     clearance: &Clearance,
 ) -> Result<Vec<Block>, PlanningError> {
+    if step.sensors.len() > 1 {
+        return Err(PlanningError::SeveralSensors { step: step.id });
+    }
     match &step.scan {
         None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
         Some(scan) => scan_blocks(plan, (step, scan), repeat, start, clearance),
@@ -96,9 +99,6 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     }
     if !(step.feed_mm_min.is_finite() && step.feed_mm_min > 0.0) {
         return wrong("its feed is no speed");
-    }
-    if step.sensors.len() > 1 {
-        return wrong("it has several sensors, and a run reads one at a time");
     }
     if !plan.sensors.iter().any(|sensor| sensor.name == step.sensor()) {
         return wrong("the plan has no sensor of that name");

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::controllers::ControllerError;
 use machine::record::motion::Motion;
+use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
 /// One motion and the lines that say it.
@@ -16,9 +17,12 @@ pub(in crate::controllers) struct Lines<'a> {
 }
 
 /// # Errors
-/// A block that is not the one that was proven, or was not made to be sent line by line.
+/// A block that is not the one that was proven, or that was proven for another transmission.
 pub(in crate::controllers) fn of(block: &ProvenBlock) -> Result<Vec<Lines<'_>>, ControllerError> {
     let step = block.step();
+    if !matches!(block.transmission(), Transmission::Lines { .. }) {
+        return Err(ControllerError::Transmission { step });
+    }
     let lines = block.units()?.iter().map(|proven| match proven.unit.motions.as_slice() {
         [motion] => Ok(Lines {
             step,

@@ -30,13 +30,20 @@ pub struct Identification {
 /// Propagates the sources to the outputs: to first order and, with a `plan`, by trials.
 ///
 /// # Errors
-/// Fewer than two trials.
+/// A source that is not of the size of the model; fewer than two trials.
 pub fn identify(
     solution: &Solution<'_>,
     sources: &[UncertaintySource],
     outputs: Outputs,
     plan: Option<TrialPlan>,
 ) -> Result<Identification, IdentifyError> {
+    let (observations, unknowns) = (solution.model.observations(), solution.model.unknowns());
+    if let Some(source) = sources.iter().find(|source| !source.fits(observations, unknowns)) {
+        return Err(IdentifyError::Numerical(format!(
+            "the source `{}` does not fit {observations} observations and {unknowns} unknowns",
+            source.name
+        )));
+    }
     let propagation = Propagation::new(solution, sources);
     let misfit = &propagation.misfit;
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
@@ -65,7 +72,10 @@ impl Identification {
             not_identifiable: Vec::new(),
             residual_rms_um: figures.residual_rms_mm * 1e3,
             degrees_of_freedom: figures.dof,
-            chi2_per_dof: if figures.dof > 0 { misfit.chi2 / misfit.expected } else { 0.0 },
+            chi2_per_dof: match misfit.expected > 0.0 && figures.dof > 0 {
+                true => misfit.chi2 / misfit.expected,
+                false => 0.0,
+            },
             verdict: Verdict::None,
             warnings: Vec::new(),
             priors: Vec::new(),

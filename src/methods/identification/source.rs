@@ -126,6 +126,18 @@ impl UncertaintySource {
         change
     }
 
+    /// Whether its effects have their places among so many observations and unknowns.
+    pub fn fits(&self, observations: usize, unknowns: usize) -> bool {
+        let has_place = |draw| {
+            let (first, values) = self.run(draw);
+            first + values.len() <= observations
+        };
+        let rows = &self.direct_changes;
+        (0..self.draws()).all(has_place)
+            && (rows.is_empty() || rows.len() == self.draws())
+            && rows.iter().all(|row| row.len() == unknowns)
+    }
+
     /// What scales its declared size, by the residuals.
     pub fn factor(&self, misfit: &Misfit) -> f64 {
         if self.in_residuals == InResiduals::Judged { misfit.factor } else { 1.0 }

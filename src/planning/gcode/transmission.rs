@@ -36,6 +36,8 @@ pub(crate) struct Transmitted {
     /// The programs that a reader must read, each from an unknown state: all of the text, in the order in
     /// which it is sent.
     pub programs: Vec<String>,
+    /// Lines of the programs before the first unit.
+    pub head_lines: usize,
 }
 
 impl Dialect {
@@ -59,6 +61,7 @@ impl Dialect {
     fn as_lines(&self, axes: &[Axis], blocks: &[Block]) -> Result<Transmitted, RenderError> {
         let program = Program { title: "stage", axes, log: None };
         let mut text = joined(self.head(&program)?);
+        let head_lines = text.lines().count();
         let mut all = Vec::new();
         for block in blocks {
             let units: Vec<Unit> =
@@ -67,7 +70,7 @@ impl Dialect {
             all.push(units);
         }
         text += &joined(self.foot(&program)?);
-        Ok(Transmitted { blocks: all, programs: vec![text] })
+        Ok(Transmitted { blocks: all, programs: vec![text], head_lines })
     }
 
     fn line_unit(&self, block: &Block, motion: &Motion) -> Result<Unit, RenderError> {
@@ -93,7 +96,7 @@ impl Dialect {
             all.push(units);
         }
         let programs = all.iter().flatten().map(|unit| unit.text.clone()).collect();
-        Ok(Transmitted { blocks: all, programs })
+        Ok(Transmitted { blocks: all, programs, head_lines: 0 })
     }
 
     fn program_unit(

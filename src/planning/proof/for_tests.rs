@@ -24,5 +24,19 @@ pub fn proven_block(
     dialect: &Dialect,
     transmission: &Transmission,
 ) -> Result<ProvenBlock, Unproven> {
-    without_bodies(block, Position::new(), axes, dialect, transmission)
+    proven_block_from(Position::new(), block, axes, dialect, transmission)
+}
+
+/// As [`proven_block`], from where the machine must stand.
+///
+/// # Errors
+/// As [`proven_block`].
+pub fn proven_block_from(
+    begins: Position,
+    block: &Block,
+    axes: &[Axis],
+    dialect: &Dialect,
+    transmission: &Transmission,
+) -> Result<ProvenBlock, Unproven> {
+    without_bodies(block, begins, axes, dialect, transmission)
 }

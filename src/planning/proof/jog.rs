@@ -2,7 +2,7 @@
 //! not known yet which motor hangs at which drive, nor which way round. So nothing may stand within
 //! the margin wherever that much of *any* axis, in either sense, would carry something.
 
-use super::proven::{ProvenBlock, Unproven, read_programs, without_bodies};
+use super::proven::{ProvenBlock, Unproven, read_block, read_programs};
 use super::refusal::{Reason, Refusal};
 use super::scene::{Care, Scene};
 use super::sweep::Way;
@@ -47,7 +47,7 @@ pub fn prove_jog(
     let blocks = std::slice::from_ref(block);
     let sent = request.dialect.transmitted(transmission, &axes, blocks)?;
     check_jog(request, &sent.programs)?;
-    without_bodies(block, request.stands.clone(), &axes, request.dialect, transmission)
+    read_block(block, request.stands.clone(), request.dialect, transmission, sent)
 }
 
 /// The smallest clearance, if there are bodies.

@@ -1,6 +1,6 @@
 //! Blocks whose text was proven: the only thing that a driver executes.
 
-use sha2::{Digest, Sha256};
+use sha2::{Digest as _, Sha256};
 
 use super::refusal::{Reason, Refusal};
 use super::{Request, Staged, prove};
@@ -51,6 +51,7 @@ impl Unproven {
 pub struct ProvenBlock {
     step: u32,
     begins: Position,
+    transmission: Transmission,
     units: Vec<ProvenUnit>,
     digest: [u8; 32],
 }
@@ -71,9 +72,26 @@ pub struct Altered {
 }
 
 impl ProvenBlock {
-    fn new(block: &Block, begins: Position, units: Vec<ProvenUnit>) -> Self {
-        let digest = digest(&begins, &units);
-        Self { step: block.step, begins, units, digest }
+    fn new(
+        block: &Block,
+        begins: Position,
+        transmission: Transmission,
+        units: Vec<ProvenUnit>,
+    ) -> Self {
+        let mut block = Self { step: block.step, begins, transmission, units, digest: [0; 32] };
+        block.digest = block.computed_digest();
+        block
+    }
+
+    /// Over everything but itself.
+    fn computed_digest(&self) -> [u8; 32] {
+        let Self { step, begins, transmission, units, digest: _ } = self;
+        Sha256::digest(format!("{step}{begins:?}{transmission:?}{units:?}")).into()
+    }
+
+    /// As the control receives it.
+    pub fn transmission(&self) -> &Transmission {
+        &self.transmission
     }
 
     pub fn step(&self) -> u32 {
@@ -95,18 +113,9 @@ impl ProvenBlock {
     /// # Errors
     /// It is not what the proof has read.
     pub fn units(&self) -> Result<&[ProvenUnit], Altered> {
-        let is_proven = digest(&self.begins, &self.units) == self.digest;
+        let is_proven = self.computed_digest() == self.digest;
         if is_proven { Ok(&self.units) } else { Err(Altered { step: self.step }) }
     }
-}
-
-fn digest(begins: &Position, units: &[ProvenUnit]) -> [u8; 32] {
-    let mut hash = Sha256::new();
-    hash.update(format!("{begins:?}"));
-    for part in units {
-        hash.update(format!("{:?}{:?}", part.unit, part.read));
-    }
-    hash.finalize().into()
 }
 
 /// Render the blocks of a stage as they are sent, prove that text, and keep it.
@@ -120,7 +129,7 @@ pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBloc
     let proof = prove(&Request { plan, stages, stands, first, dialect, programs: &sent.programs })?;
     check_line_lengths(transmission, &sent)?;
     let begins = stands.cloned().unwrap_or_default();
-    Ok((proof, read_units(dialect, blocks, sent, begins)?))
+    Ok((proof, read_units(dialect, blocks, transmission, sent, begins)?))
 }
 
 /// A block that is rendered and read back; of bodies nothing is looked at.
@@ -134,10 +143,24 @@ pub(super) fn without_bodies(
     dialect: &Dialect,
     transmission: &Transmission,
 ) -> Result<ProvenBlock, Unproven> {
+    let sent = dialect.transmitted(transmission, axes, std::slice::from_ref(block))?;
+    read_block(block, begins, dialect, transmission, sent)
+}
+
+/// One block as it was rendered.
+///
+/// # Errors
+/// What the reader finds wrong in it.
+pub(super) fn read_block(
+    block: &Block,
+    begins: Position,
+    dialect: &Dialect,
+    transmission: &Transmission,
+    sent: Transmitted,
+) -> Result<ProvenBlock, Unproven> {
     let blocks = std::slice::from_ref(block);
-    let sent = dialect.transmitted(transmission, axes, blocks)?;
     check_line_lengths(transmission, &sent)?;
-    let mut proven = read_units(dialect, blocks, sent, begins)?;
+    let mut proven = read_units(dialect, blocks, transmission, sent, begins)?;
     proven.pop().ok_or(Unproven::Refused(refusal(1, Reason::Missing(block.step))))
 }
 
@@ -145,19 +168,23 @@ pub(super) fn without_bodies(
 fn read_units(
     dialect: &Dialect,
     blocks: &[Block],
+    transmission: &Transmission,
     sent: Transmitted,
     mut begins: Position,
 ) -> Result<Vec<ProvenBlock>, Refusal> {
-    let mut read = read_programs(dialect, &sent.programs)?.into_iter();
+    let mut read = read_programs(dialect, &sent.programs)?.into_iter().peekable();
     let mut proven = Vec::new();
+    let mut last_line = sent.head_lines;
     for (block, units) in blocks.iter().zip(sent.blocks) {
         let mut parts = Vec::new();
         for unit in units {
-            let read: Vec<ReadMotion> = read.by_ref().take(unit.motions.len()).collect();
+            last_line += unit.text.lines().count();
+            let own = std::iter::from_fn(|| read.next_if(|motion| motion.line <= last_line));
+            let read: Vec<ReadMotion> = own.collect();
             dialect.says(block.step, &unit.motions, &read).map_err(differs)?;
             parts.push(ProvenUnit { unit, read });
         }
-        proven.push(ProvenBlock::new(block, begins.clone(), parts));
+        proven.push(ProvenBlock::new(block, begins.clone(), transmission.clone(), parts));
         begins = block.motions.iter().fold(begins, after);
     }
     match read.next() {
@@ -231,16 +258,32 @@ mod tests {
 
     #[test]
     fn a_unit_that_was_changed_after_the_proof_is_refused() {
-        for change in 0..3 {
+        for change in 0..4 {
             let mut block = proven().remove(0);
             assert_eq!(block.units().unwrap().len(), 1);
             match change {
                 0 => block.units[0].unit.text = block.units[0].unit.text.replace("X90", "X91"),
                 1 => block.units[0].read[0].target = Position::new().with(Axis::X, 91.0),
-                _ => block.begins = Position::new(),
+                2 => block.begins = Position::new(),
+                _ => block.transmission = Transmission::Rows,
             }
             assert_eq!(block.units(), Err(Altered { step: 0 }));
         }
+    }
+
+    #[test]
+    fn motions_that_stand_in_another_unit_have_no_proof() {
+        let dialect = Dialect::named("grbl").unwrap();
+        let to = |x: f64| Position::new().with(Axis::X, x);
+        let motions = [90.0, 95.0].map(|x| Motion::Guarded { to: to(x), feed_mm_min: 100.0 });
+        let blocks = [Block { step: 0, repeat: 0, motions: motions.to_vec() }];
+        let lines = Transmission::Lines { max_line_bytes: 80 };
+        let sent = dialect.transmitted(&lines, &[Axis::X], &blocks).unwrap();
+        assert!(read_units(&dialect, &blocks, &lines, sent.clone(), beside()).is_ok());
+        let mut moved = sent;
+        let [first, second] = moved.blocks[0].as_mut_slice() else { panic!("two units") };
+        second.text = std::mem::take(&mut first.text) + &second.text;
+        assert!(read_units(&dialect, &blocks, &lines, moved, beside()).is_err());
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub fn shop() -> MachineShop {
         ("acceleration_per_s2 = 400.0", "acceleration_per_s2 = 4000.0"),
         ("acceleration_per_s2 = 1000.0", "acceleration_per_s2 = 10000.0"),
         ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 600.0"),
-        ("search_feed_mm_min = 300.0", "search_feed_mm_min = 3000.0"),
+        ("search_feed_mm_min = 1500.0", "search_feed_mm_min = 3000.0"),
         ("guarded_feed_mm_min = 3000.0", "guarded_feed_mm_min = 12000.0"),
     ];
     faster.iter().for_each(|(from, to)| shop.change(from, to));

@@ -160,6 +160,9 @@ impl LinuxCnc {
     /// A program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
     async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
+        if *block.transmission() != self.transmission() {
+            return Err(ControllerError::Transmission { step: block.step() });
+        }
         let units = block.units()?;
         self.begins(block).await?;
         let sampler = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));

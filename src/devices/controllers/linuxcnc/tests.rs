@@ -14,7 +14,8 @@ use crate::controllers::{ControllerError, Driver, Halt};
 use link::Address;
 use machine::record::motion::{Block, Motion, Outcome};
 use machine::{Axis, Position};
-use planning::proof::for_tests::{dialect, proven_block};
+use planning::gcode::Transmission;
+use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 
 /// Asked before the healthy control is: the connection (the second is the one for holds), the line.
@@ -200,6 +201,25 @@ async fn a_control_that_takes_no_abort_is_told_as_such() {
     assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
     assert!(error.position_lost() && error.remedy().contains("emergency stop"));
     assert!(machine.lock().unwrap().moves);
+}
+
+#[tokio::test]
+async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_run() {
+    let directory = tempfile::tempdir().unwrap();
+    let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
+    let (mut driver, _, machine) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
+    let dialect = dialect("linuxcnc").unwrap();
+    let (axes, sent) = (driver.settings.axes.clone(), driver.transmission());
+    let before = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
+    let elsewhere = proven_block_from(to(12.0), &guarded(), &axes, &dialect, &sent).unwrap();
+    let error = driver.execute(elsewhere).await.unwrap_err();
+    assert!(error.to_string().contains("it stands at X0.000, not at X12.000"), "{error}");
+    driver.prepare().await.unwrap();
+    let as_lines = Transmission::Lines { max_line_bytes: 80 };
+    let foreign = proven_block(&guarded(), &axes, &dialect, &as_lines).unwrap();
+    let error = driver.execute(foreign).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Transmission { step: 1 }), "{error}");
+    assert_eq!(fs::read_to_string(&machine.lock().unwrap().program).unwrap(), before);
 }
 
 #[tokio::test]

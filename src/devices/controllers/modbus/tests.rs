@@ -56,11 +56,15 @@ pub(super) async fn driver(
     (driver, halt, diary)
 }
 
-/// As it is sent to this control; no bodies are looked at. Rows are read from the same text.
-pub(super) fn proven(block: &Block) -> ProvenBlock {
+/// As it is sent in lines.
+fn proven(block: &Block) -> ProvenBlock {
+    proven_as(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
+}
+
+/// As it is sent to this control; no bodies are looked at.
+pub(super) fn proven_as(transmission: &Transmission, block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = machine().axes.keys().copied().collect();
-    let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
-    proven_block(block, &axes, &dialect("grbl-m19").unwrap(), &transmission).unwrap()
+    proven_block(block, &axes, &dialect("grbl-m19").unwrap(), transmission).unwrap()
 }
 
 fn slowly_to(x_mm: f64) -> Block {

@@ -13,6 +13,26 @@ use crate::identification::{
     central_differences, identify, reported_parameter, reported_unit,
 };
 
+#[test]
+fn regress_a_source_of_another_size_is_refused_by_its_name() {
+    let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
+    let fit = mean.fit();
+    let each = |count| UncertaintySource::new("scatter", Effect::Each(vec![1e-3; count]));
+    let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_changes: rows, ..each(4) };
+    let long = UncertaintySource::new("scatter", Effect::Joint(vec![vec![1e-3; 5]]));
+    let one = || vec![1.0];
+    let wrong = [each(5), long, direct(vec![one()]), direct(vec![vec![1.0, 2.0]; 4])];
+    for source in wrong {
+        let plan = TrialPlan { seed: 1, trials: Trials::Fixed(100) };
+        let solution = mean.solution(&fit, true);
+        let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
+        let why = refused.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(why.contains("`scatter` does not fit 4 observations and 1 unknowns"), "{why}");
+    }
+    let solution = mean.solution(&fit, true);
+    assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
+}
+
 /// |x| of an x around zero: half-normal.
 fn magnitude() -> NonlinearOutputs {
     let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());

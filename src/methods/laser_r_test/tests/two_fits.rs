@@ -9,8 +9,8 @@ use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::identify::parts;
 use crate::laser_r_test::two_fits::{CentresThenMachine, gain};
 
-/// A change of 0.1 µm whose size and sign alternate over the dwell points. The opposite direct change of
-/// the unknowns, which a source adds to both, must cancel it in first order and in the trials.
+/// A change of at most 0.1 µm whose size and sign alternate over the dwell points: the first-order response
+/// is the change of the solution near the readings, sign included.
 #[test]
 fn regress_the_response_has_the_sign_of_the_near_solution() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();

@@ -252,6 +252,29 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
 }
 
 #[tokio::test]
+async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_nowhere() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Fast));
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    let before = world.lock().unwrap().position();
+    let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
+    let dialect = dialect("grbl").unwrap();
+    let lines = Transmission::Lines { max_line_bytes: usize::MAX };
+    let elsewhere = position(&[(Axis::Y, 7.0)]);
+    let block = proven_block_from(elsewhere, &touch(0), &axes, &dialect, &lines).unwrap();
+    let error = driver.execute(block).await.unwrap_err();
+    assert!(error.to_string().contains("it stands at Y0.000, not at Y7.000"), "{error}");
+    driver.prepare().await.unwrap();
+    let block = proven_block(&touch(0), &axes, &dialect, &Transmission::Rows).unwrap();
+    let error = driver.execute(block).await.unwrap_err();
+    assert!(matches!(error, ControllerError::Transmission { step: 0 }), "{error}");
+    assert_eq!(world.lock().unwrap().position(), before);
+}
+
+#[tokio::test]
 async fn one_altered_report_is_no_move_by_hand() {
     let mut altered = false;
     let once = move |line: &str| {

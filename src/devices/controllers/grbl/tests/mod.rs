@@ -14,7 +14,7 @@ use link::{Address, Link, open, pty};
 use machine::record::motion::{Block, Motion, Outcome};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
-use planning::proof::for_tests::{dialect, proven_block};
+use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 use simulator::controls::grbl::{Firmware, Options, testing};
 use simulator::interpreter::Pace;

@@ -3,6 +3,7 @@
 use crate::controllers::ControllerError;
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
+use planning::gcode::Transmission;
 use planning::gcode::rs274::{Kind, ReadMotion};
 use planning::proof::ProvenBlock;
 
@@ -31,7 +32,11 @@ pub(super) struct Row {
 /// # Errors
 /// A block that is not the one that was proven; a text that no row can say.
 pub(super) fn of(block: &ProvenBlock) -> Result<Vec<Row>, ControllerError> {
-    let fault = |why: String| ControllerError::Render { step: block.step(), why };
+    let step = block.step();
+    if *block.transmission() != Transmission::Rows {
+        return Err(ControllerError::Transmission { step });
+    }
+    let fault = |why: String| ControllerError::Render { step, why };
     let units = block.units()?.iter();
     let pairs = units.flat_map(|proven| proven.unit.motions.iter().zip(&proven.read));
     pairs.map(|(motion, read)| row(motion, read).map_err(fault)).collect()

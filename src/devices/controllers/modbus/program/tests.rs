@@ -3,16 +3,22 @@
 use std::time::Duration;
 
 use super::super::driver::ModbusControl;
-use super::super::tests::{driver, fault, proven};
+use super::super::tests::{driver, fault, proven_as};
 use super::call::Found;
 use super::rows;
 use crate::controllers::{ControllerError, Driver};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
+use planning::gcode::Transmission;
+use planning::proof::ProvenBlock;
 use simulator::controls::modbus::{Diary, Entry, Fault, FaultKind};
 use simulator::interpreter::Pace;
 
 const PROGRAM: &str = "[program]";
+
+fn proven(block: &Block) -> ProvenBlock {
+    proven_as(&Transmission::Rows, block)
+}
 
 fn to(places: &[(Axis, f64)]) -> Position {
     places.iter().copied().collect()
