@@ -1,5 +1,5 @@
-//! The list of methods. Names, the command's help, the README's table and the built-in machines derive
-//! from it.
+//! The list of methods. Names, the command's help and the built-in machines derive from it; a test
+//! compares the README's table with it.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};

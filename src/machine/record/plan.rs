@@ -45,7 +45,8 @@ pub enum StepKind {
     Index,
     Touch,
     Scan,
-    /// A touch whose only purpose is to see drift.
+    /// A touch that is measured again to see drift; a run can go on after a stop only with references. A
+    /// method may identify from it too.
     Reference,
     /// A person does what its `text` says. Nothing moves: `from` is `to`. It stands at the head of its
     /// stage.

@@ -8,7 +8,9 @@ pub use machine::record::estimate::EvaluationType;
 use machine::record::estimate::{Estimate, Parameter};
 use nalgebra::{SMatrix, SVector};
 
-/// How χ² of the residuals counts a source. Each value includes the one before it.
+/// How χ² of the residuals counts a source. Each value includes the one before it. A source whose size the
+/// residuals can show is `Judged` (scatter of a touch); one whose size is certified, or which moves all
+/// observations alike, is `Expected`; one that the unknowns take up whole may be `Absent`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InResiduals {
     /// χ² is judged without it.
