@@ -1,9 +1,7 @@
 //! The estimate in its published form: parameters, covariance, functions.
 
 use estimation::coverage::coverage_factor;
-use estimation::linear::Survey;
 use estimation::monte_carlo::Summary;
-use estimation::null_names::name_null_space;
 use machine::record::estimate::{
     BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit, Verdict,
 };
@@ -14,9 +12,6 @@ use super::propagation::{Propagation, Uncertainty};
 use super::source::UncertaintySource;
 use super::trials::{TrialPlan, propagate_by_trials};
 use crate::IdentifyError;
-
-/// At most so many lost combinations of unknowns are named.
-const MAX_NAMED_LOST: usize = 4;
 
 /// Identified quantities with their uncertainty.
 pub struct Identification {
@@ -178,14 +173,4 @@ pub fn reported_parameter(
         u_monte_carlo: None,
         budget: Vec::new(),
     }
-}
-
-/// One line a direction of the survey's null space, by [`name_null_space`]; after the fourth, the number
-/// of the others.
-pub fn describe_null_space(survey: &Survey, names: &[String]) -> Vec<String> {
-    let mut lines = name_null_space(survey.null_space.as_ref(), names);
-    let more = lines.len().saturating_sub(MAX_NAMED_LOST);
-    lines.truncate(MAX_NAMED_LOST);
-    lines.extend((more > 0).then(|| format!("and {more} more")));
-    lines
 }

@@ -15,10 +15,10 @@ mod propagation;
 mod source;
 mod trials;
 
-pub use estimate::{Identification, describe_null_space, identify, reported_parameter};
+pub use estimate::{Identification, identify, reported_parameter};
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
-    multiply, solve_each_trial,
+    multiply, rms, solve_each_trial,
 };
 pub use outputs::{Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit};
 pub use propagation::{Propagation, Uncertainty};

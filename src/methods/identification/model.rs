@@ -1,7 +1,9 @@
 //! A solved observation model, as the propagation of uncertainty uses it.
 
+use estimation::linear::{LinearSolution, Survey};
 use estimation::nonlinear::Minimum;
 use faer::{Mat, MatRef};
+use nalgebra::Vector3;
 
 /// Figures of a solved problem that the estimate repeats.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +16,38 @@ pub struct FitFigures {
     /// Rows less rank.
     pub dof: usize,
     pub residual_rms_mm: f64,
+}
+
+impl FitFigures {
+    /// Of a linear fit without gauge.
+    pub fn of_linear(solution: &LinearSolution) -> Self {
+        Self {
+            rank: solution.rank,
+            unknowns: solution.x.len(),
+            condition: solution.condition,
+            dof: solution.dof,
+            residual_rms_mm: rms(&solution.residuals),
+        }
+    }
+
+    /// Of places found by a nonlinear fit of full rank. `misses`: residual of each place, mm.
+    pub fn of_places(survey: &Survey, minimum: &Minimum, misses: &[Vector3<f64>]) -> Self {
+        let unknowns = minimum.x.len();
+        let coordinates: Vec<f64> = misses.iter().flatten().copied().collect();
+        Self {
+            rank: survey.rank,
+            unknowns,
+            condition: survey.condition,
+            dof: minimum.residuals.len().saturating_sub(unknowns),
+            residual_rms_mm: rms(&coordinates),
+        }
+    }
+}
+
+/// Root mean square.
+pub fn rms(values: &[f64]) -> f64 {
+    let squares: f64 = values.iter().map(|value| value * value).sum();
+    (squares / values.len().max(1) as f64).sqrt()
 }
 
 /// A solved observation model with its residuals.

@@ -1,6 +1,6 @@
 //! Plan + readings → estimate.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use super::bench::Bench;
 use super::group::{Grouped, grouped};
@@ -13,13 +13,12 @@ use super::parameters;
 use super::parts::Parts;
 use super::sources::sources;
 use super::two_fits::{CentresThenMachine, centre_covariances, gain};
-use crate::identification::{
-    self, FitFigures, LeastSquares, Solution, TrialPlan, describe_null_space,
-};
+use crate::identification::{self, FitFigures, LeastSquares, Solution, TrialPlan};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
 use estimation::monte_carlo::Trials;
 use estimation::nonlinear::{Minimum, NonlinearError};
+use estimation::null_names::name_null_space;
 use estimation::whitening::whitening;
 use machine::frame::unit_vector;
 use machine::record::estimate::Estimate;
@@ -59,25 +58,17 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
         model: &CentresThenMachine { centres, gain: &gain, machine, groups, latency },
         residuals: &minimum.residuals,
         is_declared: bench.sensor.noise_um.is_some(),
-        figures: figures(&survey, &minimum, &outputs::misses(&problem, groups, &minimum.x)),
+        figures: FitFigures::of_places(
+            &survey,
+            &minimum,
+            &outputs::misses(&problem, groups, &minimum.x),
+        ),
     };
     let outputs = outputs::outputs(&problem, &names, observed.latency.as_ref(), &x);
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let plan = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let identified = identification::identify(&solution, &sources, outputs, Some(plan))?;
     Ok(Parts { bench, observed, grouped, fitted, chosen, problem, minimum, names, identified })
-}
-
-/// `misses`: residuals of the sphere's places, mm.
-fn figures(survey: &Survey, minimum: &Minimum, misses: &[Vector3<f64>]) -> FitFigures {
-    let square: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
-    FitFigures {
-        rank: survey.rank,
-        unknowns: minimum.x.len(),
-        condition: survey.condition,
-        dof: minimum.residuals.len().saturating_sub(minimum.x.len()),
-        residual_rms_mm: (square / (3 * misses.len()).max(1) as f64).sqrt(),
-    }
 }
 
 /// The sphere's centres and the beam, from the samples that the incidence limit leaves.
@@ -174,7 +165,7 @@ fn solve(
     let lost = |survey: &Survey| IdentifyError::RankDeficient {
         rank: survey.rank,
         unknowns: survey.rank + survey.nullity,
-        what: describe_null_space(survey, names),
+        what: name_null_space(survey.null_space.as_ref(), names),
     };
     let survey = problem.survey(&start).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
     if survey.nullity > 0 {

@@ -8,7 +8,7 @@ use super::parameters;
 use super::settings::Sampled;
 use super::touches;
 use crate::Refused;
-use crate::identification::describe_null_space;
+use estimation::null_names::name_null_space;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Stage, Step, StepKind};
 use machine::{Axis, Position};
@@ -137,7 +137,7 @@ fn check_rank(bench: &Bench<'_>, poses: &[Position]) -> Result<(), Refused> {
     if survey.nullity == 0 {
         return Ok(());
     }
-    let lost = describe_null_space(&survey, &names).join("; ");
+    let lost = name_null_space(survey.null_space.as_ref(), &names).join("; ");
     Err(refused_rank(format!(
         "{} poses with the sphere at {:?} mm do not tell all unknowns apart (rank {} of {}): {lost}",
         poses.len(),

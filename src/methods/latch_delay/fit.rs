@@ -59,7 +59,7 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
         model: &LinearFit { x, a: &a, sigma: &sigma, gain },
         residuals: &weighted,
         is_declared: true,
-        figures: figures(&solution),
+        figures: FitFigures::of_linear(&solution),
     };
     let slope: Vec<f64> = (0..x.len()).map(|j| f64::from(u8::from(j == delay))).collect();
     let outputs = outputs::outputs(observed, x, &slope);
@@ -106,18 +106,6 @@ fn reweighted(
 
 fn sigma(touches: &[Touch], scatter: [Scatter; 2]) -> Vec<f64> {
     touches.iter().map(|touch| scatter[touch.feed].s_mm).collect()
-}
-
-fn figures(solution: &LinearSolution) -> FitFigures {
-    let LinearSolution { residuals, rank, condition, dof, .. } = solution;
-    let squares: f64 = residuals.iter().map(|r| r * r).sum();
-    FitFigures {
-        rank: *rank,
-        unknowns: solution.x.len(),
-        condition: *condition,
-        dof: *dof,
-        residual_rms_mm: (squares / residuals.len().max(1) as f64).sqrt(),
-    }
 }
 
 /// The scatter at each feed, and what it does not average out of the display's steps, on the delay

@@ -33,29 +33,17 @@ pub fn identify(
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let solved = solve_geometry(plan, settings, readings)?;
-    let GeometrySolution { problem, sources, measured, minimum, .. } = &solved;
+    let GeometrySolution { problem, sources, measured, minimum, survey, .. } = &solved;
     let solution = Solution {
         model: &LeastSquares { equation: &Measurement { problem, measured }, minimum },
         residuals: &minimum.residuals,
         is_declared: plan.probe.repeatability_um.is_some(),
-        figures: figures(&solved),
+        figures: FitFigures::of_places(survey, minimum, &solved.misses()),
     };
     let trials = trial_plan(settings, problem, sources);
     let outputs = outputs::outputs(&solved);
     let identified = identification::identify(&solution, sources, outputs, Some(trials))?;
     Ok(outputs::estimate(&solved, &identified))
-}
-
-fn figures(solved: &GeometrySolution<'_>) -> FitFigures {
-    let misses = solved.misses();
-    let squares: f64 = misses.iter().map(|miss| miss.norm_squared()).sum();
-    FitFigures {
-        rank: solved.survey.rank,
-        unknowns: solved.problem.unknowns(),
-        condition: solved.survey.condition,
-        dof: solved.dof(),
-        residual_rms_mm: (squares / (3 * misses.len()).max(1) as f64).sqrt(),
-    }
 }
 
 fn trial_plan(settings: &Settings, problem: &Problem, sources: &[UncertaintySource]) -> TrialPlan {

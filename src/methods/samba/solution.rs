@@ -9,10 +9,11 @@ use super::parameters;
 use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::sources;
-use crate::identification::{UncertaintySource, block_covariances, describe_null_space};
+use crate::identification::{UncertaintySource, block_covariances};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
 use estimation::nonlinear::{Minimum, NonlinearError};
+use estimation::null_names::name_null_space;
 use estimation::schur::factor;
 use estimation::whitening::whitening;
 use machine::kinematics::Chain;
@@ -207,7 +208,7 @@ pub fn unknown_names(problem: &Problem, balls: &Balls) -> Vec<String> {
 
 /// Lost directions, the one of the uniform scale by its own name.
 pub fn describe_lost(survey: &Survey, names: &[String]) -> Vec<String> {
-    let lines = describe_null_space(survey, names).into_iter().map(|line| {
+    let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| {
         let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
         if gains > 1 {
             format!("the uniform scale, which a certified length would give: {line}")

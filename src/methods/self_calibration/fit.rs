@@ -5,7 +5,7 @@ use faer::{Mat, MatRef, Scale};
 
 use super::bend::{Bend, multiply_trials};
 use super::model::{Layout, Observation};
-use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply};
+use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply, rms};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
@@ -94,13 +94,11 @@ impl Fit {
     }
 
     pub fn figures(&self, residuals: &[f64]) -> FitFigures {
-        let sum: f64 = residuals.iter().map(|r| r * r).sum();
+        let unknowns = self.layout.unknowns() - self.layout.gauge().nrows();
         FitFigures {
-            rank: self.solution.rank,
-            unknowns: self.layout.unknowns() - self.layout.gauge().nrows(),
-            condition: self.solution.condition,
-            dof: self.solution.dof,
-            residual_rms_mm: (sum / residuals.len().max(1) as f64).sqrt(),
+            unknowns,
+            residual_rms_mm: rms(residuals),
+            ..FitFigures::of_linear(&self.solution)
         }
     }
 

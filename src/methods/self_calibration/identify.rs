@@ -12,11 +12,12 @@ use super::sense;
 use super::settings::Settings;
 use super::sources::{interruptions, sources};
 use crate::identification::{
-    self, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances, describe_null_space,
+    self, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, Refused};
 use estimation::linear::LinearError;
 use estimation::monte_carlo::Trials;
+use estimation::null_names::name_null_space;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
@@ -25,6 +26,9 @@ use machine::record::reading::{Flag, Reading};
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
 /// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 2;
+
+/// At most so many lost combinations of unknowns are named: of the paper's unknowns there are dozens.
+const MAX_NAMED_LOST: usize = 4;
 
 /// Bound of the adaptive rule, which usually stops before: 200 000 trials, fewer for large designs,
 /// so that it stays a matter of seconds.
@@ -146,9 +150,17 @@ fn fit(
     let (unknowns, names) = (layout.unknowns(), layout.names());
     Fit::new(layout, observations, sigma, settings.second_order).map_err(|error| match error {
         LinearError::RankDeficient(survey) => {
-            let what = describe_null_space(&survey, &names);
+            let what = a_few(name_null_space(survey.null_space.as_ref(), &names));
             IdentifyError::RankDeficient { rank: survey.rank, unknowns, what }
         }
         other => IdentifyError::Numerical(other.to_string()),
     })
+}
+
+/// The first lines, and the number of the others.
+fn a_few(mut lines: Vec<String>) -> Vec<String> {
+    let more = lines.len().saturating_sub(MAX_NAMED_LOST);
+    lines.truncate(MAX_NAMED_LOST);
+    lines.extend((more > 0).then(|| format!("and {more} more")));
+    lines
 }

@@ -1,14 +1,12 @@
 //! Sources, weights and priors.
 
-use estimation::linear::survey;
-use faer::Mat;
 use machine::record::estimate::Unit;
 use nalgebra::Matrix2;
 
 use super::{Mean, assert_near};
 use crate::identification::{
     Effect, InResiduals, ObservationRun, Output, Outputs, UncertaintySource, block_covariances,
-    describe_null_space, identify,
+    identify,
 };
 
 fn run(first: usize, values: &[f64]) -> ObservationRun {
@@ -88,14 +86,4 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
         }
     }
     assert!(UncertaintySource::of_prior(&prior, &["EY0C"], &columns[..1]).is_none());
-}
-
-#[test]
-fn regress_long_null_spaces_are_cut_short() {
-    let a = Mat::from_fn(2, 7, |i, j| f64::from(u8::from(i == j)));
-    let survey = survey(a.as_ref(), None, 1e-10).unwrap();
-    let names: Vec<String> = ["a", "b", "c", "d", "e", "f", "g"].map(Into::into).into();
-    let lines = describe_null_space(&survey, &names);
-    assert_eq!(lines.len(), 5);
-    assert_eq!((lines[0].as_str(), lines[4].as_str()), ("c (not seen)", "and 1 more"));
 }

@@ -233,12 +233,7 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
 
 #[tokio::test]
 async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let world = testing::world();
-    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Fast));
-    tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
-    driver.prepare().await.unwrap();
+    let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
     driver.execute(proven(&touch(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
     world.lock().unwrap().travel(&by_hand, Speed::Rapid);
@@ -253,12 +248,7 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
 
 #[tokio::test]
 async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_nowhere() {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let world = testing::world();
-    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Fast));
-    tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
-    driver.prepare().await.unwrap();
+    let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
     let before = world.lock().unwrap().position();
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
     let dialect = dialect("grbl").unwrap();

@@ -16,6 +16,7 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
+use simulator::World;
 use simulator::controls::grbl::{Firmware, Options, testing};
 use simulator::interpreter::Pace;
 
@@ -68,6 +69,17 @@ async fn run(driver: &mut Grbl, steps: u32) -> Vec<Outcome> {
     }
     driver.finish().await.unwrap();
     outcomes
+}
+
+/// A prepared driver, its halt, and the world that its control moves in.
+async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<World>>) {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let world = testing::world();
+    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), pace));
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, halt) = grbl(Link::over("in process", ours));
+    driver.prepare().await.unwrap();
+    (driver, halt, world)
 }
 
 fn firmware() -> Firmware {
@@ -375,12 +387,7 @@ async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
 
 #[tokio::test]
 async fn a_held_simulated_machine_stays() {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let world = testing::world();
-    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), Pace::Real));
-    tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, halt) = grbl(Link::over("in process", ours));
-    driver.prepare().await.unwrap();
+    let (mut driver, halt, world) = prepared_in_world(Pace::Real).await;
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes, if nobody holds it.
     let to = position(&[(Axis::Z, -90.0)]);
