@@ -84,6 +84,12 @@ pub trait ObservationModel: Sync {
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
     /// observations, mm); nonlinear where the model is.
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
+
+    /// As [`solve_near`](Self::solve_near), but linear functions of the unknowns: trials × functions.
+    /// `slopes`: functions × unknowns.
+    fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
+        self.solve_near(changes) * slopes.transpose()
+    }
 }
 
 /// The rows of a nonlinear least-squares problem as a function of its observations.

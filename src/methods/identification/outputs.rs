@@ -81,13 +81,23 @@ impl Outputs {
         self.parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
     }
 
-    /// Trials × parameters in the order of the estimate, internal units, of the unknowns `x` (trials ×
-    /// unknowns). A linear parameter is slope·x: where its value is not, it is shifted by a constant.
-    pub fn evaluate_trials(&self, x: &Mat<f64>, slopes: &Mat<f64>) -> Mat<f64> {
-        let linear = x * slopes.transpose();
-        let Some(nonlinear) = &self.nonlinear else { return linear };
-        let others = (nonlinear.values)(x.as_ref());
-        Mat::from_fn(x.nrows(), linear.ncols() + others.ncols(), |trial, j| {
+    /// What a trial must give, as functions × unknowns: the parameters; the unknowns themselves where
+    /// a parameter is no linear function of them.
+    pub fn trial_slopes(&self, unknowns: usize) -> Mat<f64> {
+        match &self.nonlinear {
+            None => self.slopes(unknowns),
+            Some(_) => Mat::identity(unknowns, unknowns),
+        }
+    }
+
+    /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
+    /// [`trial_slopes`](Self::trial_slopes). A linear parameter is slope·x: where its value is not, it is
+    /// shifted by a constant.
+    pub fn of_trials(&self, values: Mat<f64>) -> Mat<f64> {
+        let Some(nonlinear) = &self.nonlinear else { return values };
+        let linear = &values * self.slopes(values.ncols()).transpose();
+        let others = (nonlinear.values)(values.as_ref());
+        Mat::from_fn(values.nrows(), linear.ncols() + others.ncols(), |trial, j| {
             match j.checked_sub(linear.ncols()) {
                 Some(j) => others[(trial, j)],
                 None => linear[(trial, j)],

@@ -26,18 +26,27 @@ struct DrawnSource<'a> {
     first: usize,
     /// Draws × observations, of joint draws.
     joint: Mat<f64>,
-    /// Draws × unknowns; no rows where a draw changes no unknown directly.
+    /// Draws × values; no rows where a draw changes no unknown directly.
     direct: Mat<f64>,
 }
 
 impl<'a> DrawnSource<'a> {
-    fn new(source: &'a UncertaintySource, misfit: &Misfit, first: usize) -> Self {
+    /// `slopes`: values × unknowns.
+    fn new(
+        source: &'a UncertaintySource,
+        misfit: &Misfit,
+        slopes: &Mat<f64>,
+        first: usize,
+    ) -> Self {
         let joint = match &source.effect {
             Effect::Joint(columns) => by_rows(columns),
             _ => Mat::new(),
         };
-        let (scale, direct) = (source.factor(misfit), by_rows(&source.direct_changes));
-        Self { source, scale, first, joint, direct }
+        let direct = match source.direct_changes.as_slice() {
+            [] => Mat::new(),
+            changes => by_rows(changes) * slopes.transpose(),
+        };
+        Self { source, scale: source.factor(misfit), first, joint, direct }
     }
 
     /// Adds the effect of this source to the observations (trials × observations). `units`: trials ×
@@ -61,11 +70,11 @@ impl<'a> DrawnSource<'a> {
         }
     }
 
-    /// Adds the direct effect of this source to the unknowns (trials × unknowns).
-    fn add_to_unknowns(&self, units: &[f64], x: &mut Mat<f64>) {
+    /// Adds the direct effect of this source on the unknowns to the `values` (trials × values).
+    fn add_direct(&self, units: &[f64], values: &mut Mat<f64>) {
         if self.direct.nrows() > 0 {
-            let own = self.own_units(units, x.nrows());
-            matmul(x, Accum::Add, own, self.direct.as_ref(), self.scale, Par::Seq);
+            let own = self.own_units(units, values.nrows());
+            matmul(values, Accum::Add, own, self.direct.as_ref(), self.scale, Par::Seq);
         }
     }
 
@@ -97,19 +106,19 @@ pub fn propagate_by_trials(
     plan: TrialPlan,
 ) -> Result<Summary, IdentifyError> {
     let shapes: Vec<Shape> = sources.iter().flat_map(|s| vec![s.shape; s.draws()]).collect();
+    let slopes = outputs.trial_slopes(model.unknowns());
     let mut drawn: Vec<DrawnSource<'_>> = Vec::new();
     for source in sources {
         let first = drawn.last().map_or(0, |before| before.first + before.source.draws());
-        drawn.push(DrawnSource::new(source, misfit, first));
+        drawn.push(DrawnSource::new(source, misfit, &slopes, first));
     }
-    let slopes = outputs.slopes(model.unknowns());
     let compute = |random: &mut Random, trials: usize| {
         let units = random.units(trials, &shapes);
         let mut changes = Mat::zeros(trials, model.observations());
         drawn.iter().for_each(|source| source.add_to_observations(&units, &mut changes));
-        let mut x = model.solve_near(changes.as_ref());
-        drawn.iter().for_each(|source| source.add_to_unknowns(&units, &mut x));
-        outputs.evaluate_trials(&x, &slopes)
+        let mut values = model.functions_near(changes.as_ref(), slopes.as_ref());
+        drawn.iter().for_each(|source| source.add_direct(&units, &mut values));
+        outputs.of_trials(values)
     };
     propagate(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
         .map_err(|why| IdentifyError::Numerical(why.to_string()))

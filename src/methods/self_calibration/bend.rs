@@ -2,8 +2,9 @@
 //! because the ball meets the part beside the ray. The coefficients do not depend on the unknowns; many
 //! trials are evaluated at once.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::model::{Layout, Observation};
 use super::outputs::scale_and_squareness;
@@ -42,22 +43,24 @@ impl Bend {
         Self { contacts, heights }
     }
 
-    /// τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, mm: trials × observations, at the unknowns `x`
-    /// (trials × unknowns).
-    pub fn terms(&self, x: &Mat<f64>) -> Mat<f64> {
-        let forms: Vec<Mat<f64>> =
-            self.heights.iter().map(|height| multiply_trials(x, height.forms.as_ref())).collect();
-        Mat::from_fn(x.nrows(), self.contacts.len(), |trial, i| {
-            let Contact { height, normal, ex, ey, theta, lateral } = self.contacts[i];
-            let (cos, sin) = (normal.x, normal.y);
-            let form = |j: usize| forms[height][(trial, j)];
-            let scale = forms[height].ncols() - 2;
-            // E_lin·t. The forms hold 1/L, the deviations L: they cancel.
-            let linear_axes = form(scale + 1) * sin * sin + form(scale) * sin * cos;
-            let tau = -x[(trial, ex)] * sin + x[(trial, ey)] * cos - linear_axes - lateral;
-            tau * (form(theta) + tau / 2.0) / x[(trial, self.heights[height].radius)]
-        })
+    /// Adds τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, to `radii` (trials × observations, mm) at
+    /// the unknowns `x` (trials × unknowns).
+    pub fn add_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
+        let heights: Vec<HeightTrials> =
+            self.heights.iter().map(|height| height.at_trials(x)).collect();
+        for (i, contact) in self.contacts.iter().enumerate() {
+            contact.add_terms(x, &heights[contact.height], radii.col_as_slice_mut(i));
+        }
     }
+}
+
+/// What all contacts of a height share, one entry a trial.
+struct HeightTrials {
+    /// Trials × forms.
+    forms: Mat<f64>,
+    /// 1/R, 1/mm.
+    curvature: Vec<f64>,
+    arch: Arch,
 }
 
 impl Contact {
@@ -69,6 +72,58 @@ impl Contact {
             ey: layout.ey(seen.height, seen.c),
             theta: layout.design.theta(seen.c, seen.phi),
             lateral: seen.lateral,
+        }
+    }
+
+    fn add_terms(&self, x: &Mat<f64>, shared: &HeightTrials, radii: &mut [f64]) {
+        let form = |j: usize| shared.forms.col_as_slice(j);
+        let scale = shared.forms.ncols() - 2;
+        shared.arch.dispatch(AddTerms {
+            cos: self.normal.x,
+            sin: self.normal.y,
+            lateral: self.lateral,
+            ex: x.col_as_slice(self.ex),
+            ey: x.col_as_slice(self.ey),
+            slope: form(self.theta),
+            scale: form(scale),
+            squareness: form(scale + 1),
+            curvature: &shared.curvature,
+            radii,
+        });
+    }
+}
+
+/// The terms of one contact in all trials. Not a closure: only this form is inlined where the wide
+/// registers are in use.
+struct AddTerms<'a> {
+    cos: f64,
+    sin: f64,
+    lateral: f64,
+    ex: &'a [f64],
+    ey: &'a [f64],
+    slope: &'a [f64],
+    scale: &'a [f64],
+    squareness: &'a [f64],
+    curvature: &'a [f64],
+    radii: &'a mut [f64],
+}
+
+impl WithSimd for AddTerms<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { cos, sin, lateral, ex, ey, slope, scale, squareness, curvature, radii } = self;
+        let (squared, mixed) = (sin * sin, sin * cos);
+        let trials = radii.len();
+        let (ex, ey, slope) = (&ex[..trials], &ey[..trials], &slope[..trials]);
+        let (scale, squareness) = (&scale[..trials], &squareness[..trials]);
+        let curvature = &curvature[..trials];
+        for trial in 0..trials {
+            // E_lin·t. The forms hold 1/L, the deviations L: they cancel.
+            let linear_axes = squareness[trial] * squared + scale[trial] * mixed;
+            let tau = ey[trial] * cos - ex[trial] * sin - linear_axes - lateral;
+            radii[trial] += tau * (slope[trial] + tau / 2.0) * curvature[trial];
         }
     }
 }
@@ -90,17 +145,9 @@ impl HeightForms {
         forms.col_as_slice_mut(n + 1).copy_from_slice(&squareness);
         Self { radius: layout.radius(height), forms }
     }
-}
 
-/// `trials` (trials × n) times `matrix` (n × columns), summed in the order of n: the rounding of a trial
-/// does not depend on the number of trials. The numerical derivative of the fit amplifies rounding.
-pub fn multiply_trials(trials: &Mat<f64>, matrix: MatRef<'_, f64>) -> Mat<f64> {
-    let mut product = Mat::zeros(trials.nrows(), matrix.ncols());
-    for j in 0..matrix.ncols() {
-        for (k, factor) in matrix.col(j).iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
-            let sums = product.col_as_slice_mut(j).iter_mut();
-            sums.zip(trials.col_as_slice(k)).for_each(|(sum, value)| *sum += factor * value);
-        }
+    fn at_trials(&self, x: &Mat<f64>) -> HeightTrials {
+        let curvature = x.col_as_slice(self.radius).iter().map(|radius| 1.0 / radius).collect();
+        HeightTrials { forms: x * &self.forms, curvature, arch: Arch::new() }
     }
-    product
 }

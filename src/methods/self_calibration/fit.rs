@@ -3,7 +3,7 @@
 
 use faer::{Mat, MatRef, Scale};
 
-use super::bend::{Bend, multiply_trials};
+use super::bend::Bend;
 use super::model::{Layout, Observation};
 use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply, rms};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
@@ -58,17 +58,17 @@ impl Fit {
         Ok(fit)
     }
 
-    /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm).
+    /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies
+    /// changes alone, not whole radii, whose rounding the numerical derivative would amplify.
     pub fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        let radii = Mat::from_fn(changes.nrows(), changes.ncols(), |trial, i| {
-            self.observations[i].radius + changes[(trial, i)]
-        });
-        let gain = self.solution.gain.transpose();
-        let mut x = multiply_trials(&radii, gain);
+        let LinearSolution { x: linear, gain, .. } = &self.solution;
+        let mut x = shifted(changes * gain.transpose(), linear);
         let Some(bend) = &self.bend else { return x };
         let mut unsettled: Vec<usize> = (0..x.nrows()).collect();
         for _ in 0..MAX_CORRECTIONS {
-            let next = multiply_trials(&(&radii + bend.terms(&x)), gain);
+            let mut corrected = changes.to_owned();
+            bend.add_terms(&x, &mut corrected);
+            let next = shifted(corrected * gain.transpose(), linear);
             // A settled trial does not depend on the trials beside it.
             unsettled.retain(|trial| {
                 let change = (next.row(*trial) - x.row(*trial)).norm_max();
@@ -85,12 +85,13 @@ impl Fit {
     /// Of the corrected radii, mm.
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
-        let terms = self.bend.as_ref().map(|bend| bend.terms(&x));
+        let mut radii =
+            Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius);
+        if let Some(bend) = &self.bend {
+            bend.add_terms(&x, &mut radii);
+        }
         let model = multiply(&self.a, &self.x);
-        let residual = |(i, seen): (usize, &Observation)| {
-            seen.radius + terms.as_ref().map_or(0.0, |terms| terms[(0, i)]) - model[i]
-        };
-        self.observations.iter().enumerate().map(residual).collect()
+        radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
     pub fn figures(&self, residuals: &[f64]) -> FitFigures {
@@ -145,19 +146,30 @@ impl ObservationModel for LinearisedFit<'_> {
         Response { unknowns: multiply(&self.sensitivity, change), residuals }
     }
 
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        let unknowns = self.unknowns();
+        self.functions_near(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
+    }
+
     /// First order, then one second-order correction there: it contracts an error of some 1e-8 mm by
     /// 2e-2 or less.
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        let Fit { x, observations, bend, solution, .. } = self.fit;
-        let Some(bend) = bend else { return self.fit.solve_near(changes) };
-        let mut near = changes * self.sensitivity.transpose();
-        for (j, solved) in x.iter().enumerate() {
-            near.col_as_slice_mut(j).iter_mut().for_each(|x| *x += solved);
+    fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
+        let Fit { x, bend, solution, .. } = self.fit;
+        let mut radii = changes.to_owned();
+        if let Some(bend) = bend {
+            let near = shifted(changes * self.sensitivity.transpose(), x);
+            bend.add_terms(&near, &mut radii);
         }
-        let mut radii = bend.terms(&near) + changes;
-        for (i, seen) in observations.iter().enumerate() {
-            radii.col_as_slice_mut(i).iter_mut().for_each(|radius| *radius += seen.radius);
-        }
-        radii * solution.gain.transpose()
+        let gain = slopes * &solution.gain;
+        let at_readings = slopes * MatRef::from_column_major_slice(&solution.x, slopes.ncols(), 1);
+        shifted(radii * gain.transpose(), at_readings.col_as_slice(0))
     }
+}
+
+/// `columns` (trials × n) plus one number a column.
+fn shifted(mut columns: Mat<f64>, by: &[f64]) -> Mat<f64> {
+    for (j, by) in by.iter().enumerate() {
+        columns.col_as_slice_mut(j).iter_mut().for_each(|value| *value += by);
+    }
+    columns
 }
