@@ -7,7 +7,6 @@ use super::paper::PaperForm;
 use super::parts::Parts;
 use super::sense::Sense;
 use super::settings::Spindle;
-use estimation::coverage::coverage_factor;
 use estimation::misfit::Misfit;
 use machine::record::estimate::Estimate;
 
@@ -107,15 +106,15 @@ fn scatter_warning(misfit: &Misfit) -> Option<String> {
     })
 }
 
-/// What the machine did in the interruptions, with U from the touches' scatter.
+/// The steps of the machine in the interruptions, with U.
 fn steps(parts: &Parts<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
-    let misfit = &parts.identification.propagation.misfit;
-    let k = coverage_factor(if misfit.factor == 1.0 { f64::INFINITY } else { misfit.dof });
     let um = |gap: usize, what: usize| {
         let at = layout.step(what, gap);
-        let u = misfit.factor * parts.fit.solution.covariance[(at, at)].max(0.0).sqrt();
-        format!("{} {:+.2} ± {:.2}", DRIFTING[what], parts.fit.x[at] * 1e3, k * u * 1e3)
+        let slope: Vec<f64> =
+            (0..layout.unknowns()).map(|j| f64::from(u8::from(j == at))).collect();
+        let expanded = parts.identification.propagation.uncertainty(&slope).expanded();
+        format!("{} {:+.2} ± {:.2}", DRIFTING[what], parts.fit.x[at] * 1e3, expanded * 1e3)
     };
     let mut lines: Vec<String> = (0..layout.gaps.len())
         .map(|gap| {
