@@ -102,7 +102,7 @@ impl GrblControl {
         self.session.lock().unwrap().heard.clone()
     }
 
-    /// A person resets the control.
+    /// A person resets the control and homes the machine.
     pub fn reset(&self) {
         self.wish(Wish::Reset);
     }
@@ -143,7 +143,7 @@ async fn live(
                 Some((Wish::Become(other), done)) => { machine = *other; done.send(()).unwrap(); }
                 Some((Wish::Reset, done)) => {
                     let (mut near, far) = tokio::io::duplex(4096);
-                    near.write_all(b"\x18").await.unwrap();
+                    near.write_all(b"\x18$H\n").await.unwrap();
                     near.shutdown().await.unwrap();
                     machine.serve(far).await.unwrap();
                     done.send(()).unwrap();

@@ -35,7 +35,9 @@ impl Record {
 
     /// The lines that were received, without requests for a status.
     pub fn lines(&self) -> Vec<String> {
-        let told = String::from_utf8_lossy(&self.told).replace('?', "");
+        // What asks for a report stands between lines.
+        let told = self.told.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
+        let told = String::from_utf8_lossy(&told.copied().collect::<Vec<u8>>()).into_owned();
         told.lines().map(str::to_owned).collect()
     }
 

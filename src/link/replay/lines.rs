@@ -8,6 +8,8 @@ use super::read::{Passed, Track};
 use super::{Said, Script};
 
 const POLL: &[u8] = b"?";
+/// Asks grblHAL for the report with all its fields.
+const FULL_POLL: &[u8] = b"\x87";
 const QUESTION: &[u8] = b"get ";
 
 /// A command, and what came until the next one.
@@ -33,11 +35,15 @@ impl Lines {
     pub(super) fn new(track: &Track) -> Self {
         let mut exchanges = vec![Exchange::default()];
         let (mut cutter, mut coming, mut question) = (Cutter::default(), Vec::new(), None);
+        let mut poll = POLL.to_vec();
         for passed in &track.passed {
             match passed {
                 Passed::Sent(bytes) => {
-                    for command in cutter.cut(bytes).into_iter().filter(|cut| *cut != POLL) {
-                        if let (true, Some(exchange)) = (only_asks(&command), exchanges.last_mut())
+                    for command in cutter.cut(bytes) {
+                        if is_poll(&command) {
+                            poll = command;
+                        } else if let (true, Some(exchange)) =
+                            (only_asks(&command), exchanges.last_mut())
                         {
                             exchange.asked.entry(command.clone()).or_default().push(Vec::new());
                             question = Some(command);
@@ -52,7 +58,7 @@ impl Lines {
                     let Some(exchange) = exchanges.last_mut() else { continue };
                     while let Some(end) = coming.iter().position(|byte| *byte == b'\n') {
                         let bytes: Vec<u8> = coming.drain(..=end).collect();
-                        exchange.keep(question.as_deref(), Said { at_s: said.at_s, bytes });
+                        exchange.keep(question.as_deref(), &poll, Said { at_s: said.at_s, bytes });
                     }
                 }
             }
@@ -93,14 +99,19 @@ impl Lines {
 }
 
 impl Exchange {
-    fn keep(&mut self, question: Option<&[u8]>, said: Said) {
+    /// `poll`: the last one that was sent.
+    fn keep(&mut self, question: Option<&[u8]>, poll: &[u8], said: Said) {
         let is_report = said.bytes.starts_with(b"<") && said.bytes.trim_ascii_end().ends_with(b">");
         if is_report {
-            return self.asked.entry(POLL.to_owned()).or_default().push(vec![said]);
+            return self.asked.entry(poll.to_owned()).or_default().push(vec![said]);
         }
         let answers = question.and_then(|question| self.asked.get_mut(question)?.last_mut());
         answers.unwrap_or(&mut self.replies).push(said);
     }
+}
+
+fn is_poll(command: &[u8]) -> bool {
+    command == POLL || command == FULL_POLL
 }
 
 fn only_asks(command: &[u8]) -> bool {
@@ -116,7 +127,7 @@ impl Script for Lines {
         for command in self.cutter.cut(bytes) {
             said.extend(match () {
                 // A control that has said nothing of itself so far.
-                () if command == POLL => self.told(POLL).unwrap_or_default(),
+                () if is_poll(&command) => self.told(&command).unwrap_or_default(),
                 () if only_asks(&command) => self
                     .told(&command)
                     .ok_or_else(|| format!("the capture does not know {}", words(&command)))?,

@@ -83,7 +83,7 @@ fn as_told(reading: &Reading) -> (String, String) {
         let text = format!("{:.3}", axis.to_edge(reading.position.at(axis)));
         if text == "-0.000" { "0.000".to_owned() } else { text }
     };
-    (AXES.map(value).join(","), format!("[T:{}]", reading.t_s))
+    (AXES.map(value).join(","), format!("[TIME:{}]", reading.t_s))
 }
 
 /// None doubled, none invented, each of its own step.

@@ -176,13 +176,16 @@ impl Grbl {
             seen = self.act(lines, &mut outcome, seen).await?;
         }
         let status = self.rests(seen).await?;
+        self.speed_as_planned()?;
         outcome.t_s = outcome.t_s.or(status.t_s);
         Ok(outcome)
     }
 
-    /// Before a block moves: no fault of the probe, probe open, the machine where the block begins.
+    /// Before a block moves: overrides at 100 %, no fault of the probe, probe open, the machine where the
+    /// block begins.
     async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let status = self.wire.status().await?;
+        self.speed_as_planned()?;
         check::probe_health(&status, &self.modes)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {

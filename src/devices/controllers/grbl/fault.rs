@@ -38,7 +38,7 @@ pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -
 pub(super) fn not_ready(status: &Status) -> ControllerError {
     let remedy = match status.state.as_str() {
         "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
-        "Hold" => "a move is held: resume or reset it at the control",
+        "Hold" => "a move is held: reset the control, look at the machine, home it",
         "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
         "Door" => "close the door",
         "Check" => "leave the check mode ($C)",

@@ -9,10 +9,10 @@ const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]
 [AXS:5:XYZBC]
 [GC:G0 G54 G17 G21 G90 G94 G49 G98 G50 M5 M9 T0 F0 S0.]
 $10=511
-<Idle|MPos:-47.990,0.000,12.500,0.000,45.000|Bf:100,1023|FS:0,0|Pn:P|T:12.25>
+<Idle|MPos:-47.990,0.000,12.500,0.000,45.000|Bf:100,1023|FS:0,0|Pn:P|Time:12.25>
 <Hold:0|MPos:1.000,2.000,3.000|WCO:0.000,0.000,0.000>
 [PRB:-47.990,0.000,12.500,0.000,45.000:1]
-[T:13.5]
+[TIME:13.5]
 [G59:0.000,0.000,0.000,0.000,0.000]
 [TLO:0.000,0.000,0.000]
 ok
@@ -29,10 +29,10 @@ fn the_reply_parser_bears_anything() {
         "<Idle",
         "|MPos:",
         "|Pn:P",
-        "|T:",
+        "|Time:",
         "[PRB:",
         ":1]",
-        "[T:",
+        "[TIME:",
         "[OPT:",
         "[AXS:",
         "[GC:",
@@ -71,6 +71,7 @@ fn size(message: &Message) -> usize {
         | Message::Error(_)
         | Message::Alarm(_)
         | Message::Buffer(_)
+        | Message::Homed(_)
         | Message::Setting(..) => 0,
     };
     heap + size_of::<Message>()

@@ -1,69 +1,38 @@
 //! What it says of itself: `$I` and its settings, `$$`. Numbers and meanings are grblHAL's (`settings.h`);
 //! where an axis' travel lies follows from how it is homed (`machine_limits.c`).
 
-use std::collections::BTreeMap;
-
+use super::built::Built;
 use super::driver::Grbl;
-use super::message::Message;
-use super::prepare::{Built, hides_the_probe};
-use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
-use machine::Axis;
+
+use super::readiness;
+use super::settings::{HOMING, SWITCH_IS_ZERO, Settings};
+use crate::controllers::{AxisSays, ControllerError, Introduction};
 
 /// Reports print three decimals.
 const SHOWN: f64 = 0.001;
-/// `$22`: homing is on; the switch is zero; axes without a switch are homed where they stand.
-const HOMING: u32 = 1;
-const SWITCH_IS_ZERO: u32 = 1 << 3;
-const BY_HAND: u32 = 1 << 5;
-
 impl Grbl {
     pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
         if !self.ready {
             self.wire.wake().await?;
         }
         let built = self.built().await?;
-        let said = self.wire.ask("$$").await?.into_iter();
-        let settings = said.filter_map(|message| match message {
-            Message::Setting(number, value) => Some((number, value)),
-            _ => None,
-        });
-        Ok(introduction(&built, &Settings(settings.collect())))
-    }
-}
-
-struct Settings(BTreeMap<u16, f64>);
-
-impl Settings {
-    fn value(&self, number: u16) -> Option<f64> {
-        self.0.get(&number).copied()
-    }
-
-    /// A mask; nothing where it is not told.
-    fn mask(&self, number: u16) -> u32 {
-        // Masks are small whole numbers.
-        self.value(number).unwrap_or_default() as u32
-    }
-
-    fn has(&self, number: u16, bit: u32) -> bool {
-        self.mask(number) & bit != 0
-    }
-
-    /// The `place`th axis has a homing switch.
-    fn homes(&self, place: u16) -> bool {
-        (44..50).any(|cycle| self.mask(cycle) >> place & 1 == 1)
+        let settings = self.settings().await?;
+        let axes = built.axes();
+        let mut said = introduction(&built, &settings);
+        said.remarks.extend(self.readiness_of_state(&built).await?);
+        let offsets = self.wire.ask("$#").await?;
+        said.remarks.extend(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets));
+        Ok(said)
     }
 }
 
 fn introduction(built: &Built, settings: &Settings) -> Introduction {
-    let letters = built.letters.chars().zip(0_u16..);
-    let named =
-        letters.filter_map(|(letter, place)| Some((letter.to_string().parse().ok()?, place)));
-    let axes: Vec<(Axis, u16)> = named.collect();
+    let axes = built.axes();
     let says = axes.iter().map(|(axis, place)| (*axis, axis_says(built, settings, *place)));
     Introduction {
         identity: built.identity(),
         axes: says.collect(),
-        remarks: remarks(built, settings, &axes),
+        remarks: readiness::of_settings(built, settings, &axes),
         polarity: settings.value(6).map(|now| {
             format!("enter ${}={} at the control (it is {now} now)", 6, u8::from(now == 0.0))
         }),
@@ -99,55 +68,11 @@ fn ends(built: &Built, settings: &Settings, place: u16) -> Option<(f64, f64)> {
     })
 }
 
-fn remarks(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Remark> {
-    let mut remarks = Vec::new();
-    let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
-    if let Some(mask) = settings.value(10).filter(|mask| !built.classic && hides_the_probe(*mask)) {
-        let what = format!("its reports hide the probe or the position ($10={mask})");
-        hinders(what, "enter $10=511 at the control");
-    }
-    if settings.has(13, 1) {
-        let what = "it reports positions in inches ($13=1); here they are read as millimetres";
-        hinders(what.to_owned(), "enter $13=0 at the control");
-    }
-    if settings.value(22).is_some() && !settings.has(22, HOMING) {
-        let what = "its homing is off ($22=0): zero is where each axis stood when it was switched on, and \
-                    no travel and no body of the machine file lies where it says";
-        hinders(
-            what.to_owned(),
-            "fit homing switches and enter $22=1, or home by hand with $22=33",
-        );
-    }
-    if settings.value(20) == Some(0.0) {
-        let what = "its soft limits are off ($20=0): the control refuses no move beyond its travel";
-        hinders(what.to_owned(), "enter $20=1 once the axes are homed");
-    }
-    remarks.extend(not_homed(settings, axes));
-    remarks
-}
-
-fn not_homed(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
-    let told = (44..50).any(|cycle| settings.value(cycle).is_some());
-    if !told || !settings.has(22, HOMING) || settings.has(22, BY_HAND) {
-        return None;
-    }
-    let lost = axes.iter().filter(|(_, place)| !settings.homes(*place));
-    let lost: Vec<String> = lost.map(|(axis, _)| axis.to_string()).collect();
-    (!lost.is_empty()).then(|| {
-        let what = format!(
-            "it does not home {}: zero is where they stood when it was switched on ($44 to $49)",
-            lost.join(", ")
-        );
-        Remark::note(
-            what,
-            "set them to zero by a mark before each measurement, or give them a switch",
-        )
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::controllers::grbl::message::Message;
+    use machine::Axis;
 
     fn says(letters: &str, classic: bool, lines: &str) -> Introduction {
         let built = Built { classic, version: "1.1f".to_owned(), letters: letters.to_owned() };
@@ -203,7 +128,7 @@ mod tests {
         assert_eq!(sound.remarks, []);
         for (sound, wrong, named) in [
             ("$10=511", "$10=495", "hide the probe"),
-            ("$10=511", "$10=510", "the position"),
+            ("$10=511", "$10=510", "the machine position"),
             ("$13=0", "$13=1", "in inches"),
             ("$22=1", "$22=0", "homing is off"),
         ] {

@@ -13,7 +13,7 @@ pub(super) enum Message {
         values: Vec<f64>,
         hit: bool,
     },
-    /// `[T:..]`, an extension of the simulated control: when the contact came.
+    /// `[TIME:..]`, an extension of the simulated control: when the contact came.
     Time(f64),
     Banner(String),
     Version(String),
@@ -26,6 +26,8 @@ pub(super) enum Message {
         name: String,
         values: Vec<f64>,
     },
+    /// `[HOME:..:mask]`: the axes that are homed, one bit each in the order of the axis words.
+    Homed(u32),
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
     /// `$n=..`, where it is a number.
@@ -44,8 +46,17 @@ pub(super) struct Status {
     pub pins: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
     pub position: Option<Vec<f64>>,
-    /// `T:`, an extension of the simulated control.
+    /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports leave it out.
+    pub overrides: Option<Overrides>,
+    /// `Time:`, an extension of the simulated control.
     pub t_s: Option<f64>,
+}
+
+/// Percent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Overrides {
+    pub feed: f64,
+    pub rapid: f64,
 }
 
 impl Message {
@@ -79,12 +90,13 @@ impl Message {
         let (name, value) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         match name {
             "PRB" => touch(value),
-            "T" => seconds(value).map(Self::Time),
+            "TIME" => seconds(value).map(Self::Time),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
             "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::Buffer),
             "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
             "G92" | "TLO" => offset(name, value),
             slot if slot.starts_with("G5") => offset(slot, value),
+            "HOME" => value.rsplit_once(':')?.1.parse().ok().map(Self::Homed),
             "GC" => Some(Self::Modes(value.split_whitespace().map(str::to_owned).collect())),
             _ => None,
         }
@@ -133,11 +145,17 @@ fn status(report: &str) -> Option<Status> {
                 status.probe_closed = value.contains('P');
                 status.pins = value.to_owned();
             }
-            "T" => status.t_s = seconds(value),
+            "Ov" => status.overrides = overrides(value),
+            "Time" => status.t_s = seconds(value),
             _ => {}
         }
     }
     Some(status)
+}
+
+fn overrides(value: &str) -> Option<Overrides> {
+    let [feed, rapid, ..] = values(value)?[..] else { return None };
+    Some(Overrides { feed, rapid })
 }
 
 pub(super) fn alarm_meaning(code: u32) -> &'static str {

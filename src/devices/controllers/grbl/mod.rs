@@ -8,6 +8,7 @@
 //! (`$#`) and must lie on the way, and the modes are read back before anything moves. What remains:
 //! an altered motion line is noticed *after* its motion. Use a wire that checks what it carries.
 
+mod built;
 mod check;
 mod config;
 mod diagnose;
@@ -18,6 +19,8 @@ mod fuzz;
 mod introduce;
 mod message;
 mod prepare;
+mod readiness;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod touch;

@@ -2,18 +2,16 @@
 
 use std::time::Duration;
 
+use super::built::Built;
 use super::check;
 use super::driver::Grbl;
 use super::fault::not_ready;
 use super::message::Message;
+use super::readiness::{self, refuse};
 use crate::controllers::{ControllerError, Prepared};
 use machine::Axis;
 use planning::gcode::Transmission;
 
-/// Bits of `$10`: machine position, pin state and probe coordinates in reports (grblHAL settings).
-const REPORT_POSITION: u32 = 1;
-const REPORT_PINS: u32 = 1 << 4;
-const REPORT_PROBE: u32 = 1 << 7;
 /// Modal words that are put back as they were found.
 const RESTORED: [&str; 16] = [
     "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3", "G17", "G18", "G19",
@@ -26,8 +24,10 @@ impl Grbl {
         if status.state != "Idle" {
             return Err(not_ready(&status));
         }
-        let identity = self.identify().await?;
-        self.check_reports().await?;
+        let built = self.identify().await?;
+        let (axes, settings) = (built.axes(), self.settings().await?);
+        refuse(readiness::of_settings(&built, &settings, &axes))?;
+        refuse(self.readiness_of_state(&built).await?)?;
         if !self.modes.switches_probe_on() {
             check::probe_open(&self.wire.idle().await?)?;
         }
@@ -35,37 +35,20 @@ impl Grbl {
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
         let modes = self.wire.ask("$G").await?;
-        check::modes(&head, &modes, &self.wire.ask("$#").await?)?;
+        let offsets = self.wire.ask("$#").await?;
+        refuse(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets))?;
+        check::modes(&head, &modes, &offsets)?;
         let status = self.wire.idle().await?;
         check::probe_open(&status)?;
         check::probe_health(&status, &self.modes)?;
         self.stood = self.stands(&status)?;
         let transmission = Transmission::Lines { max_line_bytes: self.line_limit };
         let (stop, stands) = (self.stop.clone(), self.stood.clone());
+        let identity = built.identity();
         Ok(Prepared { identity, stop, stands, transmission })
     }
 
-    /// Who is there; axes and buffer from `$I`.
-    pub(super) async fn built(&mut self) -> Result<Built, ControllerError> {
-        // Classic Grbl says nothing of its axes: it has these.
-        let mut built = Built {
-            classic: true,
-            version: "unknown version".to_owned(),
-            letters: "XYZ".to_owned(),
-        };
-        for message in self.wire.ask("$I").await? {
-            match message {
-                Message::Version(text) => built.version = text,
-                Message::Buffer(bytes) => self.line_limit = bytes,
-                Message::Axes(text) => (built.letters, built.classic) = (text, false),
-                _ => {}
-            }
-        }
-        self.axes = built.letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
-        Ok(built)
-    }
-
-    pub(super) async fn identify(&mut self) -> Result<String, ControllerError> {
+    pub(super) async fn identify(&mut self) -> Result<Built, ControllerError> {
         let built = self.built().await?;
         let missing: Vec<String> = (self.wanted.iter())
             .filter(|axis| !self.axes.contains(&Some(**axis)))
@@ -79,27 +62,7 @@ impl Grbl {
                     .to_owned(),
             });
         }
-        Ok(built.identity())
-    }
-
-    /// Refuse reports from which the probe cannot be read. Controls without `$10` queries say
-    /// nothing here.
-    async fn check_reports(&mut self) -> Result<(), ControllerError> {
-        let said = match self.wire.ask("$10").await {
-            Err(ControllerError::Refused { .. }) => return Ok(()),
-            said => said?,
-        };
-        let masked = |message: &Message| match message {
-            Message::Setting(10, mask) => hides_the_probe(*mask),
-            _ => false,
-        };
-        if said.iter().any(masked) {
-            return Err(ControllerError::NotReady {
-                state: "its reports hide the probe".to_owned(),
-                remedy: "set $10=511 at the control".to_owned(),
-            });
-        }
-        Ok(())
+        Ok(built)
     }
 
     async fn remember_modes(&mut self) -> Result<(), ControllerError> {
@@ -121,26 +84,4 @@ impl Grbl {
         }
         Ok(())
     }
-}
-
-/// How the control is built.
-pub(super) struct Built {
-    /// Grbl for three axes, before grblHAL.
-    pub classic: bool,
-    pub version: String,
-    /// Its axis words in the order of its reports.
-    pub letters: String,
-}
-
-impl Built {
-    pub fn identity(&self) -> String {
-        format!("Grbl {}, axes {}", self.version, self.letters)
-    }
-}
-
-/// Whether reports with this `$10` leave out what a touch needs. Of grblHAL; classic Grbl has two bits and
-/// always shows its inputs.
-pub(super) fn hides_the_probe(mask: f64) -> bool {
-    let shown = mask as u32;
-    [REPORT_POSITION, REPORT_PINS, REPORT_PROBE].iter().any(|bit| shown & bit == 0)
 }

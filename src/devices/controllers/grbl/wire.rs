@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::fault::{not_ready, out_of_step, refused, silent, state_of, stranger};
-use super::message::{Message, Status, alarm_meaning};
+use super::message::{Message, Overrides, Status, alarm_meaning};
 use crate::controllers::{ControllerError, Halt};
 use link::{Link, LinkError, Received, Urgent};
 
@@ -33,6 +33,9 @@ impl Default for Patience {
     }
 }
 
+/// CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
+const FULL_REPORT: &[u8] = &[0x87];
+
 pub(super) struct Wire {
     link: Link,
     urgent: Urgent,
@@ -41,6 +44,8 @@ pub(super) struct Wire {
     asked: bool,
     /// No report has come since the last answer.
     unsure: bool,
+    /// As last reported since [`Wire::new`].
+    pub(super) overrides: Option<Overrides>,
     /// The step whose positioning move is under way: the probe touches nothing meanwhile.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
@@ -60,6 +65,7 @@ impl Wire {
                 halt: halt.clone(),
                 asked: false,
                 unsure: false,
+                overrides: None,
                 free: None,
                 patience,
             },
@@ -132,9 +138,18 @@ impl Wire {
 
     /// The control's status, asked for now; asked again if a byte gets lost.
     pub(super) async fn status(&mut self) -> Result<Status, ControllerError> {
+        self.report(b"?").await
+    }
+
+    /// The report with all its fields. A control that does not know the question is silent.
+    pub(super) async fn full_status(&mut self) -> Result<Status, ControllerError> {
+        self.report(FULL_REPORT).await
+    }
+
+    async fn report(&mut self, question: &'static [u8]) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + self.patience.answer;
         while Instant::now() < deadline {
-            self.urgent.send(b"?");
+            self.urgent.send(question);
             let again = deadline.min(Instant::now() + self.patience.poll);
             while let Some(message) = self.next(again).await? {
                 match self.unless_it_ends_the_job(message).await? {
@@ -150,7 +165,7 @@ impl Wire {
                 }
             }
         }
-        Err(silent("?", self.patience.answer))
+        Err(silent(if question == b"?" { "?" } else { "0x87" }, self.patience.answer))
     }
 
     /// Wait until the machine stands still. Two reports in a row: the first may be older than the
@@ -267,6 +282,7 @@ impl Wire {
         }
         while let Some(received) = self.link.received()? {
             let message = understood(received);
+            self.note(Some(&message));
             match self.unless_it_ends_the_job(message).await? {
                 Message::Status(status) => self.unless_halted(&status).await?,
                 Message::Other(_) => {}
@@ -282,7 +298,16 @@ impl Wire {
     }
 
     async fn next(&mut self, deadline: Instant) -> Result<Option<Message>, LinkError> {
-        Ok(self.link.recv_deadline(deadline).await?.map(understood))
+        let message = self.link.recv_deadline(deadline).await?.map(understood);
+        self.note(message.as_ref());
+        Ok(message)
+    }
+
+    /// A report carries overrides rarely: when they have changed, and now and then.
+    fn note(&mut self, message: Option<&Message>) {
+        if let Some(Message::Status(Status { overrides: Some(now), .. })) = message {
+            self.overrides = Some(*now);
+        }
     }
 
     /// An alarm is followed by the line's answer, or by a banner if the control was reset.

@@ -78,7 +78,7 @@ impl Firmware {
         let last = self.last.clone().unwrap_or_default();
         self.say(&format!("[PRB:{}:{}]", self.list(&last.position), u8::from(last.hit)));
         if let Some(t_s) = last.t_s.filter(|_| self.options.stamps) {
-            self.say(&format!("[T:{t_s}]"));
+            self.say(&format!("[TIME:{t_s}]"));
         }
     }
 

@@ -1,8 +1,8 @@
 //! The simulated control: speaks as grblHAL does and executes the text it is sent against a
 //! [`World`]. It is the driver's peer and shares none of its code.
 //!
-//! One extension, switched by [`Options::stamps`]: the status report carries `|T:<seconds>`, the
-//! simulated time, and a contact is followed by `[T:<seconds>]`, the time of its trigger.
+//! One extension, switched by [`Options::stamps`]: the status report carries `|Time:<seconds>`, the
+//! simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
 
 mod fault;
 mod job;
@@ -52,6 +52,10 @@ pub struct Options {
     pub stamps: bool,
     /// What is stored there, by number.
     pub settings: BTreeMap<u16, f64>,
+    /// Percent of the programmed feed and of the rapid speed, as reported: motions keep their speed.
+    pub overrides: [u32; 2],
+    /// Whether it was homed before it is first spoken to.
+    pub homed: bool,
     /// What goes wrong.
     pub faults: Vec<Fault>,
 }
@@ -60,7 +64,16 @@ impl Options {
     /// The control of `machine`: native level, stamps on.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
         let (reader, settings) = (Interpreter::of(machine), settings::of(machine));
-        Self { reader, pace, native: true, stamps: true, settings, faults: Vec::new() }
+        Self {
+            reader,
+            pace,
+            native: true,
+            stamps: true,
+            settings,
+            overrides: [100, 100],
+            homed: true,
+            faults: Vec::new(),
+        }
     }
 }
 
@@ -90,6 +103,7 @@ pub struct Firmware {
     alarm: Option<Lock>,
     latched: Option<Code>,
     booted: bool,
+    homed: bool,
     reported: bool,
     /// The last probing move, for `$#`.
     last: Option<Last>,
@@ -109,6 +123,7 @@ pub struct Firmware {
 impl Firmware {
     pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
         let mut firmware = Self {
+            homed: options.homed,
             options,
             world,
             planned: Position::new(),
@@ -157,7 +172,8 @@ impl Firmware {
         self.now = now;
         for byte in bytes {
             match byte {
-                b'?' => self.say_status(),
+                b'?' => self.say_status(false),
+                0x87 => self.say_status(true),
                 b'!' => self.hold(),
                 b'~' => (self.held, self.door) = (false, false),
                 0x18 => self.reset(),
@@ -283,6 +299,7 @@ impl Firmware {
         self.hung = false;
         self.latched = None;
         self.reported = false;
+        self.homed = false;
         self.alarm = moving.then_some(Lock::Light);
         if moving {
             self.say(&format!("ALARM:{RESET_IN_MOTION}"));

@@ -69,7 +69,8 @@ impl Firmware {
         }
     }
 
-    pub(super) fn say_status(&mut self) {
+    /// `full`: with all fields, as 0x87 asks for.
+    pub(super) fn say_status(&mut self, full: bool) {
         let position = match &self.active {
             Some(active) => active.position(self.now),
             None => self.stand(),
@@ -88,12 +89,21 @@ impl Firmware {
             report += "|Pn:P";
         }
         self.probe_was_told();
-        if !self.reported {
-            report += "|Ov:100,100,100|A:|TLR:0";
-            self.reported = true;
+        let [feed, rapid] = self.options.overrides;
+        let shows_overrides =
+            self.setting(settings::REPORTS) as u32 & settings::SHOWS_OVERRIDES != 0;
+        if shows_overrides && (full || !self.reported) {
+            report += &format!("|Ov:{feed},{rapid},100");
         }
+        if full {
+            report +=
+                &format!("|H:{},{}|T:0|TLR:0|FW:grblHAL", u8::from(self.homed), self.homed_axes());
+        } else if !self.reported {
+            report += "|A:|TLR:0";
+        }
+        self.reported = true;
         if self.options.stamps {
-            report += &format!("|T:{t_s}");
+            report += &format!("|Time:{t_s}");
         }
         self.say(&(report + ">"));
     }
@@ -106,7 +116,7 @@ impl Firmware {
             "#" => self.say_offsets(),
             "$" => self.say_settings(),
             "H" | "X" if self.alarm == Some(Lock::Reset) => return self.say_error(79),
-            "H" => self.alarm = None,
+            "H" => (self.alarm, self.homed) = (None, true),
             "X" => self.unlock(),
             other => {
                 let number = other.parse().ok();
@@ -131,6 +141,11 @@ impl Firmware {
         }
     }
 
+    /// One bit an axis.
+    fn homed_axes(&self) -> u32 {
+        if self.homed { (1 << self.options.reader.axes().len()) - 1 } else { 0 }
+    }
+
     fn say_build(&mut self) {
         let letters: String = self.options.reader.axes().iter().map(|axis| axis.letter()).collect();
         let count = letters.len();
@@ -143,6 +158,8 @@ impl Firmware {
         for (name, offset) in self.options.reader.offsets() {
             self.say(&format!("[{name}:{}]", self.list(&offset)));
         }
+        let home = self.list(&Position::new());
+        self.say(&format!("[HOME:{home}:{}]", self.homed_axes()));
         self.say("[TLO:0.000,0.000,0.000]");
         self.say_last();
     }

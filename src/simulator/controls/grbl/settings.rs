@@ -15,6 +15,7 @@ const TRAVEL: u16 = 130;
 
 /// Its reports show the state of inputs.
 pub(super) const SHOWS_PINS: u32 = 1 << 4;
+pub(super) const SHOWS_OVERRIDES: u32 = 1 << 6;
 
 const STEPS_PER_UNIT: f64 = 1000.0;
 const PULL_OFF: f64 = 1.0;

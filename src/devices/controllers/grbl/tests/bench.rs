@@ -12,6 +12,10 @@ pub type Tape = Arc<Mutex<String>>;
 
 pub const IDLE: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
 
+/// Those that matter here, of a healthy control.
+pub const SETTINGS: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=400.000\r\n$131=400.000\r\n\
+    $132=400.000\r\nok\r\n";
+
 /// A peer of bytes alone: `answer` is asked for every line, and for `?` and `!` as they come.
 pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
     let (ours, theirs) = tokio::io::duplex(4096);
@@ -31,6 +35,8 @@ async fn talk(
         tape.lock().unwrap().push(byte as char);
         let said = match byte {
             b'?' | b'!' => answer(&(byte as char).to_string()),
+            // The report with all fields.
+            0x87 => answer("?"),
             b'\n' => answer(&std::mem::take(&mut line)),
             byte => {
                 line.push(byte as char);
@@ -82,8 +88,9 @@ impl Stand {
             "$G" => "[GC:G0 G59 G17 G21 G90 G94 G49 G98 G50 M5 M9 T0 F0 S0.]\r\nok\r\n",
             "$#" => {
                 "[G59:0.000,0.000,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
-                 [TLO:0.000,0.000,0.000]\r\n{told}\r\nok\r\n"
+                 [HOME:0.000,0.000,0.000,0.000,0.000:31]\r\n[TLO:0.000,0.000,0.000]\r\n{told}\r\nok\r\n"
             }
+            "$$" => SETTINGS,
             probing if probing.contains("G38") => "{told}\r\nok\r\n",
             _ => "ok\r\n",
         }

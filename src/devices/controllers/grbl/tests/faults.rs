@@ -124,8 +124,8 @@ async fn one_lost_status_request_is_no_fault() {
 #[tokio::test]
 async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
     let modes = |words: &str| format!("[GC:{words}]\r\nok\r\n");
-    let offset =
-        "[G59:0.000,0.100,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\nok\r\n";
+    let offset = "[G59:0.000,0.100,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
+        [HOME:0.000,0.000,0.000,0.000,0.000:31]\r\nok\r\n";
     for (asked, said, why) in [
         ("$G", modes("G0 G59 G17 G20 G90 G94"), "G21 is not in force"),
         ("$G", modes("G0 G59 G17 G21 G91 G94"), "G90 is not in force"),

@@ -2,6 +2,7 @@
 
 mod bench;
 mod faults;
+mod readiness;
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -132,7 +133,11 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
     for (said, expected, remedy) in [
         ("Alarm|MPos:0.000", "the control is not ready: Alarm", "$X"),
         ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "held"),
-        ("Idle|MPos:0.000|Pn:P", "the control is not ready: the probe reads closed", "stylus"),
+        (
+            "Idle|MPos:0.000|Pn:P|Ov:100,100,100",
+            "the control is not ready: the probe reads closed",
+            "stylus",
+        ),
     ] {
         let (link, tape) = odd(move |line| (line == "?").then(|| status(said)));
         let error = unprepared(link).await;
@@ -147,8 +152,6 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
     assert!(matches!(&error, ControllerError::Unsupported { what, .. }
         if what == "it drives XYZ, but not B, C"));
     assert!(error.remedy().contains("grblHAL"));
-    let (link, _) = odd(|line| (line == "$10").then(|| "$10=3\r\nok\r\n".to_owned()));
-    assert!(unprepared(link).await.remedy().contains("$10=511"));
 }
 
 #[tokio::test]

@@ -1,0 +1,192 @@
+//! What must hold of the control before its first motion. `check` reports the whole list, `prepare`
+//! refuses the first item that hinders. Numbers and meanings of the settings are grblHAL's (`settings.h`).
+
+use super::built::Built;
+use super::driver::Grbl;
+use super::message::{Message, Overrides};
+use super::settings::{BY_HAND, HOMING, Settings};
+use crate::controllers::{ControllerError, Remark};
+use machine::Axis;
+
+/// Bits of `$10`, and what they show in reports.
+const REPORTED: [(u32, &str); 4] = [
+    (1, "the machine position"),
+    (1 << 4, "the probe"),
+    (1 << 7, "the probe's result"),
+    (1 << 6, "the overrides"),
+];
+
+/// By the settings. `axes`: each with its place in the reports.
+pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Remark> {
+    let mut remarks = Vec::new();
+    let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
+    // Classic Grbl has two bits and always shows its inputs.
+    let needed = if built.classic { &REPORTED[..1] } else { &REPORTED };
+    let hidden: Vec<&str> =
+        needed.iter().filter(|(bit, _)| !settings.has(10, *bit)).map(|(_, what)| *what).collect();
+    match settings.value(10) {
+        None => hinders(
+            "it does not tell its settings ($$): units, homing and limits are unknown".to_owned(),
+            "bring the control to Idle; use grblHAL 1.1f or newer",
+        ),
+        Some(mask) if !hidden.is_empty() => hinders(
+            format!("its reports hide {} ($10={mask})", hidden.join(", ")),
+            if built.classic {
+                "enter $10=3 at the control"
+            } else {
+                "enter $10=511 at the control"
+            },
+        ),
+        Some(_) => {}
+    }
+    if settings.has(13, 1) {
+        let what = "it reports positions in inches ($13=1); here they are read as millimetres";
+        hinders(what.to_owned(), "enter $13=0 at the control");
+    }
+    if settings.value(22).is_some() && !settings.has(22, HOMING) {
+        let what = "its homing is off ($22=0): zero is where each axis stood when it was switched on, and \
+                    no travel and no body of the machine file lies where it says";
+        hinders(
+            what.to_owned(),
+            "fit homing switches and enter $22=1, or home by hand with $22=33",
+        );
+    }
+    if settings.value(20) == Some(0.0) {
+        let what = "its soft limits are off ($20=0): the control refuses no move beyond its travel";
+        hinders(what.to_owned(), "enter $20=1 once the axes are homed");
+    }
+    remarks.extend(unlimited(settings, axes));
+    remarks.extend(without_switch(settings, axes));
+    remarks
+}
+
+/// Soft limits limit no axis whose travel is stored as zero. A rotary axis may turn without end.
+fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
+    let zero =
+        |(axis, place): &&(Axis, u16)| axis.is_linear() && settings.value(130 + place) == Some(0.0);
+    let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
+    let (_, first) = without.first()?;
+    let what = format!("its soft limits do not limit {}: their travel is 0", names(&without));
+    Some(Remark::hinders(
+        what,
+        &format!("enter the travel in mm at the control: ${} and so on", 130 + first),
+    ))
+}
+
+/// Linear axes must be homed; a rotary one may have no switch.
+fn without_switch(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
+    let told = (44..50).any(|cycle| settings.value(cycle).is_some());
+    if !told || !settings.has(22, HOMING) || settings.has(22, BY_HAND) {
+        return None;
+    }
+    let lost: Vec<&(Axis, u16)> =
+        axes.iter().filter(|(axis, place)| !axis.is_linear() && !settings.homes(*place)).collect();
+    (!lost.is_empty()).then(|| {
+        let what = format!(
+            "it does not home {}: zero is where they stood when it was switched on ($44 to $49)",
+            names(&lost)
+        );
+        Remark::note(
+            what,
+            "set them to zero by a mark before each measurement, or give them a switch",
+        )
+    })
+}
+
+/// Of the axes that the machine file names, those that are not homed, by what `$#` says (`[HOME:..:mask]`).
+pub(super) fn homed(
+    built: &Built,
+    settings: &Settings,
+    axes: &[(Axis, u16)],
+    wanted: &[Axis],
+    offsets: &[Message],
+) -> Option<Remark> {
+    if built.classic {
+        // It is locked until it was homed, or somebody unlocked it.
+        return settings.has(22, HOMING).then(|| {
+            let what = "whether its axes are homed is not readable on this control";
+            Remark::note(what, "home it before each measurement ($H), do not unlock it ($X)")
+        });
+    }
+    let mask = offsets.iter().find_map(|message| match message {
+        Message::Homed(mask) => Some(*mask),
+        _ => None,
+    });
+    let mask = mask.unwrap_or(0);
+    let is_needed = |axis: Axis, place: u16| {
+        axis.is_linear() || settings.homes(place) || settings.has(22, BY_HAND)
+    };
+    let lost: Vec<&(Axis, u16)> = (axes.iter())
+        .filter(|(axis, place)| wanted.contains(axis) && is_needed(*axis, *place))
+        .filter(|(_, place)| mask >> place & 1 == 0)
+        .collect();
+    (!lost.is_empty()).then(|| {
+        let what = format!(
+            "{} not homed since the control was started or reset: machine zero is unknown",
+            match lost.len() {
+                1 => format!("{} is", names(&lost)),
+                _ => format!("{} are", names(&lost)),
+            }
+        );
+        Remark::hinders(what, "look at the machine, home it ($H) at the control, start again")
+    })
+}
+
+/// The first item that hinders, as an error.
+pub(super) fn refuse(remarks: impl IntoIterator<Item = Remark>) -> Result<(), ControllerError> {
+    match remarks.into_iter().find(|remark| remark.hinders) {
+        Some(Remark { what, remedy, .. }) => Err(ControllerError::NotReady { state: what, remedy }),
+        None => Ok(()),
+    }
+}
+
+fn names(axes: &[&(Axis, u16)]) -> String {
+    axes.iter().map(|(axis, _)| axis.to_string()).collect::<Vec<_>>().join(", ")
+}
+
+/// Touches at another feed than the planned one have another latch delay and overtravel.
+fn overridden(now: Overrides) -> Option<Remark> {
+    let Overrides { feed, rapid } = now;
+    (feed != 100.0 || rapid != 100.0).then(|| {
+        Remark::hinders(
+            format!("its overrides are not 100 %: feed {feed} %, rapid {rapid} %"),
+            "set both overrides to 100 % at the control, start again",
+        )
+    })
+}
+
+impl Grbl {
+    /// By the overrides that were last reported.
+    pub(super) fn speed_as_planned(&self) -> Result<(), ControllerError> {
+        refuse(self.wire.overrides.and_then(overridden))
+    }
+
+    /// By the status report with all its fields; classic Grbl has none and reports its overrides now and
+    /// then.
+    pub(super) async fn readiness_of_state(
+        &mut self,
+        built: &Built,
+    ) -> Result<Vec<Remark>, ControllerError> {
+        let status =
+            if built.classic { self.wire.status().await? } else { self.wire.full_status().await? };
+        let mut remarks = Vec::new();
+        if status.position.is_none() {
+            remarks.push(Remark::hinders(
+                "its reports lack the machine position (MPos)",
+                "enter $10=511 at the control (classic Grbl: $10=3)",
+            ));
+        }
+        match self.wire.overrides {
+            Some(overrides) => remarks.extend(overridden(overrides)),
+            None if built.classic => remarks.push(Remark::note(
+                "its overrides were not reported yet",
+                "set them to 100 % at the control",
+            )),
+            None => remarks.push(Remark::hinders(
+                "its reports lack the overrides (Ov)",
+                "enter $10=511 at the control",
+            )),
+        }
+        Ok(remarks)
+    }
+}

@@ -1,0 +1,47 @@
+//! The settings of a control, as `$$` lists them. Numbers and meanings are grblHAL's (`settings.h`).
+
+use std::collections::BTreeMap;
+
+use super::driver::Grbl;
+use super::message::Message;
+use crate::controllers::ControllerError;
+
+/// `$22`: homing is on; the switch is zero; axes without a switch are homed where they stand.
+pub(super) const HOMING: u32 = 1;
+pub(super) const SWITCH_IS_ZERO: u32 = 1 << 3;
+pub(super) const BY_HAND: u32 = 1 << 5;
+
+/// Those that are numbers.
+pub(super) struct Settings(pub BTreeMap<u16, f64>);
+
+impl Settings {
+    pub fn value(&self, number: u16) -> Option<f64> {
+        self.0.get(&number).copied()
+    }
+
+    /// Whether the mask `number` has a bit of `bits`. Not where it is not told.
+    pub fn has(&self, number: u16, bits: u32) -> bool {
+        self.mask(number) & bits != 0
+    }
+
+    /// The `place`th axis has a homing switch.
+    pub fn homes(&self, place: u16) -> bool {
+        (44..50).any(|cycle| self.has(cycle, 1 << place))
+    }
+
+    fn mask(&self, number: u16) -> u32 {
+        // Masks are small whole numbers.
+        self.value(number).unwrap_or_default() as u32
+    }
+}
+
+impl Grbl {
+    pub(super) async fn settings(&mut self) -> Result<Settings, ControllerError> {
+        let said = self.wire.ask("$$").await?.into_iter();
+        let settings = said.filter_map(|message| match message {
+            Message::Setting(number, value) => Some((number, value)),
+            _ => None,
+        });
+        Ok(Settings(settings.collect()))
+    }
+}
