@@ -102,9 +102,9 @@ impl Run<'_> {
         for asked in open {
             self.ask(asked).await?;
         }
-        // Whoever was at the machine may have moved it.
+        // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
         self.approached = false;
-        Ok(Some(self.devices.controller.look().await?.stands))
+        Ok(Some(self.devices.controller.prepare().await?.stands))
     }
 
     async fn ask(&mut self, asked: Asked) -> Result<(), RunError> {

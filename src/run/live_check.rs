@@ -33,25 +33,25 @@ impl Run<'_> {
                 let text = format!("deflect the stylus by hand and let it go, within {seconds} s");
                 self.note(Event::Announced { text }).await?;
                 self.stylus(true).await?;
-                let stands = self.stylus(false).await?;
+                self.stylus(false).await?;
                 self.probe_lives = true;
                 self.note(Event::Announced { text: "the probe lives".to_owned() }).await?;
-                Ok(Some(stands))
+                // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
+                Ok(Some(self.devices.controller.prepare().await?.stands))
             }
         }
     }
 
-    /// Wait until the probe reads so; where the machine then stands.
-    async fn stylus(&mut self, closed: bool) -> Result<Position, RunError> {
+    /// Wait until the probe reads so.
+    async fn stylus(&mut self, closed: bool) -> Result<(), RunError> {
         let deadline = Instant::now() + PATIENCE;
         let controller = &self.devices.controller;
         loop {
             if controller.halt().is_halted() {
                 return Err(ControllerError::Halted.into());
             }
-            let seen = controller.look().await?;
-            if seen.probe_closed == closed {
-                return Ok(seen.stands);
+            if controller.look().await?.probe_closed == closed {
+                return Ok(());
             }
             if Instant::now() > deadline {
                 return Err(RunError::DeadProbe { closed, seconds: PATIENCE.as_secs() });

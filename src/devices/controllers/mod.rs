@@ -87,7 +87,8 @@ pub struct Look {
 
 /// What each control implements. One call at a time, each runs to its end.
 pub trait Driver: Send + 'static {
-    /// Shake hands, refuse what cannot measure, set all modal state.
+    /// Shake hands, refuse what cannot measure, set all modal state. Called again after a person was at the
+    /// machine.
     fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
     /// Execute one block; return when the machine stands still and the result is known. Refused if the
     /// machine is not where the block begins, or the block is not the one that was proven.

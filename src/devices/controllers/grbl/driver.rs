@@ -252,8 +252,9 @@ impl Driver for Grbl {
         self.wire.ask("").await?;
         let foot = self.modes.foot().to_vec();
         self.set_modes(&foot).await?;
-        if !self.found.is_empty() {
-            self.wire.ask(&self.found.join(" ")).await?;
+        let found = std::mem::take(&mut self.found);
+        if !found.is_empty() {
+            self.wire.ask(&found.join(" ")).await?;
         }
         self.wire.idle().await.map(|_| ())
     }

@@ -65,7 +65,11 @@ impl Grbl {
         Ok(built)
     }
 
+    /// As they were before the first preparation.
     async fn remember_modes(&mut self) -> Result<(), ControllerError> {
+        if !self.found.is_empty() {
+            return Ok(());
+        }
         for message in self.wire.ask("$G").await? {
             if let Message::Modes(words) = message {
                 self.found = words;

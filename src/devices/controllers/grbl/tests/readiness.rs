@@ -5,6 +5,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::bench::Tape;
 use super::*;
+use crate::controllers::grbl::message::Message;
 
 /// A link to `control`, and the text that was sent over it.
 fn taped(mut control: Firmware) -> (Link, Tape) {
@@ -152,4 +153,25 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
     assert!(error.to_string().contains("not homed"), "{error}");
     driver.wire.ask("$H").await.unwrap();
     driver.prepare().await.unwrap();
+}
+
+/// Somebody enters words at the control between two preparations.
+#[tokio::test]
+async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
+    let (ours, theirs) = tokio::io::duplex(4096);
+    let mut control = firmware();
+    tokio::spawn(async move { control.serve(theirs).await });
+    let (mut driver, _) = grbl(Link::over("in process", ours));
+    driver.wire.wake().await.unwrap();
+    driver.wire.ask("G55 G90").await.unwrap();
+    driver.prepare().await.unwrap();
+    driver.wire.ask("G54 G91 G20").await.unwrap();
+    driver.prepare().await.unwrap();
+    let modes = |said: Vec<Message>| format!("{said:?}");
+    let set = modes(driver.wire.ask("$G").await.unwrap());
+    assert!(["G59", "G21", "G90"].iter().all(|word| set.contains(word)), "{set}");
+    driver.execute(proven(&touch(0))).await.unwrap();
+    driver.finish().await.unwrap();
+    let left = modes(driver.wire.ask("$G").await.unwrap());
+    assert!(left.contains("G55") && left.contains("G90"), "{left}");
 }
