@@ -43,7 +43,8 @@ pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16
         let what = "it reports positions in inches ($13=1); here they are read as millimetres";
         hinders(what.to_owned(), "enter $13=0 at the control");
     }
-    if settings.value(22).is_some() && !settings.has(22, HOMING) {
+    // What it does not tell counts as off.
+    if !settings.has(22, HOMING) {
         let what = "its homing is off ($22=0): zero is where each axis stood when it was switched on, and \
                     no travel and no body of the machine file lies where it says";
         hinders(
@@ -51,7 +52,7 @@ pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16
             "fit homing switches and enter $22=1, or home by hand with $22=33",
         );
     }
-    if settings.value(20) == Some(0.0) {
+    if settings.value(20).unwrap_or_default() == 0.0 {
         let what = "its soft limits are off ($20=0): the control refuses no move beyond its travel";
         hinders(what.to_owned(), "enter $20=1 once the axes are homed");
     }

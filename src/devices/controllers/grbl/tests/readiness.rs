@@ -7,8 +7,9 @@ use super::bench::Tape;
 use super::*;
 use crate::controllers::grbl::message::Message;
 
-/// A link to `control`, and the text that was sent over it.
-fn taped(mut control: Firmware) -> (Link, Tape) {
+/// A driver of a control that is made so, and the text that it sent.
+fn taped_driver(made: Options) -> (Grbl, Tape) {
+    let mut control = Firmware::new(testing::world(), made);
     let (ours, middle) = tokio::io::duplex(4096);
     let (onward, theirs) = tokio::io::duplex(4096);
     tokio::spawn(async move { control.serve(theirs).await });
@@ -25,7 +26,7 @@ fn taped(mut control: Firmware) -> (Link, Tape) {
             }
         }
     });
-    (Link::over("in process", ours), tape)
+    (grbl(Link::over("in process", ours)).0, tape)
 }
 
 /// Lines that move something: G0, G1, G38, G28, G30, homing and jogs.
@@ -39,89 +40,58 @@ fn motions(sent: &str) -> Vec<&str> {
     sent.lines().filter(|line| !line.starts_with('(')).filter(moves).collect()
 }
 
-type Made = fn(&mut Options);
-
-/// How the control is made, what the message names, and its remedy.
-const UNREADY: [(Made, &str, &str); 10] = [
-    (
-        |o| {
-            o.settings.insert(13, 1.0);
-        },
-        "in inches ($13=1)",
-        "$13=0",
-    ),
-    (|o| o.homed = false, "X, Y, Z, B, C are not homed", "$H"),
-    (|o| o.overrides = [200, 100], "feed 200 %, rapid 100 %", "100 %"),
-    (|o| o.overrides = [100, 25], "feed 100 %, rapid 25 %", "100 %"),
-    (
-        |o| {
-            o.settings.insert(20, 0.0);
-        },
-        "soft limits are off",
-        "$20=1",
-    ),
-    (
-        |o| {
-            o.settings.insert(131, 0.0);
-        },
-        "do not limit Y",
-        "$131",
-    ),
-    (
-        |o| {
-            o.settings.insert(22, 0.0);
-        },
-        "homing is off",
-        "$22=1",
-    ),
-    (
-        |o| {
-            o.settings.insert(10, 510.0);
-        },
-        "hide the machine position",
-        "$10=511",
-    ),
-    (
-        |o| {
-            o.settings.insert(10, 447.0);
-        },
-        "the overrides ($10=447)",
-        "$10=511",
-    ),
-    (|o| o.settings.clear(), "does not tell its settings", "grblHAL"),
+/// A setting, its value, what the message names, and the remedy.
+const UNREADY: [(u16, f64, &str, &str); 7] = [
+    (13, 1.0, "in inches ($13=1)", "$13=0"),
+    (20, 0.0, "soft limits are off", "$20=1"),
+    (131, 0.0, "do not limit Y", "$131"),
+    (22, 0.0, "homing is off", "$22=1"),
+    (10, 510.0, "hide the machine position", "$10=511"),
+    (10, 447.0, "the overrides ($10=447)", "$10=511"),
+    (10, 495.0, "hide the probe", "$10=511"),
 ];
+
+fn options() -> Options {
+    Options::of(&testing::machine(), Pace::Fast)
+}
 
 #[tokio::test]
 async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
-    for (made, state, remedy) in UNREADY {
-        let mut options = Options::of(&testing::machine(), Pace::Fast);
-        made(&mut options);
-        let (link, tape) = taped(Firmware::new(testing::world(), options));
-        let (mut driver, _) = grbl(link);
-        let error = driver.prepare().await.unwrap_err();
-        assert!(error.to_string().contains(state), "{error}");
-        assert!(error.remedy().contains(remedy), "{}", error.remedy());
-        let refused = driver.execute(proven(&touch(0))).await.unwrap_err();
-        assert!(matches!(refused, ControllerError::NotReady { .. }), "{refused}");
-        let sent = tape.lock().unwrap().clone();
-        assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
+    for (number, value, state, remedy) in UNREADY {
+        let mut made = options();
+        made.settings.insert(number, value);
+        is_refused(made, state, remedy).await;
     }
-    let (link, tape) = taped(firmware());
-    let (mut driver, _) = grbl(link);
+    is_refused(Options { homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H").await;
+    for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
+        is_refused(Options { overrides, ..options() }, state, "100 %").await;
+    }
+    let silent = Options { settings: [].into(), ..options() };
+    is_refused(silent, "does not tell its settings", "grblHAL").await;
+
+    let (mut driver, tape) = taped_driver(options());
     driver.prepare().await.unwrap();
     driver.execute(proven(&touch(0))).await.unwrap();
     assert!(!motions(&tape.lock().unwrap()).is_empty());
 }
 
+async fn is_refused(made: Options, state: &str, remedy: &str) {
+    let (mut driver, tape) = taped_driver(made);
+    let error = driver.prepare().await.unwrap_err();
+    assert!(error.to_string().contains(state), "{error}");
+    assert!(error.remedy().contains(remedy), "{}", error.remedy());
+    let refused = driver.execute(proven(&touch(0))).await.unwrap_err();
+    assert!(matches!(refused, ControllerError::NotReady { .. }), "{refused}");
+    let sent = tape.lock().unwrap().clone();
+    assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
+}
+
 /// `check` names all that `prepare` refuses.
 #[tokio::test]
 async fn an_introduction_has_the_whole_list() {
-    let mut options = Options::of(&testing::machine(), Pace::Fast);
-    options.settings.insert(13, 1.0);
-    options.settings.insert(20, 0.0);
-    (options.homed, options.overrides) = (false, [110, 50]);
-    let (link, _) = taped(Firmware::new(testing::world(), options));
-    let said = grbl(link).0.introduce().await.unwrap();
+    let mut made = Options { homed: false, overrides: [110, 50], ..options() };
+    made.settings.extend([(13, 1.0), (20, 0.0)]);
+    let said = taped_driver(made).0.introduce().await.unwrap();
     let hinders: Vec<String> =
         said.remarks.iter().filter(|r| r.hinders).map(|r| r.what.clone()).collect();
     assert_eq!(hinders.len(), 4, "{hinders:?}");
@@ -143,10 +113,7 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
 /// A reset forgets that the axes were homed, and all that was set.
 #[tokio::test]
 async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let mut control = firmware();
-    tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let (mut driver, _) = taped_driver(options());
     driver.prepare().await.unwrap();
     driver.wire.ask("\x18").await.unwrap_err();
     let error = driver.prepare().await.unwrap_err();
@@ -158,10 +125,7 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
 /// Somebody enters words at the control between two preparations.
 #[tokio::test]
 async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
-    let (ours, theirs) = tokio::io::duplex(4096);
-    let mut control = firmware();
-    tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let (mut driver, _) = taped_driver(options());
     driver.wire.wake().await.unwrap();
     driver.wire.ask("G55 G90").await.unwrap();
     driver.prepare().await.unwrap();
