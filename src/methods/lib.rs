@@ -17,6 +17,8 @@ pub mod self_calibration;
 pub use asking::asking;
 pub use registry::{METHODS, configure, description, names};
 
+use estimation::linear::{LinearError, Survey};
+use estimation::nonlinear::NonlinearError;
 use machine::kinematics::KinematicsError;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
@@ -75,6 +77,21 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
+    /// Of equations that could not be solved. `describe` gives the lost combinations of unknowns.
+    pub fn unsolved(
+        error: impl Into<NonlinearError>,
+        describe: impl Fn(&Survey) -> Vec<String>,
+    ) -> Self {
+        match error.into() {
+            NonlinearError::Linear(LinearError::RankDeficient(survey)) => Self::RankDeficient {
+                rank: survey.rank,
+                unknowns: survey.rank + survey.nullity,
+                what: describe(&survey),
+            },
+            other => Self::Numerical(other.to_string()),
+        }
+    }
+
     /// What to do next.
     pub fn remedy(&self) -> String {
         match self {

@@ -14,19 +14,23 @@ mod outputs;
 mod propagation;
 mod source;
 mod trials;
+mod warnings;
 
 pub use estimate::{Identification, identify, reported_parameter};
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,
 };
-pub use outputs::{Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit};
+pub use outputs::{
+    Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
+};
 pub use propagation::{Propagation, Uncertainty};
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
+pub use warnings::MisfitAdvice;
 
 #[cfg(test)]
 mod tests;

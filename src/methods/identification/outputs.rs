@@ -25,9 +25,13 @@ impl Output {
 
     /// The unknown `index` of `x`.
     pub fn unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
-        let coefficients = (0..x.len()).map(|j| f64::from(u8::from(j == index))).collect();
-        Self::linear(symbol, unit, coefficients, x)
+        Self::linear(symbol, unit, unit_slope(index, x.len()), x)
     }
+}
+
+/// Derivative of the unknown `index` by each of the `unknowns`.
+pub fn unit_slope(index: usize, unknowns: usize) -> Vec<f64> {
+    (0..unknowns).map(|j| f64::from(u8::from(j == index))).collect()
 }
 
 /// A function of the estimate whose points are linear in the unknowns. Its u is of first order.

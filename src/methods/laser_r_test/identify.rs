@@ -162,18 +162,13 @@ fn solve(
     let mut start = vec![0.0; problem.model.parameters.len()];
     start.extend(&bench.zero());
     start.extend(&bench.centre());
-    let lost = |survey: &Survey| IdentifyError::RankDeficient {
-        rank: survey.rank,
-        unknowns: survey.rank + survey.nullity,
-        what: name_null_space(survey.null_space.as_ref(), names),
+    let unsolved = |why: NonlinearError| {
+        IdentifyError::unsolved(why, |lost| name_null_space(lost.null_space.as_ref(), names))
     };
-    let survey = problem.survey(&start).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
+    let survey = problem.survey(&start).map_err(unsolved)?;
     if survey.nullity > 0 {
-        return Err(lost(&survey));
+        return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
     }
-    let minimum = problem.solve(start).map_err(|why| match why {
-        NonlinearError::Linear(LinearError::RankDeficient(survey)) => lost(&survey),
-        other => IdentifyError::Numerical(other.to_string()),
-    })?;
+    let minimum = problem.solve(start).map_err(unsolved)?;
     Ok((survey, minimum))
 }

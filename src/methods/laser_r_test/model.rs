@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use estimation::linear::{LinearError, Survey};
+use estimation::linear::Survey;
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::{Rows, factor};
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
@@ -110,8 +110,8 @@ impl Problem {
     }
 
     /// What the sights can tell of the unknowns, about `x`.
-    pub fn survey(&self, x: &[f64]) -> Result<Survey, LinearError> {
-        factor(self.rows(x)).0.survey()
+    pub fn survey(&self, x: &[f64]) -> Result<Survey, NonlinearError> {
+        Ok(factor(self.rows(x)).0.survey()?)
     }
 
     pub fn solve(&self, start: Vec<f64>) -> Result<Minimum, NonlinearError> {

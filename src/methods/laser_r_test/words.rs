@@ -5,6 +5,7 @@ use super::label::Pass;
 use super::observe::Observed;
 use super::paper;
 use super::parts::Parts;
+use crate::identification::MisfitAdvice;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
 
@@ -21,7 +22,7 @@ pub fn warnings(parts: &Parts<'_>) -> Vec<String> {
     lines.extend(gain(parts));
     lines.extend(form(parts));
     lines.extend(noise(parts));
-    lines.extend(disagreement(parts));
+    lines.extend(parts.identified.trials_warning());
     lines
 }
 
@@ -38,26 +39,13 @@ fn thin(parts: &Parts<'_>) -> impl Iterator<Item = String> {
 }
 
 fn misfit(parts: &Parts<'_>) -> Option<String> {
-    let misfit = &parts.identified.propagation.misfit;
-    let against = format!("χ² {:.0}, expected {:.0}", misfit.chi2, misfit.expected);
-    if misfit.above {
-        return Some(format!(
-            "the model does not explain the sphere's places: they scatter {:.1} times more than declared \
-             ({against}); look for error motions (harmonics = [2]), squareness of X, Y and Z, drift or a \
-             loose sphere. The uncertainties are enlarged by that factor",
-            misfit.factor
-        ));
-    }
-    let stated = match parts.bench.touches() {
-        true => "repeatability_um",
-        false => "noise_um",
+    let declared_by = match parts.bench.touches() {
+        true => "repeatability_um or error_motion_um",
+        false => "noise_um or error_motion_um",
     };
-    misfit.below.then(|| {
-        format!(
-            "the sphere's places scatter less than declared ({against}): {stated} or error_motion_um may \
-             be stated too large, and the uncertainties with it"
-        )
-    })
+    let causes =
+        "error motions (harmonics = [2]), squareness of X, Y and Z, drift or a loose sphere";
+    parts.identified.misfit_warning(&MisfitAdvice { causes, declared_by })
 }
 
 fn gain(parts: &Parts<'_>) -> Option<String> {
@@ -107,17 +95,6 @@ fn noise(parts: &Parts<'_>) -> Option<String> {
             if parts.observed.latency.is_some() { "about their sphere" } else { "at rest" },
             seen * 1e3,
             declared * 1e3
-        )
-    })
-}
-
-fn disagreement(parts: &Parts<'_>) -> Option<String> {
-    let names = parts.identified.contradicted();
-    (!names.is_empty()).then(|| {
-        format!(
-            "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the Monte Carlo one \
-             stands beside it",
-            names.join(", ")
         )
     })
 }

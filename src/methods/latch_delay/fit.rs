@@ -8,13 +8,16 @@ use super::observe::{Observed, Touch};
 use super::outputs;
 use crate::identification::{
     Effect, EvaluationType, FitFigures, Identification, InResiduals, LinearFit, Solution,
-    Uncertainty, UncertaintySource, identify,
+    Uncertainty, UncertaintySource, identify, unit_slope,
 };
 use crate::{IdentifyError, Refused};
-use estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD};
+use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
 /// Weights from the scatter, scatter from the residuals: after so many rounds they stand.
 const ROUNDS: usize = 5;
+
+/// Why the equations cannot be solved where they cannot.
+const LOST: &str = "delay and drift: touch at both feeds in turns";
 
 /// How touches scatter at one feed.
 #[derive(Debug, Clone, Copy)]
@@ -61,7 +64,7 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
         is_declared: true,
         figures: FitFigures::of_linear(&solution),
     };
-    let slope: Vec<f64> = (0..x.len()).map(|j| f64::from(u8::from(j == delay))).collect();
+    let slope = unit_slope(delay, x.len());
     let outputs = outputs::outputs(observed, x, &slope);
     let identified = identify(&solved, &sources(observed, scatter, &slope), outputs, None)?;
     let late = residuals.iter().zip(touches).map(|(r, touch)| r + x[delay] * speeds[touch.feed]);
@@ -93,7 +96,8 @@ fn reweighted(
             constraints: None,
             rank_threshold: RANK_THRESHOLD,
         };
-        let solution = linear::solve(&problem).map_err(refused)?;
+        let solution = linear::solve(&problem)
+            .map_err(|error| IdentifyError::unsolved(error, |_| vec![LOST.to_owned()]))?;
         scatter = [0, 1].map(|feed| judged(touches, a, &solution, feed, least));
         if let Some(feed) = (0..2).find(|feed| scatter[*feed].s_mm <= 0.0) {
             return Err(alike(observed.feeds_mm_min[feed]));
@@ -174,17 +178,6 @@ fn rounding(step_mm: f64, s_mm: f64) -> f64 {
     }
     let own = (s_mm / step_mm).powi(2) - 1.0 / 12.0;
     step_mm / 12f64.sqrt() * (-2.0 * PI * PI * own.max(0.0)).exp()
-}
-
-fn refused(error: LinearError) -> IdentifyError {
-    match error {
-        LinearError::RankDeficient(survey) => IdentifyError::RankDeficient {
-            rank: survey.rank,
-            unknowns: survey.rank + survey.nullity,
-            what: vec!["delay and drift: touch at both feeds in turns".to_owned()],
-        },
-        other => IdentifyError::Numerical(other.to_string()),
-    }
 }
 
 fn alike(feed_mm_min: f64) -> IdentifyError {

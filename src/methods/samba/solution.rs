@@ -179,16 +179,7 @@ fn problem(
 }
 
 fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
-    match why {
-        NonlinearError::Linear(LinearError::RankDeficient(survey)) => {
-            IdentifyError::RankDeficient {
-                rank: survey.rank,
-                unknowns: survey.rank + survey.nullity,
-                what: describe_lost(&survey, names),
-            }
-        }
-        other => IdentifyError::Numerical(other.to_string()),
-    }
+    IdentifyError::unsolved(why, |survey| describe_lost(survey, names))
 }
 
 /// Of all unknowns in their order: machine errors by their ISO names, stylus, balls.

@@ -3,10 +3,14 @@
 use super::parameters::tilts_table;
 use super::solution::GeometrySolution;
 use super::suspects::Outlier;
-use crate::identification::Identification;
-use estimation::misfit::Misfit;
+use crate::identification::{Identification, MisfitAdvice};
 use machine::Position;
 use machine::kinematics::{ErrorParameter, Shape};
+
+const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
+    causes: "error motions, sag, drift or a loose ball",
+    declared_by: "repeatability_um or error_motion_um",
+};
 
 pub fn warnings(
     solved: &GeometrySolution<'_>,
@@ -20,30 +24,16 @@ pub fn warnings(
     lines.extend(solved.length_disagreements());
     lines.extend(unsound_balls(solved));
     lines.extend(cold(solved));
-    lines.extend(disagreement(identified));
+    lines.extend(identified.trials_warning());
     lines.extend(unstable(identified));
     lines
 }
 
+/// With the errors that sag of the table would change.
 fn misfit(solved: &GeometrySolution<'_>, identified: &Identification) -> Option<String> {
-    let misfit = &identified.propagation.misfit;
-    if misfit.above {
-        return Some(format!(
-            "the model does not explain the measurements: they scatter {:.1} times more than declared \
-             ({}); look for error motions, sag, drift or a loose ball. The \
-             uncertainties are enlarged by that factor, which need not cover what the model does not hold{}",
-            misfit.factor,
-            against_expectation(identified),
-            where_sag_goes(solved)
-        ));
-    }
-    misfit.below.then(|| {
-        format!(
-            "the measurements scatter less than declared ({}): \
-             repeatability_um or error_motion_um may be stated too large, and the uncertainties with it",
-            against_expectation(identified)
-        )
-    })
+    let warning = identified.misfit_warning(&MISFIT_ADVICE)?;
+    let is_above = identified.propagation.misfit.above;
+    Some(if is_above { warning + &where_sag_goes(solved) } else { warning })
 }
 
 /// Sag follows the tilt: it looks like turning about the tilting axis, and like offsets of what it
@@ -65,20 +55,6 @@ fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
         return String::new();
     }
     format!(". Sag of the table as {tilting} tilts it would stand in {}", names.join(", "))
-}
-
-/// χ² and what it is on average where all is as declared.
-fn against_expectation(identified: &Identification) -> String {
-    let Misfit { chi2, expected, .. } = identified.propagation.misfit;
-    let dof = identified.figures.dof;
-    let mut told = format!("χ² {chi2:.0} where {expected:.0} is expected");
-    if (expected - dof as f64).abs() >= 0.5 {
-        told += &format!(
-            ", not the {dof} degrees of freedom: what is declared to move many measurements together \
-             leaves other residuals than what moves each alone"
-        );
-    }
-    told
 }
 
 fn far_off(solved: &GeometrySolution<'_>, outlier: &Outlier) -> String {
@@ -146,13 +122,6 @@ fn unstable(identified: &Identification) -> Option<String> {
         "after {trials} trials u by Monte Carlo is not yet stable in its first digit (JCGM 101, 7.9); u and \
          U are those by covariance. Ask for more by monte_carlo_trials"
     ))
-}
-
-/// Where covariance and Monte Carlo differ.
-fn disagreement(identified: &Identification) -> Option<String> {
-    let names = identified.contradicted();
-    let told = || format!("u by covariance and by Monte Carlo disagree: {}", names.join(", "));
-    (!names.is_empty()).then(told)
 }
 
 /// e.g. `B -30°, C 90°`.

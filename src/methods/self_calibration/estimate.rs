@@ -7,8 +7,13 @@ use super::paper::PaperForm;
 use super::parts::Parts;
 use super::sense::Sense;
 use super::settings::Spindle;
-use estimation::misfit::Misfit;
+use crate::identification::{MisfitAdvice, unit_slope};
 use machine::record::estimate::Estimate;
+
+const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
+    causes: "dirt, a loose part or stylus, drift within a turn",
+    declared_by: "repeatability_um",
+};
 
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let mut estimate = parts.identification.estimate(super::NAME);
@@ -19,7 +24,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     }
     estimate.gauge = gauge(parts);
     estimate.not_identifiable = not_identifiable(parts);
-    estimate.warnings = warnings(parts, &estimate);
+    estimate.warnings = warnings(parts);
     estimate
 }
 
@@ -64,7 +69,7 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-fn warnings(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
+fn warnings(parts: &Parts<'_>) -> Vec<String> {
     let mut lines = Vec::new();
     match parts.sense {
         Sense::Confirmed => {}
@@ -77,7 +82,7 @@ fn warnings(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
             "the readings contradict the stated sense of C: check [axes.C] positive".to_owned(),
         ),
     }
-    lines.extend(scatter_warning(&parts.identification.propagation.misfit));
+    lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
     if !parts.timed && parts.settings.drift_order > 0 {
         lines.push(
             "the readings carry no times: their order and the planned machine time served for the \
@@ -86,24 +91,9 @@ fn warnings(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
         );
     }
     lines.extend(steps(parts));
-    lines.extend(disagreement(parts, estimate));
+    lines.extend(parts.identification.trials_warning());
     lines.extend(paper_comparison(parts));
     lines
-}
-
-fn scatter_warning(misfit: &Misfit) -> Option<String> {
-    if misfit.above {
-        return Some(format!(
-            "the touches scatter {:.1} times more than declared; the uncertainty follows the \
-             residuals",
-            misfit.factor
-        ));
-    }
-    misfit.below.then(|| {
-        "the touches scatter less than declared: repeatability_um may be stated too large, and \
-         the uncertainty with it"
-            .to_owned()
-    })
 }
 
 /// The steps of the machine in the interruptions, with U.
@@ -111,8 +101,7 @@ fn steps(parts: &Parts<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, what: usize| {
         let at = layout.step(what, gap);
-        let slope: Vec<f64> =
-            (0..layout.unknowns()).map(|j| f64::from(u8::from(j == at))).collect();
+        let slope = unit_slope(at, layout.unknowns());
         let expanded = parts.identification.propagation.uncertainty(&slope).expanded();
         format!("{} {:+.2} ± {:.2}", DRIFTING[what], parts.fit.x[at] * 1e3, expanded * 1e3)
     };
@@ -129,24 +118,6 @@ fn steps(parts: &Parts<'_>) -> Vec<String> {
         ));
     }
     lines
-}
-
-/// Where covariance and Monte Carlo differ.
-fn disagreement(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
-    let contradicted = parts.identification.contradicted();
-    let differs = |symbol: &str| contradicted.contains(&symbol);
-    let parameters = estimate.parameters.iter().filter(|parameter| differs(&parameter.symbol));
-    parameters
-        .map(|parameter| {
-            format!(
-                "{}: u by covariance {:.3} and by Monte Carlo {:.3} {} disagree",
-                parameter.symbol,
-                parameter.u,
-                parameter.u_monte_carlo.unwrap_or(f64::NAN),
-                parameter.unit.symbol()
-            )
-        })
-        .collect()
 }
 
 /// The paper's own identification of the first pass beside ours, where it is far off: more than

@@ -15,7 +15,7 @@ use crate::identification::{
     self, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, Refused};
-use estimation::linear::LinearError;
+use estimation::linear::Survey;
 use estimation::monte_carlo::Trials;
 use estimation::null_names::name_null_space;
 use machine::record::estimate::Estimate;
@@ -147,14 +147,10 @@ fn fit(
     sigma: Vec<f64>,
     settings: &Settings,
 ) -> Result<Fit, IdentifyError> {
-    let (unknowns, names) = (layout.unknowns(), layout.names());
-    Fit::new(layout, observations, sigma, settings.second_order).map_err(|error| match error {
-        LinearError::RankDeficient(survey) => {
-            let what = a_few(name_null_space(survey.null_space.as_ref(), &names));
-            IdentifyError::RankDeficient { rank: survey.rank, unknowns, what }
-        }
-        other => IdentifyError::Numerical(other.to_string()),
-    })
+    let names = layout.names();
+    let lost = |survey: &Survey| a_few(name_null_space(survey.null_space.as_ref(), &names));
+    Fit::new(layout, observations, sigma, settings.second_order)
+        .map_err(|error| IdentifyError::unsolved(error, lost))
 }
 
 /// The first lines, and the number of the others.

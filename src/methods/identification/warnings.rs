@@ -1,0 +1,60 @@
+//! Sentences about the fit that every method writes alike.
+
+use estimation::misfit::Misfit;
+
+use super::Identification;
+
+/// What a method adds to the sentence about its misfit.
+pub struct MisfitAdvice {
+    /// What may scatter more than declared.
+    pub causes: &'static str,
+    /// The settings that declare how much the measurements scatter.
+    pub declared_by: &'static str,
+}
+
+impl Identification {
+    /// The residuals are larger or smaller than the declared sources make them.
+    pub fn misfit_warning(&self, advice: &MisfitAdvice) -> Option<String> {
+        let Misfit { above, below, factor, .. } = self.propagation.misfit;
+        let (expectation, MisfitAdvice { causes, declared_by }) = (self.expectation(), advice);
+        let more = || {
+            format!(
+                "the model does not explain the measurements: they scatter {factor:.1} times more than \
+                 declared ({expectation}); look for {causes}. The uncertainties are enlarged by that \
+                 factor, which need not cover what the model does not hold"
+            )
+        };
+        let less = || {
+            format!(
+                "the measurements scatter less than declared ({expectation}): {declared_by} may be stated \
+                 too large, and the uncertainties with it"
+            )
+        };
+        above.then(more).or_else(|| below.then(less))
+    }
+
+    /// χ² and its mean where all is as declared.
+    fn expectation(&self) -> String {
+        let Misfit { chi2, expected, .. } = self.propagation.misfit;
+        let dof = self.figures.dof;
+        let mut text = format!("χ² {chi2:.1} where {expected:.0} is expected");
+        if (expected - dof as f64).abs() >= 0.5 {
+            text += &format!(
+                ", not the {dof} degrees of freedom: sources that move many measurements together \
+                 leave other residuals than those that move each alone"
+            );
+        }
+        text
+    }
+
+    /// First-order propagation and trials contradict each other.
+    pub fn trials_warning(&self) -> Option<String> {
+        let symbols = self.contradicted();
+        (!symbols.is_empty()).then(|| {
+            format!(
+                "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the estimate has both",
+                symbols.join(", ")
+            )
+        })
+    }
+}
