@@ -67,10 +67,12 @@ pub use proven::{Altered, ProvenBlock, ProvenUnit, StageRequest, Unproven, prove
 pub use refusal::{Reason, Refusal};
 
 use crate::gcode::Dialect;
+use crate::gcode::rs274::ReadMotion;
 use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
+use proven::read_programs;
 
 /// Distance that rapids and turning axes keep from everything, mm.
 pub const MARGIN_MM: f64 = 2.0;
@@ -106,5 +108,10 @@ pub struct Staged<'a> {
 /// # Errors
 /// The first line that is wrong or cannot be shown to be right.
 pub fn prove(request: &Request<'_>) -> Result<Proof, Refusal> {
-    walk::Walk::begin(request)?.through()
+    prove_motions(request, read_programs(request.dialect, request.programs)?)
+}
+
+/// As [`prove`], of the programs as they were read back.
+fn prove_motions(request: &Request<'_>, motions: Vec<ReadMotion>) -> Result<Proof, Refusal> {
+    walk::Walk::begin(request, motions)?.through()
 }

@@ -3,7 +3,7 @@
 use sha2::{Digest as _, Sha256};
 
 use super::refusal::{Reason, Refusal};
-use super::{Request, Staged, prove};
+use super::{Request, Staged, prove_motions};
 use crate::gcode::rs274::ReadMotion;
 use crate::gcode::{Dialect, Disagreement, RenderError, Transmission, Transmitted, Unit};
 use crate::target;
@@ -126,10 +126,12 @@ pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBloc
     let StageRequest { plan, stages, stands, first, dialect, transmission, blocks } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.transmitted(transmission, &axes, blocks)?;
-    let proof = prove(&Request { plan, stages, stands, first, dialect, programs: &sent.programs })?;
-    check_line_lengths(transmission, &sent)?;
+    let read = read_programs(dialect, &sent.programs)?;
+    let programs = &sent.programs;
+    let request = Request { plan, stages, stands, first, dialect, programs };
+    let proof = prove_motions(&request, read.clone())?;
     let begins = stands.cloned().unwrap_or_default();
-    Ok((proof, read_units(dialect, blocks, transmission, sent, begins)?))
+    Ok((proof, proven_units(dialect, blocks, transmission, sent, read, begins)?))
 }
 
 /// A block that is rendered and read back; of bodies nothing is looked at.
@@ -159,20 +161,22 @@ pub(super) fn read_block(
     sent: Transmitted,
 ) -> Result<ProvenBlock, Unproven> {
     let blocks = std::slice::from_ref(block);
-    check_line_lengths(transmission, &sent)?;
-    let mut proven = read_units(dialect, blocks, transmission, sent, begins)?;
+    let read = read_programs(dialect, &sent.programs)?;
+    let mut proven = proven_units(dialect, blocks, transmission, sent, read, begins)?;
     proven.pop().ok_or(Unproven::Refused(refusal(1, Reason::Missing(block.step))))
 }
 
-/// The motions of each unit as the reader finds them in the text, each of which says what was meant.
-fn read_units(
+/// Gives each unit its motions of `read`, and compares them with the motions that were rendered.
+fn proven_units(
     dialect: &Dialect,
     blocks: &[Block],
     transmission: &Transmission,
     sent: Transmitted,
+    read: Vec<ReadMotion>,
     mut begins: Position,
 ) -> Result<Vec<ProvenBlock>, Refusal> {
-    let mut read = read_programs(dialect, &sent.programs)?.into_iter().peekable();
+    check_line_lengths(transmission, &sent)?;
+    let mut read = read.into_iter().peekable();
     let mut proven = Vec::new();
     let mut last_line = sent.head_lines;
     for (block, units) in blocks.iter().zip(sent.blocks) {
@@ -279,11 +283,15 @@ mod tests {
         let blocks = [Block { step: 0, repeat: 0, motions: motions.to_vec() }];
         let lines = Transmission::Lines { max_line_bytes: 80 };
         let sent = dialect.transmitted(&lines, &[Axis::X], &blocks).unwrap();
-        assert!(read_units(&dialect, &blocks, &lines, sent.clone(), beside()).is_ok());
+        let proven = |sent: Transmitted| {
+            let read = read_programs(&dialect, &sent.programs)?;
+            proven_units(&dialect, &blocks, &lines, sent, read, beside())
+        };
+        assert!(proven(sent.clone()).is_ok());
         let mut moved = sent;
         let [first, second] = moved.blocks[0].as_mut_slice() else { panic!("two units") };
         second.text = std::mem::take(&mut first.text) + &second.text;
-        assert!(read_units(&dialect, &blocks, &lines, moved, beside()).is_err());
+        assert!(proven(moved).is_err());
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use std::f64::consts::PI;
 
-use super::proven::read_programs;
 use super::refusal::{Reason, Refusal};
 use super::scene::{Care, Scene};
 use super::sweep::Way;
@@ -56,9 +55,9 @@ pub struct Walk<'a> {
 pub(super) type Checked = Result<(), Reason>;
 
 impl<'a> Walk<'a> {
-    pub fn begin(request: &'a Request<'a>) -> Result<Self, Refusal> {
+    /// `motions`: of the programs of the request, as read back.
+    pub fn begin(request: &'a Request<'a>, motions: Vec<ReadMotion>) -> Result<Self, Refusal> {
         let at = |line| move |reason| Refusal { step: None, line, reason };
-        let motions = read_programs(request.dialect, request.programs)?;
         let mut turns = Vec::new();
         let mut scenes = Vec::new();
         for (stage, staged) in request.stages.iter().enumerate() {
