@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::words::position;
 use super::{Check, Ended, Part, compare, links};
-use devices::controllers::ControllerError;
+use devices::controllers::{ControllerError, describe_not_readable};
 use machine::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
@@ -29,6 +29,9 @@ async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
             return Ok(true);
         }
     };
+    if let Some(what) = describe_not_readable(check.controller()?.not_readable()) {
+        check.well(Part::Control, since, what);
+    }
     check.summary.control = Some(says.identity.clone());
     check.polarity.clone_from(&says.polarity);
     let differs = compare::differences(&check.file.machine, &says);

@@ -26,10 +26,12 @@ mod lines;
 pub mod linuxcnc;
 pub mod modbus;
 mod port;
+mod readiness;
 mod stranger;
 
 pub use error::ControllerError;
 pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};
+pub use readiness::{ReadinessItem, describe_not_readable};
 
 /// A control as `[controller]` names it. What stands in that table is its room's own matter.
 pub trait Named: fmt::Debug + Send + Sync {
@@ -100,6 +102,10 @@ pub trait Driver: Send + 'static {
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
     /// What it says of itself, prepared or not. Nothing moves and nothing is set.
     fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
+    /// Items of the readiness list that [`prepare`](Self::prepare) cannot read of this control.
+    fn not_readable(&self) -> &'static [ReadinessItem] {
+        &ReadinessItem::ALL
+    }
     /// Whether the outcome of a block that moves at feed has its track.
     fn stamps(&self) -> bool {
         false
@@ -145,20 +151,26 @@ pub struct Controller {
     requests: mpsc::Sender<Request>,
     halt: Halt,
     stamps: bool,
+    not_readable: &'static [ReadinessItem],
 }
 
 impl Controller {
     /// Start the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        let stamps = driver.stamps();
+        let (stamps, not_readable) = (driver.stamps(), driver.not_readable());
         tokio::spawn(serve(driver, inbox, halt.clone()));
-        Self { requests, halt, stamps }
+        Self { requests, halt, stamps, not_readable }
     }
 
     /// Whether it stamps where the axes stand while they move: see [`Outcome::track`].
     pub fn stamps(&self) -> bool {
         self.stamps
+    }
+
+    /// Items of the readiness list that a person must confirm.
+    pub fn not_readable(&self) -> &'static [ReadinessItem] {
+        self.not_readable
     }
 
     pub fn halt(&self) -> Halt {

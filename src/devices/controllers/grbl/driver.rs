@@ -9,7 +9,7 @@ use super::message::{Message, Status};
 use super::wire::{Patience, Wire};
 use crate::controllers::lines::Lines;
 use crate::controllers::{
-    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival, lines,
 };
 use link::Link;
 use machine::record::machine::Machine;
@@ -209,6 +209,9 @@ impl Grbl {
     }
 }
 
+/// A pendant is reported; another client of the same control is not.
+const NOT_READABLE: [ReadinessItem; 2] = [ReadinessItem::Kinematics, ReadinessItem::OtherClients];
+
 impl Driver for Grbl {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
         self.ready = false;
@@ -241,6 +244,10 @@ impl Driver for Grbl {
         let probe_closed = status.probe_closed;
         self.stood = self.stands(&status)?;
         Ok(Look { probe_closed, stands: self.stood.clone() })
+    }
+
+    fn not_readable(&self) -> &'static [ReadinessItem] {
+        &NOT_READABLE
     }
 
     async fn introduce(&mut self) -> Result<Introduction, ControllerError> {

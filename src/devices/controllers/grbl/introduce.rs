@@ -20,7 +20,8 @@ impl Grbl {
         let axes = built.axes();
         let mut said = introduction(&built, &settings);
         said.remarks.extend(self.readiness_of_state(&built).await?);
-        let offsets = self.wire.ask("$#").await?;
+        let (modes, offsets) = (self.wire.ask("$G").await?, self.wire.ask("$#").await?);
+        said.remarks.extend(readiness::of_modes(&modes));
         said.remarks.extend(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets));
         Ok(said)
     }

@@ -48,6 +48,8 @@ pub(super) struct Status {
     pub position: Option<Vec<f64>>,
     /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports leave it out.
     pub overrides: Option<Overrides>,
+    /// `MPG:1`: a pendant has the control; our lines are not executed as sent.
+    pub has_pendant: bool,
     /// `Time:`, an extension of the simulated control.
     pub t_s: Option<f64>,
 }
@@ -146,6 +148,7 @@ fn status(report: &str) -> Option<Status> {
                 status.pins = value.to_owned();
             }
             "Ov" => status.overrides = overrides(value),
+            "MPG" => status.has_pendant = value == "1",
             "Time" => status.t_s = seconds(value),
             _ => {}
         }

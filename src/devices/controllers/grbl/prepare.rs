@@ -36,6 +36,7 @@ impl Grbl {
         self.set_modes(&head).await?;
         let modes = self.wire.ask("$G").await?;
         let offsets = self.wire.ask("$#").await?;
+        refuse(readiness::of_modes(&modes).into_iter().chain(readiness::tool_length(&offsets)))?;
         refuse(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets))?;
         check::modes(&head, &modes, &offsets)?;
         let status = self.wire.idle().await?;

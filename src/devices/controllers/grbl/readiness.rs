@@ -16,6 +16,41 @@ const REPORTED: [(u32, &str); 4] = [
     (1 << 6, "the overrides"),
 ];
 
+/// Words of `$G` that stand for a state in which no stylus may move: how they begin, the state, the remedy.
+const HINDERING_MODES: [(&str, &str, &str); 3] = [
+    ("M3", "the spindle is on (M3)", "stop the spindle (M5): a stylus must not turn"),
+    ("M4", "the spindle is on (M4)", "stop the spindle (M5): a stylus must not turn"),
+    ("G51", "axes are scaled (G51)", "enter G50 at the control"),
+];
+
+/// By the answer to `$G`.
+pub(super) fn of_modes(modes: &[Message]) -> Vec<Remark> {
+    let words = modes.iter().find_map(|message| match message {
+        Message::Modes(words) => Some(words.as_slice()),
+        _ => None,
+    });
+    let is_in_force = |begins: &str| {
+        let is_it = |word: &String| word.split(['.', ':']).next() == Some(begins);
+        words.unwrap_or_default().iter().any(is_it)
+    };
+    let hindering = HINDERING_MODES.iter().filter(|(begins, ..)| is_in_force(begins));
+    hindering.map(|(_, state, remedy)| Remark::hinders(*state, remedy)).collect()
+}
+
+/// By the answer to `$#`, once G49 is in force.
+pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
+    let has_length = |message: &Message| {
+        matches!(message, Message::Offset { name, values }
+            if name == "TLO" && values.iter().any(|value| *value != 0.0))
+    };
+    offsets.iter().any(has_length).then(|| {
+        Remark::hinders(
+            "a tool length offset is active (TLO)",
+            "enter G49 at the control; the length of the stylus stands in the machine file (tool_mm)",
+        )
+    })
+}
+
 /// By the settings. `axes`: each with its place in the reports.
 pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Remark> {
     let mut remarks = Vec::new();
@@ -175,6 +210,12 @@ impl Grbl {
             remarks.push(Remark::hinders(
                 "its reports lack the machine position (MPos)",
                 "enter $10=511 at the control (classic Grbl: $10=3)",
+            ));
+        }
+        if status.has_pendant {
+            remarks.push(Remark::hinders(
+                "a pendant has the control (MPG mode)",
+                "switch the pendant off, start again",
             ));
         }
         match self.wire.overrides {

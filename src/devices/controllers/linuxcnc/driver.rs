@@ -11,7 +11,9 @@ use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use super::{Sampler, state, watch, way};
-use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
+use crate::controllers::{
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival,
+};
 use link::Address;
 use machine::record::motion::{Motion, Outcome};
 use machine::record::track::Track;
@@ -318,6 +320,10 @@ impl LinuxCnc {
     }
 }
 
+/// linuxcncrsh reports no limits (`get ini` is "not implemented"), no rapid override and no other client.
+const NOT_READABLE: [ReadinessItem; 3] =
+    [ReadinessItem::TravelLimits, ReadinessItem::RapidOverride, ReadinessItem::OtherClients];
+
 impl Driver for LinuxCnc {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
         self.ready = false;
@@ -341,6 +347,10 @@ impl Driver for LinuxCnc {
         let probe_closed = self.rsh.get("probe_value").await? != "0";
         let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
         Ok(Look { probe_closed, stands })
+    }
+
+    fn not_readable(&self) -> &'static [ReadinessItem] {
+        &NOT_READABLE
     }
 
     fn stamps(&self) -> bool {

@@ -56,6 +56,10 @@ pub struct Options {
     pub overrides: [u32; 2],
     /// Whether it was homed before it is first spoken to.
     pub homed: bool,
+    /// A pendant has the control, as reported.
+    pub has_pendant: bool,
+    /// Length of the tool, mm, as reported: motions do not take it in.
+    pub tool_length_mm: f64,
     /// What goes wrong.
     pub faults: Vec<Fault>,
 }
@@ -72,6 +76,8 @@ impl Options {
             settings,
             overrides: [100, 100],
             homed: true,
+            has_pendant: false,
+            tool_length_mm: 0.0,
             faults: Vec::new(),
         }
     }

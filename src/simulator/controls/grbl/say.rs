@@ -96,8 +96,9 @@ impl Firmware {
             report += &format!("|Ov:{feed},{rapid},100");
         }
         if full {
-            report +=
-                &format!("|H:{},{}|T:0|TLR:0|FW:grblHAL", u8::from(self.homed), self.homed_axes());
+            let (pendant, homed) = (u8::from(self.options.has_pendant), u8::from(self.homed));
+            let axes = self.homed_axes();
+            report += &format!("|MPG:{pendant}|H:{homed},{axes}|T:0|TLR:0|FW:grblHAL");
         } else if !self.reported {
             report += "|A:|TLR:0";
         }
@@ -160,7 +161,7 @@ impl Firmware {
         }
         let home = self.list(&Position::new());
         self.say(&format!("[HOME:{home}:{}]", self.homed_axes()));
-        self.say("[TLO:0.000,0.000,0.000]");
+        self.say(&format!("[TLO:0.000,0.000,{:.3}]", self.options.tool_length_mm));
         self.say_last();
     }
 }

@@ -66,6 +66,8 @@ async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
     for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
         is_refused(Options { overrides, ..options() }, state, "100 %").await;
     }
+    is_refused(Options { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
+    is_refused(Options { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
     let silent = Options { settings: [].into(), ..options() };
     is_refused(silent, "does not tell its settings", "grblHAL").await;
 
@@ -95,6 +97,22 @@ async fn an_introduction_has_the_whole_list() {
     let hinders: Vec<String> =
         said.remarks.iter().filter(|r| r.hinders).map(|r| r.what.clone()).collect();
     assert_eq!(hinders.len(), 4, "{hinders:?}");
+}
+
+/// Words as a real grblHAL reports them.
+#[tokio::test]
+async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
+    for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
+        let (link, tape) = odd(move |line| {
+            let modes =
+                format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
+            (line == "$G").then_some(modes)
+        });
+        let (mut driver, _) = grbl(link);
+        let error = driver.prepare().await.unwrap_err();
+        assert!(error.to_string().contains(state), "{error}");
+        assert_eq!(motions(&tape.lock().unwrap()), Vec::<&str>::new());
+    }
 }
 
 #[tokio::test]

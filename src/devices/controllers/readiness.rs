@@ -1,0 +1,64 @@
+//! What must be known of a control before its first motion: one list for all controls.
+
+use std::fmt;
+
+/// An item of the list. A driver reads it and refuses what hinders, or names it as not readable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReadinessItem {
+    Units,
+    Homing,
+    TravelLimits,
+    FeedOverride,
+    RapidOverride,
+    Offsets,
+    ToolLength,
+    Modes,
+    Spindle,
+    Kinematics,
+    OtherClients,
+}
+
+impl ReadinessItem {
+    pub const ALL: [Self; 11] = [
+        Self::Units,
+        Self::Homing,
+        Self::TravelLimits,
+        Self::FeedOverride,
+        Self::RapidOverride,
+        Self::Offsets,
+        Self::ToolLength,
+        Self::Modes,
+        Self::Spindle,
+        Self::Kinematics,
+        Self::OtherClients,
+    ];
+}
+
+impl fmt::Display for ReadinessItem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Units => "units of its positions",
+            Self::Homing => "homed axes",
+            Self::TravelLimits => "travel limits",
+            Self::FeedOverride => "feed override",
+            Self::RapidOverride => "rapid override",
+            Self::Offsets => "active offsets",
+            Self::ToolLength => "tool length offset",
+            Self::Modes => "plane and distance mode",
+            Self::Spindle => "spindle stopped",
+            Self::Kinematics => "kinematics mode",
+            Self::OtherClients => "other clients that send commands",
+        })
+    }
+}
+
+/// `None` where every item is readable.
+pub fn describe_not_readable(items: &[ReadinessItem]) -> Option<String> {
+    let names: Vec<String> = items.iter().map(ToString::to_string).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "not readable on this control, to be confirmed at the machine before the start: {}",
+            names.join(", ")
+        )
+    })
+}
