@@ -27,6 +27,8 @@ pub struct AxisSays {
     pub max: Option<f64>,
     /// Its length, where the control tells that but not its ends.
     pub travel: Option<f64>,
+    /// Whether the control homes it.
+    pub homes: Option<bool>,
     pub rapid_per_min: Option<f64>,
     pub acceleration_per_s2: Option<f64>,
     /// Smallest step that the control can command or show, mm or degrees.

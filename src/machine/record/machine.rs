@@ -27,6 +27,23 @@ impl Sense {
     }
 }
 
+/// How an axis finds its zero after the control was started.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Homing {
+    /// The control homes it.
+    #[default]
+    Switch,
+    /// A rotary axis without a switch: a person confirms its zero before each run.
+    None,
+}
+
+impl Homing {
+    fn is_switch(&self) -> bool {
+        *self == Self::Switch
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
@@ -60,6 +77,8 @@ pub struct AxisSpec {
     pub direction: [f64; 3],
     pub min: f64,
     pub max: f64,
+    #[serde(default, skip_serializing_if = "Homing::is_switch")]
+    pub homing: Homing,
     /// Rapid speed, mm/min or deg/min.
     #[serde(default = "default_rapid")]
     pub rapid_per_min: f64,

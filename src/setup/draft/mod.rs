@@ -137,6 +137,7 @@ fn lines(axis: Axis, says: AxisSays) -> Value {
         ("letter", Value::from(axis.letter())),
         ("turns", Value::from(turns)),
         ("unit", Value::from(if turns { "degrees" } else { "mm" })),
+        ("unhomed", Value::from(turns && says.homes == Some(false))),
         ("ends", Value::from(ends.is_some())),
         ("travel", Value::from(says.travel)),
         ("min", Value::from(min)),

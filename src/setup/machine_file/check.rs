@@ -5,7 +5,7 @@ use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder};
-use machine::record::machine::{AxisSpec, Carrier, Keepout, Machine, Probe, Solid};
+use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Probe, Solid};
 
 type Checked = Result<(), MachineFileError>;
 
@@ -157,8 +157,10 @@ impl Check<'_> {
         self.positive(&key("acceleration_per_s2"), spec.acceleration_per_s2)?;
         self.not_negative(&key("resolution_um"), spec.resolution_um)?;
         self.not_negative(&key("error_motion_um"), spec.error_motion_um)?;
+        let turns = !axis.is_linear() && axis != Axis::S;
+        let homes = turns || spec.homing == Homing::Switch;
+        self.that(homes, &key("homing"), "is `none`; only A, B or C may have no homing switch")?;
         if let Some(clamp) = &spec.clamp {
-            let turns = !axis.is_linear() && axis != Axis::S;
             self.that(turns, &key("clamp"), "belongs to A, B or C: remove it here")?;
             self.short(&["axes", &name, "clamp", "wait_s"], clamp.wait_s)?;
         }

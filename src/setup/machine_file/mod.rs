@@ -120,7 +120,7 @@ impl MachineFile {
         check::solids(&document, &solids, &machine)?;
         let artefact = artefact::read(&document, beside)?;
         check::artefact(&document, &artefact)?;
-        let prompts = prompt::read(&document)?;
+        let prompts = prompt::read(&document, &machine)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;
         Ok(Self {

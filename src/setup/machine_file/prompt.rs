@@ -1,5 +1,7 @@
 //! `[[prompt]]`: what a person is asked before a method measures.
 
+use machine::Axis;
+use machine::record::machine::{Homing, Machine};
 use serde::Deserialize;
 
 use super::document::Document;
@@ -23,7 +25,8 @@ impl Prompt {
     }
 }
 
-pub fn read(document: &Document) -> Result<Vec<Prompt>, MachineFileError> {
+/// Those of the machine file, then the zero of each axis without a homing switch.
+pub fn read(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
     let prompts: Vec<Prompt> =
         document.section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
     for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
@@ -37,7 +40,16 @@ pub fn read(document: &Document) -> Result<Vec<Prompt>, MachineFileError> {
         };
         return Err(wrong(document, index, "text", why));
     }
-    Ok(prompts)
+    let unhomed = machine.axes.iter().filter(|(_, spec)| spec.homing == Homing::None);
+    Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_of(*axis))).collect())
+}
+
+fn zero_of(axis: Axis) -> Prompt {
+    let text = format!(
+        "{axis} has no homing switch. Does it stand at its zero mark when the control shows {axis} 0 in \
+         machine coordinates? If not, correct its zero at the control first."
+    );
+    Prompt { text, methods: None }
 }
 
 /// Each names methods that there are.

@@ -368,6 +368,19 @@ fn solids_and_the_stylus_must_be_possible() {
 }
 
 #[test]
+fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
+    let stated = |axis: &str| {
+        let header = format!("[axes.{axis}]\n");
+        EMBEDDED.replace(&header, &(header.clone() + "homing = \"none\"\n"))
+    };
+    let file = MachineFile::parse("shop.toml", stated("C")).unwrap();
+    let [prompt] = &file.asks_before("samba")[..] else { panic!("one prompt") };
+    assert!(prompt.contains("C has no homing switch"), "{prompt}");
+    let refused = MachineFile::parse("shop.toml", stated("X")).unwrap_err().to_string();
+    assert!(refused.contains("only A, B or C"), "{refused}");
+}
+
+#[test]
 fn who_is_asked_what_before_which_method() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";

@@ -12,7 +12,7 @@ use crate::controllers::{
     ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival, lines,
 };
 use link::Link;
-use machine::record::machine::Machine;
+use machine::record::machine::{Homing, Machine};
 use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
@@ -26,6 +26,8 @@ pub struct Grbl {
     pub(super) modes: ProvenModes,
     /// Axes that the machine file names, without the spindle.
     pub(super) wanted: Vec<Axis>,
+    /// Those of `wanted` that the control must have homed.
+    pub(super) homed_axes: Vec<Axis>,
     /// How far from its target each may stand, mm or rad.
     pub(super) tolerance: BTreeMap<Axis, f64>,
     /// Where the machine last stood still.
@@ -47,6 +49,9 @@ impl Grbl {
         let (wire, halt) = Wire::new(link);
         let wanted: Vec<Axis> =
             machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let has_switch =
+            |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
+        let homed_axes = wanted.iter().copied().filter(has_switch).collect();
         let tolerance = wanted.iter().map(|axis| {
             let spec = machine.axes.get(axis);
             (*axis, check::tolerance(*axis, spec))
@@ -58,6 +63,7 @@ impl Grbl {
             stood: Position::new(),
             ready: false,
             wanted,
+            homed_axes,
             stop: format!("feed hold (!): {}", arrival::braking(machine)),
             axes: Vec::new(),
             line_limit: usize::MAX,

@@ -7,6 +7,7 @@ use super::driver::Grbl;
 use super::readiness;
 use super::settings::{HOMING, SWITCH_IS_ZERO, Settings};
 use crate::controllers::{AxisSays, ControllerError, Introduction};
+use machine::Axis;
 
 /// Reports print three decimals.
 const SHOWN: f64 = 0.001;
@@ -18,22 +19,23 @@ impl Grbl {
         let built = self.built().await?;
         let settings = self.settings().await?;
         let axes = built.axes();
-        let mut said = introduction(&built, &settings);
+        let mut said = introduction(&built, &settings, &self.homed_axes);
         said.remarks.extend(self.readiness_of_state(&built).await?);
         let (modes, offsets) = (self.wire.ask("$G").await?, self.wire.ask("$#").await?);
         said.remarks.extend(readiness::of_modes(&modes));
-        said.remarks.extend(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets));
+        let needed = &self.homed_axes;
+        said.remarks.extend(readiness::homed(&built, &settings, &axes, needed, &offsets));
         Ok(said)
     }
 }
 
-fn introduction(built: &Built, settings: &Settings) -> Introduction {
+fn introduction(built: &Built, settings: &Settings, homed_axes: &[Axis]) -> Introduction {
     let axes = built.axes();
     let says = axes.iter().map(|(axis, place)| (*axis, axis_says(built, settings, *place)));
     Introduction {
         identity: built.identity(),
         axes: says.collect(),
-        remarks: readiness::of_settings(built, settings, &axes),
+        remarks: readiness::of_settings(built, settings, &axes, homed_axes),
         polarity: settings.value(6).map(|now| {
             format!("enter ${}={} at the control (it is {now} now)", 6, u8::from(now == 0.0))
         }),
@@ -47,6 +49,7 @@ fn axis_says(built: &Built, settings: &Settings, place: u16) -> AxisSays {
         min: ends.map(|(min, _)| min),
         max: ends.map(|(_, max)| max),
         travel: above(130),
+        homes: (!built.classic).then(|| settings.has(22, HOMING) && settings.homes(place)),
         rapid_per_min: above(110),
         acceleration_per_s2: above(120),
         step: above(100).map(|steps| SHOWN.max(1.0 / steps)),
@@ -73,7 +76,6 @@ fn ends(built: &Built, settings: &Settings, place: u16) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
     use crate::controllers::grbl::message::Message;
-    use machine::Axis;
 
     fn says(letters: &str, classic: bool, lines: &str) -> Introduction {
         let built = Built { classic, version: "1.1f".to_owned(), letters: letters.to_owned() };
@@ -81,7 +83,8 @@ mod tests {
             Message::Setting(number, value) => Some((number, value)),
             _ => None,
         });
-        introduction(&built, &Settings(settings.collect()))
+        let axes: Vec<Axis> = built.axes().into_iter().map(|(axis, _)| axis).collect();
+        introduction(&built, &Settings(settings.collect()), &axes)
     }
 
     fn ends(said: &Introduction, axis: Axis) -> (f64, f64) {
@@ -107,7 +110,8 @@ mod tests {
         assert_eq!(said.axes[&Axis::X].acceleration_per_s2, Some(200.0));
         // 1/800 mm, but three decimals are shown.
         assert_eq!(said.axes[&Axis::X].step, Some(0.00125));
-        assert_eq!(said.axes[&Axis::B], AxisSays::default());
+        assert_eq!(said.axes[&Axis::B], AxisSays { homes: Some(false), ..AxisSays::default() });
+        assert_eq!(said.axes[&Axis::X].homes, Some(true));
     }
 
     #[test]
@@ -139,6 +143,7 @@ mod tests {
         let said = says("XYZ", false, &FIVE.replace("$20=1", "$20=0"));
         assert!(said.remarks[0].hinders && said.remarks[0].what.contains("soft limits"));
         let said = says("XYZBC", false, FIVE);
+        assert!(said.remarks[0].hinders, "{said:?}");
         assert!(said.remarks[0].what.contains("does not home B, C"), "{said:?}");
         assert_eq!(says("XYZBC", false, &FIVE.replace("$22=1\n", "$22=33\n")).remarks, []);
     }

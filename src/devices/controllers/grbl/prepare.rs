@@ -26,7 +26,7 @@ impl Grbl {
         }
         let built = self.identify().await?;
         let (axes, settings) = (built.axes(), self.settings().await?);
-        refuse(readiness::of_settings(&built, &settings, &axes))?;
+        refuse(readiness::of_settings(&built, &settings, &axes, &self.homed_axes))?;
         refuse(self.readiness_of_state(&built).await?)?;
         if !self.modes.switches_probe_on() {
             check::probe_open(&self.wire.idle().await?)?;
@@ -37,7 +37,7 @@ impl Grbl {
         let modes = self.wire.ask("$G").await?;
         let offsets = self.wire.ask("$#").await?;
         refuse(readiness::of_modes(&modes).into_iter().chain(readiness::tool_length(&offsets)))?;
-        refuse(readiness::homed(&built, &settings, &axes, &self.wanted, &offsets))?;
+        refuse(readiness::homed(&built, &settings, &axes, &self.homed_axes, &offsets))?;
         check::modes(&head, &modes, &offsets)?;
         let status = self.wire.idle().await?;
         check::probe_open(&status)?;

@@ -51,8 +51,14 @@ pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
     })
 }
 
-/// By the settings. `axes`: each with its place in the reports.
-pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16)]) -> Vec<Remark> {
+/// By the settings. `axes`: each with its place in the reports. `homed_axes`: those that must have a
+/// switch.
+pub(super) fn of_settings(
+    built: &Built,
+    settings: &Settings,
+    axes: &[(Axis, u16)],
+    homed_axes: &[Axis],
+) -> Vec<Remark> {
     let mut remarks = Vec::new();
     let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
     // Classic Grbl has two bits and always shows its inputs.
@@ -92,7 +98,7 @@ pub(super) fn of_settings(built: &Built, settings: &Settings, axes: &[(Axis, u16
         hinders(what.to_owned(), "enter $20=1 once the axes are homed");
     }
     remarks.extend(unlimited(settings, axes));
-    remarks.extend(without_switch(settings, axes));
+    remarks.extend(without_switch(settings, axes, homed_axes));
     remarks
 }
 
@@ -109,32 +115,38 @@ fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
     ))
 }
 
-/// Linear axes must be homed; a rotary one may have no switch.
-fn without_switch(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
+/// An axis that the control does not home.
+fn without_switch(
+    settings: &Settings,
+    axes: &[(Axis, u16)],
+    homed_axes: &[Axis],
+) -> Option<Remark> {
     let told = (44..50).any(|cycle| settings.value(cycle).is_some());
     if !told || !settings.has(22, HOMING) || settings.has(22, BY_HAND) {
         return None;
     }
-    let lost: Vec<&(Axis, u16)> =
-        axes.iter().filter(|(axis, place)| !axis.is_linear() && !settings.homes(*place)).collect();
+    let is_lost =
+        |(axis, place): &&(Axis, u16)| homed_axes.contains(axis) && !settings.homes(*place);
+    let lost: Vec<&(Axis, u16)> = axes.iter().filter(is_lost).collect();
     (!lost.is_empty()).then(|| {
         let what = format!(
-            "it does not home {}: zero is where they stood when it was switched on ($44 to $49)",
+            "it does not home {}: zero is where they stood when it was started ($44 to $49)",
             names(&lost)
         );
-        Remark::note(
+        Remark::hinders(
             what,
-            "set them to zero by a mark before each measurement, or give them a switch",
+            "enter them into the homing cycle; of a rotary axis without a switch state homing = \"none\" in \
+             the machine file: a person then confirms its zero before each run",
         )
     })
 }
 
-/// Of the axes that the machine file names, those that are not homed, by what `$#` says (`[HOME:..:mask]`).
+/// Those of `homed_axes` that are not homed, by `[HOME:..:mask]` of `$#`.
 pub(super) fn homed(
     built: &Built,
     settings: &Settings,
     axes: &[(Axis, u16)],
-    wanted: &[Axis],
+    homed_axes: &[Axis],
     offsets: &[Message],
 ) -> Option<Remark> {
     if built.classic {
@@ -149,13 +161,9 @@ pub(super) fn homed(
         _ => None,
     });
     let mask = mask.unwrap_or(0);
-    let is_needed = |axis: Axis, place: u16| {
-        axis.is_linear() || settings.homes(place) || settings.has(22, BY_HAND)
-    };
-    let lost: Vec<&(Axis, u16)> = (axes.iter())
-        .filter(|(axis, place)| wanted.contains(axis) && is_needed(*axis, *place))
-        .filter(|(_, place)| mask >> place & 1 == 0)
-        .collect();
+    let is_lost =
+        |(axis, place): &&(Axis, u16)| homed_axes.contains(axis) && mask >> place & 1 == 0;
+    let lost: Vec<&(Axis, u16)> = axes.iter().filter(is_lost).collect();
     (!lost.is_empty()).then(|| {
         let what = format!(
             "{} not homed since the control was started or reset: machine zero is unknown",

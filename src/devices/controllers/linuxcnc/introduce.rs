@@ -94,6 +94,7 @@ impl Ini {
             min,
             max,
             travel: min.zip(max).map(|(min, max)| max - min),
+            homes: None,
             rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
             acceleration_per_s2: value("MAX_ACCELERATION"),
             step: Some(SHOWN),

@@ -88,6 +88,17 @@ async fn is_refused(made: Options, state: &str, remedy: &str) {
     assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
 }
 
+/// B and C have no switch, and `homing = "none"` says so.
+#[tokio::test]
+async fn an_axis_without_a_switch_must_be_declared() {
+    let mut made = options();
+    made.settings.extend([(22, 1.0), (44, 7.0)]);
+    is_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
+    let (mut driver, _) = taped_driver(made);
+    driver.homed_axes.retain(|axis| axis.is_linear());
+    driver.prepare().await.unwrap();
+}
+
 /// `check` names all that `prepare` refuses.
 #[tokio::test]
 async fn an_introduction_has_the_whole_list() {
