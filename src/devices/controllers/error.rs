@@ -57,6 +57,8 @@ pub enum ControllerError {
     Doubtful { step: u32, first: String, again: String },
     #[error("held at the machine: the control says {state}")]
     HeldThere { state: String },
+    #[error("the control reports {name} = {t_s:?} s: {why}")]
+    Stamp { name: &'static str, t_s: f64, why: String },
     #[error("step {step}: nobody can say where the axes stood while they moved: {why}")]
     Unstamped { step: u32, why: String, remedy: String },
     #[error("the probe {}", fault.says())]
@@ -132,6 +134,11 @@ impl ControllerError {
             | Self::NotHeld { .. }
             | Self::OutOfTravel { .. }
             | Self::Late { .. } => self.given_up_there(),
+            Self::Stamp { .. } => {
+                "the touch is not kept. Modbus: compare `type`, `order`, `scale` and address of \
+                 latch_time_s and time_s in [controller.registers.status] with the control's program; \
+                 where both are 0, trued takes the time itself"
+            }
             Self::NoContact { .. }
             | Self::UnexpectedContact { .. }
             | Self::StillTripped { .. }

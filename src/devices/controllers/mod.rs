@@ -27,6 +27,7 @@ pub mod linuxcnc;
 pub mod modbus;
 mod port;
 mod readiness;
+mod stamp;
 mod stranger;
 
 pub use error::ControllerError;

@@ -8,6 +8,7 @@ use super::fault::stands_after;
 use super::message::{Message, Status};
 use super::wire::{Patience, Wire};
 use crate::controllers::lines::Lines;
+use crate::controllers::stamp::{ControlClock, ReportedTime};
 use crate::controllers::{
     ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival, lines,
 };
@@ -40,6 +41,7 @@ pub struct Grbl {
     pub(super) line_limit: usize,
     pub(super) found: Vec<String>,
     pub(super) spindle: Option<f64>,
+    pub(super) clock: ControlClock,
 }
 
 impl Grbl {
@@ -69,6 +71,7 @@ impl Grbl {
             line_limit: usize::MAX,
             found: Vec::new(),
             spindle: None,
+            clock: ControlClock::default(),
         };
         (grbl, halt)
     }
@@ -183,7 +186,9 @@ impl Grbl {
         }
         let status = self.rests(seen).await?;
         self.speed_as_planned()?;
-        outcome.t_s = outcome.t_s.or(status.t_s);
+        let contact = ReportedTime { name: "TIME", t_s: outcome.t_s };
+        let now = ReportedTime { name: "Time", t_s: status.t_s };
+        outcome.t_s = self.clock.checked(contact, now)?;
         Ok(outcome)
     }
 

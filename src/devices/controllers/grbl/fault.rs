@@ -36,11 +36,12 @@ pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -
 
 /// The control is there but will not move.
 pub(super) fn not_ready(status: &Status) -> ControllerError {
+    // What is held would go on when it is released: only a reset forgets it.
     let remedy = match status.state.as_str() {
         "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
-        "Hold" => "a move is held: reset the control, look at the machine, home it",
+        "Hold" | "Tool" => "a move is held: reset the control, look at the machine, home it",
         "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
-        "Door" => "close the door",
+        "Door" => "close the door, reset the control, look at the machine, home it",
         "Check" => "leave the check mode ($C)",
         "Sleep" => "wake the control with a reset",
         _ => "bring the control to Idle",
@@ -80,6 +81,7 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::Doubtful { .. }
             | E::NotReady { .. }
             | E::Strange { .. }
+            | E::Stamp { .. }
             | E::Probe { .. }
             | E::Render { .. }
     )

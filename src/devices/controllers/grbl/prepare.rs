@@ -8,6 +8,7 @@ use super::driver::Grbl;
 use super::fault::not_ready;
 use super::message::Message;
 use super::readiness::{self, refuse};
+use crate::controllers::stamp::ControlClock;
 use crate::controllers::{ControllerError, Prepared};
 use machine::Axis;
 use planning::gcode::Transmission;
@@ -43,6 +44,7 @@ impl Grbl {
         check::probe_open(&status)?;
         check::probe_health(&status, &self.modes)?;
         self.stood = self.stands(&status)?;
+        self.clock = ControlClock::default();
         let transmission = Transmission::Lines { max_line_bytes: self.line_limit };
         let (stop, stands) = (self.stop.clone(), self.stood.clone());
         let identity = built.identity();

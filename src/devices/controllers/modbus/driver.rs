@@ -14,6 +14,7 @@ use super::status::Status;
 use super::window::Window;
 use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
+use crate::controllers::stamp::{ControlClock, ReportedTime};
 use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
 use machine::record::machine::Machine;
 use machine::record::motion::{Motion, Outcome};
@@ -41,6 +42,7 @@ pub struct ModbusControl {
     /// Prepared, and no fault since.
     ready: bool,
     pub(super) spindle: Option<f64>,
+    pub(super) clock: ControlClock,
     /// What a block is executed by; otherwise by its lines.
     pub(super) program: Option<Arc<Program>>,
 }
@@ -87,6 +89,7 @@ impl ModbusControl {
             stood: Position::new(),
             ready: false,
             spindle: None,
+            clock: ControlClock::default(),
             program: config.program.clone(),
         };
         Ok((driver, halt))
@@ -264,8 +267,18 @@ impl ModbusControl {
             seen = Some(self.act(lines, &mut outcome, seen).await?);
         }
         let status = self.rests(seen).await?;
-        outcome.t_s = outcome.t_s.or(status.time_s);
+        outcome.t_s = self.time_s(outcome.t_s, &status)?;
         Ok(outcome)
+    }
+
+    /// The time of a contact at `latch_s`, or else of `status`, where the control reports them.
+    pub(super) fn time_s(
+        &mut self,
+        latch_s: Option<f64>,
+        status: &Status,
+    ) -> Result<Option<f64>, ControllerError> {
+        let contact = ReportedTime { name: "latch_time_s", t_s: latch_s };
+        self.clock.checked(contact, ReportedTime { name: "time_s", t_s: status.time_s })
     }
 
     /// Before a block moves: no fault of the probe, probe open, the machine where the block begins.

@@ -122,6 +122,7 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::Astray { .. }
             | E::NotReady { .. }
             | E::Strange { .. }
+            | E::Stamp { .. }
             | E::Probe { .. }
             | E::Render { .. }
     )

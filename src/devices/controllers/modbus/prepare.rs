@@ -6,6 +6,7 @@ use super::driver::ModbusControl;
 use super::fault::not_ready;
 use super::otherwise;
 use super::status::Status;
+use crate::controllers::stamp::ControlClock;
 use crate::controllers::{ControllerError, Prepared, arrival};
 use planning::gcode::Transmission;
 
@@ -30,6 +31,8 @@ impl ModbusControl {
         probe_open(&status)?;
         self.probe_health(&status)?;
         self.stood = self.of_machine(&status.position);
+        self.clock = ControlClock::default();
+        self.time_s(None, &status)?;
         let stop = format!(
             "hold (a register): acts when the request under way is answered, within {:.1} s at most; \
              then {}",

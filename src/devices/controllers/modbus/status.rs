@@ -139,7 +139,7 @@ impl Block<'_> {
 
     /// 0: the control does not stamp.
     fn stamp(&self, name: &str, register: &Register) -> Result<Option<f64>, ControllerError> {
-        self.number(name, register).map(|seconds| (seconds > 0.0).then_some(seconds))
+        self.number(name, register).map(|seconds| (seconds != 0.0).then_some(seconds))
     }
 
     fn axes(

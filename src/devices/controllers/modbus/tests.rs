@@ -153,6 +153,43 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
 }
 
+/// Its program goes on, and each move is over long before the time-out.
+#[tokio::test]
+async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
+    let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
+    let (driver, ..) = driver("", Pace::Real, stands).await;
+    let patience = Patience { heartbeat: Duration::from_millis(400), ..Patience::default() };
+    let mut driver = driver.with_patience(patience);
+    driver.prepare().await.unwrap();
+    let mut ended = Ok(Default::default());
+    for x_mm in 1..30 {
+        ended = driver.execute(proven(&slowly_to(f64::from(x_mm)))).await;
+        if ended.is_err() {
+            break;
+        }
+    }
+    assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
+}
+
+#[tokio::test]
+async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
+    let wrong = vec![fault(FaultKind::WrongStamp, 0)];
+    let (mut driver, ..) = driver("", Pace::Fast, wrong).await;
+    driver.prepare().await.unwrap();
+    let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
+    let down = Position::new().with(Axis::Z, -190.0);
+    let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down }];
+    driver.execute(proven(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+    let motions = vec![
+        Motion::Probe { to: x(20.0), feed_mm_min: 60.0 },
+        Motion::BackOff { to: x(60.0), feed_mm_min: 300.0 },
+    ];
+    let touch = driver.execute(proven(&Block { step: 1, repeat: 0, motions })).await;
+    let error = touch.unwrap_err();
+    assert!(error.to_string().contains("1e300 s"), "{error}");
+    assert!(error.remedy().contains("latch_time_s"), "{}", error.remedy());
+}
+
 /// A touch with one status torn, whichever it is: half of it from before.
 #[tokio::test]
 async fn a_torn_status_is_never_a_reading() {

@@ -12,7 +12,7 @@ use super::fault::{ends_it, may_pass, out_of_step, refused, reset, silent};
 use super::map::Map;
 use super::patience::Patience;
 use super::status::{State, Status};
-use super::watch::Watch;
+use super::watch::{Heart, Watch};
 use crate::controllers::{ControllerError, Halt};
 use link::modbus::value::ValueError;
 use link::modbus::{Line, Modbus, ModbusError, Settings, Urgent};
@@ -68,6 +68,7 @@ pub(super) struct Window {
     /// The step whose positioning move is under way: the probe touches nothing meanwhile.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
+    heart: Heart,
 }
 
 impl Drop for Window {
@@ -119,6 +120,7 @@ impl Window {
             taken: None,
             free: None,
             patience,
+            heart: Heart::default(),
         };
         Ok((window, halt))
     }
@@ -163,6 +165,7 @@ impl Window {
                 return Err(self.halted().await);
             }
             ends_it(&status)?;
+            self.heart.look(status.heartbeat, &self.patience)?;
             let over = !self.ours || status.executed == self.sequence;
             let done = status.accepted == self.sequence && over;
             if done && status.state == State::Idle {
@@ -241,6 +244,7 @@ impl Window {
             }
         }
         ends_it(&status)?;
+        self.heart.look(status.heartbeat, &self.patience)?;
         if let Some(step) = self.free.filter(|_| status.probe_closed) {
             // It may still be moving, and does not stop by itself.
             self.hold();

@@ -16,6 +16,9 @@ const USUAL_LATE_S: f64 = 0.7;
 /// Of a common PLC.
 const USUAL_SCAN_S: f64 = 0.010;
 
+/// Far beyond the clock of any control.
+pub(super) const WRONG_STAMP_S: f64 = 1e300;
+
 const MANY: usize = 8;
 /// First register of the latch.
 const LATCH: usize = 20;
@@ -88,6 +91,10 @@ pub enum FaultKind {
     LostStart,
     /// The write of a hold is confirmed and forgotten.
     LostHold,
+    /// Its heartbeat stays as it is; its program goes on.
+    HeartbeatStands,
+    /// From now on each contact is stamped with [`WRONG_STAMP_S`].
+    WrongStamp,
     /// A program shows the result before once more, as valid.
     StaleResult,
     /// A program does not hear an acknowledge.
@@ -240,6 +247,8 @@ impl Firmware {
     fn turn(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
             FaultKind::Frozen => self.frozen = Some(self.status()),
+            FaultKind::HeartbeatStands => self.standing_heartbeat = Some(self.heartbeat()),
+            FaultKind::WrongStamp => self.wrong_stamp = true,
             FaultKind::Reset => self.reset(),
             FaultKind::Alarm => self.alarm(fault.code.map_or(UNKNOWN_ALARM, u16::from)),
             FaultKind::EStop => self.alarm(E_STOP),

@@ -120,6 +120,9 @@ pub struct Firmware {
     stale_result: bool,
     /// It takes nothing, and its status stays as it was.
     frozen: Option<Vec<u16>>,
+    /// Its heartbeat stays at this value.
+    standing_heartbeat: Option<u16>,
+    wrong_stamp: bool,
     /// The block before.
     shown: Vec<u16>,
     hung: bool,
@@ -157,6 +160,8 @@ impl Firmware {
             touches: 0,
             stale_result: false,
             frozen: None,
+            standing_heartbeat: None,
+            wrong_stamp: false,
             shown: Vec::new(),
             hung: false,
             cut: Arc::default(),

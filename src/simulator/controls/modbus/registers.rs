@@ -2,6 +2,7 @@
 
 use tokio_modbus::{ExceptionCode, Request, Response};
 
+use super::fault::WRONG_STAMP_S;
 use super::layout::{ACKNOWLEDGE, HEARTBEAT, HOLD, SEQUENCE, steps};
 use super::resident::Slot;
 use super::{Entry, Firmware, Mode};
@@ -43,13 +44,14 @@ impl Firmware {
         self.blocks = self.blocks.wrapping_add(1);
         let probe = u16::from(self.tripped());
         self.probe_was_told();
-        let beat = (self.now.as_secs_f64() * BEATS_PER_S) as u64 as u16;
+        let beat = self.heartbeat();
         let slot = self.slot();
         let version = if slot.is_some() { PROGRAM_VERSION } else { VERSION };
         let (number, t_s, latch) = match &slot {
             Some(slot) => (slot.number, slot.t_s, &slot.latch),
             None => (self.latches, self.latch_time_s, &self.latch),
         };
+        let t_s = if self.wrong_stamp && t_s > 0.0 { WRONG_STAMP_S } else { t_s };
         let mut block = vec![self.blocks, version, state, alarm, self.accepted, self.executed];
         block.extend([self.error, probe, 0, 0, number, beat]);
         block.extend(words(&self.with_world(|world| world.time_s()).to_be_bytes()));
@@ -64,6 +66,11 @@ impl Firmware {
         block.push(self.blocks);
         self.shown.clone_from(&block);
         block
+    }
+
+    pub(super) fn heartbeat(&self) -> u16 {
+        let beat = (self.now.as_secs_f64() * BEATS_PER_S) as u64 as u16;
+        self.standing_heartbeat.unwrap_or(beat)
     }
 
     /// What a program shows; once the result before, where that is what goes wrong.

@@ -232,6 +232,16 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
 }
 
 #[tokio::test]
+async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
+    let stamped = |line: &str| {
+        let touches = line.contains("G38") || line == "$#";
+        touches.then(|| ">{told}\r\n[TIME:1e300]\r\nok\r\n".to_owned())
+    };
+    let error = touched(stamped).await.0.unwrap_err();
+    assert!(error.to_string().contains("1e300 s"), "{error}");
+}
+
+#[tokio::test]
 async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
     let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
     driver.execute(proven(&touch(0))).await.unwrap();

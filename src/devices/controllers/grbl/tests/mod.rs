@@ -132,7 +132,9 @@ async fn unprepared(link: Link) -> ControllerError {
 async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
     for (said, expected, remedy) in [
         ("Alarm|MPos:0.000", "the control is not ready: Alarm", "$X"),
-        ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "held"),
+        ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "reset the control"),
+        ("Door:0|MPos:0.000", "the control is not ready: Door:0", "reset the control"),
+        ("Tool|MPos:0.000", "the control is not ready: Tool", "reset the control"),
         (
             "Idle|MPos:0.000|Pn:P|Ov:100,100,100",
             "the control is not ready: the probe reads closed",
@@ -143,6 +145,7 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
         let error = unprepared(link).await;
         assert_eq!(error.to_string(), expected);
         assert!(error.remedy().contains(remedy), "{}", error.remedy());
+        assert!(!error.remedy().contains("resume"), "{}", error.remedy());
         let tape = tape.lock().unwrap().clone();
         assert!(!tape.contains('G') && !tape.contains("$X") && !tape.contains('\x18'), "{tape}");
     }

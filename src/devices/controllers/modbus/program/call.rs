@@ -57,13 +57,13 @@ impl ModbusControl {
         let rows = rows::of(block)?;
         let (found, status) = self.results(program, &rows, block).await?;
         let touch = self.contacts(&rows, &found, block.step())?;
-        let mut outcome = Outcome { t_s: status.time_s, ..Outcome::default() };
+        let latch_s = touch.and_then(|found| found.t_s);
+        let mut outcome = Outcome { t_s: self.time_s(latch_s, &status)?, ..Outcome::default() };
         if let Some(found) = touch {
             let spindle = block.motions().take(found.row).filter_map(orientation).last();
             let spindle = spindle.or(self.spindle);
             let spindle = spindle.map(|s| (Axis::S, s));
             outcome.touch = Some(self.of_machine(&found.latch).iter().chain(spindle).collect());
-            outcome.t_s = found.t_s.or(status.time_s);
         }
         self.spindle = block.motions().filter_map(orientation).last().or(self.spindle);
         let end = rows::end(&rows, &self.stood);
