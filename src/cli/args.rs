@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::method_list::methods_help;
 use crate::service::Role;
+use devices::controllers::linuxcnc;
 
 /// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
 #[derive(Debug, Parser)]
@@ -217,8 +218,8 @@ pub struct InitArgs {
     /// Number of the device (Modbus).
     #[arg(long, value_name = "N")]
     pub unit: Option<u8>,
-    /// A folder that this program and the control both see (LinuxCNC).
-    #[arg(long, value_name = "DIR")]
+    /// A folder that this program and the control both see (LinuxCNC, which needs it).
+    #[arg(long, value_name = "DIR", required_if_eq("kind", linuxcnc::KIND))]
     pub program_dir: Option<PathBuf>,
     /// The INI file that the control was started with (LinuxCNC).
     #[arg(long, value_name = "FILE")]

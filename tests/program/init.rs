@@ -102,9 +102,16 @@ fn a_window_of_registers_tells_less_and_that_is_said() {
     assert!(text.contains(&format!("tcp = \"{}\"", simulator.at)));
 }
 
+fn regress_a_missing_folder_of_programs_is_told_by_its_option() {
+    let init = trued(&["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1"]);
+    assert_eq!(init.status.code(), Some(2), "{}", said(&init));
+    assert!(said(&init).contains("--program-dir <DIR>"), "{}", said(&init));
+}
+
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
         a_grbl_writes_most_of_its_machine_file,
         a_window_of_registers_tells_less_and_that_is_said,
+        regress_a_missing_folder_of_programs_is_told_by_its_option,
     ]
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use machine::Axis;
+use machine::record::machine::Sense;
 
 /// What a control says of itself: as its own settings have it, whatever the machine file says.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -33,6 +34,9 @@ pub struct AxisSays {
     pub acceleration_per_s2: Option<f64>,
     /// Smallest step that the control can command or show, mm or degrees.
     pub step: Option<f64>,
+    /// How a positive command turns what the axis carries, where the control computes with it. Whether the
+    /// machine is wired so is another matter.
+    pub positive: Option<Sense>,
 }
 
 /// Something about a control's settings.

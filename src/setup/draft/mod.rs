@@ -12,7 +12,7 @@ use super::{SetupError, controls, modes};
 use devices::controllers::{AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
 use link::clock::HostClock;
 use machine::Axis;
-use machine::record::machine::Machine;
+use machine::record::machine::{Machine, Sense};
 use planning::gcode::Dialect;
 
 const TEMPLATE: &str = include_str!("machine.toml.j2");
@@ -136,6 +136,8 @@ fn lines(axis: Axis, says: AxisSays) -> Value {
     Value::from_pairs([
         ("letter", Value::from(axis.letter())),
         ("turns", Value::from(turns)),
+        ("positive_said", Value::from(says.positive.is_some())),
+        ("positive", Value::from(positive(says.positive.unwrap_or_default()))),
         ("unit", Value::from(if turns { "degrees" } else { "mm" })),
         ("unhomed", Value::from(turns && says.homes == Some(false))),
         ("ends", Value::from(ends.is_some())),
@@ -148,6 +150,13 @@ fn lines(axis: Axis, says: AxisSays) -> Value {
         ("acceleration_said", Value::from(says.acceleration_per_s2.is_some())),
         ("resolution", Value::from(resolution)),
     ])
+}
+
+fn positive(sense: Sense) -> &'static str {
+    match sense {
+        Sense::Iso => "iso",
+        Sense::Reversed => "reversed",
+    }
 }
 
 /// A machine of which nothing is known: nothing is asked of the control but who it is.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::setup::MachineFile;
 use devices::controllers::Remark;
+use machine::record::machine::Sense;
 
 fn draft(controller: &str, topology: Option<&str>) -> Draft {
     let controller = toml::from_str(controller).unwrap();
@@ -63,6 +64,18 @@ fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
     assert_eq!((z.min, z.max), (-298.5, 0.0));
     assert_eq!(file.machine.topology, "w-C-B-F-X-Y-Z-S-t");
     assert!(text.contains("# With this setting it cannot measure: a b\n#   -> $13=0"), "{text}");
+}
+
+#[test]
+fn regress_the_sense_that_the_control_tells_is_taken_and_any_other_is_marked() {
+    let mut said = said("XYZBC");
+    said.axes.get_mut(&Axis::C).unwrap().positive = Some(Sense::Reversed);
+    let text = draft(GRBL, None).write(&said).unwrap();
+    let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
+    let senses = [Axis::B, Axis::C].map(|axis| file.machine.axes[&axis].positive);
+    assert_eq!(senses, [Sense::Iso, Sense::Reversed]);
+    assert_eq!(text.matches("# said: the control's kinematics count this axis so.").count(), 1);
+    assert_eq!(text.matches("The control does not tell it;").count(), 1, "{text}");
 }
 
 #[test]

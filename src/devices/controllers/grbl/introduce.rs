@@ -53,6 +53,7 @@ fn axis_says(built: &Built, settings: &Settings, place: u16) -> AxisSays {
         rapid_per_min: above(110),
         acceleration_per_s2: above(120),
         step: above(100).map(|steps| SHOWN.max(1.0 / steps)),
+        positive: None,
     }
 }
 

@@ -7,6 +7,19 @@ use std::path::Path;
 use super::driver::LinuxCnc;
 use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
 use machine::Axis;
+use machine::record::machine::Sense;
+
+/// Modules that compute the position of a workpiece on rotary tables, and how they count the axes of these
+/// tables, by their formulas (LinuxCNC 2.9, `trtfuncs.c`, `rotatekins.c`, `maxkins.c`, `xyzab_tdr_kins.comp`): a
+/// table that turns right-handed by a positive command turns against ISO 841, which counts the tool's motion.
+/// Of other modules, such as `trivkins` and `5axiskins`, nothing follows for a table.
+const TABLES: [(&str, &[Axis], Sense); 5] = [
+    ("xyzac-trt-kins", &[Axis::A, Axis::C], Sense::Reversed),
+    ("xyzbc-trt-kins", &[Axis::B, Axis::C], Sense::Reversed),
+    ("rotatekins", &[Axis::C], Sense::Reversed),
+    ("maxkins", &[Axis::C], Sense::Iso),
+    ("xyzab_tdr_kins", &[Axis::A, Axis::B], Sense::Iso),
+];
 
 const S_PER_MIN: f64 = 60.0;
 /// linuxcncrsh prints six decimals.
@@ -98,7 +111,15 @@ impl Ini {
             rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
             acceleration_per_s2: value("MAX_ACCELERATION"),
             step: Some(SHOWN),
+            positive: self.table().filter(|(axes, _)| axes.contains(&axis)).map(|(_, sense)| sense),
         }
+    }
+
+    /// The axes of the table that its kinematics compute, and how they are counted.
+    fn table(&self) -> Option<(&'static [Axis], Sense)> {
+        let module = self.text("KINS", "KINEMATICS")?.split_whitespace().next()?;
+        let known = TABLES.iter().find(|(name, ..)| *name == module);
+        known.map(|(_, axes, sense)| (*axes, *sense))
     }
 
     fn remarks(&self) -> Vec<Remark> {
@@ -110,6 +131,17 @@ impl Ini {
                  the joints"
             );
             remarks.push(Remark::hinders(what, "enter M429 there, or write sparm=identityfirst"));
+        }
+        if let Some((axes, Sense::Reversed)) = self.table() {
+            let axes: Vec<String> = axes.iter().map(Axis::to_string).collect();
+            let what = format!(
+                "its kinematics (`{kinematics}`) count {} against ISO 841, unless the module's HAL pin \
+                 conventional-directions is 1",
+                axes.join(" and ")
+            );
+            let remedy = "positive = \"reversed\" in [axes] of the machine file, \"iso\" where that pin is 1; \
+                          `trued check` shows how the machine turns";
+            remarks.push(Remark::note(what, remedy));
         }
         remarks
     }
@@ -129,11 +161,36 @@ mod tests {
         let b = ini.axis(Axis::B, ini.mm_per_unit());
         assert_eq!((b.min, b.max), (Some(-110.0), Some(110.0)));
         assert_eq!((b.rapid_per_min, b.acceleration_per_s2), (Some(12_000.0), Some(2000.0)));
-        assert_eq!(ini.remarks(), []);
+        let [table] = &ini.remarks()[..] else { panic!("{:?}", ini.remarks()) };
+        assert!(
+            !table.hinders && table.what.contains("count B and C against ISO 841"),
+            "{table:?}"
+        );
         let inches = Ini::of(&RIG.replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"));
         assert_eq!(inches.axis(Axis::X, inches.mm_per_unit()).max, Some(7620.0));
         assert_eq!(inches.axis(Axis::B, inches.mm_per_unit()).max, Some(110.0));
         let compensating = Ini::of(&RIG.replace("sparm=identityfirst", ""));
         assert!(compensating.remarks()[0].hinders);
+    }
+    /// By hand from the modules' formulas, one axis at 90°: with `xyzbc-trt-kins` and C = 90° joints (0, 1) are
+    /// the place (1, 0) of the workpiece: its X has turned to the machine's Y, right-handed.
+    #[test]
+    fn regress_how_a_table_turns_follows_from_the_kinematics_module() {
+        use Sense::{Iso, Reversed};
+        for (kinematics, [a, b, c]) in [
+            ("xyzbc-trt-kins sparm=identityfirst", [None, Some(Reversed), Some(Reversed)]),
+            ("xyzac-trt-kins", [Some(Reversed), None, Some(Reversed)]),
+            ("xyzab_tdr_kins", [Some(Iso), Some(Iso), None]),
+            ("maxkins", [None, None, Some(Iso)]),
+            ("rotatekins", [None, None, Some(Reversed)]),
+            ("trivkins coordinates=XYZBC", [None; 3]),
+        ] {
+            let line = "KINEMATICS = xyzbc-trt-kins sparm=identityfirst";
+            assert!(RIG.contains(line));
+            let ini = Ini::of(&RIG.replace(line, &format!("KINEMATICS = {kinematics}")));
+            let told = [Axis::A, Axis::B, Axis::C].map(|axis| ini.axis(axis, 1.0).positive);
+            assert_eq!(told, [a, b, c], "{kinematics}");
+            assert_eq!(ini.axis(Axis::X, 1.0).positive, None);
+        }
     }
 }
