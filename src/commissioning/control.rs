@@ -3,12 +3,29 @@
 use std::time::Instant;
 
 use super::words::position;
-use super::{Check, Ended, Part, compare, links};
-use devices::controllers::{ControllerError, describe_not_readable};
+use super::{Check, Ended, Part, compare::differences, links};
+use devices::controllers::{ControllerError, Introduction, describe_not_readable};
 use machine::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    let may_move = introduce(check).await?;
+    let since = Instant::now();
+    let introduced = check.controller()?.introduce().await;
+    check.go_on()?;
+    let may_move = match introduced {
+        Ok(says) => {
+            if let Some(what) = describe_not_readable(check.controller()?.not_readable()) {
+                check.well(Part::Control, since, what);
+            }
+            compare(check, says, since)
+        }
+        Err(error) => {
+            // Where it cannot be prepared either, that tells why.
+            prepare(check).await?;
+            let what = format!("travel, speeds and axes: the control does not tell them: {error}");
+            check.failed(Part::Control, since, what, error.remedy());
+            return Ok(());
+        }
+    };
     if may_move {
         return prepare(check).await;
     }
@@ -17,24 +34,11 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     Err(Ended::Unsafe)
 }
 
-/// What it says of itself, and whether it may move so. One that says nothing is told by what follows.
-async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
-    let since = Instant::now();
-    let says = match check.controller()?.introduce().await {
-        Ok(says) => says,
-        Err(error) => {
-            check.go_on()?;
-            let why = format!("travel, speeds and axes: the control does not say them ({error})");
-            check.not_looked_at(Part::Control, why);
-            return Ok(true);
-        }
-    };
-    if let Some(what) = describe_not_readable(check.controller()?.not_readable()) {
-        check.well(Part::Control, since, what);
-    }
+/// What it says of itself against the machine file; whether it may move so.
+fn compare(check: &mut Check<'_>, says: Introduction, since: Instant) -> bool {
     check.summary.control = Some(says.identity.clone());
     check.polarity.clone_from(&says.polarity);
-    let differs = compare::differences(&check.file.machine, &says);
+    let differs = differences(&check.file.machine, &says);
     if differs.is_empty() && !says.axes.is_empty() {
         let told = says.axes.values().any(|axis| axis.rapid_per_min.is_some());
         let suits = if told {
@@ -56,8 +60,7 @@ async fn introduce(check: &mut Check<'_>) -> Result<bool, Ended> {
             check.well(Part::Control, since, format!("{} ({})", remark.what, remark.remedy));
         }
     }
-    check.go_on()?;
-    Ok(may_move)
+    may_move
 }
 
 /// Make it ready, and the first time see that it stands where it says.
@@ -81,6 +84,10 @@ async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
             Ok(())
         }
         Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),
+        Err(ControllerError::NotReady { state, .. }) if check.has_failed(&state) => {
+            check.devices = None;
+            Err(Ended::Unsafe)
+        }
         Err(error) => {
             check.go_on()?;
             links::why(check, Part::Control, since, &error).await?;

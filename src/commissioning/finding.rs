@@ -83,6 +83,8 @@ pub struct Summary {
     pub findings: Vec<Finding>,
     /// A person has stopped it.
     pub stopped: bool,
+    /// The control was held at its end, and stays so until a person resets it.
+    pub held: bool,
 }
 
 impl Summary {
@@ -93,6 +95,7 @@ impl Summary {
             control: None,
             findings: Vec::new(),
             stopped: false,
+            held: false,
         }
     }
 
@@ -100,6 +103,9 @@ impl Summary {
         self.findings.iter().filter(|finding| finding.verdict == verdict).count()
     }
 }
+
+const HELD: &str = "the control is held: reset it (resumed, it would end the move that it holds), look at \
+                    the machine, home it if it asks";
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -111,6 +117,10 @@ impl fmt::Display for Summary {
         let [ok, failed, open] =
             [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.count(verdict));
         let stopped = if self.stopped { "; stopped by a person" } else { "" };
-        write!(f, "{ok} ok, {failed} failed, {open} not looked at{stopped}")
+        write!(f, "{ok} ok, {failed} failed, {open} not looked at{stopped}")?;
+        if self.held {
+            write!(f, "; {HELD}")?;
+        }
+        Ok(())
     }
 }

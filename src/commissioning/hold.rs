@@ -74,6 +74,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         }
     };
     let held = run(check, proven).await?;
+    check.summary.held = held.before_s.is_some();
     check.go_on()?;
     if judge(check, &jog, held, since).await? { released(check).await } else { Ok(()) }
 }
@@ -94,6 +95,7 @@ fn longest(check: &Check<'_>) -> Option<Jog> {
 
 async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
     let controller = check.controller()?;
+    let _motion = check.stop.motion().ok_or(Ended::Stopped)?;
     let mut executing = pin!(controller.execute(proven.block));
     let begun = Instant::now();
     // The request goes on whatever becomes of the time-out.
@@ -173,7 +175,10 @@ async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
             return Ok(());
         }
         match ready(check, check.pace).await {
-            Ok(()) => return check.go_on(),
+            Ok(()) => {
+                check.summary.held = false;
+                return check.go_on();
+            }
             Err(error) => not_yet = Some(error.to_string()),
         }
     }

@@ -117,7 +117,9 @@ pub(super) async fn proven_there(check: &Check<'_>, jog: &Jog) -> Result<Proven,
 pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
     let Proven { block, to } = proven_there(check, jog).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    let motion = check.stop.motion().ok_or(ControllerError::Halted)?;
     controller.execute(block).await?;
+    drop(motion);
     if let Some(stands) = &mut check.stands {
         stands.set(jog.axis, to);
     }

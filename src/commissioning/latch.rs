@@ -114,8 +114,10 @@ async fn measure(
         Err(error) => return Ok(Err(error.into())),
     };
     let mut tell = |_: &Event| {};
+    let motion = check.stop.motion().ok_or(Ended::Stopped)?;
     let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan, &mut tell);
     let ended = run.execute().await;
+    drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
     let concluded = conclude(run, ended, &method, Vec::new(), &check.file.tolerance).await;
     let found = concluded.and_then(|_| {
@@ -169,7 +171,11 @@ fn judge(check: &mut Check<'_>, found: &Found, probe: &Probe, since: Instant) {
         ),
         (None, Some(um)) if !matches!(found.latch, Latch::Scan(_)) => {
             let seen = found.scatter_mm * 1e3;
-            let what = format!("a touch scatters by {seen:.2} µm; {um} µm are declared");
+            let mut what = format!("a touch scatters by {seen:.2} µm; {um} µm are declared");
+            if let Some(bound_mm) = found.scatter_bound_mm {
+                let bound = bound_mm * 1e3;
+                what += &format!(", which so few touches leave not contradicted below {bound:.2} µm (χ²)");
+            }
             check.well(Part::Latch, since, what);
         }
         _ => {}

@@ -128,6 +128,7 @@ impl<'a> Check<'a> {
             }
         }
         self.summary.stopped = ended == Some(Ended::Stopped) || self.stop.is_asked();
+        self.summary.held |= self.stop.has_held();
         self.leave_as_found().await;
         self.summary
     }
@@ -181,6 +182,12 @@ impl<'a> Check<'a> {
         remedy: impl Into<String>,
     ) {
         self.found(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
+    }
+
+    /// Whether `what` was found to be wrong already.
+    fn has_failed(&self, what: &str) -> bool {
+        let mut findings = self.summary.findings.iter();
+        findings.any(|finding| finding.verdict == Verdict::Failed && finding.what == what)
     }
 
     fn not_looked_at(&mut self, part: Part, why: impl Into<String>) {

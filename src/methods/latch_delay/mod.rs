@@ -113,6 +113,8 @@ pub struct Found {
     pub scatter_in_words: Option<String>,
     /// Standard deviation of a slow touch.
     pub scatter_mm: f64,
+    /// Up to here so few touches do not contradict what is declared.
+    pub scatter_bound_mm: Option<f64>,
 }
 
 impl Found {
@@ -128,6 +130,8 @@ impl Found {
             delay_in_words: words::of_delay(&observed, &fitted),
             scatter_in_words: words::of_scatter(&observed, &fitted, &scan, declared_mm),
             scatter_mm: fitted.scatter[0].s_mm,
+            scatter_bound_mm: declared_mm
+                .and_then(|mm| words::scatter_bound_mm(&observed, &fitted, &scan, mm)),
         })
     }
 }

@@ -8,8 +8,13 @@ use estimation::coverage::chi_square_bounds;
 /// Declared scatter counts as contradicted beyond the bounds that it meets with this probability.
 const DECLARED: f64 = 0.998;
 
-/// Whether slow touches scatter more than `declared_mm` and a scan explain.
-fn too_good(observed: &Observed, fitted: &Fitted, scan: &Scan, declared_mm: f64) -> bool {
+/// What so many slow touches scatter by at most where `declared_mm` and a scan explain it.
+pub fn scatter_bound_mm(
+    observed: &Observed,
+    fitted: &Fitted,
+    scan: &Scan,
+    declared_mm: f64,
+) -> Option<f64> {
     let [slow, _] = fitted.scatter;
     let explained = match scan.latch {
         // As long as the scan may be.
@@ -18,8 +23,8 @@ fn too_good(observed: &Observed, fitted: &Fitted, scan: &Scan, declared_mm: f64)
         }
         _ => declared_mm.powi(2),
     };
-    let bounds = chi_square_bounds(slow.dof, DECLARED);
-    bounds.is_some_and(|(_, upper)| slow.s_mm.powi(2) * slow.dof > upper * explained)
+    let (_, upper) = chi_square_bounds(slow.dof, DECLARED)?;
+    Some((upper * explained / slow.dof).sqrt())
 }
 
 /// Where the latch lies.
@@ -80,7 +85,11 @@ pub fn of_scatter(
     scan: &Scan,
     declared_mm: Option<f64>,
 ) -> Option<String> {
-    let mm = declared_mm.filter(|mm| too_good(observed, fitted, scan, *mm))?;
+    let mm = declared_mm?;
+    let bound_mm = scatter_bound_mm(observed, fitted, scan, mm)?;
+    if fitted.scatter[0].s_mm <= bound_mm {
+        return None;
+    }
     Some(format!(
         "touches scatter by {:.2} µm at {} mm/min; [probe] repeatability_um and the display's steps \
          explain {:.2} µm: declare more, or look for dirt, a loose stylus or part",

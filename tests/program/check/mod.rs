@@ -116,6 +116,24 @@ fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
     assert!(summary.to_string().contains("latched in the control"), "{summary}");
 }
 
+/// Twelve touches at each feed scatter by more than is declared, and not by more than so few may.
+fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
+    let poorer = machine(&[("repeatability_um = 0.5", "repeatability_um = 0.6")]);
+    let truth = with_control("wire = \"pty\"", &poorer);
+    let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
+    let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
+    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    let told = summary.to_string();
+    let line = told.lines().find(|line| line.contains("a touch scatters by")).unwrap();
+    let number = |before: &str| -> f64 {
+        let (_, rest) = line.split_once(before).unwrap_or_else(|| panic!("{before}: {line}"));
+        rest.split(' ').next().unwrap().parse().unwrap()
+    };
+    let (seen, bound) = (number("scatters by "), number("not contradicted below "));
+    // 0.5 µm and steps of 1 µm: 0.58 µm; χ² of 10 degrees of freedom stays below 29.6 in 99.9 %.
+    assert!(0.5 < seen && seen < bound && (0.9..1.1).contains(&bound), "{line}");
+}
+
 /// A check's touches are a run like any other, and say so.
 fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
     let folder = tempfile::tempdir().unwrap();
@@ -140,16 +158,19 @@ pub fn trials() -> Trials {
         a_sound_machine_passes_whatever_it_speaks,
         a_sound_control_elsewhere_passes,
         a_probe_that_scatters_as_a_scan_does_is_no_scan,
+        scatter_that_few_touches_may_show_is_told_with_its_bound,
         its_touches_stand_in_the_journal_as_a_run_of_latch_delay,
         people::without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at,
         people::whoever_says_no_sees_nothing_move,
         people::with_a_probe_that_nobody_deflects_nothing_may_move,
         people::where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for,
         people::whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back,
+        people::regress_a_stop_while_nothing_moves_leaves_no_hold,
         people::a_machine_that_was_moved_by_hand_is_not_jogged,
         program::without_a_machine_file_the_simulated_machine_is_checked_by_itself,
         program::a_mistake_ends_it_with_1_and_json_tells_it_as_data,
         program::with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang,
+        program::regress_a_control_that_refuses_its_settings_is_a_failure,
         program::ctrl_c_holds_the_machine_and_ends_it_with_5,
         sensors::sound_sensors_are_called_sound,
         sensors::a_thermometer_that_answers_passes,

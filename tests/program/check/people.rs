@@ -3,10 +3,14 @@
 use machine::Axis;
 use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
 use simulator::Bystander;
-use trued::commissioning::{Answering, Nobody, Part, Person, Summary, Verdict};
-use trued::setup::{MachineFile, Site};
+use trued::commissioning::{
+    Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
+};
+use trued::setup::{MachineFile, Pace, Site};
+use trued::store::Journal;
 
 use super::bench::{failures, machine, runtime, through};
+use crate::support::recording_control::{self, RecordingControl};
 
 fn file() -> MachineFile {
     MachineFile::parse("machine.toml", machine(&[])).unwrap()
@@ -148,6 +152,36 @@ pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
     let stands = bystander.answer(&Question::Jogged { jog, look_for: String::new() });
     assert_eq!(stands, Answer::Saw(Seen::AsSaid), "it is where it was left");
+}
+
+/// Somebody ends the check while it asks for the stylus.
+struct Leaving(Stop);
+
+impl Person for Leaving {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        if let Question::Stylus(_) = question {
+            self.0.halt().now();
+        }
+        Box::pin(std::future::ready(Answer::Yes))
+    }
+}
+
+pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
+    let control = RecordingControl::start();
+    let text = recording_control::machine(&control.address());
+    let file = MachineFile::parse("machine.toml", text).unwrap();
+    let summary = runtime().block_on(async {
+        let site = Site::new(&file).unwrap();
+        let (folder, stop) = (tempfile::tempdir().unwrap(), Stop::default());
+        let journal = Journal::open(folder.path()).unwrap();
+        let (mut person, mut tell) = (Leaving(stop.clone()), |_: &Finding| {});
+        let at = (&file, &site, Pace::Fast);
+        Check::new(at, &journal, &mut person, stop, &mut tell).through().await
+    });
+    assert!(summary.stopped && summary.count(Verdict::Failed) == 0, "{summary}");
+    assert!(!summary.to_string().contains("held"), "{summary}");
+    let sent = control.end().lines().concat();
+    assert!(sent.contains("$I") && !sent.contains('!'), "{sent}");
 }
 
 /// Moves another axis by hand before it lets one go.

@@ -2,8 +2,12 @@
 
 use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
 
+use simulator::controls::grbl::{Firmware, Options};
 use tempfile::TempDir;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpListener;
 use trued::setup::{MachineFile, Pace, Rehearsal};
 
 use super::bench::{machine, runtime, with_truth};
@@ -90,16 +94,83 @@ pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() 
     });
 }
 
+pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
+    // To the introduction alone, and always.
+    for refusals in [1, usize::MAX] {
+        let runtime = runtime();
+        let (address, control) = runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            (listener.local_addr().unwrap(), without_settings(listener, refusals))
+        });
+        let keys = format!("kind = \"grbl\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n");
+        let shop = Shop::new(&machine(&[
+            ("kind = \"simulated\"\n", keys.as_str()),
+            ("wire = \"memory\"\n", ""),
+        ]));
+        let output = std::thread::scope(|scope| {
+            let checked = scope.spawn(|| shop.check(&[]));
+            runtime.block_on(control);
+            checked.join().unwrap()
+        });
+        let said = text(&output.stdout);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("1 failed"), "{said}");
+        let failed = said.lines().find(|line| line.contains("FAILED")).unwrap();
+        assert!(failed.contains("answered `error:3` to `$$`"), "{said}");
+    }
+}
+
+/// The simulated control; the first `refusals` times it does not know `$$`.
+async fn without_settings(listener: TcpListener, mut refusals: usize) {
+    let file = MachineFile::parse("truth.toml", machine(&[])).unwrap();
+    let world = Arc::new(Mutex::new(trued::setup::world(&file).unwrap()));
+    let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
+    let (stream, _) = listener.accept().await.unwrap();
+    let ((mut asked, mut told), (near, far)) = (stream.into_split(), tokio::io::duplex(4096));
+    let (mut says, mut hears) = tokio::io::split(near);
+    let (reply, mut replies) = tokio::sync::mpsc::unbounded_channel();
+    let requests = async move {
+        let mut line = Vec::new();
+        while let Ok(byte) = asked.read_u8().await {
+            line.push(byte);
+            if line == b"$$\n" && refusals > 0 {
+                refusals -= 1;
+                reply.send(b"error:3\r\n").unwrap();
+                line.clear();
+            } else if !line.starts_with(b"$") || byte == b'\n' {
+                hears.write_all(&std::mem::take(&mut line)).await.unwrap();
+            }
+        }
+        hears.shutdown().await.unwrap();
+    };
+    let answers = async move {
+        let mut buffer = [0; 1024];
+        loop {
+            tokio::select! {
+                Some(reply) = replies.recv() => told.write_all(reply).await.unwrap(),
+                count = says.read(&mut buffer) => match count.unwrap() {
+                    0 => return,
+                    count => drop(told.write_all(&buffer[..count]).await),
+                },
+            }
+        }
+    };
+    let (served, (), ()) = tokio::join!(firmware.serve(far), requests, answers);
+    served.unwrap();
+}
+
 pub fn ctrl_c_holds_the_machine_and_ends_it_with_5() {
     let shop = Shop::new(&machine(&[]));
     let mut check = shop.command(&["--speed", "real"]).spawn().unwrap();
     let mut lines = BufReader::new(check.stdout.take().unwrap()).lines().map(Result::unwrap);
     // The next axis is on its way, a second there and a second back.
     assert!(lines.any(|line| line.starts_with("axes    ok")), "no axis was looked at");
+    std::thread::sleep(std::time::Duration::from_millis(600));
     let kill = format!("kill -INT {}", check.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     let rest: Vec<String> = lines.collect();
     assert_eq!(check.wait().unwrap().code(), Some(5), "{rest:#?}");
-    assert!(rest.iter().any(|line| line.ends_with("stopped by a person")), "{rest:#?}");
+    assert!(rest.iter().any(|line| line.contains("stopped by a person")), "{rest:#?}");
+    assert!(rest.iter().any(|line| line.contains("the control is held: reset it")), "{rest:#?}");
     assert!(!rest.iter().any(|line| line.contains("FAILED")), "a stop is no mistake: {rest:#?}");
 }
