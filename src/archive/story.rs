@@ -79,12 +79,16 @@ pub fn is_left(stored: &StoredRun) -> bool {
 }
 
 /// Whether a stopped run goes on, in words. `can_resume`: its references were measured.
-pub fn goes_on(run: RunId, can_resume: bool) -> String {
-    match can_resume {
-        true => {
+pub fn goes_on(run: RunId, can_resume: bool, position_lost: bool) -> String {
+    match (can_resume, position_lost) {
+        (true, true) => format!(
+            "`trued resume {run} --acknowledge YOUR_NAME --homed` goes on from here, once you have looked \
+             at the machine and all axes are homed"
+        ),
+        (true, false) => {
             format!("`trued resume {run}` goes on from here, once you have looked at the machine")
         }
-        false => format!(
+        (false, _) => format!(
             "run {run} cannot be resumed, for its references were not yet measured: start a new one"
         ),
     }
@@ -94,7 +98,9 @@ pub fn goes_on(run: RunId, can_resume: bool) -> String {
 pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
-        RunState::Held | RunState::Interrupted => Some(goes_on(*id, can_resume)),
+        RunState::Held | RunState::Interrupted => {
+            Some(goes_on(*id, can_resume, position_lost(stored)))
+        }
         RunState::Closed => {
             Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))
         }

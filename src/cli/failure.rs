@@ -105,7 +105,7 @@ impl Failure {
                 let stands = if *moved { "" } else { "nothing has moved; " };
                 let remedy = Some(format!("{stands}{}", error.remedy()));
                 let failure = Self { what: error.to_string(), remedy, exit };
-                failure.with_way_on(*run, *can_resume)
+                failure.with_way_on(*run, *can_resume, error.position_lost())
             }
             CycleError::Identification { run, why } => {
                 let remedy = match why {
@@ -121,10 +121,10 @@ impl Failure {
         }
     }
 
-    /// `can_resume`: its references were measured.
-    fn with_way_on(mut self, run: RunId, can_resume: bool) -> Self {
+    /// As [`goes_on`].
+    fn with_way_on(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
-            remedy.push_str(&format!("; {}", goes_on(run, can_resume)));
+            remedy.push_str(&format!("; {}", goes_on(run, can_resume, position_lost)));
         }
         self
     }

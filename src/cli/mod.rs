@@ -37,6 +37,7 @@ mod watch;
 mod wires;
 
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -69,14 +70,28 @@ impl From<Verdict> for Exit {
 /// Run the program with the arguments of this process. Usage errors end it with code 2.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    let state = cli.state.clone();
     match dispatch(cli) {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(failure) => {
-            let remedy = failure.remedy.map(|remedy| format!("\n  → {remedy}"));
+            let remedy = failure.remedy.map(|remedy| with_state(&remedy, state.as_deref()));
+            let remedy = remedy.map(|remedy| format!("\n  → {remedy}"));
             tell!("error: {}{}", failure.what, remedy.unwrap_or_default());
             ExitCode::from(failure.exit as u8)
         }
     }
+}
+
+/// `advice` whose command lines find the journal of this command, as they are pasted.
+fn with_state(advice: &str, state: Option<&Path>) -> String {
+    let Some(state) = state else { return advice.to_owned() };
+    let folder = state.display().to_string().replace('\'', r"'\''");
+    let parts = advice.split('`').map(|part| match part.strip_prefix("trued ") {
+        // The name of a command alone is no command line.
+        Some(rest) if rest.contains(' ') => format!("trued --state '{folder}' {rest}"),
+        _ => part.to_owned(),
+    });
+    parts.collect::<Vec<_>>().join("`")
 }
 
 /// To the person at the terminal; one that has gone is no reason to stop.

@@ -39,7 +39,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         let found = again.run(&devices, &journal, answers, &mut tell).await;
         found.map_err(|error| Failure::of_cycle(&error, &name))
     });
-    tell_result(&journal, wires.finish(found)?, &args.output, wires.keeps())
+    tell_result(&journal, state, wires.finish(found)?, &args.output, wires.keeps())
 }
 
 impl From<AgainError> for Failure {

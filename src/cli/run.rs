@@ -11,7 +11,7 @@ use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, login};
 use super::wires::Wires;
-use super::{Exit, show};
+use super::{Exit, show, with_state};
 use crate::run::{Answers, Cycle};
 use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, RunId};
@@ -34,12 +34,8 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         Ok(lock) => lock,
         Err(error) => {
             let daemon = Daemon::that_has_it(&error, &folder).ok_or(error)?;
-            return tell_result(
-                &journal,
-                daemon.run(args, &machine, &journal)?,
-                &args.output,
-                true,
-            );
+            let found = daemon.run(args, &machine, &journal)?;
+            return tell_result(&journal, state, found, &args.output, true);
         }
     };
     journal.mark_interrupted(&lock).wait()?;
@@ -57,7 +53,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         ended.map_err(|error| Failure::of_cycle(&error, &args.method))
     });
     let found = wires.finish(found)?;
-    tell_result(&journal, found, &args.output, wires.keeps())
+    tell_result(&journal, state, found, &args.output, wires.keeps())
 }
 
 /// Whoever sits at the terminal; a replay goes on as it went on then.
@@ -78,6 +74,7 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
 /// What came out, and where it is; `keeps`: the journal outlives the program.
 pub fn tell_result(
     journal: &Journal,
+    state: Option<&Path>,
     (id, estimate): (RunId, Estimate),
     output: &OutputArgs,
     keeps: bool,
@@ -87,7 +84,10 @@ pub fn tell_result(
     } else {
         show::print_estimate(&estimate);
         match keeps {
-            true => say!("\nstored as run {id}: `trued show {id} --report report.html` draws it"),
+            true => {
+                let advice = format!("`trued show {id} --report report.html` draws it");
+                say!("\nstored as run {id}: {}", with_state(&advice, state));
+            }
             false => say!("\nreplayed: nothing was measured, nothing is stored"),
         }
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::args::{ExportArgs, RunsArgs, ShowArgs};
 use super::failure::Failure;
 use super::files::state_folder;
-use super::{Exit, show};
+use super::{Exit, show, with_state};
 use crate::archive::story::{self, how_it_ended, story};
 use crate::report::{readings_csv, warmth};
 use crate::run::can_resume;
@@ -38,7 +38,7 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         if let Some(way_on) =
             stopped.then(|| journal.load(run.id)).transpose()?.as_ref().and_then(way_on)
         {
-            say!("       {way_on}");
+            say!("       {}", with_state(&way_on, state));
         }
     }
     Ok(Exit::Pass)
@@ -65,7 +65,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         stored.summary.state.as_str(),
         stored.readings.len()
     );
-    tell_interruptions(&stored);
+    tell_interruptions(&stored, state);
     match last {
         Some(estimate) => {
             show::print_estimate(estimate);
@@ -73,7 +73,10 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
                 say!("thermometer {name}: {said}");
             }
         }
-        None => say!("no estimate: `trued export {run}` gives its readings"),
+        None => {
+            let advice = format!("`trued export {run}` gives its readings");
+            say!("no estimate: {}", with_state(&advice, state));
+        }
     }
     Ok(Exit::Pass)
 }
@@ -83,7 +86,7 @@ pub fn way_on(stored: &StoredRun) -> Option<String> {
     story::way_on(stored, can_resume(&stored.plan, &stored.readings))
 }
 
-fn tell_interruptions(stored: &StoredRun) {
+fn tell_interruptions(stored: &StoredRun, state: Option<&Path>) {
     for (at, told) in story(stored) {
         say!("{at}  {told}");
     }
@@ -92,7 +95,7 @@ fn tell_interruptions(stored: &StoredRun) {
         say!("{}", how_it_ended(stored));
     }
     if let Some(way_on) = way_on(stored) {
-        say!("  → {way_on}");
+        say!("  → {}", with_state(&way_on, state));
     }
 }
 

@@ -73,7 +73,7 @@ pub fn a_run_over_balls_survives_kills_and_stops() {
     assert_eq!(touched, goes_on(search, slow));
     let (held, touched) = ended_at(&bench, resume_command(&shop), last, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    tells(&held, &["held on request", "`trued resume 1` goes on from here"]);
+    tells(&held, &["held on request", " resume 1` goes on from here"]);
     assert_eq!((touched, shop.states()), (goes_on(slow, last), vec!["held".to_owned()]));
     let resumed = resume(&shop);
     assert_eq!(super::resume::touched(&bench.heard()), goes_on(last, all - 1));
@@ -119,7 +119,7 @@ pub fn a_stop_before_the_references_says_that_the_run_is_over() {
     for listed in [&["runs"][..], &["show", "1"]] {
         let told = String::from_utf8(shop.trued(listed).stdout).unwrap();
         assert!(over.iter().all(|words| told.contains(words)), "{told}");
-        assert!(!told.contains("trued resume"), "{told}");
+        assert!(!told.contains(" resume 1`"), "{told}");
     }
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));

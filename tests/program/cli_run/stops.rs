@@ -103,7 +103,7 @@ pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     let mut rest = String::new();
     told.read_to_string(&mut rest).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(5), "{rest}");
-    assert!(rest.contains("trued identify self-calibration --run 1"), "{rest}");
+    assert!(rest.contains(" identify self-calibration --run 1`"), "{rest}");
     assert_eq!(shop.exported_steps().len(), 69);
 }
 

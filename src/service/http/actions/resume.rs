@@ -61,7 +61,7 @@ pub async fn resume(
         return Err(Problem::new(
             StatusCode::CONFLICT,
             "no-references",
-            goes_on(run, can_resume),
+            goes_on(run, can_resume, false),
             "acknowledge it, then start a new run",
         ));
     }
