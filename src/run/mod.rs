@@ -33,7 +33,6 @@ use self::timeline::Timeline;
 use self::warmth::Warmth;
 use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
-use devices::controllers::describe_not_readable;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage};
@@ -152,9 +151,6 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
-        if let Some(text) = describe_not_readable(self.devices.controller.not_readable()) {
-            self.note(Event::Announced { text }).await?;
-        }
         self.warmth.begin(&self.devices.thermometers).await;
         self.approached = false;
         self.transmission = prepared.transmission;
