@@ -174,6 +174,12 @@ pub fn sessions() {
     let cookie = format!("Cookie: {}\r\n", set.split(';').next().unwrap());
     assert_eq!(guarded.get("/runs", &cookie), 200);
     assert_eq!(guarded.get("/runs", "Cookie: trued=0123\r\n"), 401);
+    // A browser sends cookies of one name for several paths, the longest path first (RFC 6265, 5.4).
+    let good = cookie.trim_end().split_once(' ').unwrap().1;
+    assert_eq!(guarded.get("/runs", &format!("Cookie: trued=0123; {good}; trued=\r\n")), 200);
+    assert_eq!(guarded.get("/runs", &format!("Cookie: a=b; trued=0123\r\n{cookie}")), 200);
+    let many = "trued=0123; ".repeat(20);
+    assert_eq!(guarded.get("/runs", &format!("Cookie: {many}{good}\r\n")), 401);
     let form = "cycle=1&who=&enable=true&auto=true&door=true";
     let start = |origin: &str| {
         let headers = format!("{FORM}{cookie}{origin}");

@@ -13,7 +13,7 @@ use serde::Deserialize;
 
 use super::session::LASTS;
 use super::tokens::whose;
-use super::{Access, DOOR, Refused, SESSION, closed, session};
+use super::{Access, DOOR, Refused, SESSION, closed, session_numbers};
 use crate::service::http::Web;
 use crate::service::http::page::{for_people, whole};
 use crate::service::http::problem::Problem;
@@ -31,7 +31,8 @@ struct Shown {
 
 async fn door(State(web): State<Web>, headers: HeaderMap) -> Result<Html<String>, Problem> {
     let access = &web.access;
-    let inside = session(&headers).and_then(|number| access.sessions.find(&number));
+    let numbers = session_numbers(&headers);
+    let inside = numbers.iter().find_map(|number| access.sessions.find(number));
     let (name, role) = match &inside {
         Some(token) => (Some(token.name.as_str()), Some(token.role.as_str())),
         None => (None, None),
@@ -61,7 +62,7 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
 }
 
 async fn leave(State(web): State<Web>, headers: HeaderMap) -> Response {
-    if let Some(number) = session(&headers) {
+    for number in session_numbers(&headers) {
         web.access.sessions.close(&number);
     }
     with_cookie(&web.access, &headers, String::new(), time::Duration::ZERO, DOOR)

@@ -34,8 +34,10 @@ use super::problem::Problem;
 use crate::service::Log;
 use crate::service::config::Http;
 
-/// Of the cookie.
+/// Name of the session cookie.
 const SESSION: &str = "trued";
+/// A browser sends several cookies of one name, where other servers on the same host have set theirs (RFC 6265, 5.4).
+const MAX_SESSION_COOKIES: usize = 8;
 
 /// What all callers are judged by.
 pub struct Access {
@@ -197,10 +199,14 @@ impl Access {
         };
         let token = match shown {
             Some(shown) => shown.and_then(|shown| whose(&known, shown)),
-            None => match session(headers) {
-                None => return Err(Refused::Unknown),
-                Some(number) => self.sessions.find(&number).filter(|token| known.contains(token)),
-            },
+            None => {
+                let numbers = session_numbers(headers);
+                if numbers.is_empty() {
+                    return Err(Refused::Unknown);
+                }
+                let mut tokens = numbers.iter().filter_map(|number| self.sessions.find(number));
+                tokens.find(|token| known.contains(token))
+            }
         };
         match token {
             Some(token) => Ok(token),
@@ -238,10 +244,12 @@ fn bearer(authorization: &str) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-fn session(headers: &HeaderMap) -> Option<String> {
+/// The values of the session cookies, valid or not.
+fn session_numbers(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
-    let mut known = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
-    known.find(|cookie| cookie.name() == SESSION).map(|cookie| cookie.value().to_owned())
+    let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
+    let named = cookies.filter(|cookie| cookie.name() == SESSION).take(MAX_SESSION_COOKIES);
+    named.map(|cookie| cookie.value().to_owned()).collect()
 }
 
 /// Before every answer.
