@@ -54,7 +54,7 @@ pub enum Command {
     Show(ShowArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
-    /// Copy the journal to one file, also while a daemon writes it; the copy is looked through.
+    /// Copy the journal to one file, also while a daemon writes it; the copy is verified.
     Backup(BackupArgs),
     /// Tokens, with which the page of `trued serve` and its interface are reached from elsewhere.
     Token(TokenArgs),

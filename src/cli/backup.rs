@@ -9,8 +9,11 @@ use super::files::state_folder;
 use crate::store;
 
 pub fn backup(args: &BackupArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let newest = store::backup(&state_folder(state)?, &args.file)?;
-    let until = newest.map_or("no runs yet".to_owned(), |run| format!("up to run {run}"));
+    let copied = store::backup(&state_folder(state)?, &args.file)?;
+    let until = copied.newest.map_or("no runs yet".to_owned(), |run| format!("up to run {run}"));
     say!("{}: whole, {until}", args.file.display());
+    if !copied.has_checksums {
+        say!("an older version wrote this journal, without checksums: its values are not verified");
+    }
     Ok(Exit::Pass)
 }

@@ -32,6 +32,8 @@ pub enum Fault {
     Disk(String),
     #[error("it is damaged: {0}")]
     Damaged(String),
+    #[error("it is not a journal of trued (application id {mark}, version {format})")]
+    Foreign { mark: i32, format: i64 },
     #[error("it was written by a newer trued (format {found}; this one knows {known})")]
     Newer { found: i64, known: i64 },
     #[error("its disk cannot hold a write-ahead log (SQLite chose `{mode}`)")]
@@ -71,7 +73,10 @@ impl StoreError {
             Fault::Busy => "close the other program that works on this journal, then start again",
             Fault::Disk(_) => "copy the journal to another disk and check this one",
             Fault::Damaged(_) => {
-                "keep the file, and start a new journal elsewhere with --state; `sqlite3 FILE .recover` may save its rows"
+                "keep the file, and take the newest backup, or start a new journal, with --state; `sqlite3 FILE .recover` may save its rows"
+            }
+            Fault::Foreign { .. } => {
+                "the file is left as it was: name the folder of the journal, or a new folder, with --state"
             }
             Fault::Newer { .. } => "use the newer trued, or another place with --state",
             Fault::NoLog { .. } => "put the journal on a local disk with --state",

@@ -17,7 +17,7 @@ use super::{
     Fault, MachineLock, Measured, NewRun, Progress, RunId, RunState, RunSummary, Signature,
     StoreError, StoredRun,
 };
-use super::{read, scan, schema, signature, write};
+use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 use machine::record::plan::{Stage, Step};
@@ -61,7 +61,8 @@ impl<T> Future for Pending<T> {
 
 impl Journal {
     /// Open or make the journal in `dir` (made as well if missing), and bring its tables up to date.
-    /// A journal of an older version is kept beside it as it was.
+    /// A journal of an older version is kept beside it as it was. A file that is no journal, or whose heads of runs,
+    /// audit log, armings or schedules are damaged, is refused and not changed.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
         Self::watched(dir, |_| {})
     }
@@ -86,7 +87,7 @@ impl Journal {
         wrote: impl Fn(Duration) + Send + 'static,
     ) -> Result<Self, Fault> {
         folder::make(dir)?;
-        let connection = schema::open_writer(path)?;
+        let connection = connection::open_writer(path)?;
         // SQLite does this as well, but passes over it if it fails.
         folder::sync(dir)?;
         let (jobs, inbox) = mpsc::channel();
@@ -177,7 +178,7 @@ impl Journal {
         &self,
         read: impl FnOnce(&mut Connection) -> Result<T, Fault>,
     ) -> Result<T, StoreError> {
-        schema::open_reader(&self.path)
+        connection::open_reader(&self.path)
             .and_then(|mut connection| read(&mut connection))
             .map_err(StoreError::at(&self.path))
     }

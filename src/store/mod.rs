@@ -12,11 +12,15 @@ use machine::record::reading::{Reading, Temperatures};
 
 mod audit;
 mod backup;
+mod checksum;
 mod columns;
+mod connection;
 mod error;
 mod folder;
+mod identity;
 mod journal;
 mod lock;
+mod migration;
 mod page;
 mod read;
 mod retention;
@@ -31,7 +35,7 @@ mod tests;
 mod write;
 
 pub use audit::{Audit, Audited};
-pub use backup::backup;
+pub use backup::{Copied, backup};
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, Pending};
 pub use lock::{Holder, LockError, MachineLock};

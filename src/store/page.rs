@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::Deserialize;
 
-use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, columns, read};
+use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, checksum, columns, read};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::reading::Reading;
 
@@ -134,5 +134,8 @@ fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Faul
             Ok(Newest { run, ended, verdict, parameters })
         },
     );
-    Ok(found.optional()?)
+    let found = found.optional()?;
+    let runs: Vec<i64> = found.iter().map(|newest| newest.run.0).collect();
+    checksum::verify_estimates(connection, &runs)?;
+    Ok(found)
 }

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::columns::{damaged, from_json, parsed, rows};
 use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
-use super::{scan, signature};
+use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::Parameter;
 use machine::record::event::Event;
@@ -55,7 +55,9 @@ pub(super) fn measured(
          FROM runs JOIN estimates ON run = runs.id
          WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1",
     )?;
-    for id in ids.collect::<Result<Vec<i64>, _>>()? {
+    let ids = ids.collect::<Result<Vec<i64>, _>>()?;
+    checksum::verify_estimates(connection, &ids)?;
+    for id in ids {
         tell(one.query_row([id], values)?);
     }
     Ok(())
@@ -77,9 +79,10 @@ fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
     })
 }
 
-/// All of one run, in one transaction: another process may be writing it.
+/// All of one run, verified, in one transaction: another process may be writing it.
 pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, Fault> {
     let snapshot = connection.transaction()?;
+    checksum::verify_run(&snapshot, run)?;
     let (summary, config) = snapshot
         .query_row(&format!("{SUMMARY} WHERE id = ?1"), [run.0], |row| {
             Ok((summary(row)?, row.get(9)?))

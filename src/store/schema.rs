@@ -1,19 +1,18 @@
-//! The journal's tables, and how a connection is opened.
+//! The journal's tables, format by format.
 //!
 //! Positions of readings are kept bit for bit, in internal units (mm, rad), so that a stored
 //! reading gives the same estimate as the live one. Plans, stages, events and estimates are JSON.
 
-use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use rusqlite::Connection;
 
-use jiff::Timestamp;
-use rusqlite::{Connection, OpenFlags, TransactionBehavior};
+use super::Fault;
 
-use super::{Fault, snapshot};
+/// The format of the journals that this version writes.
+pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;
 
-/// One entry a version; never change one that was released, add another.
-const MIGRATIONS: [&str; 7] = [
+/// One entry a version; never change one that was released, add another. After them every row gets its checksum
+/// anew: one that follows the eighth must verify all rows before.
+pub(super) const MIGRATIONS: [&str; 8] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -167,80 +166,38 @@ CREATE TABLE schedules (
     "
 ALTER TABLE runs ADD COLUMN temperatures_c TEXT;
 ",
+    // A checksum of each row (`checksum.rs`). Its length is fixed from the insert on, so that only its own page of a
+    // long row is written again.
+    "
+ALTER TABLE runs ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE steps ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE stages ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE readings ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE events ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE estimates ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE signatures ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE audit ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE armings ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE slots ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+ALTER TABLE schedules ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
+DROP TRIGGER audit_stands;
+CREATE TRIGGER audit_stands BEFORE UPDATE OF seq, at, who, what, why, machine, run, outcome ON audit
+    BEGIN SELECT RAISE(ABORT, 'audit stands'); END;
+DROP TRIGGER signatures_stand;
+CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, estimate_sha256
+    ON signatures BEGIN SELECT RAISE(ABORT, 'signatures stand'); END;
+",
 ];
 
-/// How long a writer waits for another process that writes.
-const PATIENCE: Duration = Duration::from_secs(10);
-const RETRY: Duration = Duration::from_millis(5);
-
-/// The writing connection: write-ahead log, synced at every commit, foreign keys, tables as known.
-pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
-    let mut connection = Connection::open(path)?;
-    connection.busy_timeout(PATIENCE)?;
-    let mode = write_ahead(&connection)?;
-    if mode != "wal" {
-        return Err(Fault::NoLog { mode });
+/// An empty journal of format `format`, in memory.
+pub(super) fn example(format: i64) -> Result<Connection, Fault> {
+    let connection = Connection::open_in_memory()?;
+    for (migration, _) in MIGRATIONS.iter().zip(0..format) {
+        connection.execute_batch(migration)?;
     }
-    connection.pragma_update(None, "synchronous", "FULL")?;
-    // Half a megabyte: a journal grows for years, and what holds its pages should not.
-    connection.pragma_update(None, "cache_size", -512)?;
-    // Off while tables are made anew: what refers to one stays as it is.
-    connection.pragma_update(None, "foreign_keys", false)?;
-    migrate(&mut connection, path)?;
-    connection.pragma_update(None, "foreign_keys", true)?;
     Ok(connection)
 }
 
-/// Switches the journal mode. Where two connections switch a new file at once, SQLite reports it as busy
-/// without waiting for `busy_timeout`, so this tries again.
-fn write_ahead(connection: &Connection) -> Result<String, Fault> {
-    let until = Instant::now() + PATIENCE;
-    loop {
-        let mode =
-            connection.pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0));
-        match mode.map_err(Fault::from) {
-            Err(Fault::Busy) if Instant::now() < until => sleep(RETRY),
-            mode => return mode,
-        }
-    }
-}
-
-/// A reading connection, for one look.
-pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let connection = Connection::open_with_flags(path, flags)?;
-    connection.busy_timeout(PATIENCE)?;
-    Ok(connection)
-}
-
-/// Bring the tables up to date in one transaction, also when several processes try at once. What was
-/// there before is kept.
-fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
-    let known = MIGRATIONS.len() as i64;
-    if version(connection)? == known {
-        return Ok(());
-    }
-    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    let found = version(&transaction)?;
-    let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
-    let missing = missing.ok_or(Fault::Newer { found, known })?;
-    if found > 0 && !missing.is_empty() {
-        keep_version(path, found)?;
-    }
-    for migration in missing {
-        transaction.execute_batch(migration)?;
-    }
-    transaction.pragma_update(None, "user_version", known)?;
-    Ok(transaction.commit()?)
-}
-
-/// The journal at `path` as it is before it is brought up from version `found`, kept beside it.
-fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
-    let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
-    let kept = path.with_file_name(format!("journal-v{found}-{now}.sqlite"));
-    snapshot::keep(&open_reader(path)?, &kept)
-}
-
-fn version(connection: &Connection) -> Result<i64, Fault> {
+pub(super) fn version(connection: &Connection) -> Result<i64, Fault> {
     Ok(connection.pragma_query_value(None, "user_version", |row| row.get(0))?)
 }

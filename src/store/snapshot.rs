@@ -9,19 +9,29 @@ use rusqlite::backup::{Backup, StepResult};
 
 use super::{Fault, folder};
 
-/// Under its name only once it is whole and on the disk.
-pub(super) fn keep(source: &Connection, file: &Path) -> Result<(), Fault> {
+/// Under its name only once it is whole, `verified` and on the disk. Answers with what `verified` does.
+pub(super) fn keep<T>(
+    source: &Connection,
+    file: &Path,
+    verified: impl FnOnce(&Connection) -> Result<T, Fault>,
+) -> Result<T, Fault> {
     if file.exists() {
         return Err(Fault::Exists);
     }
     let part = part(file);
-    let kept = fill(source, &part).and_then(|()| Ok(fs::rename(&part, file)?));
-    if let Err(fault) = kept {
+    let kept = fill(source, &part).and_then(|copy| {
+        let found = verified(&copy)?;
+        drop(copy);
+        fs::rename(&part, file)?;
+        Ok(found)
+    });
+    if kept.is_err() {
         let _ = fs::remove_file(&part);
-        return Err(fault);
     }
+    let found = kept?;
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty());
-    Ok(folder::sync(parent.unwrap_or(Path::new(".")))?)
+    folder::sync(parent.unwrap_or(Path::new(".")))?;
+    Ok(found)
 }
 
 fn part(file: &Path) -> PathBuf {
@@ -30,7 +40,8 @@ fn part(file: &Path) -> PathBuf {
     file.with_file_name(name)
 }
 
-fn fill(source: &Connection, part: &Path) -> Result<(), Fault> {
+/// The copy, still open.
+fn fill(source: &Connection, part: &Path) -> Result<Connection, Fault> {
     // Of a copy that did not come to its end.
     match fs::remove_file(part) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
@@ -46,7 +57,7 @@ fn fill(source: &Connection, part: &Path) -> Result<(), Fault> {
     copy.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
     let said: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
     match said.as_str() {
-        "ok" => Ok(()),
+        "ok" => Ok(copy),
         _ => Err(Fault::Damaged(said)),
     }
 }

@@ -4,6 +4,7 @@ pub mod daemon_process;
 pub mod grbl_control;
 pub mod harness;
 pub mod http;
+pub mod journal_rows;
 pub mod machine_shop;
 pub mod plan_player;
 pub mod pymodbus;

@@ -16,6 +16,7 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    old.execute("UPDATE runs SET state = 'finished'", []).unwrap();
     drop(old);
     let journal = Journal::open(dir.path()).unwrap();
     let before = journal.runs().unwrap()[0].clone();
@@ -29,10 +30,8 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     journal.reading(run, &felt(2, &[("bed", 20.5)])).wait().unwrap();
     journal.scan(run, &vec![felt(4, &[("bed", 21.75), ("spindle", 31.0)]); 9]).wait().unwrap();
     journal.reading(run, &felt(6, &[])).wait().unwrap();
-    for id in [before.id, run] {
-        journal.estimate(id, &estimate(0.1)).wait().unwrap();
-        journal.set_state(id, RunState::Held).wait().unwrap();
-    }
+    journal.estimate(run, &estimate(0.1)).wait().unwrap();
+    journal.set_state(run, RunState::Held).wait().unwrap();
     let measured = || {
         let mut all = Vec::new();
         journal.measured(&before.machine, 100, |it| all.push(it)).unwrap();
@@ -40,8 +39,7 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     };
     assert_eq!(measured(), []);
     // As an older version ended it, and as this one does.
-    let raw = Connection::open(dir.path().join("journal.sqlite")).unwrap();
-    raw.execute("UPDATE runs SET state = 'finished' WHERE id = ?1", [before.id.0]).unwrap();
+    journal.estimate(before.id, &estimate(0.1)).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     let known = measured();
     let means = known.iter().map(|it| it.temperatures_c.iter().collect::<Vec<_>>());
@@ -68,6 +66,31 @@ fn an_older_journal_is_brought_up_to_date() {
     assert!(next > run);
     let error = journal.reading(RunId(77), &reading(0)).wait().unwrap_err();
     assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
+}
+
+/// An older program would go on writing rows without checksums.
+#[test]
+fn an_older_journal_that_is_open_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    assert!(matches!(fault(dir.path()), Fault::Busy));
+    old.execute("UPDATE runs SET state = 'failed'", []).unwrap();
+    drop(old);
+    assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap()[0].state, RunState::Failed);
+}
+
+#[test]
+fn many_may_bring_an_older_journal_up_to_date_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    drop(old);
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 1));
+        }
+    });
 }
 
 #[test]

@@ -39,7 +39,7 @@ fn a_copy_is_whole_whoever_writes_meanwhile() {
             let before = acknowledged.load(Ordering::SeqCst) as usize;
             let file = to.path().join(format!("{copy}")).join("journal.sqlite");
             std::fs::create_dir(file.parent().unwrap()).unwrap();
-            assert_eq!(backup(dir.path(), &file).unwrap(), Some(run));
+            assert_eq!(backup(dir.path(), &file).unwrap().newest, Some(run));
             assert_eq!(names(file.parent().unwrap()), ["journal.sqlite"]);
             let copied = Journal::open(file.parent().unwrap()).unwrap().load(run).unwrap();
             assert!(copied.readings.len() >= before, "{} of {before}", copied.readings.len());
@@ -58,7 +58,7 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     let state = dir.path().join("state");
     drop(Journal::open(&state).unwrap());
     std::fs::write(dir.path().join("copy.sqlite.part"), "half of one").unwrap();
-    assert_eq!(backup(&state, &file).unwrap(), None);
+    assert_eq!(backup(&state, &file).unwrap(), Copied { newest: None, has_checksums: true });
     let exists = backup(&state, &file).unwrap_err();
     assert!(matches!(exists.fault, Fault::Exists), "{exists}");
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);

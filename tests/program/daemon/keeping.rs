@@ -3,8 +3,8 @@
 use std::process::Output;
 
 use super::served_machine::served_machine;
+use crate::support::journal_rows;
 use crate::support::machine_shop::MachineShop;
-use rusqlite::Connection;
 use serde_json::json;
 use trued::store::{Journal, RunId};
 
@@ -118,8 +118,8 @@ pub fn samples_go_when_their_time_is_over_and_nothing_else() {
         journal.scan(run, &[sample.clone(), sample]).wait().unwrap();
     }
     let [old, young] = runs.map(|run| journal.load(run).unwrap());
-    let database = Connection::open(shop.state().join("journal.sqlite")).unwrap();
-    database.execute("UPDATE runs SET ended = '2020-02-02T02:02:02Z' WHERE id = 1", []).unwrap();
+    let long_ago = "UPDATE runs SET ended = '2020-02-02T02:02:02Z' WHERE id = 1";
+    journal_rows::change(&shop.state(), long_ago);
     std::fs::write(&file, format!("{page}[retention]\nkeep_days = 100\n")).unwrap();
     let daemon = shop.serve_as(&arguments, |_| {});
     daemon.wait_for_log("run 1: the samples of 1 scans are removed");

@@ -14,6 +14,7 @@ mod image;
 mod kills;
 mod power;
 
+use crate::support::journal_rows;
 use crate::support::recording_control::{self as witness, Record, RecordingControl};
 
 /// A folder with a journal and a machine file.
@@ -93,7 +94,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What SQLite itself says of a copy of the journal.
+/// What SQLite itself says of a copy of the journal, and the checksums of its rows.
 fn assert_whole(state: &Path) {
     let copy = tempfile::tempdir().unwrap();
     for end in ["", "-wal", "-journal"] {
@@ -106,6 +107,7 @@ fn assert_whole(state: &Path) {
     let verdict: String =
         database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
     assert_eq!(verdict, "ok");
+    journal_rows::assert_sealed(&database);
 }
 
 /// Nothing lost, nothing invented: each reading is a touch that the control made, and at most the

@@ -1,17 +1,14 @@
 //! What lasts beyond a service, and what is long: a verdict has its time, lists come by pages.
 
+use std::path::Path;
 use std::time::Duration;
 
 use crate::support::http::{HTTP, HttpClient, MACHINE, error_code, start_request};
+use crate::support::journal_rows;
 use crate::support::machine_shop::MachineShop;
-use rusqlite::Connection;
 use serde_json::{Value, json};
 
 const PAGE: &str = "/machines/simulated%20five-axis%20machine";
-
-fn journal(shop: &MachineShop) -> Connection {
-    Connection::open(shop.file("state/journal.sqlite")).unwrap()
-}
 
 fn shown(port: u16, path: &str) -> String {
     let (status, text) = HttpClient::at(port).request("GET", path, "", "");
@@ -48,7 +45,7 @@ pub fn a_verdict() {
 
     let long_ago =
         "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
-    journal(&shop).execute(long_ago, []).unwrap();
+    journal_rows::change(Path::new(&shop.file("state")), long_ago);
     // Looked for again without being told.
     let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
@@ -76,7 +73,7 @@ pub fn pages() {
                           config_sha256, plan_head, plan_sha256)
         SELECT n, started, ended, method, machine, 'failed', program_version, config,
                config_sha256, plan_head, plan_sha256 FROM many, runs WHERE runs.id = 1";
-    journal(&shop).execute(more, []).unwrap();
+    journal_rows::change(Path::new(&shop.file("state")), more);
     let ids = |path: &str| -> Vec<i64> {
         http.get(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
     };

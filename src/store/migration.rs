@@ -1,0 +1,42 @@
+//! How a journal of an older version is brought up to date.
+
+use std::path::Path;
+
+use jiff::Timestamp;
+use rusqlite::{Connection, OpenFlags, TransactionBehavior};
+
+use super::schema::{KNOWN, MIGRATIONS, version};
+use super::{Fault, checksum, identity, snapshot};
+
+/// Bring the tables up to date in one transaction, also when several processes try at once. What was
+/// there before is kept.
+pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
+    if version(connection)? == KNOWN {
+        return Ok(());
+    }
+    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    let found = version(&transaction)?;
+    let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
+    let missing = missing.ok_or(Fault::Newer { found, known: KNOWN })?;
+    if missing.is_empty() {
+        // Another process was faster.
+        return Ok(());
+    }
+    if found > 0 {
+        keep_version(path, found)?;
+    }
+    for migration in missing {
+        transaction.execute_batch(migration)?;
+    }
+    checksum::compute_all(&transaction)?;
+    identity::mark(&transaction, KNOWN)?;
+    Ok(transaction.commit()?)
+}
+
+/// The journal at `path` as it is before it is brought up from version `found`, kept beside it.
+fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
+    let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
+    let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+    let kept = path.with_file_name(format!("journal-v{found}-{now}.sqlite"));
+    snapshot::keep(&source, &kept, |_| Ok(()))
+}

@@ -1,0 +1,225 @@
+//! Files that are no journal, or a damaged one: refused by name, and never changed.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use jiff::Timestamp;
+use rusqlite::Connection;
+
+use super::{estimate, new_run, reading, stage, step};
+use crate::store::*;
+use machine::record::event::Event;
+
+const JOURNAL: &str = "journal.sqlite";
+
+/// All files in `dir` by name. `-shm` holds locks of connections and no data.
+fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+    let all = std::fs::read_dir(dir).unwrap().map(|file| file.unwrap());
+    let named = all.map(|file| (file.file_name().into_string().unwrap(), file.path()));
+    let data = named.filter(|(name, _)| !name.ends_with("-shm"));
+    data.map(|(name, path)| (name, std::fs::read(path).unwrap())).collect()
+}
+
+/// Opening and `backup` both refuse `dir`, with all of `words`, and change no file.
+fn refused_unchanged(dir: &Path, words: &[&str]) {
+    let (before, to) = (files(dir), tempfile::tempdir().unwrap());
+    let opened = Journal::open(dir).map(drop).unwrap_err();
+    assert_eq!(files(dir), before, "opening: {opened}");
+    let copied = backup(dir, &to.path().join("copy.sqlite")).unwrap_err();
+    assert_eq!(files(dir), before, "backup: {copied}");
+    assert_eq!(files(to.path()), BTreeMap::new(), "{copied}");
+    let path = dir.join(JOURNAL).display().to_string();
+    for error in [opened, copied] {
+        let told = format!("{error} {}", error.remedy());
+        assert!(words.iter().chain([&path.as_str()]).all(|word| told.contains(word)), "{told}");
+    }
+}
+
+/// A database of another program with these statements.
+fn foreign(statements: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    Connection::open(dir.path().join(JOURNAL)).unwrap().execute_batch(statements).unwrap();
+    dir
+}
+
+#[test]
+fn a_database_of_another_program_is_refused_unchanged() {
+    let table = "CREATE TABLE bookmarks (id INTEGER PRIMARY KEY, url TEXT);
+                 INSERT INTO bookmarks (url) VALUES ('example.org');";
+    let names_of_ours = "CREATE TABLE runs (id INTEGER PRIMARY KEY, km REAL);
+                         CREATE TABLE steps (run INTEGER, count INTEGER);";
+    for statements in [
+        table.to_owned(),
+        format!("PRAGMA journal_mode = WAL; {table}"),
+        format!("PRAGMA user_version = 1; {table}"),
+        format!("PRAGMA user_version = 4; {names_of_ours}"),
+        format!("PRAGMA user_version = 7; PRAGMA journal_mode = WAL; {names_of_ours}"),
+        format!("PRAGMA user_version = 99; {table}"),
+        "PRAGMA application_id = 252006673;".to_owned(),
+        format!("PRAGMA application_id = 252006673; PRAGMA user_version = 1; {table}"),
+    ] {
+        let dir = foreign(&statements);
+        refused_unchanged(dir.path(), &["not a journal of trued", "--state"]);
+    }
+}
+
+/// The log of a program that was killed is not written into its database.
+#[test]
+fn a_database_with_a_log_is_refused_unchanged() {
+    let (dir, copy) = (foreign("PRAGMA journal_mode = WAL"), tempfile::tempdir().unwrap());
+    let open = Connection::open(dir.path().join(JOURNAL)).unwrap();
+    open.execute_batch("CREATE TABLE bookmarks (url TEXT)").unwrap();
+    for name in [JOURNAL, "journal.sqlite-wal", "journal.sqlite-shm"] {
+        std::fs::copy(dir.path().join(name), copy.path().join(name)).unwrap();
+    }
+    assert!(!files(copy.path())["journal.sqlite-wal"].is_empty());
+    refused_unchanged(copy.path(), &["not a journal of trued"]);
+}
+
+#[test]
+fn an_empty_file_becomes_a_journal() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join(JOURNAL), "").unwrap();
+    Journal::open(dir.path()).unwrap().begin(&new_run()).wait().unwrap();
+}
+
+/// A journal with rows in each of its tables.
+fn journal() -> (tempfile::TempDir, RunId) {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let run = journal.begin(&new_run()).wait().unwrap();
+    journal.stage(run, &stage(0, vec![0, 1]), &[step(0), step(1)]).wait().unwrap();
+    journal.reading(run, &reading(0)).wait().unwrap();
+    let sample = |number| Reading { step: 1, repeat: 0, ..reading(number) };
+    journal.scan(run, &[sample(1), sample(2)]).wait().unwrap();
+    journal.event(run, &Event::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
+    let estimate_sha256 = journal.estimate(run, &estimate(0.1)).wait().unwrap();
+    let (who, remark) = ("Ada".to_owned(), "as ever".to_owned());
+    journal.sign(run, &Signature { who, remark, estimate_sha256 }).wait().unwrap();
+    let now = Timestamp::now();
+    let (machine, schedule, why) = ("mill".to_owned(), "weekly".to_owned(), String::new());
+    let arming = Arming {
+        machine: machine.clone(),
+        cycle: 1,
+        who: "Ada".to_owned(),
+        why: why.clone(),
+        armed: now,
+        until: now + std::time::Duration::from_secs(3600),
+        ended: None,
+        broken: None,
+    };
+    journal.arm(&arming).wait().unwrap();
+    journal
+        .schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now)
+        .wait()
+        .unwrap();
+    let slot =
+        Slot { machine, schedule, cycle: 1, at: now, outcome: Outcome::Started, why, run: 0 };
+    assert!(journal.slot(&slot).wait().unwrap());
+    (dir, run)
+}
+
+/// What was written and changed in the program's own way is sound.
+#[test]
+fn rows_that_are_changed_stay_sound() {
+    let (dir, run) = journal();
+    let journal = Journal::open(dir.path()).unwrap();
+    journal.set_state(run, RunState::Held).wait().unwrap();
+    journal.set_state(run, RunState::Running).wait().unwrap();
+    journal.event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+    journal.forget_scans(run).unwrap();
+    assert_eq!(journal.disarm("mill", None, "Ada", "").wait().unwrap(), 1);
+    let slot = journal.slots("mill", 1).unwrap().remove(0);
+    assert!(journal.slot(&Slot { outcome: Outcome::Ran, run: run.0, ..slot }).wait().unwrap());
+    let other = journal.begin(&new_run()).wait().unwrap();
+    let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
+    assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [other]);
+    drop(journal);
+    backup(dir.path(), &dir.path().join("copy.sqlite")).unwrap();
+    assert!(Journal::open(dir.path()).unwrap().load(run).is_ok());
+}
+
+/// One value of one row in each table, as a failing disk would change it: no page and no number is
+/// out of its form.
+const DAMAGES: [(&str, &str, bool); 12] = [
+    ("runs", "started = replace(started, 'T', ' ')", true),
+    ("runs", "state = 'closed'", true),
+    ("audit", "outcome = 'dome'", true),
+    ("armings", "cycle = 2", true),
+    ("slots", "outcome = 'missed'", true),
+    ("schedules", "calendar = '0 7 * * 1'", true),
+    ("steps", "step = replace(step, '30.0', '90.0')", false),
+    ("stages", "stage = replace(stage, '[0,1]', '[0,3]')", false),
+    ("readings", "y_mm = y_mm + 0.125", false),
+    ("events", "event = replace(event, 'Ctrl-C', 'Ctrl-D')", false),
+    ("estimates", "estimate = replace(estimate, '\"k\":2.0', '\"k\":3.0')", false),
+    ("signatures", "who = 'Eve'", false),
+];
+
+/// `backup` and whatever reads the row refuse it: opening, where it is one that stands for more than a run.
+#[test]
+fn a_damaged_row_is_refused() {
+    let (sound, run) = journal();
+    for (table, change, is_verified_at_opening) in DAMAGES {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(JOURNAL);
+        std::fs::copy(sound.path().join(JOURNAL), &path).unwrap();
+        let raw = Connection::open(&path).unwrap();
+        raw.execute_batch(&format!(
+            "DROP TRIGGER audit_stands; DROP TRIGGER signatures_stand; UPDATE {table} SET {change};
+             CREATE TRIGGER audit_stands BEFORE UPDATE ON audit BEGIN SELECT 1; END;
+             CREATE TRIGGER signatures_stand BEFORE UPDATE ON signatures BEGIN SELECT 1; END;"
+        ))
+        .unwrap();
+        drop(raw);
+        let row = format!("table {table}");
+        if is_verified_at_opening {
+            refused_unchanged(dir.path(), &["damaged", &row]);
+            continue;
+        }
+        let before = files(dir.path());
+        let to = dir.path().join("copy.sqlite");
+        let copied = backup(dir.path(), &to).unwrap_err().to_string();
+        assert!(copied.contains("damaged") && copied.contains(&row), "{copied}");
+        assert_eq!(files(dir.path()), before, "{table}");
+        let read = Journal::open(dir.path()).unwrap().load(run).unwrap_err().to_string();
+        assert!(read.contains("damaged") && read.contains(&row), "{read}");
+    }
+}
+
+/// A byte of the file, and pages that are cut off.
+#[test]
+fn a_damaged_file_is_refused_unchanged() {
+    let (sound, _) = journal();
+    let sound = std::fs::read(sound.path().join(JOURNAL)).unwrap();
+    let find = |text: &str| sound.windows(text.len()).position(|some| some == text.as_bytes());
+    let changed = |at: usize, byte: u8| {
+        let mut bytes = sound.clone();
+        bytes[at] = byte;
+        bytes
+    };
+    let config = find("[machine]\nname").unwrap();
+    // The number of the format, in the head of the file.
+    for damaged in [changed(config + 1, b'x'), changed(63, 3), sound[..sound.len() / 2].to_vec()] {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join(JOURNAL), damaged).unwrap();
+        refused_unchanged(dir.path(), &["damaged"]);
+    }
+}
+
+/// What stands in the list of runs and in trends.
+#[test]
+fn a_damaged_estimate_is_no_result() {
+    let (dir, run) = journal();
+    let journal = Journal::open(dir.path()).unwrap();
+    journal.set_state(run, RunState::Finished).wait().unwrap();
+    assert!(journal.newest("mill").unwrap().is_some());
+    let raw = Connection::open(dir.path().join(JOURNAL)).unwrap();
+    let change =
+        "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
+    raw.execute(change, []).unwrap();
+    assert!(matches!(journal.newest("mill").unwrap_err().fault, Fault::Damaged(_)));
+    let all = journal.measured("mill", 9, |_| panic!("a damaged estimate was read"));
+    assert!(matches!(all.unwrap_err().fault, Fault::Damaged(_)));
+}
