@@ -37,6 +37,14 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fa
 fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let kept = path.with_file_name(format!("journal-v{found}-{now}.sqlite"));
-    snapshot::keep(&source, &kept, |_| Ok(()))
+    // A process that was killed in a migration may have kept one within the same second.
+    for number in 1.. {
+        let number = if number == 1 { String::new() } else { format!("-{number}") };
+        let kept = path.with_file_name(format!("journal-v{found}-{now}{number}.sqlite"));
+        match snapshot::keep(&source, &kept, |_| Ok(())) {
+            Err(Fault::Exists) => {}
+            ended => return ended,
+        }
+    }
+    Ok(())
 }

@@ -94,6 +94,27 @@ fn what_was_before_a_migration_is_kept() {
     assert!(kept.execute("UPDATE runs SET state = 'closed'", []).is_err());
 }
 
+/// Killed after it kept the old one, and begun anew in the same second.
+#[test]
+fn a_migration_begins_anew_within_a_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
+    old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
+    drop(old);
+    let (now, kept) = (Timestamp::now(), "kept before the program was killed");
+    for second in 0..30 {
+        let at = now + std::time::Duration::from_secs(second);
+        let name = at.strftime("journal-v1-%Y%m%dT%H%M%SZ.sqlite").to_string();
+        std::fs::write(dir.path().join(name), kept).unwrap();
+    }
+    assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 1);
+    let all: Vec<_> =
+        names(dir.path()).into_iter().filter(|name| name.starts_with("journal-v1-")).collect();
+    let is_older =
+        |name: &&String| std::fs::read(dir.path().join(name)).unwrap() == kept.as_bytes();
+    assert_eq!((all.len(), all.iter().filter(is_older).count()), (31, 30), "{all:?}");
+}
+
 #[test]
 fn a_new_journal_has_nothing_to_keep() {
     let dir = tempfile::tempdir().unwrap();
