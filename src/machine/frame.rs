@@ -4,8 +4,7 @@ use std::marker::PhantomData;
 
 use nalgebra::{IsometryMatrix3, Vector3};
 
-/// Machine frame: origin at the nominal intersection (or foot of the common normal) of the rotary
-/// axes, directions of X, Y, Z after ISO 841.
+/// Machine frame: origin at the zero of the machine coordinates, directions of X, Y, Z after ISO 841.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Machine;
 /// Frame of the workpiece table: coincides with the machine frame when all axes stand at zero.

@@ -144,7 +144,8 @@ impl Scene {
 
     /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
     /// `along` on it: the commanded position of the stated stylus centre that half a turn leaves in
-    /// place, with location errors, gains, drift and the straightness of Z. NaN for an axis that does not carry the part.
+    /// place, with location errors, gains, drift and the errors of X, Y and Z where the axis is stated.
+    /// NaN for an axis that does not carry the part.
     pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
         let lasting: Vec<ErrorTerm> = self
             .errors
@@ -157,9 +158,13 @@ impl Scene {
             Axis::B => [Vector3::z(), Vector3::x(), Vector3::y()],
             _ => [Vector3::x(), Vector3::y(), Vector3::z()],
         };
+        let stated = self.chain.axis_line(axis, &Position::new());
+        let across = stated.map_or(Vector3::zeros(), |line| line.point - w * line.point.dot(&w));
+        let about = self.linear_axes(w * along + across);
+        let shift = self.linear_errors.at(about.into()) - self.drift.table(t_s);
         let moved = |at: Vector2<f64>| {
             let stylus = w * along + u * at.x + v * at.y;
-            let turn = self.half_turn(axis, stylus, &lasting, t_s);
+            let turn = self.half_turn(axis, stylus, &lasting, shift);
             Vector2::new(turn.dot(&u), turn.dot(&v))
         };
         // Affine in the position: three values give the root exactly.
@@ -170,20 +175,24 @@ impl Scene {
         inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
     }
 
-    /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn.
+    /// X, Y and Z that bring the stated stylus centre to `stylus`, the rotary axes at zero; NaN where
+    /// they do not span space.
+    fn linear_axes(&self, stylus: Vector3<f64>) -> Vector3<f64> {
+        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
+        let stands = self.chain.linear_axes_for(target, tool, &Position::new(), &[]);
+        stands.map_or(Vector3::repeat(f64::NAN), |stands| stands.xyz())
+    }
+
+    /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn; `shift` of
+    /// the tool against the table.
     fn half_turn(
         &self,
         axis: Axis,
         stylus: Vector3<f64>,
         errors: &[ErrorTerm],
-        t_s: f64,
+        shift: Vector3<f64>,
     ) -> Vector3<f64> {
-        let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
-        let Ok(stands) = self.chain.linear_axes_for(target, tool, &Position::new(), &[]) else {
-            return Vector3::repeat(f64::NAN);
-        };
-        let height = [0.0, 0.0, stands.at(Axis::Z)];
-        let shift = self.linear_errors.at(height) - self.drift.table(t_s);
+        let stands = Position::from_xyz(self.linear_axes(stylus));
         let seen = |angle| {
             let at = stands.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);

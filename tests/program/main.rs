@@ -15,6 +15,7 @@ mod halt_latency;
 mod init;
 mod laser_runs;
 mod latch_delay;
+mod machine_zero;
 mod modbus_run;
 mod samba_machines;
 mod schedule;
@@ -50,6 +51,7 @@ fn main() {
         init::trials(),
         laser_runs::trials(),
         latch_delay::trials(),
+        machine_zero::trials(),
         modbus_run::trials(),
         samba_machines::trials(),
         schedule::trials(),

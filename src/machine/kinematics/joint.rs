@@ -61,6 +61,10 @@ impl Joint {
         self.point
     }
 
+    pub(super) fn direction(&self) -> Vector3<f64> {
+        self.direction
+    }
+
     /// The joint's motion without errors.
     pub(super) fn nominal(&self, command: f64) -> Pose {
         if self.axis.is_linear() {

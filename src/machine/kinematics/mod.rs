@@ -7,6 +7,7 @@
 //! inserted locally, in axes parallel to the machine's when all axes stand at zero; angular ones
 //! turn about the axis' own point (the machine's origin for linear axes).
 
+mod axis_line;
 mod carrier;
 mod chain;
 mod jacobian;
@@ -14,6 +15,7 @@ mod joint;
 mod parameter;
 mod topology;
 
+pub use axis_line::AxisLine;
 pub use carrier::{Carried, Commands, Going, Side};
 pub use chain::Chain;
 pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};

@@ -16,6 +16,8 @@ use machine::{Axis, Position};
 
 /// A rotary angle that counts as zero, rad.
 const ZERO: f64 = 1e-9;
+/// Stated axes nearer than this meet.
+const MEETS_MM: f64 = 1e-6;
 
 /// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm; `None` for another machine than the paper's, a B table
 /// with C on it, and where its circles were not measured.
@@ -34,10 +36,11 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
         .enumerate()
         .map(|(i, group)| (&group.rotary, centres.centre(&fitted.x, i)))
         .collect();
-    let zero = zero_position(bench, &places)?;
+    let origin = intersection(bench)?;
+    let zero = zero_position(&places, origin)?;
     let seen: Vec<(f64, f64, Vector3<f64>)> = places
         .iter()
-        .map(|(at, centre)| (at.at(Axis::B), at.at(Axis::C), *centre - zero))
+        .map(|(at, centre)| (at.at(Axis::B), at.at(Axis::C), *centre - zero - origin))
         .collect();
     location_errors(&seen)
 }
@@ -48,17 +51,25 @@ fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
     Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
 }
 
+/// The origin of the paper's equations: where B and C are stated to meet; `None` where they do not.
+fn intersection(bench: &Bench<'_>) -> Option<Vector3<f64>> {
+    let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
+    let ([bx, _, z], [x, y, _]) = (point(Axis::B)?, point(Axis::C)?);
+    ((bx - x).abs() < MEETS_MM).then(|| Vector3::new(x, y, z))
+}
+
 /// Eq. (7): x and y from the circle of C at B = 0, z from that of B at C = 0.
-fn zero_position(bench: &Bench<'_>, places: &[(&Position, Vector3<f64>)]) -> Option<Vector3<f64>> {
+fn zero_position(
+    places: &[(&Position, Vector3<f64>)],
+    origin: Vector3<f64>,
+) -> Option<Vector3<f64>> {
     let circle = |other: Axis, i: usize, j: usize| {
         let here = places.iter().filter(|(at, _)| at.at(other).abs() < ZERO);
         let points: Vec<[f64; 2]> = here.map(|(_, centre)| [centre[i], centre[j]]).collect();
         fit_circle(&points).ok().map(|circle| circle.centre)
     };
-    let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
     let (of_c, of_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
-    let (c, b) = (point(Axis::C)?, point(Axis::B)?);
-    Some(Vector3::new(of_c[0] - c[0], of_c[1] - c[1], of_b[1] - b[2]))
+    Some(Vector3::new(of_c[0], of_c[1], of_b[1]) - origin)
 }
 
 /// Eq. (19): unweighted least squares over (B, C, measured position of the sphere).

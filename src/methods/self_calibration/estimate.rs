@@ -1,6 +1,7 @@
 //! The estimate: parameters, figures and sentences.
 
 use super::axis_circle::add_axis_circle;
+use super::axis_position::{add_axis_position, stated_and_measured};
 use super::model::DRIFTING;
 use super::outputs::{axis_position, dot};
 use super::paper::PaperForm;
@@ -18,18 +19,20 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 pub fn estimate(parts: &Parts<'_>) -> Estimate {
     let mut estimate = parts.identification.estimate(super::NAME);
     add_axis_circle(parts, &mut estimate);
+    add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
         // Under the wrong sense of C the values answer another question.
         parameter.identifiable = parts.sense != Sense::Contradicted;
     }
-    estimate.gauge = gauge(parts);
+    estimate.gauge = gauge(parts, &estimate);
     estimate.not_identifiable = not_identifiable(parts);
     estimate.warnings = warnings(parts);
     estimate
 }
 
-fn gauge(parts: &Parts<'_>) -> Vec<String> {
+fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
     let mut lines = parts.fit.layout.gauge_in_words();
+    lines.push(stated_and_measured(parts, estimate));
     let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
         1 => format!("EX0C and EY0C hold at Z = {} mm only", heights[0]),

@@ -54,9 +54,7 @@ pub fn check_well_posed(
         instead: "lower drift_order, keep references = true, or put the heights further apart"
             .to_owned(),
     };
-    let heights = planner.heights();
-    let (layout, observed) =
-        observe_cycle(&plan, settings, &heights, &readings).map_err(refused)?;
+    let (layout, observed) = observe_cycle(&plan, settings, planner, &readings).map_err(refused)?;
     let sigma = vec![1.0; observed.observations.len()];
     fit(layout, observed.observations, sigma, settings).map(drop).map_err(refused)
 }
@@ -78,11 +76,12 @@ fn nominal_reading(step: &Step) -> Reading {
 fn observe_cycle(
     plan: &Plan,
     settings: &Settings,
-    heights: &[f64],
+    planner: &Planner<'_>,
     readings: &[Reading],
 ) -> Result<(Layout, Observed), IdentifyError> {
     let design = Design::new(settings)?;
-    let observed = observe(plan, &design, heights, readings)?;
+    let heights = planner.heights();
+    let observed = observe(plan, &design, planner.axis(), &heights, readings)?;
     let (drift_order, gaps) = (settings.drift_order, observed.gaps.clone());
     Ok((Layout { design, heights: heights.len(), drift_order, gaps }, observed))
 }
@@ -101,10 +100,10 @@ pub struct Fitted {
 pub fn fitted(
     plan: &Plan,
     settings: &Settings,
-    heights: &[f64],
+    planner: &Planner<'_>,
     readings: &[Reading],
 ) -> Result<Fitted, IdentifyError> {
-    let (layout, observed) = observe_cycle(plan, settings, heights, readings)?;
+    let (layout, observed) = observe_cycle(plan, settings, planner, readings)?;
     let Observed { observations, half_duration_s, timed, left_out, .. } = observed;
     let mut sources = sources(plan, &layout, &observations, settings.spindle, half_duration_s);
     let variances = block_covariances::<1>(&sources, observations.len());
@@ -113,7 +112,7 @@ pub fn fitted(
     if !fit.layout.gaps.is_empty() {
         sources.push(interruptions(&fit.layout, &fit.observations, &fit.x));
     }
-    let outputs = outputs::outputs(&fit.layout, heights, &fit.x);
+    let outputs = outputs::outputs(&fit.layout, &planner.heights(), &fit.x);
     Ok(Fitted { fit, sources, outputs, timed, left_out })
 }
 
@@ -121,11 +120,11 @@ pub fn fitted(
 pub fn identify(
     plan: &Plan,
     settings: &Settings,
-    heights: &[f64],
+    planner: &Planner<'_>,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let Fitted { fit, sources, outputs, timed, left_out } =
-        fitted(plan, settings, heights, readings)?;
+        fitted(plan, settings, planner, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = Solution {
@@ -137,7 +136,9 @@ pub fn identify(
     let trials = Some(trial_plan(settings, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = sense::judge(&fit);
-    let parts = Parts { plan, settings, heights, fit, identification, sense, timed, left_out };
+    let (heights, axis) = (planner.heights(), planner.axis());
+    let parts =
+        Parts { plan, settings, axis, heights, fit, identification, sense, timed, left_out };
     Ok(estimate::estimate(&parts))
 }
 

@@ -3,6 +3,7 @@
 //! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
 
 mod axis_circle;
+mod axis_position;
 mod bend;
 mod design;
 mod estimate;
@@ -18,6 +19,7 @@ mod plan;
 mod sense;
 mod settings;
 mod sources;
+mod table_axis;
 
 #[cfg(test)]
 mod tests;
@@ -57,8 +59,8 @@ impl SelfCalibration {
     /// # Errors
     /// As `identify`.
     pub fn fitted(&self, plan: &Plan, readings: &[Reading]) -> Result<Fitted, IdentifyError> {
-        let heights = Planner::new(plan, &self.settings)?.heights();
-        identify::fitted(plan, &self.settings, &heights, readings)
+        let planner = Planner::new(plan, &self.settings)?;
+        identify::fitted(plan, &self.settings, &planner, readings)
     }
 
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
@@ -75,13 +77,13 @@ impl SelfCalibration {
     fn found(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Artefact {
         let stated = planner.stated();
         let ball = plan.probe.ball_radius_mm;
-        Artefact::Cylinder(Cylinder {
+        Artefact::Cylinder(planner.axis().on_table(&Cylinder {
             centre_mm: [part.centre[0], part.centre[1], stated.centre_mm[2]],
             axis: stated.axis,
             radius_mm: part.reach - ball,
             height_mm: part.top - ball - stated.centre_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
-        })
+        }))
     }
 }
 
@@ -145,8 +147,8 @@ impl Method for SelfCalibration {
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
         self.check_priors(priors)?;
-        let heights = Planner::new(plan, &self.settings)?.heights();
-        identify::identify(plan, &self.settings, &heights, readings)
+        let planner = Planner::new(plan, &self.settings)?;
+        identify::identify(plan, &self.settings, &planner, readings)
     }
 }
 
@@ -158,15 +160,13 @@ fn located_part(plan: &Plan, planner: &Planner<'_>, readings: &[Reading]) -> Res
         instead: "check that the part of [artefact] stands on the table, then start again"
             .to_owned(),
     };
-    let chain = machine::kinematics::Chain::new(&plan.machine)
-        .map_err(|error| refused(error.to_string()))?;
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
     let (tops, flank): (Vec<_>, Vec<_>) = plan
         .steps
         .iter()
         .filter(is_locating)
         .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
-        .map(|(step, reading)| (step, observe::ball_centre(plan, &chain, step, reading)))
+        .map(|(step, reading)| (step, planner.axis().ball_centre(step, reading)))
         .partition(|(step, _)| plan::touches_top(step));
     let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
     let found = circle::fit_circle(&centres)

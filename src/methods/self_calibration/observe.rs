@@ -3,17 +3,14 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::Vector3;
-
 use super::design::Design;
 use super::gaps;
 use super::model::Observation;
 use super::plan::{LOCATE_LABEL, touches_top};
-use crate::{IdentifyError, Refused};
-use machine::kinematics::Chain;
+use super::table_axis::TableAxis;
+use crate::IdentifyError;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
-use machine::{Axis, Position, frame::Point};
 use planning::Clearance;
 
 /// The observations of one cycle and what belongs to all of them.
@@ -37,15 +34,10 @@ const INDEX_TOLERANCE: f64 = 1.8e-3;
 pub fn observe(
     plan: &Plan,
     design: &Design,
+    axis: &TableAxis,
     heights: &[f64],
     readings: &[Reading],
 ) -> Result<Observed, IdentifyError> {
-    let chain = Chain::new(&plan.machine).map_err(|error| {
-        IdentifyError::Refused(Refused {
-            why: error.to_string(),
-            instead: "correct `machine` in the plan".to_owned(),
-        })
-    })?;
     let by_step = sort_by_step(plan, readings)?;
     let (mut observations, mut order) = (Vec::new(), Vec::new());
     let cycle = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL));
@@ -57,7 +49,7 @@ pub fn observe(
             continue;
         }
         for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
-            observations.push(reduce(plan, design, heights, &chain, step, reading)?);
+            observations.push(reduce(design, axis, heights, step, reading)?);
             order.push((reading.repeat as usize * plan.steps.len() + i) as f64);
         }
     }
@@ -84,14 +76,6 @@ fn planned_duration_s(plan: &Plan) -> f64 {
         .map_or(5.0 * plan.steps.len() as f64, |(_, seconds)| seconds)
 }
 
-/// Ball centre of a reading in the table frame at C = 0, mm: what the linear axes alone say.
-pub fn ball_centre(plan: &Plan, chain: &Chain, step: &Step, reading: &Reading) -> Vector3<f64> {
-    let position =
-        step.from.updated_by(&reading.position).updated_by(&Position::new().with(Axis::C, 0.0));
-    let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-    chain.tip_in_table(&position, tip, &[]).mm
-}
-
 fn sort_by_step<'a>(
     plan: &Plan,
     readings: &'a [Reading],
@@ -112,43 +96,43 @@ fn sort_by_step<'a>(
 }
 
 fn reduce(
-    plan: &Plan,
     design: &Design,
+    axis: &TableAxis,
     heights: &[f64],
-    chain: &Chain,
     step: &Step,
     reading: &Reading,
 ) -> Result<Observation, IdentifyError> {
-    let planned = step.from.at(Axis::C);
-    let stood = reading.position.get(Axis::C).unwrap_or(planned);
+    let name = axis.axis;
+    let planned = step.from.at(name);
+    let stood = reading.position.get(name).unwrap_or(planned);
     // A control may count turns differently.
     let off = (stood - planned + PI).rem_euclid(TAU) - PI;
     if off.abs() > INDEX_TOLERANCE {
         return Err(IdentifyError::Numerical(format!(
-            "step {} ({}): C stood at {:.4}° instead of {:.4}°; was an index skipped?",
+            "step {} ({}): {name} stood at {:.4}° instead of {:.4}°; was an index skipped?",
             step.id,
             step.label,
             stood.to_degrees(),
             planned.to_degrees()
         )));
     }
-    let sense = plan.machine.axes.get(&Axis::C).map_or(1.0, |axis| axis.positive.sign());
     let [nx, ny, _] = step.normal;
     let phi = ny.atan2(nx);
     if (nx.hypot(ny) - 1.0).abs() > 1e-3 || !on_grid(design, phi) || !on_grid(design, planned) {
         return Err(IdentifyError::Numerical(format!(
-            "step {} ({}): `normal` or C is not on the grid of {} positions",
+            "step {} ({}): `normal` or {name} is not on the grid of {} positions",
             step.id, step.label, design.n
         )));
     }
-    let centre = ball_centre(plan, chain, step, reading);
+    let centre = axis.ball_centre(step, reading);
     let height = nearest(heights, centre.z);
+    let off = centre - axis.at_height(heights[height]);
     Ok(Observation {
         height,
-        c: grid_index(design, planned * sense),
+        c: grid_index(design, planned * axis.sense),
         phi: grid_index(design, phi),
-        radius: centre.x * nx + centre.y * ny,
-        lateral: -centre.x * ny + centre.y * nx,
+        radius: off.x * nx + off.y * ny,
+        lateral: -off.x * ny + off.y * nx,
         time: reading.t_s,
     })
 }

@@ -3,6 +3,7 @@
 use super::fit::Fit;
 use super::sense::Sense;
 use super::settings::Settings;
+use super::table_axis::TableAxis;
 use crate::identification::Identification;
 use machine::record::plan::Plan;
 
@@ -10,8 +11,9 @@ use machine::record::plan::Plan;
 pub struct Parts<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
+    pub axis: &'a TableAxis,
     /// In the machine frame, mm.
-    pub heights: &'a [f64],
+    pub heights: Vec<f64>,
     pub fit: Fit,
     pub identification: Identification,
     pub sense: Sense,

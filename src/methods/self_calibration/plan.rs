@@ -4,80 +4,69 @@ use nalgebra::Vector3;
 
 use super::design::{Design, Touch};
 use super::settings::{Settings, Spindle};
+use super::table_axis::TableAxis;
 use crate::Refused;
-use machine::kinematics::Chain;
 use machine::record::artefact::{Artefact, Cylinder};
-use machine::record::machine::AxisSpec;
 use machine::record::plan::{Plan, Step, StepKind};
-use machine::{Axis, Position, frame::Point, frame::Spindle as SpindleFrame, frame::Table};
+use machine::{Axis, Position};
 
 /// Prefix of the labels of the locating touches; they serve no identification.
 pub const LOCATE_LABEL: &str = "locate/";
 
-/// Whether the step touches the top face, which tells nothing of C.
+/// Whether the step touches the top face, which tells nothing of the axis.
 pub fn touches_top(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
-/// What is known of the part: centre in the table frame at C = 0, radius of the ball centres.
+/// What is known of the part: centre with the axis at zero, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     pub centre: [f64; 2],
     /// Part radius + ball radius.
     pub reach: f64,
-    /// Height of the ball centre on the top face, table frame.
+    /// Height of the ball centre on the top face.
     pub top: f64,
 }
 
 /// Writes steps for one plan.
 pub struct Planner<'a> {
     plan: &'a Plan,
-    stated: &'a Cylinder,
+    /// Where it stands, the axis at zero.
+    stated: Cylinder,
     settings: &'a Settings,
     design: Design,
-    chain: Chain,
-    tip: Point<SpindleFrame>,
-    c_axis: &'a AxisSpec,
+    axis: TableAxis,
 }
 
 impl<'a> Planner<'a> {
     /// # Errors
-    /// Refuses a machine without a C axis on the workpiece side and a design that is not well-posed.
+    /// Refuses a machine without an axis to measure and a design that is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        let stated = cylinder(&plan.artefact)?;
-        settings.check(stated, plan.probe.ball_radius_mm)?;
+        let axis = TableAxis::new(plan, settings)?;
+        let stated = axis.standing(cylinder(&plan.artefact)?);
+        settings.check(&stated, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;
-        let chain = Chain::new(&plan.machine)?;
-        let Some(c_axis) = plan
-            .machine
-            .axes
-            .get(&Axis::C)
-            .filter(|_| chain.topology().workpiece().contains(&Axis::C))
-        else {
-            return Err(Refused {
-                why: "this method needs a rotary axis C that carries the workpiece".to_owned(),
-                instead: "state C on the workpiece side of the topology (w-C-…) and as [axes.C]"
-                    .to_owned(),
-            });
-        };
         if settings.spindle == Spindle::Follow && !plan.machine.axes.contains_key(&Axis::S) {
             return Err(Refused {
                 why: "the spindle cannot be oriented: the machine has no axis S".to_owned(),
                 instead: "choose spindle = \"fixed\", or describe [axes.S]".to_owned(),
             });
         }
-        let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-        Ok(Self { plan, stated, settings, design, chain, tip, c_axis })
+        Ok(Self { plan, stated, settings, design, axis })
     }
 
-    /// The part in the words of the plan.
+    pub fn axis(&self) -> &TableAxis {
+        &self.axis
+    }
+
+    /// The part of the plan where it stands, the axis at zero.
     pub fn stated(&self) -> &Cylinder {
-        self.stated
+        &self.stated
     }
 
     /// The part as the plan states it.
     pub fn nominal_part(&self) -> Part {
-        let Cylinder { centre_mm, radius_mm, height_mm, .. } = *self.stated;
+        let Cylinder { centre_mm, radius_mm, height_mm, .. } = self.stated;
         let ball = self.plan.probe.ball_radius_mm;
         Part {
             centre: [centre_mm[0], centre_mm[1]],
@@ -154,7 +143,7 @@ impl<'a> Planner<'a> {
 
     /// Heights of the touches in the machine frame, mm.
     pub fn heights(&self) -> Vec<f64> {
-        let Cylinder { centre_mm, height_mm, .. } = *self.stated;
+        let Cylinder { centre_mm, height_mm, .. } = self.stated;
         if self.settings.heights_mm.is_empty() {
             return vec![centre_mm[2] + height_mm / 2.0];
         }
@@ -185,7 +174,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// A touch of the flank along its ray through the machine's origin.
+    /// A touch of the flank along its ray through the stated axis.
     fn cycle_step(
         &self,
         spec: StepSpec,
@@ -194,40 +183,40 @@ impl<'a> Planner<'a> {
         part: Part,
     ) -> Result<Step, Refused> {
         let angle = self.design.angle(touch.phi);
-        let radius =
-            expected_radius(part, self.design.angle(touch.c), angle).ok_or_else(|| Refused {
-                why: format!("at {} the ray from the axis misses the part", spec.label),
-                instead: "bring the part nearer to the axis, or correct [artefact] centre_mm"
-                    .to_owned(),
-            })?;
+        let axis = self.axis.at_height(z);
+        let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
+        let off_axis = Part { centre: from_axis, ..part };
+        let turned = self.design.angle(touch.c);
+        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| Refused {
+            why: format!("at {} the ray from the axis misses the part", spec.label),
+            instead: format!(
+                "bring the part nearer to the axis, or correct [artefact] centre_mm or [axes.{}] \
+                 point_mm: both count from the machine's zero",
+                self.axis.axis
+            ),
+        })?;
         let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
-        self.step(&spec, radius * normal + Vector3::new(0.0, 0.0, z), normal)
+        self.step(&spec, axis + radius * normal, normal)
     }
 
-    /// A touch against `normal`, contact expected with the ball centre at `contact`; machine frame,
-    /// as the table frame stands with C at zero.
+    /// A touch against `normal`, contact expected with the ball centre at `contact`; machine frame, the
+    /// axis at zero.
     fn step(
         &self,
         spec: &StepSpec,
         contact: Vector3<f64>,
         normal: Vector3<f64>,
     ) -> Result<Step, Refused> {
-        let mut rotary = Position::new().with(Axis::C, self.command(spec.c)?);
-        let still = |axis: &&Axis| !axis.is_linear() && !matches!(axis, Axis::C | Axis::S);
-        for axis in self.plan.machine.axes.keys().filter(still) {
-            rotary.set(*axis, 0.0);
-        }
+        let mut orientation = Position::new();
         // A fixed spindle is not commanded: it keeps the orientation it has.
         if self.settings.spindle == Spindle::Follow {
-            rotary.set(Axis::S, normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU));
+            let turn = normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU);
+            orientation.set(Axis::S, turn);
         }
-        let place = |out: f64| {
-            let target = Point::<Table>::from_vec(contact + out * normal);
-            // The table frame turns with C; the ray does not: solve with C at zero.
-            let still = rotary.updated_by(&Position::new().with(Axis::C, 0.0));
-            let linear = self.chain.linear_axes_for(target, self.tip, &still, &[]);
-            linear.map(|solved| still.updated_by(&solved).only(Axis::is_linear))
-        };
+        let rotary = self.axis.still.updated_by(&orientation);
+        let rotary = rotary.with(self.axis.axis, self.command(spec.c)?);
+        // The table turns with its axis; the ray does not.
+        let place = |out: f64| self.axis.linear_axes_for(contact + out * normal, &orientation);
         let refused = |error: machine::kinematics::KinematicsError| Refused {
             why: format!("{}: {error}", spec.label),
             instead: "correct [machine] topology".to_owned(),
@@ -249,26 +238,27 @@ impl<'a> Planner<'a> {
         })
     }
 
-    /// Commanded C of a grid index, rad: its sense, and a turn more or less to stay in the limits.
+    /// Command of the axis for a grid index, rad: its sense, and a turn more or less to stay in the
+    /// limits.
     fn command(&self, index: usize) -> Result<f64, Refused> {
-        let spec = self.c_axis;
-        let wanted = self.design.angle(index) * spec.positive.sign();
-        let (min, max) = (Axis::C.from_edge(spec.min), Axis::C.from_edge(spec.max));
+        let TableAxis { axis, spec, sense, .. } = &self.axis;
+        let wanted = self.design.angle(index) * sense;
+        let (min, max) = (axis.from_edge(spec.min), axis.from_edge(spec.max));
         let turn = std::f64::consts::TAU;
         // Prefer the turn nearest to zero.
         [0.0, -turn, turn]
             .into_iter()
             .map(|shift| wanted + shift)
-            .filter(|c| (min - 1e-9..=max + 1e-9).contains(c))
+            .filter(|at| (min - 1e-9..=max + 1e-9).contains(at))
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
             .ok_or_else(|| Refused {
                 why: format!(
-                    "C cannot reach {:.3}° within [{}, {}]",
+                    "{axis} cannot reach {:.3}° within [{}, {}]",
                     wanted.to_degrees(),
                     spec.min,
                     spec.max
                 ),
-                instead: "this method needs a full turn of C".to_owned(),
+                instead: format!("this method needs a full turn of {axis}"),
             })
     }
 }
@@ -297,8 +287,8 @@ struct StepSpec {
     feed_mm_min: f64,
 }
 
-/// Distance from the machine's origin along the ray at `phi` to the ball centre in contact, the
-/// table turned by `c` about the nominal axis; `None` if the ray misses the part.
+/// Distance from the stated axis along the ray at `phi` to the ball centre in contact, the table
+/// turned by `c`; `None` if the ray misses the part. The part's centre counts from the axis.
 fn expected_radius(part: Part, c: f64, phi: f64) -> Option<f64> {
     let [x, y] = part.centre;
     // The part turns by −c seen in the machine: its centre lies at R(−c)·centre.

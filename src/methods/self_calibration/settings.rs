@@ -74,7 +74,7 @@ impl Default for Settings {
 
 const LEAST_HEIGHT_STEP_MM: f64 = 1.0;
 /// Cosine of one degree.
-const UPRIGHT: f64 = 0.99985;
+pub const UPRIGHT: f64 = 0.99985;
 
 impl Settings {
     /// Whether the top face of the part is touched at all.

@@ -18,7 +18,12 @@ pub const ALL: [(&str, Act); 59] = [
     ("inches from the head on", |_, l, _| {
         let at = swap(l, |line| line.starts_with("G21"), "G21", "G20")?;
         let first = Rendered::next(l, at);
-        Some((first, first))
+        // Zero is the same place in inches.
+        let moves = |line: &str| {
+            let words = line.split(' ').filter_map(|word| word.strip_prefix(['X', 'Y', 'Z']));
+            words.filter_map(|number| number.parse::<f64>().ok()).any(|number| number != 0.0)
+        };
+        Some((first, (first..l.len()).find(|i| moves(&l[*i]))?))
     }),
     ("inches before a touch", |p, l, id| before(l, p.place(id).touch, "G20", 1)),
     ("inches before the approach", |p, l, id| before(l, p.place(id).down, "G20", 1)),

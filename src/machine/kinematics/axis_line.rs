@@ -1,0 +1,40 @@
+//! Where a rotary axis stands. Nominal: without error parameters.
+
+use nalgebra::Vector3;
+
+use super::chain::Chain;
+use super::joint::Joint;
+use crate::frame::Pose;
+use crate::{Axis, Position};
+
+/// An axis of rotation, machine frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisLine {
+    /// The stated point on it, mm.
+    pub point: Vector3<f64>,
+    /// Unit vector.
+    pub direction: Vector3<f64>,
+    /// Pose of what carries the axis: it takes the stated point and direction to those above.
+    pub carrier: Pose,
+}
+
+impl Chain {
+    /// The axis of rotation of `axis` while the axes that carry it stand as in `position`. `None` for a
+    /// linear axis, and for one that the machine does not have.
+    pub fn axis_line(&self, axis: Axis, position: &Position) -> Option<AxisLine> {
+        let turns = |joint: &Joint| joint.axis() == axis && !axis.is_linear();
+        let (branch, at) = [&self.workpiece, &self.tool]
+            .into_iter()
+            .find_map(|branch| Some((branch, branch.iter().position(turns)?)))?;
+        let carriers = branch.iter().take(at);
+        let carrier = carriers.fold(Pose::identity(), |outer, joint| {
+            outer * joint.nominal(position.at(joint.axis()))
+        });
+        let joint = branch.get(at)?;
+        Some(AxisLine {
+            point: carrier.transform_point(&joint.point().into()).coords,
+            direction: carrier.rotation * joint.direction(),
+            carrier,
+        })
+    }
+}

@@ -1,0 +1,47 @@
+//! Where the axis stands in machine coordinates: the stated axis and what was measured against it.
+
+use nalgebra::Vector3;
+
+use super::parts::Parts;
+use machine::record::estimate::{Estimate, Parameter, Unit};
+
+const MM_PER_UM: f64 = 1e-3;
+
+/// Adds X and Y of the axis, at the heights of its location errors. They stay as they are when
+/// `point_mm` is corrected.
+pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
+    let mean = parts.heights.iter().sum::<f64>() / parts.heights.len() as f64;
+    let stated = parts.axis.at_height(mean);
+    let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
+    let positions = positions.map(|((error, direction), stated)| Parameter {
+        symbol: format!("{direction}_{}", parts.axis.axis),
+        value: stated + error.value * MM_PER_UM,
+        unit: Unit::Mm,
+        u: error.u * MM_PER_UM,
+        expanded: error.expanded * MM_PER_UM,
+        u_monte_carlo: None,
+        budget: Vec::new(),
+        ..error
+    });
+    estimate.parameters.extend(positions);
+}
+
+/// The stated axis, and how the machine file would state the measured one.
+pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
+    let axis = parts.axis.axis;
+    let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
+    let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {
+        let off = Vector3::from_iterator(off.into_iter().chain([0.0]));
+        let point = parts.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
+        format!("[{}, {}, {}]", point.x, point.y, point.z)
+    });
+    format!(
+        "EX0{axis} and EY0{axis} are measured minus stated: [axes.{axis}] point_mm = {old}; as measured it \
+         is {new}"
+    )
+}
+
+/// Of the axis along X and Y: the first two parameters.
+fn location_errors(estimate: &Estimate) -> Vec<Parameter> {
+    estimate.parameters.iter().take(2).cloned().collect()
+}
