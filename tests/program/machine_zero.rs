@@ -13,7 +13,7 @@ const SIMULATED: &str = include_str!("../../config/simulated.toml");
 const LASER: &str = include_str!("../../config/laser.toml");
 const SAMBA: &str = include_str!("../../config/samba.toml");
 
-fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
+pub fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
     let path = folder.join("machine.toml");
     std::fs::write(&path, toml::to_string(machine).unwrap()).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
@@ -22,7 +22,7 @@ fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
 
 /// What the program prints as JSON; exit code 3 is a verdict.
 #[track_caller]
-fn json(machine: &Table, arguments: &[&str]) -> Value {
+pub fn json(machine: &Table, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let state = folder.path().join("state");
     let mut arguments = arguments.to_vec();
@@ -45,16 +45,26 @@ fn parameter(estimate: &Value, symbol: &str) -> [f64; 2] {
 }
 
 #[track_caller]
-fn assert_within_u(estimate: &Value, symbol: &str, truth: f64) {
+pub fn assert_within_u(estimate: &Value, symbol: &str, truth: f64) {
     let [value, u] = parameter(estimate, symbol);
     println!("{symbol} {value} ± {u}, true {truth}");
     assert!((value - truth).abs() <= u, "{symbol}: {value} ± {u}, true {truth}");
 }
 
+/// Without drift and errors of X, Y and Z: the rotary axis is in machine coordinates where the file has it.
+pub fn straight(machine: &str) -> Table {
+    let mut machine: Table = machine.parse().unwrap();
+    machine["machine"]["drift_um_per_h"] = 0.0.into();
+    for axis in ["X", "Y", "Z"] {
+        machine["axes"][axis]["error_motion_um"] = 0.0.into();
+    }
+    machine
+}
+
 /// config/grblhal-serial.toml in front of the simulated grblHAL, its C axis stated at `stated` and
 /// truly at X -149.95, Y -100.03 mm.
 fn corner_machine(stated: [f64; 2]) -> Table {
-    let mut machine: Table = GRBLHAL.parse().unwrap();
+    let mut machine = straight(GRBLHAL);
     machine["controller"] = Table::from_iter([("kind".into(), "simulated".into())]).into();
     let point = [stated[0], stated[1], -265.0].map(toml::Value::from).to_vec();
     machine["axes"]["C"]["point_mm"] = point.into();

@@ -25,6 +25,7 @@ mod store_kill;
 #[path = "../support/mod.rs"]
 #[allow(dead_code, reason = "each test binary uses a part of it")]
 mod support;
+mod table_axis;
 
 use support::harness::{Trials, run};
 
@@ -58,6 +59,7 @@ fn main() {
         sent_text::trials(),
         serve::trials(),
         store_kill::trials(),
+        table_axis::trials(),
     ];
     run(suites.into_iter().fold(Trials::default(), Trials::and))
 }

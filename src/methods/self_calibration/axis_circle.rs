@@ -13,20 +13,21 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 /// Adds the centre and the figure of the circle. Where no circle can be fitted there is none: an axis
 /// without offset leaves only scatter.
 pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
-    let (layout, x) = (&parts.fit.layout, &parts.fit.x);
+    let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.axis.axis);
     let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
     let centre =
         |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
     let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };
     let own = [0, 1].map(|i| parts.identification.propagation.uncertainty(&slopes[i]));
-    for (i, symbol) in ["EX0C_lsc", "EY0C_lsc"].into_iter().enumerate() {
+    for (i, symbol) in ["X", "Y"].into_iter().enumerate() {
+        let symbol = format!("E{symbol}0{axis}_lsc");
         let value = circle.centre[i];
-        let parameter = reported_parameter(symbol, Unit::Um, value, own[i].u, own[i].dof);
+        let parameter = reported_parameter(&symbol, Unit::Um, value, own[i].u, own[i].dof);
         estimate.parameters.push(parameter);
     }
     let um = |i: usize| axis_points(layout, x).iter().map(|point| point[i] * 1e3).collect();
     estimate.circles.push(CircleFigure {
-        symbol: "axis of C".to_owned(),
+        symbol: format!("axis of {axis}"),
         unit: Unit::Um,
         x: um(0),
         y: um(1),
@@ -36,7 +37,7 @@ pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
     });
 }
 
-/// E_total at each angle of C at the first height, mm.
+/// E_total at each angle of the axis at the first height, mm.
 fn axis_points(layout: &Layout, x: &[f64]) -> Vec<[f64; 2]> {
     (0..layout.design.n).map(|i| [x[layout.ex(0, i)], x[layout.ey(0, i)]]).collect()
 }

@@ -35,9 +35,13 @@ pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
         let point = parts.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
         format!("[{}, {}, {}]", point.x, point.y, point.z)
     });
+    let directions = match parts.axis.others_in_words() {
+        others if others.is_empty() => String::new(),
+        others => format!("; they are along the machine's X and Y with {others}"),
+    };
     format!(
         "EX0{axis} and EY0{axis} are measured minus stated: [axes.{axis}] point_mm = {old}; as measured it \
-         is {new}"
+         is {new}{directions}"
     )
 }
 

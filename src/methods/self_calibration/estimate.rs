@@ -21,7 +21,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     add_axis_circle(parts, &mut estimate);
     add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
-        // Under the wrong sense of C the values answer another question.
+        // Under the wrong sense of the axis the values answer another question.
         parameter.identifiable = parts.sense != Sense::Contradicted;
     }
     estimate.gauge = gauge(parts, &estimate);
@@ -31,13 +31,15 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
 }
 
 fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
-    let mut lines = parts.fit.layout.gauge_in_words();
+    let axis = parts.axis.axis;
+    let mut lines = parts.fit.layout.gauge_in_words(axis);
     lines.push(stated_and_measured(parts, estimate));
     let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
-        1 => format!("EX0C and EY0C hold at Z = {} mm only", heights[0]),
+        1 => format!("EX0{axis} and EY0{axis} hold at Z = {} mm only", heights[0]),
         _ => format!(
-            "EX0C and EY0C hold at the mean of Z = {} mm; EA0C and EB0C are relative to the Z axis",
+            "EX0{axis} and EY0{axis} hold at the mean of Z = {} mm; EA0{axis} and EB0{axis} are relative to the \
+             Z axis",
             heights.join(", ")
         ),
     });
@@ -53,6 +55,7 @@ fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
 }
 
 fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
+    let axis = parts.axis.axis;
     let mut lines = vec![
         "common scale of X and Y: inseparable from the radius R".to_owned(),
         "machine origin: fixed by the gauge".to_owned(),
@@ -60,30 +63,29 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
             .to_owned(),
     ];
     if parts.settings.spindle == Spindle::Fixed {
-        lines.push(
-            "stylus offset and odd lobes of the probe: inseparable from EX0C and EY0C with a fixed \
+        lines.push(format!(
+            "stylus offset and odd lobes of the probe: inseparable from EX0{axis} and EY0{axis} with a fixed \
              spindle (they stand in the budget; spindle = \"follow\" removes them)"
-                .to_owned(),
-        );
+        ));
     }
     if parts.fit.layout.heights == 1 {
-        lines.push("EA0C and EB0C: need two heights (heights_mm)".to_owned());
+        lines.push(format!("EA0{axis} and EB0{axis}: need two heights (heights_mm)"));
     }
     lines
 }
 
 fn warnings(parts: &Parts<'_>) -> Vec<String> {
+    let axis = parts.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
         Sense::Confirmed => {}
-        Sense::NotConfirmed => lines.push(
-            "sense of C not confirmed by these readings: an eccentric or lobed part and a number of \
+        Sense::NotConfirmed => lines.push(format!(
+            "sense of {axis} not confirmed by these readings: an eccentric or lobed part and a number of \
              positions divisible by 4 show it best"
-                .to_owned(),
-        ),
-        Sense::Contradicted => lines.push(
-            "the readings contradict the stated sense of C: check [axes.C] positive".to_owned(),
-        ),
+        )),
+        Sense::Contradicted => lines.push(format!(
+            "the readings contradict the stated sense of {axis}: check [axes.{axis}] positive"
+        )),
     }
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
     if !parts.timed && parts.settings.drift_order > 0 {
@@ -133,9 +135,10 @@ fn paper_comparison(parts: &Parts<'_>) -> Option<String> {
     let own = [dot(&x, &parts.fit.x), dot(&y, &parts.fit.x)];
     let u = |i: usize| parts.identification.uncertainty(i).map_or(f64::NAN, |own| own.u);
     let is_far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * u(i));
+    let axis = parts.axis.axis;
     is_far.then(|| {
         format!(
-            "the paper's form (differences, no drift, first order) gives EX0C {:.2}, EY0C {:.2} um",
+            "the paper's form (differences, no drift, first order) gives EX0{axis} {:.2}, EY0{axis} {:.2} um",
             paper[0] * 1e3,
             paper[1] * 1e3
         )

@@ -18,6 +18,7 @@ use crate::{IdentifyError, Refused};
 use estimation::linear::Survey;
 use estimation::monte_carlo::Trials;
 use estimation::null_names::name_null_space;
+use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
@@ -56,7 +57,8 @@ pub fn check_well_posed(
     };
     let (layout, observed) = observe_cycle(&plan, settings, planner, &readings).map_err(refused)?;
     let sigma = vec![1.0; observed.observations.len()];
-    fit(layout, observed.observations, sigma, settings).map(drop).map_err(refused)
+    let axis = planner.axis().axis;
+    fit(axis, layout, observed.observations, sigma, settings).map(drop).map_err(refused)
 }
 
 /// A reading at the start of its touch: only its place in the design counts.
@@ -108,11 +110,12 @@ pub fn fitted(
     let mut sources = sources(plan, &layout, &observations, settings.spindle, half_duration_s);
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
-    let fit = fit(layout, observations, sigma, settings)?;
+    let axis = planner.axis().axis;
+    let fit = fit(axis, layout, observations, sigma, settings)?;
     if !fit.layout.gaps.is_empty() {
         sources.push(interruptions(&fit.layout, &fit.observations, &fit.x));
     }
-    let outputs = outputs::outputs(&fit.layout, &planner.heights(), &fit.x);
+    let outputs = outputs::outputs(&fit.layout, axis, &planner.heights(), &fit.x);
     Ok(Fitted { fit, sources, outputs, timed, left_out })
 }
 
@@ -143,12 +146,13 @@ pub fn identify(
 }
 
 fn fit(
+    axis: Axis,
     layout: Layout,
     observations: Vec<Observation>,
     sigma: Vec<f64>,
     settings: &Settings,
 ) -> Result<Fit, IdentifyError> {
-    let names = layout.names();
+    let names = layout.names(axis);
     let lost = |survey: &Survey| a_few(name_null_space(survey.null_space.as_ref(), &names));
     Fit::new(layout, observations, sigma, settings.second_order)
         .map_err(|error| IdentifyError::unsolved(error, lost))

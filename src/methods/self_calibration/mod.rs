@@ -92,8 +92,8 @@ impl Registered for SelfCalibration {
     const DESCRIPTION: Description = Description {
         name: NAME,
         needs: "any clean round part",
-        finds: "location and error motions of the C axis, squareness and scale difference of X \
-                and Y, form of the part",
+        finds: "location and error motions of the rotary axis that turns the part (C, or another letter), \
+                squareness and scale difference of X and Y, form of the part",
         machine_file: "simulated.toml",
     };
 

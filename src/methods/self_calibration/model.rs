@@ -13,6 +13,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use super::design::Design;
+use machine::Axis;
 
 /// One reading, reduced to the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,15 +90,16 @@ impl Layout {
         after(seen.time) - after(0.0)
     }
 
-    pub fn names(&self) -> Vec<String> {
+    /// `axis`: the rotary axis that is measured.
+    pub fn names(&self, axis: Axis) -> Vec<String> {
         let mut names = vec![String::new(); self.unknowns()];
         for height in 0..self.heights {
             let at = if self.heights > 1 { format!(" at height {height}") } else { String::new() };
             names[self.radius(height)] = format!("R{at}");
             for i in 0..self.design.n {
                 let deg = (self.design.angle(i).to_degrees() * 1e6).round() / 1e6;
-                names[self.ex(height, i)] = format!("EXC_total({deg}°){at}");
-                names[self.ey(height, i)] = format!("EYC_total({deg}°){at}");
+                names[self.ex(height, i)] = format!("EX{axis}_total({deg}°){at}");
+                names[self.ey(height, i)] = format!("EY{axis}_total({deg}°){at}");
                 names[self.er(height, i)] = format!("E_radial({deg}°){at}");
                 names[self.w(height, i)] = format!("W_radial({deg}°){at}");
             }
@@ -176,14 +178,16 @@ impl Layout {
     }
 
     /// The gauge in words.
-    pub fn gauge_in_words(&self) -> Vec<String> {
+    pub fn gauge_in_words(&self, axis: Axis) -> Vec<String> {
         let origin = if self.has_quarters() {
             "machine origin: E_radial(0°) = E_radial(180°) and E_radial(90°) = E_radial(-90°)"
         } else {
             "machine origin: E_radial has no first harmonic"
         };
         vec![
-            "EXC_total(0°) = EYC_total(0°) = 0: displacements are relative to C = 0".to_owned(),
+            format!(
+                "EX{axis}_total(0°) = EY{axis}_total(0°) = 0: displacements are relative to {axis} = 0"
+            ),
             "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale go into R"
                 .to_owned(),
             origin.to_owned(),

@@ -3,16 +3,18 @@
 
 use super::model::Layout;
 use crate::identification::{Curve, Output, Outputs};
+use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
-pub fn outputs(layout: &Layout, heights: &[f64], x: &[f64]) -> Outputs {
+/// `axis`: the rotary axis that is measured.
+pub fn outputs(layout: &Layout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
     let suffix = |height: usize| match heights.len() {
         1 => String::new(),
         _ => format!("@Z{:.1}", heights[height]),
     };
-    let curves = |height| functions(layout, height, &suffix(height), x);
+    let curves = |height| functions(layout, axis, height, &suffix(height), x);
     Outputs {
-        parameters: parameters(layout, heights, x),
+        parameters: parameters(layout, axis, heights, x),
         curves: (0..layout.heights).flat_map(curves).collect(),
         nonlinear: None,
     }
@@ -20,14 +22,23 @@ pub fn outputs(layout: &Layout, heights: &[f64], x: &[f64]) -> Outputs {
 
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
 /// frame, mm.
-fn parameters(layout: &Layout, z: &[f64], x: &[f64]) -> Vec<Output> {
+fn parameters(layout: &Layout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
     let heights = layout.heights as f64;
     let radius = (0..layout.heights).map(|h| x[layout.radius(h)]).sum::<f64>() / heights;
     let output =
-        |symbol, unit, coefficients: Vec<f64>| Output::linear(symbol, unit, coefficients, x);
+        |symbol: &str, unit, coefficients: Vec<f64>| Output::linear(symbol, unit, coefficients, x);
+    let location = |component| format!("E{component}0{axis}");
     let mut list = vec![
-        output("EX0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).0, 1.0 / heights))),
-        output("EY0C", Unit::Um, sum(layout, |h| (axis_position(layout, h).1, 1.0 / heights))),
+        output(
+            &location("X"),
+            Unit::Um,
+            sum(layout, |h| (axis_position(layout, h).0, 1.0 / heights)),
+        ),
+        output(
+            &location("Y"),
+            Unit::Um,
+            sum(layout, |h| (axis_position(layout, h).1, 1.0 / heights)),
+        ),
     ];
     let mean = z.iter().sum::<f64>() / heights;
     let spread: f64 = z.iter().map(|value| (value - mean).powi(2)).sum();
@@ -35,8 +46,8 @@ fn parameters(layout: &Layout, z: &[f64], x: &[f64]) -> Vec<Output> {
         // A tilt a about X moves the axis by −a·z in Y, a tilt b about Y by +b·z in X.
         let a = sum(layout, |h| (axis_position(layout, h).1, -(z[h] - mean) / spread));
         let b = sum(layout, |h| (axis_position(layout, h).0, (z[h] - mean) / spread));
-        list.push(output("EA0C", Unit::Urad, a));
-        list.push(output("EB0C", Unit::Urad, b));
+        list.push(output(&location("A"), Unit::Urad, a));
+        list.push(output(&location("B"), Unit::Urad, b));
     }
     let scale = sum(layout, |h| (scale_and_squareness(layout, h, radius).0, 1.0 / heights));
     let square = sum(layout, |h| (scale_and_squareness(layout, h, radius).1, 1.0 / heights));
@@ -46,24 +57,14 @@ fn parameters(layout: &Layout, z: &[f64], x: &[f64]) -> Vec<Output> {
 }
 
 /// The functions of one height.
-pub fn functions(layout: &Layout, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
+fn functions(layout: &Layout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
     let n = layout.design.n;
     let unit_vector = |index: usize| {
         let mut coefficients = vec![0.0; layout.unknowns()];
         coefficients[index] = 1.0;
         coefficients
     };
-    let (cx, cy) = axis_position(layout, height);
-    let motion = |i: usize, along_y: bool| {
-        let (sin, cos) = layout.design.angle(i).sin_cos();
-        let own = if along_y { layout.ey(height, i) } else { layout.ex(height, i) };
-        let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
-        let mut coefficients = unit_vector(own);
-        for (k, c) in coefficients.iter_mut().enumerate() {
-            *c += turn * far[k] - (1.0 - cos) * near[k];
-        }
-        coefficients
-    };
+    let motion = |i, along_y| error_motion(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
         let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
         Curve {
@@ -77,16 +78,36 @@ pub fn functions(layout: &Layout, height: usize, suffix: &str, x: &[f64]) -> Vec
             slopes,
         }
     };
+    let of_axis = |component, what| format!("E{component}{axis}{what}");
+    let name = match axis {
+        Axis::A => "A",
+        Axis::B => "B",
+        _ => "C",
+    };
     use FigureKind::{Curve as Line, Polar};
     vec![
-        function("EXC_total", "C", Line, &|i| unit_vector(layout.ex(height, i))),
-        function("EYC_total", "C", Line, &|i| unit_vector(layout.ey(height, i))),
-        function("EXC", "C", Line, &|i| motion(i, false)),
-        function("EYC", "C", Line, &|i| motion(i, true)),
+        function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex(height, i))),
+        function(&of_axis("Y", "_total"), name, Line, &|i| unit_vector(layout.ey(height, i))),
+        function(&of_axis("X", ""), name, Line, &|i| motion(i, false)),
+        function(&of_axis("Y", ""), name, Line, &|i| motion(i, true)),
         function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.er(height, i))),
         function("W_radial", "theta", Polar, &|i| unit_vector(layout.w(height, i))),
         function("W_form", "theta", Polar, &|i| form(layout, height, i)),
     ]
+}
+
+/// Error motion at the grid angle `i`: the displacement without what the axis position makes of it.
+pub fn error_motion(layout: &Layout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
+    let (cx, cy) = axis_position(layout, height);
+    let (sin, cos) = layout.design.angle(i).sin_cos();
+    let own = if along_y { layout.ey(height, i) } else { layout.ex(height, i) };
+    let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
+    let mut coefficients = vec![0.0; layout.unknowns()];
+    coefficients[own] = 1.0;
+    for (k, c) in coefficients.iter_mut().enumerate() {
+        *c += turn * far[k] - (1.0 - cos) * near[k];
+    }
+    coefficients
 }
 
 fn rounded_deg(angle: f64) -> f64 {
@@ -97,7 +118,7 @@ pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
     coefficients.iter().zip(x).map(|(c, x)| c * x).sum()
 }
 
-/// Mean of E_total over C: the axis position, unbiased for zero-mean error motion (METHODS
+/// Mean of E_total over a turn: the axis position, unbiased for zero-mean error motion (METHODS
 /// section 1). Coefficients for x and y.
 pub fn axis_position(layout: &Layout, height: usize) -> (Vec<f64>, Vec<f64>) {
     let mut x = vec![0.0; layout.unknowns()];

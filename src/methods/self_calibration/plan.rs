@@ -155,7 +155,7 @@ impl<'a> Planner<'a> {
         let place = if touch.c == 0 && !matches!(touch.test, super::design::Test::One(_)) {
             format!("P{:03}", degrees(touch.phi))
         } else {
-            format!("C{:03}", degrees(touch.c))
+            format!("{}{:03}", self.axis.axis, degrees(touch.c))
         };
         format!("{}/{place}", touch.test.name())
     }

@@ -1,10 +1,10 @@
-//! Whether C turns the way the machine file says.
+//! Whether the axis turns the way the machine file says.
 
 use super::fit::Fit;
 use super::model::{Layout, Observation};
-use super::outputs;
+use super::outputs::{dot, error_motion};
 
-/// Whether the readings confirm the stated sense of C.
+/// Whether the readings confirm the stated sense of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sense {
     Confirmed,
@@ -37,7 +37,6 @@ pub fn judge(fit: &Fit) -> Sense {
 }
 
 fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
-    let curves = outputs::functions(layout, 0, "", x);
-    let motions = curves.iter().filter(|curve| curve.symbol == "EXC" || curve.symbol == "EYC");
-    motions.flat_map(|curve| &curve.y).map(|y| y.powi(2)).sum::<f64>().sqrt()
+    let at = |i| [false, true].map(|along_y| dot(&error_motion(layout, 0, i, along_y), x).powi(2));
+    (0..layout.design.n).flat_map(at).sum::<f64>().sqrt()
 }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Refused;
+use machine::Position;
 use machine::record::artefact::Cylinder;
 
 /// What the spindle does while the probe goes round the part.
@@ -29,13 +30,17 @@ pub struct Settings {
     /// more heights give the tilts E_A0C and E_B0C.
     pub heights_mm: Vec<f64>,
     pub spindle: Spindle,
+    /// Where the other rotary axes are during the cycle, degrees; those not named are at 0. The axis of
+    /// the table that is along Z there is measured.
+    #[serde(skip_serializing_if = "Position::is_empty")]
+    pub at: Position,
     /// Find the part first, by four slow touches.
     pub locate: bool,
     /// Touch the part at 0°, 90° and 180° between the tests, to see drift.
     pub references: bool,
     /// Touch the top face of the part with each round of references, to see whether Z stands.
     pub z_reference: bool,
-    /// Where on the top face, from the part's axis in X and Y at C = 0, mm: beside a bore, say.
+    /// Where on the top face, from the part's axis in X and Y with the axis at 0, mm: beside a bore, say.
     pub z_reference_at_mm: [f64; 2],
     /// Order of the drift polynomial in X, Y and radius; 0 fits none.
     pub drift_order: usize,
@@ -58,6 +63,7 @@ impl Default for Settings {
             probe_angles_deg: None,
             heights_mm: Vec::new(),
             spindle: Spindle::Fixed,
+            at: Position::new(),
             locate: true,
             references: true,
             z_reference: true,
@@ -126,8 +132,15 @@ impl Settings {
         let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
         must(
             axis[2] > UPRIGHT * length,
-            || "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
-            "this method touches the flank of an upright round part",
+            || {
+                let [x, y, z] = axis.map(|part| (part / length * 1e3).round() / 1e3 + 0.0);
+                format!(
+                    "the part is not upright where it is measured: there its axis is along [{x}, {y}, {z}] of \
+                     the machine, not [0, 0, 1]"
+                )
+            },
+            "this method touches the flank of an upright round part: correct [artefact] axis, which holds \
+             with all axes at zero",
         )
     }
 

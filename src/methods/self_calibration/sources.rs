@@ -88,8 +88,8 @@ fn linear_axes(plan: &Plan, seen: &[Observation], normals: &[Vector3<f64>]) -> V
     patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
 }
 
-/// The references are touched at C = 0. They show a step during an interruption, but not whether the
-/// table moved, which is what is fitted, or the part on it, which turns with C. Any share is taken as
+/// The references are touched with the axis at 0. They show a step during an interruption, but not whether the
+/// table moved, which is what is fitted, or the part on it, which turns with the axis. Any share is taken as
 /// equally likely. `x`: the solution with its steps.
 pub fn interruptions(layout: &Layout, seen: &[Observation], x: &[f64]) -> UncertaintySource {
     let column = |gap: usize, k: usize| {

@@ -29,29 +29,30 @@ pub struct TableAxis {
 
 impl TableAxis {
     /// # Errors
-    /// A machine without such an axis, or whose axis does not stand along the spindle.
-    pub fn new(plan: &Plan, _settings: &Settings) -> Result<Self, Refused> {
+    /// No axis of the table along Z at the position that the settings name; a position that the machine
+    /// cannot have.
+    pub fn new(plan: &Plan, settings: &Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
-        let turning =
-            plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
-        let still: Position = turning.map(|axis| (*axis, 0.0)).collect();
-        let carries = chain.topology().workpiece().contains(&Axis::C);
-        let spec = plan.machine.axes.get(&Axis::C).filter(|_| carries);
-        let (Some(spec), Some(line)) = (spec, chain.axis_line(Axis::C, &still)) else {
-            return Err(Refused {
-                why: "this method needs a rotary axis C that carries the workpiece".to_owned(),
-                instead: "state C on the workpiece side of the topology (w-C-…) and as [axes.C]"
-                    .to_owned(),
-            });
+        let still = still(plan, &settings.at)?;
+        // The axis next to the workpiece first.
+        let mut carriers = chain.topology().workpiece().iter().rev().copied();
+        let found = carriers.find_map(|axis| {
+            let line = chain.axis_line(axis, &still).filter(is_upright)?;
+            let spec = plan.machine.axes.get(&axis)?;
+            settings.at.get(axis).is_none().then_some((axis, line, spec))
+        });
+        let Some((axis, line, spec)) = found else {
+            return Err(none_upright(plan, &chain, &still));
         };
-        if line.direction.z.abs() < UPRIGHT {
+        let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
+        if spindle.z < UPRIGHT {
             return Err(Refused {
-                why: "the axis C does not stand along Z".to_owned(),
-                instead: "correct direction in [axes.C]".to_owned(),
+                why: format!("the spindle is not along Z with {}", in_words(&still, axis)),
+                instead: "correct at in [method.self-calibration]".to_owned(),
             });
         }
         Ok(Self {
-            axis: Axis::C,
+            axis,
             spec: spec.clone(),
             sense: spec.positive.sign() * line.direction.z.signum(),
             table: chain.machine_from_table(&still, &[]),
@@ -60,6 +61,11 @@ impl TableAxis {
             line,
             chain,
         })
+    }
+
+    /// `A at 90°`: the other rotary axes that are not at 0. Empty where all are.
+    pub fn others_in_words(&self) -> String {
+        in_words(&self.still.only(|axis| self.still.at(axis) != 0.0), self.axis)
     }
 
     /// The point of the stated axis at the height `z`.
@@ -112,4 +118,66 @@ fn moved(part: &Cylinder, by: &Pose) -> Cylinder {
         axis: (by.rotation * Vector3::from(part.axis)).into(),
         ..part.clone()
     }
+}
+
+/// All rotary axes but S: where the settings want them, otherwise at zero.
+fn still(plan: &Plan, at: &Position) -> Result<Position, Refused> {
+    let turns = |axis: Axis| !axis.is_linear() && axis != Axis::S;
+    for (axis, value) in at.iter() {
+        let spec = plan.machine.axes.get(&axis).filter(|_| turns(axis));
+        let degrees = axis.to_edge(value);
+        if !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)) {
+            return Err(Refused {
+                why: format!("at names {axis} = {degrees}, which this machine's rotary axes cannot have"),
+                instead: "name in at of [method.self-calibration] rotary axes of [axes], within their limits"
+                    .to_owned(),
+            });
+        }
+    }
+    let axes = plan.machine.axes.keys().copied().filter(|axis| turns(*axis));
+    Ok(axes.map(|axis| (axis, at.at(axis))).collect())
+}
+
+fn is_upright(line: &AxisLine) -> bool {
+    line.direction.z.abs() >= UPRIGHT
+}
+
+fn none_upright(plan: &Plan, chain: &Chain, still: &Position) -> Refused {
+    let carriers = chain.topology().workpiece();
+    if carriers.iter().all(|axis| axis.is_linear()) {
+        return Refused {
+            why: "this method needs a rotary axis that carries the workpiece".to_owned(),
+            instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
+                .to_owned(),
+        };
+    }
+    let upright = |other: Axis, degrees: f64| {
+        let at = still.clone().with(other, other.from_edge(degrees));
+        let mut turned = carriers.iter().filter(|axis| **axis != other);
+        let reached = plan.machine.axes.get(&other);
+        reached.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees))
+            && turned.any(|axis| chain.axis_line(*axis, &at).as_ref().is_some_and(is_upright))
+    };
+    let places = still.iter().flat_map(|(other, _)| [90.0, -90.0].map(|degrees| (other, degrees)));
+    let place = places.into_iter().find(|(other, degrees)| upright(*other, *degrees));
+    let example = place.map_or(String::new(), |(other, degrees)| {
+        format!(", for example at = {{ {other} = {degrees:.1} }}")
+    });
+    Refused {
+        why: format!(
+            "no rotary axis that carries the workpiece is along Z with {}",
+            in_words(still, Axis::S)
+        ),
+        instead: format!(
+            "state in [method.self-calibration] where the others are when one is{example}; or correct \
+             direction in [axes]"
+        ),
+    }
+}
+
+/// `A at 90°, B at 0°`, without `except`.
+fn in_words(position: &Position, except: Axis) -> String {
+    let others = position.iter().filter(|(axis, _)| *axis != except);
+    let words = others.map(|(axis, value)| format!("{axis} at {}°", axis.to_edge(value)));
+    words.collect::<Vec<_>>().join(", ")
 }

@@ -16,6 +16,7 @@ use crate::self_calibration::design::Design;
 use estimation::coverage::{chi_square_bounds, effective_dof};
 use estimation::monte_carlo::Trials;
 use estimation::random::stream;
+use machine::Axis;
 
 const SIGMA_MM: f64 = 1e-3;
 const STYLUS_OFFSET_MM: f64 = 2e-3;
@@ -58,7 +59,8 @@ fn identified(fit: &Fit, is_declared: bool, trials: Option<TrialPlan>) -> Identi
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / SIGMA_MM).collect();
     let (model, figures) = (&LinearisedFit::new(fit), fit.figures(&residuals));
     let solution = Solution { model, residuals: &weighted, is_declared, figures };
-    identify(&solution, &sources(fit), outputs(&fit.layout, &[0.0], &fit.x), trials).unwrap()
+    identify(&solution, &sources(fit), outputs(&fit.layout, Axis::C, &[0.0], &fit.x), trials)
+        .unwrap()
 }
 
 /// Contradicted and undeclared: χ² per degree of freedom scales the touches' share of u, which alone has
