@@ -1,8 +1,9 @@
-//! Interoperability with foreign programs: LinuxCNC, pymodbus, python3, the CAN of a real kernel, Chromium.
+//! Interoperability with foreign programs: LinuxCNC, grblHAL, pymodbus, python3, the CAN of a real kernel, Chromium.
 //! A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
+mod grblhal;
 mod linuxcnc;
 mod page;
 mod pymodbus;
@@ -17,6 +18,7 @@ use support::harness::{Trials, run};
 
 fn main() {
     let suites = [
+        grblhal::trials(),
         linuxcnc::trials(),
         page::trials(),
         pymodbus::trials(),

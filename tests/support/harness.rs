@@ -31,6 +31,8 @@ pub enum Pool {
     Browser,
     /// Runs LinuxCNC, whose real-time environment exists once per computer.
     LinuxCnc,
+    /// Runs grblHAL, which computes its steps in real time: a full core would make them late.
+    GrblHal,
     /// Measures time, load or memory: no other trial runs meanwhile.
     Alone,
 }
@@ -40,7 +42,7 @@ impl Pool {
         match self {
             Pool::Computing => available_parallelism().map_or(2, usize::from),
             Pool::Waiting => WAITING_PLACES,
-            Pool::Browser | Pool::LinuxCnc | Pool::Alone => 1,
+            Pool::Browser | Pool::LinuxCnc | Pool::GrblHal | Pool::Alone => 1,
         }
     }
 }
@@ -54,6 +56,8 @@ struct Entry {
     typical_s: u32,
     ignored: bool,
     missing_peer: MissingPeer,
+    /// With `TRUED_REQUIRE_PEERS=1`.
+    fails_without_peer: bool,
     /// Failures of the peer itself: the trial is repeated.
     repeated_if: fn(&Failed) -> bool,
     run: fn() -> Result<(), Failed>,
@@ -80,6 +84,7 @@ impl Trials {
             typical_s,
             ignored: false,
             missing_peer: || None,
+            fails_without_peer: true,
             repeated_if: |_| false,
             run,
         });
@@ -104,6 +109,13 @@ impl Trials {
     /// Skipped where the peer is missing; failed with `TRUED_REQUIRE_PEERS=1`.
     pub fn requires(mut self, missing_peer: MissingPeer) -> Self {
         self.0.iter_mut().for_each(|entry| entry.missing_peer = missing_peer);
+        self
+    }
+
+    /// Skipped where the peer is missing, also with `TRUED_REQUIRE_PEERS=1`: nobody can be expected to have it.
+    pub fn skipped_without(mut self, missing_peer: MissingPeer) -> Self {
+        self = self.requires(missing_peer);
+        self.0.iter_mut().for_each(|entry| entry.fails_without_peer = false);
         self
     }
 }
@@ -159,7 +171,8 @@ pub fn run(trials: Trials) -> ! {
 }
 
 fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
-    let Entry { name, pool, ignored, missing_peer, repeated_if, run, .. } = entry;
+    let Entry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } =
+        entry;
     let admission = Arc::clone(admission);
     let unfinished = (pool != Pool::Alone).then(|| Unfinished::new(&admission));
     let limit = if ignored || is_full() { LONG_LIMIT } else { GATE_LIMIT };
@@ -168,7 +181,7 @@ fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
         let _unfinished = unfinished;
         if let Some(reason) = missing_peer() {
             return match std::env::var("TRUED_REQUIRE_PEERS") {
-                Ok(value) if value == "1" => Err(reason.into()),
+                Ok(value) if value == "1" && fails_without_peer => Err(reason.into()),
                 _ => Ok(Completion::ignored_with(reason)),
             };
         }

@@ -91,8 +91,14 @@ impl Desk {
         let port = format!("127.0.0.1:{}", rig.port);
         let directory = rig.directory.display().to_string();
         let here = [("127.0.0.1:5007", &*port), ("/tmp/trued-linuxcnc", &*directory)];
+        let changes: Vec<_> = changes.iter().chain(&here).copied().collect();
+        Self::new(machine, &changes)
+    }
+
+    /// A machine file with some of its text replaced.
+    pub fn new(machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         let mut machine = machine.to_owned();
-        for (from, to) in changes.iter().chain(&here) {
+        for (from, to) in changes {
             if !machine.contains(from) {
                 return Err(format!("`{from}` does not stand in the machine file").into());
             }

@@ -3,14 +3,14 @@
 //! stop with resume and the comparison of the interpreters; `.ci/long` runs all.
 
 mod cycle;
-mod desk;
+pub mod desk;
 mod faults;
 mod halt;
 mod interpreter;
 mod machine;
 mod person;
 mod resume;
-mod rig;
+pub mod rig;
 mod samba;
 mod states;
 mod streams;

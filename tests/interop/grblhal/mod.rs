@@ -1,0 +1,33 @@
+//! Against the real grblHAL firmware with simulated motion (`tests/peers/grblhal/build` puts it below the target
+//! directory). Its source is not part of this repository: without it the trials are skipped, with the reason, also
+//! with `TRUED_REQUIRE_PEERS=1`. `.ci/run` runs the readiness of the control and one short cycle; `.ci/long`
+//! runs all.
+
+mod check;
+mod cycle;
+mod faults;
+mod readiness;
+mod rig;
+mod wire;
+
+use crate::support::harness::{Pool, Trials, trials};
+
+fn not_built() -> Option<&'static str> {
+    (!rig::firmware().is_file()).then_some("grblHAL is not built: tests/peers/grblhal/build")
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::GrblHal, 60;
+        readiness::a_control_that_is_not_ready_is_sent_no_motion,
+        cycle::a_short_one_finds_the_true_axis,
+    ]
+    .and(
+        trials![Pool::GrblHal, 0;
+            cycle::the_latch_delay_is_found,
+            cycle::two_true_axes_are_found,
+            cycle::a_reversed_axis_is_found,
+        ]
+        .ignored(),
+    )
+    .skipped_without(not_built)
+}

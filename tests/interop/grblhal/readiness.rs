@@ -1,0 +1,61 @@
+//! What the firmware may report before the first motion: `run` is refused, and no line that moves is sent.
+
+use libtest_mimic::Failed;
+
+use super::rig::Rig;
+use crate::linuxcnc::desk::{Desk, complaint};
+
+/// A method that needs no angle of the table.
+const METHOD: &str = "latch-delay";
+
+fn is_refused(rig: &Rig, desk: &Desk, named: [&str; 2]) -> Result<(), Failed> {
+    rig.wire.forget();
+    let output = desk.run(METHOD)?.wait_with_output()?;
+    let said = complaint(&output);
+    let motions = rig.wire.motions();
+    if !motions.is_empty() {
+        return Err(format!("{named:?}: it was sent {motions:?}").into());
+    }
+    let is_named = named.iter().all(|words| said.contains(words));
+    if output.status.code() != Some(1) || !is_named || rig.wire.lines().is_empty() {
+        return Err(format!("{named:?} is not in {said}").into());
+    }
+    Ok(())
+}
+
+/// Real-time commands of Grbl 1.1: feed override to 100 %, 10 % more; rapid override to 100 %, to 25 %.
+const FEED_100: &[u8] = &[0x90];
+const FEED_200: &[u8] = &[0x91; 10];
+const RAPID_100: &[u8] = &[0x95];
+const RAPID_25: &[u8] = &[0x97];
+
+pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
+    let mut rig = Rig::not_homed(&[])?;
+    let desk = rig.desk(&[])?;
+    is_refused(&rig, &desk, ["not homed", "$H"])?;
+    rig.home()?;
+    for (wrong, right, named) in [
+        ("$13=1", "$13=0", ["in inches", "$13=0"]),
+        ("$10=510", "$10=511", ["the machine position", "$10=511"]),
+        ("$10=447", "$10=511", ["the overrides", "$10=511"]),
+        ("$20=0", "$20=1", ["soft limits are off", "$20=1"]),
+        ("$131=0", "$131=200", ["do not limit Y", "$131"]),
+    ] {
+        rig.ask(wrong)?;
+        is_refused(&rig, &desk, named)?;
+        rig.ask(right)?;
+    }
+    for (wrong, right, named) in [
+        (FEED_200, FEED_100, ["feed 200 %", "100 %"]),
+        (RAPID_25, RAPID_100, ["rapid 25 %", "100 %"]),
+    ] {
+        rig.command(wrong)?;
+        is_refused(&rig, &desk, named)?;
+        rig.command(right)?;
+    }
+    rig.command(b"\x18")?;
+    is_refused(&rig, &desk, ["not homed", "$H"])?;
+    rig.home()?;
+    rig.start_again()?;
+    is_refused(&rig, &desk, ["not homed", "$H"])
+}

@@ -1,0 +1,197 @@
+//! The firmware as a machine: five axes, homed at their positive ends, soft limits on, and a probe whose contact
+//! is computed from a truth file.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use libtest_mimic::Failed;
+use tempfile::TempDir;
+
+use super::wire::Wire;
+use crate::linuxcnc::desk::Desk;
+use crate::linuxcnc::rig::free_port;
+
+/// The table's centre in machine coordinates; the stylus ball seen from the spindle datum; the part of
+/// `config/grblhal-sim.toml`, which stands beside where that file has it.
+const TRUTH: [(&str, f64); 12] = [
+    ("ox", -150.0),
+    ("oy", -100.0),
+    ("oz", -450.0),
+    ("cx", 0.05),
+    ("cy", -0.03),
+    ("sB", -1.0),
+    ("sC", -1.0),
+    ("tz", -120.0),
+    ("rball", 3.0),
+    ("px", 0.2),
+    ("py", -0.15),
+    ("rad", 25.0),
+];
+/// As `config/grblhal-sim.toml` has the machine. Homing: each axis where it stands ($22).
+const SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
+    $120=1000 $121=1000 $122=1000 $123=400 $124=400 $133=0 $134=0 $376=3 $22=35 $44=0 $45=0 $46=0 $47=0 $48=0 $20=1";
+const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
+const PATIENCE: Duration = Duration::from_secs(10);
+const START: Duration = Duration::from_millis(500);
+
+pub fn firmware() -> PathBuf {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap_or(Path::new(""));
+    target.join("peers/grblhal/grblHAL_sim")
+}
+
+pub struct Rig {
+    process: Child,
+    folder: TempDir,
+    port: u16,
+    pub wire: Wire,
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Rig {
+    /// Never homed, with the settings of the machine; `truth` in place of what `TRUTH` has.
+    pub fn not_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
+        let folder = TempDir::new()?;
+        let all = TRUTH.iter().chain(&[("height", 100.0)]).chain(truth);
+        let all: String = all.map(|(name, value)| format!("{name} {value}\n")).collect();
+        std::fs::write(folder.path().join("truth"), all)?;
+        let port = free_port().map_err(|error| error.to_string())?;
+        let process = start(folder.path(), port)?;
+        let rig = Self { process, folder, port, wire: Wire::to(port)? };
+        rig.wake()?;
+        SETTINGS.split_whitespace().try_for_each(|setting| rig.ask(setting).map(drop))?;
+        Ok(rig)
+    }
+
+    /// While it starts it complains of an empty memory, and forgets what it is told.
+    fn wake(&self) -> Result<(), Failed> {
+        let started = Instant::now();
+        while self.ask_within("", START).is_err() {
+            if started.elapsed() > PATIENCE {
+                return Err("the firmware does not answer".into());
+            }
+        }
+        Ok(())
+    }
+
+    pub fn homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
+        let rig = Self::not_homed(truth)?;
+        rig.home()?;
+        Ok(rig)
+    }
+
+    /// A person drives the axes to their ends, and homes them there.
+    pub fn home(&self) -> Result<(), Failed> {
+        self.ask("$X")?;
+        for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"] {
+            self.ask(line)?;
+        }
+        Ok(())
+    }
+
+    /// At the control itself, while nothing else is connected. What it answers.
+    pub fn ask(&self, line: &str) -> Result<String, Failed> {
+        self.ask_within(line, PATIENCE)
+    }
+
+    fn ask_within(&self, line: &str, patience: Duration) -> Result<String, Failed> {
+        let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
+        wire.set_read_timeout(Some(Duration::from_millis(100)))?;
+        writeln!(wire, "{line}")?;
+        let (started, mut answer, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
+        while started.elapsed() < patience {
+            match wire.read(&mut bytes) {
+                Ok(count) => answer += &String::from_utf8_lossy(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) => return Err(error.into()),
+            }
+            if answer.lines().any(|line| line == "ok") && answer.ends_with('\n') {
+                return Ok(answer);
+            }
+            if answer.contains("error:") {
+                break;
+            }
+        }
+        Err(format!("the firmware answers `{line}` by `{answer}`").into())
+    }
+
+    /// Real-time commands at the control, while nothing else is connected.
+    pub fn command(&self, bytes: &[u8]) -> Result<(), Failed> {
+        let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
+        wire.write_all(bytes)?;
+        sleep(Duration::from_millis(200));
+        Ok(())
+    }
+
+    /// Press or release a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.
+    pub fn press(&mut self, button: char) -> Result<(), Failed> {
+        let buttons = self.process.stdin.as_mut().ok_or("no buttons")?;
+        write!(buttons, "{button}")?;
+        buttons.flush()?;
+        sleep(Duration::from_millis(200));
+        Ok(())
+    }
+
+    pub fn kill(&mut self) -> Result<(), Failed> {
+        self.process.kill()?;
+        self.process.wait()?;
+        Ok(())
+    }
+
+    /// With what it has stored; it stands at machine zero then.
+    pub fn start_again(&mut self) -> Result<(), Failed> {
+        self.kill()?;
+        self.port = free_port().map_err(|error| error.to_string())?;
+        self.process = start(self.folder.path(), self.port)?;
+        self.wire.lead_to(self.port);
+        self.wake()
+    }
+
+    /// A person's desk with the machine file of this rig, some of its text replaced.
+    pub fn desk(&self, changes: &[(&str, &str)]) -> Result<Desk, Failed> {
+        let address = format!("127.0.0.1:{}", self.wire.port);
+        let changes: Vec<_> = changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
+        Desk::new(MACHINE, &changes)
+    }
+
+    /// Until so many touches were begun since the wire was last forgotten, while `run` goes on.
+    pub fn wait_for_touches(&self, touches: usize, run: &mut Child) -> Result<(), Failed> {
+        let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F60.000");
+        while self.wire.lines().iter().filter(measuring).count() < touches {
+            if run.try_wait()?.is_some() {
+                return Err(format!("the run ended before {touches} touches").into());
+            }
+            sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    }
+}
+
+/// Until it listens.
+fn start(folder: &Path, port: u16) -> Result<Child, Failed> {
+    let process = Command::new(firmware())
+        .args(["-n", "-t", "1", "-p", &port.to_string(), "-e"])
+        .arg(folder.join("eeprom"))
+        .env("TRUTH", folder.join("truth"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()?;
+    let started = Instant::now();
+    while TcpStream::connect(("127.0.0.1", port)).is_err() {
+        if started.elapsed() > PATIENCE {
+            return Err("the firmware does not listen".into());
+        }
+        sleep(Duration::from_millis(20));
+    }
+    Ok(process)
+}

@@ -1,0 +1,94 @@
+//! The wire between `trued` and the firmware. Its address stays the same when the firmware is started again, and
+//! all bytes for the firmware are recorded.
+
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+use libtest_mimic::Failed;
+
+#[derive(Clone)]
+pub struct Wire {
+    pub port: u16,
+    firmware_port: Arc<AtomicU16>,
+    sent: Arc<Mutex<Vec<u8>>>,
+}
+
+impl Wire {
+    pub fn to(firmware_port: u16) -> Result<Self, Failed> {
+        let listener = TcpListener::bind("127.0.0.1:0")?;
+        let wire = Self {
+            port: listener.local_addr()?.port(),
+            firmware_port: Arc::new(AtomicU16::new(firmware_port)),
+            sent: Arc::default(),
+        };
+        let served = wire.clone();
+        // Ends with this process.
+        thread::spawn(move || {
+            for client in listener.incoming().map_while(Result::ok) {
+                // A client of a firmware that is not running sees its connection closed.
+                let _ = served.connect(client);
+            }
+        });
+        Ok(wire)
+    }
+
+    pub fn lead_to(&self, firmware_port: u16) {
+        self.firmware_port.store(firmware_port, Ordering::SeqCst);
+    }
+
+    fn connect(&self, client: TcpStream) -> std::io::Result<()> {
+        let port = self.firmware_port.load(Ordering::SeqCst);
+        let firmware = TcpStream::connect(("127.0.0.1", port))?;
+        let sent = Arc::clone(&self.sent);
+        let record = move |bytes: &[u8]| {
+            sent.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+        };
+        pump(client.try_clone()?, firmware.try_clone()?, record);
+        pump(firmware, client, |_| {});
+        Ok(())
+    }
+
+    /// The lines for the firmware since the last call of `forget`, without real-time commands.
+    pub fn lines(&self) -> Vec<String> {
+        let sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_text = |byte: &&u8| **byte == b'\n' || (b' '..=b'~').contains(*byte);
+        let text = sent.iter().filter(is_text).filter(|byte| !b"?!~".contains(*byte));
+        let text = String::from_utf8_lossy(&text.copied().collect::<Vec<u8>>()).into_owned();
+        text.lines().map(str::to_owned).collect()
+    }
+
+    /// Those that move something.
+    pub fn motions(&self) -> Vec<String> {
+        let is_motion = |line: &String| {
+            let moves = |word: &str| {
+                ["G0", "G1", "G2", "G3", "G28", "G30"].contains(&word) || word.starts_with("G38")
+            };
+            line.starts_with("$H")
+                || line.starts_with("$J")
+                || (!line.starts_with('(') && line.split_whitespace().any(moves))
+        };
+        self.lines().into_iter().filter(is_motion).collect()
+    }
+
+    pub fn forget(&self) {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+}
+
+/// Until one side closes: then both are closed.
+fn pump(mut from: TcpStream, mut to: TcpStream, record: impl Fn(&[u8]) + Send + 'static) {
+    thread::spawn(move || {
+        let mut bytes = [0; 4096];
+        while let Ok(count @ 1..) = from.read(&mut bytes) {
+            record(&bytes[..count]);
+            if to.write_all(&bytes[..count]).is_err() {
+                break;
+            }
+        }
+        let _ = from.shutdown(Shutdown::Both);
+        let _ = to.shutdown(Shutdown::Both);
+    });
+}
