@@ -52,11 +52,26 @@ pub fn how_it_ended(stored: &StoredRun) -> String {
         _ => None,
     });
     let why = match (state, last) {
+        (RunState::NotIdentified, _) => {
+            identification_fault(stored).unwrap_or_else(|| "no estimate is stored yet".to_owned())
+        }
         (RunState::Interrupted, _) => "its process died without a word".to_owned(),
         (_, Some(last)) => last,
         (_, None) => "nothing was said".to_owned(),
     };
     format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
+}
+
+/// Why the identification of a measured run failed, with the remedy; `None` if it never failed: its process
+/// ended first, or it is computed now.
+pub fn identification_fault(stored: &StoredRun) -> Option<String> {
+    let events = stored.events.iter().rev().map(|(_, event)| event);
+    let mut since =
+        events.take_while(|event| !matches!(event, Event::Finished | Event::Resumed { .. }));
+    since.find_map(|event| match event {
+        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
+        _ => None,
+    })
 }
 
 /// Whether the control may not know where its axes are, since the run last went on.
@@ -104,6 +119,9 @@ pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
         RunState::Closed => {
             Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))
         }
+        RunState::NotIdentified => Some(format!(
+            "`trued resume {id}` identifies it from its readings; the machine does not move"
+        )),
         RunState::Finished | RunState::Failed | RunState::Running => None,
     }
 }

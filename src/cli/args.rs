@@ -28,7 +28,8 @@ pub enum Command {
     /// Does the machine do what its file says? Part by part, with a person beside it; the simulated
     /// machine without one.
     Check(CheckArgs),
-    /// Go on with a run that was stopped or interrupted, once a person has looked at the machine.
+    /// Go on with a run that was stopped or interrupted, once a person has looked at the machine; or identify
+    /// one that was measured to its end, without motion.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
     Plan(PlanArgs),

@@ -89,7 +89,10 @@ impl Daemon {
             _ => return Err(Failure::new("the cycle has failed", "the daemon's log says why")),
         }
         let last = journal.load(run)?.estimates.pop();
-        let last = last.ok_or_else(|| Failure::plain(format!("run {run} has no estimate")))?;
+        let last = last.ok_or_else(|| {
+            let what = format!("run {run} is measured and not identified");
+            Failure::new(what, format!("the daemon identifies it: `trued show {run}`"))
+        })?;
         Ok((run, last.estimate))
     }
 

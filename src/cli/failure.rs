@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::Exit;
 use crate::archive::story::goes_on;
-use crate::run::{CycleError, Unidentified};
+use crate::run::CycleError;
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
@@ -99,7 +99,8 @@ impl From<PlanningError> for Failure {
 impl Failure {
     /// How a cycle of `method` ended, with the way on where there is one.
     pub fn of_cycle(error: &CycleError, method: &str) -> Self {
-        let exit = if error.holds() { Exit::Stopped } else { Exit::Error };
+        let is_stopped = error.holds() || error.is_stop();
+        let exit = if is_stopped { Exit::Stopped } else { Exit::Error };
         match error {
             CycleError::Run { run, error, moved, can_resume, .. } => {
                 let stands = if *moved { "" } else { "nothing has moved; " };
@@ -108,14 +109,7 @@ impl Failure {
                 failure.with_way_on(*run, *can_resume, error.position_lost())
             }
             CycleError::Identification { run, why } => {
-                let remedy = match why {
-                    Unidentified::Refused(error) => Some(error.remedy()),
-                    Unidentified::Unkept(_) => {
-                        Some("make room on the journal's disk, or mend it".to_owned())
-                    }
-                    Unidentified::NoAnswer | Unidentified::Stopped => None,
-                };
-                Self { what: why.to_string(), remedy, exit }.kept(*run, method)
+                Self { what: why.to_string(), remedy: why.remedy(), exit }.kept(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
         }
@@ -132,8 +126,8 @@ impl Failure {
     /// After the measurement everything measured is still there.
     fn kept(self, run: RunId, method: &str) -> Self {
         let way_on = format!(
-            "run {run} and its readings are kept: `trued identify {method} --run {run}`, or `trued \
-             export {run}`"
+            "run {run} and its readings are kept: `trued resume {run}` or `trued identify {method} --run \
+             {run}` identifies it, `trued export {run}` writes it to files"
         );
         let remedy = self.remedy.map_or(way_on.clone(), |remedy| format!("{remedy}; {way_on}"));
         Self { remedy: Some(remedy), ..self }

@@ -81,7 +81,7 @@ fn stored_run(
 
 /// Of a run that did not come to its end, what was measured; and a word on what is left out.
 fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
-    if matches!(state, RunState::Finished | RunState::Running) {
+    if matches!(state, RunState::Finished | RunState::NotIdentified | RunState::Running) {
         return (plan, None);
     }
     let planned = plan.steps.len();

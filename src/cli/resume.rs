@@ -11,15 +11,19 @@ use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
 use super::wires::Wires;
-use crate::run::{Again, AgainError, Question};
-use crate::store::{Journal, MachineLock, RunId, StoredRun};
+use crate::run::{Again, AgainError, CycleError, Question, identify_stored, store_identification};
+use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::Event;
 
 pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     check_report_folder(&args.output)?;
     let folder = state_folder(state)?;
     let (journal, id) = (Journal::open(&folder)?, RunId(args.run));
-    let lock = MachineLock::acquire(&folder, &journal.load(id)?.summary.machine)?;
+    let stored = journal.load(id)?;
+    if stored.summary.state == RunState::NotIdentified {
+        return identify(args, &journal, stored);
+    }
+    let lock = MachineLock::acquire(&folder, &stored.summary.machine)?;
     journal.mark_interrupted(&lock).wait()?;
     let again = Again::of(journal.load(id)?)?;
     check_machine_file(args, again.stored())?;
@@ -40,6 +44,17 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         found.map_err(|error| Failure::of_cycle(&error, &name))
     });
     tell_result(&journal, state, wires.finish(found)?, &args.output, wires.keeps())
+}
+
+/// All is measured: neither the machine nor a person at it is needed.
+fn identify(args: &ResumeArgs, journal: &Journal, stored: StoredRun) -> Result<Exit, Failure> {
+    check_machine_file(args, &stored)?;
+    let (run, method) = (stored.summary.id, stored.plan.method.clone());
+    tell!("run {run} is measured: identifying from {} readings", stored.readings.len());
+    let found = identify_stored(stored);
+    let found = runtime()?.block_on(store_identification(journal, run, found));
+    let of_cycle = |why| Failure::of_cycle(&CycleError::Identification { run, why }, &method);
+    tell_result(journal, (run, found.map_err(of_cycle)?), &args.output, true)
 }
 
 impl From<AgainError> for Failure {

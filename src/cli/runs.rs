@@ -9,11 +9,13 @@ use super::{Exit, show, with_state};
 use crate::archive::story::{self, how_it_ended, story};
 use crate::report::{readings_csv, warmth};
 use crate::run::can_resume;
-use crate::store::{Journal, RunId, RunState, StoredRun};
+use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 
 pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let journal = Journal::open(&state_folder(state)?)?;
-    let runs = journal.runs()?;
+    let folder = state_folder(state)?;
+    let journal = Journal::open(&folder)?;
+    let mut runs = journal.runs()?;
+    runs.iter_mut().for_each(|run| run.state = state_now(run, &folder));
     if args.json {
         show::print_json(&runs)?;
         return Ok(Exit::Pass);
@@ -23,7 +25,7 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     }
     for run in runs {
         say!(
-            "{:>5}  {:.0}  {:<18} {:<12} {}",
+            "{:>5}  {:.0}  {:<18} {:<14} {}",
             run.id.to_string(),
             run.started,
             run.method,
@@ -35,19 +37,31 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         }
         let stopped =
             !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
-        if let Some(way_on) =
-            stopped.then(|| journal.load(run.id)).transpose()?.as_ref().and_then(way_on)
-        {
+        let mut stored = stopped.then(|| journal.load(run.id)).transpose()?;
+        stored.iter_mut().for_each(|stored| stored.summary.state = run.state);
+        if let Some(way_on) = stored.as_ref().and_then(way_on) {
             say!("       {}", with_state(&way_on, state));
         }
     }
     Ok(Exit::Pass)
 }
 
+/// A run that is `running` while no process has its machine is interrupted: the next process that takes the
+/// machine writes that to the journal.
+fn state_now(run: &RunSummary, folder: &Path) -> RunState {
+    let is_dead = || MachineLock::holder(folder, &run.machine).is_none();
+    match run.state {
+        RunState::Running if is_dead() => RunState::Interrupted,
+        state => state,
+    }
+}
+
 pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let journal = Journal::open(&state_folder(state)?)?;
+    let folder = state_folder(state)?;
+    let journal = Journal::open(&folder)?;
     let run = RunId(args.run);
-    let stored = journal.load(run)?;
+    let mut stored = journal.load(run)?;
+    stored.summary.state = state_now(&stored.summary, &folder);
     if let Some(file) = &args.report {
         show::write_report(&journal, run, file)?;
         tell!("written: {}", file.display());
@@ -74,7 +88,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             }
         }
         None => {
-            let advice = format!("`trued export {run}` gives its readings");
+            let advice = format!("`trued export {run}` writes its readings to files");
             say!("no estimate: {}", with_state(&advice, state));
         }
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 
 use super::asking::answered;
+use super::identify::stored_setup;
 use super::{Answers, CycleError, Interrupted, Run, can_resume, conclude};
 use crate::archive::story;
 use crate::setup::{Devices, MachineFile, Past, SetupError};
@@ -52,15 +53,11 @@ impl Again {
     /// It is not unfinished; its machine file or its settings are of another version.
     pub fn of(stored: StoredRun) -> Result<Self, AgainError> {
         check_state(&stored)?;
-        let file = format!("machine file of run {}", stored.summary.id);
-        let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)
-            .map_err(SetupError::from)?;
-        let method = methods::configure(&stored.plan.method, stored.plan.settings.clone())
-            .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+        let (machine, method) = stored_setup(&stored)?;
         let since = stored.measured_until.or(stored.summary.ended);
         let elapsed_s =
             since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
-        Ok(Self { machine, method: method.into(), stored, elapsed_s })
+        Ok(Self { machine, method, stored, elapsed_s })
     }
 
     pub fn stored(&self) -> &StoredRun {
@@ -135,6 +132,7 @@ fn check_state(stored: &StoredRun) -> Result<(), AgainError> {
     }
     let why = match state {
         RunState::Finished => "has come to its end",
+        RunState::NotIdentified => "was measured to its end and is not identified",
         RunState::Failed => "was refused before anything moved",
         RunState::Closed => "is closed",
         _ => "is under way",

@@ -1,22 +1,15 @@
 //! One cycle to its end: measure, identify beside the runtime, judge, store.
 
 use std::sync::Arc;
-use std::time::Duration;
 
-use super::behind::{COMPUTING, behind};
+use super::identify::{Unidentified, identify, judged, store_identification};
 use super::{Answers, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
-use devices::controllers::Halt;
 use machine::record::estimate::{Estimate, Limit};
 use machine::record::event::Event;
 use machine::record::plan::Plan;
-use machine::record::reading::Reading;
-use methods::decision;
-use methods::{IdentifyError, Method};
-
-/// How often a stop is looked for while the identification computes.
-const STOP_POLL: Duration = Duration::from_millis(50);
+use methods::Method;
 
 /// How a cycle can end without an estimate.
 #[derive(Debug, thiserror::Error)]
@@ -32,19 +25,6 @@ pub enum CycleError {
     Store(#[from] StoreError),
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum Unidentified {
-    #[error(transparent)]
-    Refused(#[from] IdentifyError),
-    #[error("the identification ended without answer")]
-    NoAnswer,
-    #[error("stopped during the identification")]
-    Stopped,
-    /// It is found, and found again from the readings.
-    #[error("what was found could not be kept: {0}")]
-    Unkept(#[from] StoreError),
-}
-
 impl CycleError {
     /// The machine stands where it was stopped, and a person decides.
     pub fn holds(&self) -> bool {
@@ -52,6 +32,15 @@ impl CycleError {
             Self::Run { error, moved, resumed, .. } => {
                 !error.closes() && (*moved || *resumed || error.is_stop())
             }
+            // After the last reading nothing moves.
+            Self::Identification { .. } | Self::Store(_) => false,
+        }
+    }
+
+    /// A person asked for it.
+    pub fn is_stop(&self) -> bool {
+        match self {
+            Self::Run { error, .. } => error.is_stop(),
             Self::Identification { why, .. } => matches!(why, Unidentified::Stopped),
             Self::Store(_) => false,
         }
@@ -93,7 +82,8 @@ impl Cycle<'_> {
     }
 }
 
-/// Identify, judge and store what a run has measured that came to its end.
+/// Identifies, judges and stores what a run has measured that came to its end. Without an estimate the run is
+/// `not identified`.
 ///
 /// # Errors
 /// How the run `ended`; or why it is not identified.
@@ -112,42 +102,7 @@ pub async fn conclude(
     let text = format!("identifying from {} readings", readings.len());
     tell(&Event::Announced { text });
     let found = identify(method, plan, readings, priors, &devices.controller.halt()).await;
-    let estimate = found.map_err(|why| CycleError::Identification { run: id, why })?;
-    let estimate = judged(estimate, tolerance);
-    let unkept = |error: StoreError| CycleError::Identification { run: id, why: error.into() };
-    journal.estimate(id, &estimate).await.map_err(unkept)?;
-    Ok(estimate)
-}
-
-/// Beside the runtime, so that a stop is still heard: the thread is then left behind and ends with
-/// the program.
-async fn identify(
-    method: &Arc<dyn Method>,
-    plan: Plan,
-    readings: Vec<Reading>,
-    priors: Vec<Estimate>,
-    halt: &Halt,
-) -> Result<Estimate, Unidentified> {
-    let method = method.clone();
-    let (answer, mut result) = tokio::sync::oneshot::channel();
-    std::thread::spawn(move || {
-        behind(COMPUTING);
-        drop(answer.send(method.identify(&plan, &readings, &priors)));
-    });
-    loop {
-        // An answer not yet there leaves the receiver as it was.
-        if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
-            return Ok(found.map_err(|_| Unidentified::NoAnswer)??);
-        }
-        if halt.is_halted() {
-            return Err(Unidentified::Stopped);
-        }
-    }
-}
-
-/// The estimate with its verdict, and a warning for every limit that nothing answers to.
-pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
-    estimate.verdict = decision::judge(&estimate, tolerance);
-    estimate.warnings.extend(decision::unmatched(&estimate, tolerance));
-    estimate
+    let found = found.map(|estimate| judged(estimate, tolerance));
+    let stored = store_identification(journal, id, found).await;
+    stored.map_err(|why| CycleError::Identification { run: id, why })
 }

@@ -11,6 +11,7 @@ mod asking_tests;
 mod behind;
 mod cycle;
 mod error;
+mod identify;
 mod live_check;
 mod resume;
 mod scan;
@@ -23,8 +24,11 @@ mod warmth;
 pub use again::{Again, AgainError, Question, question};
 pub use asking::{Answers, Asked};
 pub use behind::{ANSWERING, behind};
-pub use cycle::{Cycle, CycleError, Unidentified, conclude, judged};
+pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
+pub use identify::{
+    Unidentified, identify_stored, judged, start_identification, store_identification,
+};
 pub use resume::{Interrupted, can_resume};
 pub use stage::{Rehearsed, rehearse};
 
@@ -120,7 +124,7 @@ impl<'a> Run<'a> {
     async fn end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
         match ended {
             Ok(()) => {
-                self.journal.set_state(self.id, RunState::Finished).await?;
+                self.journal.set_state(self.id, RunState::NotIdentified).await?;
                 self.note(Event::Finished).await
             }
             Err(error) => {

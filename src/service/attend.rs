@@ -16,12 +16,13 @@ use super::captures::{Begun, Captures};
 use super::config::{Config, Cycle};
 use super::desk::Desk;
 use super::http::{Last, Shown};
+use super::identify::Identifications;
 use super::metrics::{Metrics, Outcome};
 use super::past::unfinished;
 use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::run::{self, Asked, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
-use crate::store::{Journal, MachineLock, RunId, sha256_text};
+use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
 use link::Wiring;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -43,12 +44,7 @@ pub(super) enum Failed {
 impl Failed {
     /// Somebody wanted it so.
     fn is_stop(&self) -> bool {
-        let Self::Cycle(error) = self else { return false };
-        match error {
-            CycleError::Run { error, .. } => error.is_stop(),
-            CycleError::Identification { why, .. } => matches!(why, Unidentified::Stopped),
-            CycleError::Store(_) => false,
-        }
+        matches!(self, Self::Cycle(error) if error.is_stop())
     }
 }
 
@@ -70,6 +66,8 @@ pub(super) struct Attendant {
     captures: Option<Captures>,
     /// While no person may resume it.
     pub(super) lock: Option<MachineLock>,
+    /// Of runs that were measured before.
+    pub(super) identifications: Identifications,
 }
 
 impl Attendant {
@@ -88,7 +86,8 @@ impl Attendant {
             setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
         let (desk, asks) = Desk::new(&config, log.clone(), metrics.of(&machine.machine.name));
-        Ok(Self { machine, config, folder, pace, desk, asks, log, captures: None, lock: None })
+        let (captures, lock, identifications) = (None, None, Identifications::default());
+        Ok(Self { machine, config, folder, pace, desk, asks, log, captures, lock, identifications })
     }
 
     pub fn capturing(self, captures: Captures) -> Self {
@@ -131,6 +130,7 @@ impl Attendant {
                 // Nobody has asked.
                 Err(_) => {
                     self.look_elsewhere(journal).await;
+                    self.identifications.step(&self.desk, &self.log, journal).await;
                     continue;
                 }
             };
@@ -215,10 +215,16 @@ impl Attendant {
         self.config.patience
     }
 
-    pub(super) async fn take(&self, journal: &Journal) -> Result<MachineLock, ServeError> {
+    pub(super) async fn take(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
+        self.find_unidentified(journal)?;
         Ok(lock)
+    }
+
+    /// Only while the machine is ours.
+    pub(super) fn find_unidentified(&mut self, journal: &Journal) -> Result<(), StoreError> {
+        self.identifications.find(journal, &self.machine.machine.name)
     }
 
     /// Show how a run has ended; the service ends with it if it must. `unopened`: how the machine stands if
@@ -231,6 +237,11 @@ impl Attendant {
         let (state, why) = match &measured {
             Ok(_) => (State::Waiting, None),
             Err(Failed::Cycle(error)) if error.holds() => (State::Held, Some(of_cycle(error))),
+            // All is measured and nothing moves; the run is identified while the machine waits.
+            Err(Failed::Cycle(CycleError::Identification { run, why: Unidentified::Stopped })) => {
+                self.identifications.add(*run);
+                (State::Waiting, None)
+            }
             Err(Failed::Cycle(error)) => (State::Failed, Some(of_cycle(error))),
             Err(Failed::Setup(error)) => {
                 let (what, remedy) = (error.to_string(), error.remedy());
@@ -242,6 +253,7 @@ impl Attendant {
                 format!("run {run} is finished, verdict {:?}", estimate.verdict)
             }
             (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
+            (Err(Failed::Cycle(error)), None) => of_cycle(error).what,
             (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
         };
         match &measured {
@@ -260,11 +272,13 @@ impl Attendant {
 
     fn count(&self, measured: &Result<(RunId, Estimate), Failed>) {
         let tally = self.desk.tally();
-        tally.ended(match measured {
-            Ok((_, estimate)) => Outcome::Judged(estimate.verdict),
-            Err(Failed::Cycle(error)) if error.holds() => Outcome::Held,
-            Err(_) => Outcome::Failed,
-        });
+        match measured {
+            Ok((_, estimate)) => tally.ended(Outcome::Judged(estimate.verdict)),
+            Err(Failed::Cycle(error)) if error.holds() => tally.ended(Outcome::Held),
+            // Counted when it is identified.
+            Err(failed) if failed.is_stop() => {}
+            Err(_) => tally.ended(Outcome::Failed),
+        }
         if let Err(Failed::Cycle(CycleError::Run { error, .. })) = measured
             && error.is_of_link()
         {
@@ -358,7 +372,8 @@ fn of_cycle(error: &CycleError) -> Failure {
         CycleError::Run { run, error, .. } => (format!("run {run}: {error}"), error.remedy()),
         CycleError::Identification { run, why } => (
             format!("run {run} is measured and kept, but not identified: {why}"),
-            format!("`trued identify METHOD --run {run}` tries again"),
+            why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
+                + &format!("`trued resume {run}` tries again, the machine does not move"),
         ),
         CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
     };

@@ -142,6 +142,8 @@ pub struct Board {
     pub accepted: u16,
     pub refused: u16,
     pub refusal: Option<Refusal>,
+    /// Runs that were identified while the machine waited; it wraps.
+    pub identified: u16,
     pub deviations: Vec<Parameter>,
     /// What the run does just now: its stage and its step; empty while none is on.
     pub stage: String,

@@ -40,8 +40,9 @@ impl Attendant {
         Word { who, why, homed, .. }: &Word,
         journal: &Journal,
     ) -> Result<Option<Refusal>, ServeError> {
-        if self.lock.is_none() {
-            self.lock = Some(self.take(journal).await?);
+        match self.lock {
+            None => self.lock = Some(self.take(journal).await?),
+            Some(_) => self.find_unidentified(journal)?,
         }
         let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
         if before.position_lost && !homed {

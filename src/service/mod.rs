@@ -16,6 +16,7 @@ pub mod desk;
 #[cfg(test)]
 mod desk_tests;
 mod http;
+mod identify;
 mod keep;
 mod leave;
 mod log;

@@ -39,7 +39,7 @@ pub use backup::{Copied, backup};
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, Pending};
 pub use lock::{Holder, LockError, MachineLock};
-pub use page::{Newest, Wanted};
+pub use page::{Newest, NewestRuns, Wanted};
 pub use schedule::{Arming, Outcome, Slot};
 pub use signature::Signature;
 pub use state_dir::state_dir;
@@ -61,6 +61,10 @@ pub enum RunState {
     Running,
     /// Stopped safely; a person may resume it.
     Held,
+    /// Measured to its end; no estimate is stored. The journal derives it: `finished` without an estimate.
+    #[serde(rename = "not identified")]
+    NotIdentified,
+    /// Measured, with an estimate.
     Finished,
     Failed,
     /// Its process died; a person looks at the machine before anything else.
@@ -70,13 +74,21 @@ pub enum RunState {
 }
 
 impl RunState {
-    const ALL: [RunState; 6] =
-        [Self::Running, Self::Held, Self::Finished, Self::Failed, Self::Interrupted, Self::Closed];
+    const ALL: [RunState; 7] = [
+        Self::Running,
+        Self::Held,
+        Self::NotIdentified,
+        Self::Finished,
+        Self::Failed,
+        Self::Interrupted,
+        Self::Closed,
+    ];
 
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Running => "running",
             Self::Held => "held",
+            Self::NotIdentified => "not identified",
             Self::Finished => "finished",
             Self::Failed => "failed",
             Self::Interrupted => "interrupted",

@@ -30,6 +30,15 @@ pub struct Newest {
     pub parameters: Vec<Parameter>,
 }
 
+/// The newest runs of a machine that were measured to their end.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct NewestRuns {
+    /// Of the newest run with an estimate.
+    pub result: Option<Newest>,
+    /// The newest run without an estimate, if it is newer than that.
+    pub not_identified: Option<RunId>,
+}
+
 impl Journal {
     /// At most so many runs, newest first.
     ///
@@ -56,12 +65,25 @@ impl Journal {
         self.look(|connection| readings(connection, run, after, most))
     }
 
-    /// What the newest finished run of `machine` has told last; `None` before there is one.
+    /// The newest runs of `machine` that were measured to their end, as of one instant.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn newest(&self, machine: &str) -> Result<Option<Newest>, StoreError> {
-        self.look(|connection| newest(connection, machine))
+    pub fn newest(&self, machine: &str) -> Result<NewestRuns, StoreError> {
+        self.look(|connection| {
+            let snapshot = connection.transaction()?;
+            let result = newest(&snapshot, machine)?;
+            let newer = not_identified(&snapshot, machine, result.as_ref().map(|it| it.run))?;
+            Ok(NewestRuns { result, not_identified: newer.last().copied() })
+        })
+    }
+
+    /// All runs of `machine` that were measured to their end and have no estimate, oldest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn not_identified(&self, machine: &str) -> Result<Vec<RunId>, StoreError> {
+        self.look(|connection| not_identified(connection, machine, None))
     }
 }
 
@@ -76,7 +98,7 @@ fn runs(
     let mut statement = connection.prepare(&format!(
         "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
             AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
-            AND (?5 IS NULL OR state = ?5) ORDER BY id {order} LIMIT ?6",
+            AND (?5 IS NULL OR run_state = ?5) ORDER BY id {order} LIMIT ?6",
         read::SUMMARY
     ))?;
     let [before, after] = [before, after].map(|run| run.map(|run| run.0));
@@ -138,4 +160,19 @@ fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Faul
     let runs: Vec<i64> = found.iter().map(|newest| newest.run.0).collect();
     checksum::verify_estimates(connection, &runs)?;
     Ok(found)
+}
+
+fn not_identified(
+    connection: &Connection,
+    machine: &str,
+    after: Option<RunId>,
+) -> Result<Vec<RunId>, Fault> {
+    let mut statement = connection.prepare(
+        "SELECT id FROM runs WHERE id > ?1 AND machine = ?2 AND state = ?3
+         AND NOT EXISTS (SELECT 1 FROM estimates WHERE run = runs.id) ORDER BY id",
+    )?;
+    let after = after.map_or(0, |run| run.0);
+    let finished = RunState::Finished.as_str();
+    let runs = statement.query_map(params![after, machine, finished], |row| row.get(0))?;
+    Ok(runs.map(|id| id.map(RunId)).collect::<Result<_, _>>()?)
 }

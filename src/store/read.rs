@@ -14,8 +14,11 @@ use machine::record::reading::Reading;
 
 /// Column of a scan's samples.
 const SAMPLES: usize = 14;
-pub(super) const SUMMARY: &str =
-    "SELECT id, started, ended, method, machine, state, program_version,
+pub(super) const SUMMARY: &str = "SELECT id, started, ended, method, machine,
+                              CASE WHEN state = 'finished' AND NOT EXISTS
+                                       (SELECT 1 FROM estimates WHERE run = runs.id)
+                                   THEN 'not identified' ELSE state END AS run_state,
+                              program_version,
                               config_sha256, plan_sha256, config,
                               (SELECT who FROM signatures
                                WHERE run = runs.id AND estimate_sha256 =

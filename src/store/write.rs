@@ -148,6 +148,9 @@ pub(super) fn set_state(
     state: RunState,
 ) -> Result<(), Fault> {
     let ended = (state != RunState::Running).then(now);
+    let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
+    // Whether it is identified is read from its estimates.
+    let state = if is_measured { RunState::Finished } else { state };
     let transaction = begin_writing(connection)?;
     let changed = transaction.execute(
         "UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1",
@@ -156,7 +159,7 @@ pub(super) fn set_state(
     if changed != 1 {
         return Err(Fault::NoRun(run));
     }
-    if state == RunState::Finished {
+    if is_measured {
         mean_temperatures(&transaction, run)?;
     }
     Ok(transaction.commit()?)

@@ -12,8 +12,9 @@ use utoipa::ToSchema;
 use super::journal::read_journal;
 use super::openapi::views::VerdictView;
 use super::{Shown, Web};
+use crate::service::board::State;
 use crate::service::desk::Desk;
-use crate::store::{Journal, Newest, StoreError};
+use crate::store::{Journal, Newest, NewestRuns, RunId, StoreError};
 use machine::record::estimate::{Parameter, Verdict};
 
 /// Whoever measures beside this service tells nobody: looked for so often.
@@ -24,7 +25,7 @@ const AHEAD: SignedDuration = SignedDuration::from_hours(1);
 /// Of one machine, as of the last look.
 #[derive(Debug, Clone)]
 pub struct Last {
-    newest: Arc<Mutex<Option<Newest>>>,
+    newest: Arc<Mutex<NewestRuns>>,
     /// One looks at a time: what was read earlier never takes the place of what was read later.
     turn: Arc<Mutex<()>>,
     /// Counts what changed.
@@ -52,7 +53,7 @@ impl Last {
         let turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         let (found, error) = match journal.newest(machine) {
             Ok(found) => (found, None),
-            Err(error) => (None, Some(error)),
+            Err(error) => (NewestRuns::default(), Some(error)),
         };
         let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
         let changed = *newest != found;
@@ -67,11 +68,21 @@ impl Last {
 
     /// As seen at `now`, with its values.
     pub fn at(&self, now: Timestamp) -> Option<(Told, Vec<Parameter>)> {
-        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        newest.map(|newest| {
-            let told = Told::of(&newest, self.holds, now);
+        let NewestRuns { result, not_identified } = self.newest_runs();
+        result.map(|newest| {
+            let mut told = Told::of(&newest, self.holds, now);
+            told.outdated |= not_identified.is_some();
             (told, newest.parameters)
         })
+    }
+
+    /// The newest run that was measured to its end, if it has no estimate.
+    pub fn not_identified(&self) -> Option<RunId> {
+        self.newest_runs().not_identified
+    }
+
+    fn newest_runs(&self) -> NewestRuns {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -85,8 +96,8 @@ pub struct Told {
     pub measured: Timestamp,
     #[schema(value_type = VerdictView)]
     pub verdict: Verdict,
-    /// Longer ago than `[serve] verdict_h`, or ahead of this computer's clock: it does not say any more how
-    /// the machine is.
+    /// Longer ago than `[serve] verdict_h`, or ahead of this computer's clock, or a newer run is measured and
+    /// not identified: it does not say any more how the machine is.
     pub outdated: bool,
 }
 
@@ -113,10 +124,11 @@ pub async fn follow(web: Web, machine: Shown) {
     }
 }
 
-/// The run whose verdict the desk knows.
-fn ended(desk: &Desk) -> Option<u32> {
+/// What changes when the journal may have another result: the state, the run whose verdict the desk knows, and
+/// the count of runs that were identified since.
+fn ended(desk: &Desk) -> (State, Option<u32>, u16) {
     let board = desk.board();
-    board.verdict.map(|_| board.run)
+    (board.state, board.verdict.map(|_| board.run), board.identified)
 }
 
 #[cfg(test)]

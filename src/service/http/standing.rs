@@ -20,6 +20,8 @@ pub struct Standing {
     pub late: bool,
     /// What the newest finished run in the journal has told, whoever measured it; null before there is one.
     pub result: Option<Told>,
+    /// The newest run that was measured to its end, if it has no estimate: `result` is outdated. Null otherwise.
+    pub not_identified: Option<i64>,
     /// Of `run`, when it has come to its end.
     #[schema(value_type = Option<VerdictView>)]
     pub verdict: Option<Verdict>,
@@ -93,6 +95,7 @@ impl Standing {
             state: state(now),
             late: machine.desk.pulse().is_late(),
             result: machine.last.at(Timestamp::now()).map(|(told, _)| told),
+            not_identified: machine.last.not_identified().map(|run| run.0),
             verdict,
             cycle,
             run,

@@ -49,19 +49,57 @@ fn the_newest_result_is_that_of_the_newest_finished_run() {
         journal.set_state(run, state).wait().unwrap();
         run
     };
-    assert_eq!(journal.newest("mill").unwrap(), None);
+    assert_eq!(journal.newest("mill").unwrap(), NewestRuns::default());
     let (first, second) = (run(RunState::Finished), run(RunState::Finished));
     run(RunState::Held);
     journal.estimate(first, &estimate(8.0)).wait().unwrap();
     journal.estimate(second, &estimate(9.0)).wait().unwrap();
-    let newest = journal.newest("mill").unwrap().unwrap();
+    let newest = journal.newest("mill").unwrap().result.unwrap();
     assert_eq!((newest.run, newest.parameters[0].value), (second, 9.0));
     assert_eq!(Some(newest.ended), journal.load(second).unwrap().summary.ended);
-    assert_eq!(journal.newest("lathe").unwrap(), None);
+    assert_eq!(journal.newest("lathe").unwrap(), NewestRuns::default());
     let held = Wanted { state: Some(RunState::Held), ..Wanted::default() };
     assert_eq!(journal.some_runs(held, 9).unwrap().len(), 1);
     let other = Wanted { machine: Some("lathe"), ..Wanted::default() };
     assert_eq!(journal.some_runs(other, 9).unwrap(), []);
     let all: Vec<_> = journal.some_runs(Wanted::default(), 9).unwrap();
     assert_eq!(all.into_iter().rev().collect::<Vec<_>>(), journal.runs().unwrap());
+}
+
+/// A run that ended without an estimate is a state of its own until one is stored, and outdates the result before.
+#[test]
+fn a_measured_run_is_finished_by_its_estimate() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let measured = || {
+        let run = journal.begin(&new_run()).wait().unwrap();
+        journal.set_state(run, RunState::NotIdentified).wait().unwrap();
+        run
+    };
+    let (old, first) = (measured(), measured());
+    journal.estimate(first, &estimate(1.0)).wait().unwrap();
+    let newest = || {
+        let NewestRuns { result, not_identified } = journal.newest("mill").unwrap();
+        (result.map(|newest| newest.run), not_identified)
+    };
+    assert_eq!(newest(), (Some(first), None));
+    let second = measured();
+    assert_eq!(newest(), (Some(first), Some(second)));
+    assert_eq!(journal.not_identified("mill").unwrap(), [old, second]);
+    assert_eq!(journal.not_identified("lathe").unwrap(), []);
+    let states = || journal.runs().unwrap().iter().map(|run| run.state).collect::<Vec<_>>();
+    let (open, done) = (RunState::NotIdentified, RunState::Finished);
+    assert_eq!(states(), [open, done, open]);
+    let listed = |state| {
+        let wanted = Wanted { state: Some(state), ..Wanted::default() };
+        let runs = journal.some_runs(wanted, 9).unwrap();
+        runs.iter().map(|run| run.id).collect::<Vec<_>>()
+    };
+    assert_eq!((listed(open), listed(done)), (vec![second, old], vec![first]));
+    let ended = journal.load(second).unwrap().summary.ended;
+    journal.estimate(second, &estimate(2.0)).wait().unwrap();
+    assert_eq!((newest(), states()), ((Some(second), None), vec![open, done, done]));
+    // It was measured when it was measured.
+    assert_eq!(journal.load(second).unwrap().summary.ended, ended);
+    assert_eq!(serde_json::to_value(open).unwrap(), open.as_str());
 }

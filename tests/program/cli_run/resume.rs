@@ -142,7 +142,7 @@ pub fn a_run_survives_any_number_of_ends() {
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N12 G38.3", "KILL");
     stopped(&bench, resume_command(&shop), "N7 G38.3", "KILL");
-    assert_eq!(shop.states(), ["running"]);
+    assert_eq!(shop.states(), ["interrupted"]);
     let held = stopped(&bench, resume_command(&shop), "N47 G38.3", "TERM");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
     let resumed = resume(&shop);

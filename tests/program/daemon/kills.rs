@@ -132,7 +132,8 @@ fn examine(
         return false;
     };
     assert_kept(run.id, &journal.load(run.id).unwrap().readings, heard, record);
-    if run.state == RunState::Finished {
+    // Measured, and perhaps not identified: nothing waits for a person.
+    if !run.state.is_resumable() {
         assert_eq!(state, "waiting");
         return false;
     }

@@ -153,7 +153,10 @@ fn state_is_true(ended: &Ended) -> Option<String> {
     let all = ended.stored.stages.iter().map(|stage| stage.steps.len()).sum::<usize>();
     let measured = ended.stored.readings.len();
     let fits = match &ended.result {
-        Ok(()) => state == RunState::Finished && last == Some(&Event::Finished) && measured == all,
+        // The schedules end with the measurement.
+        Ok(()) => {
+            state == RunState::NotIdentified && last == Some(&Event::Finished) && measured == all
+        }
         Err(RunError::Controller(ControllerError::Halted)) => {
             state == RunState::Held && matches!(last, Some(Event::Held { .. }))
         }

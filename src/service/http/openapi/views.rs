@@ -82,7 +82,7 @@ pub struct RunView {
     ended: Option<String>,
     method: String,
     machine: String,
-    /// running, held, finished, failed, interrupted or closed.
+    /// running, held, not identified (measured, without an estimate), finished, failed, interrupted or closed.
     state: String,
     program_version: String,
     config_sha256: String,

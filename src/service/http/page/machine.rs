@@ -113,6 +113,7 @@ pub fn standing(machine: &Shown) -> Value {
         state => standing.state,
         run => standing.run,
         late => standing.late,
+        not_identified => standing.not_identified,
         result => result.map(|told| context! { run => told.run, at => moment(told.measured) }),
         stage => standing.stage.as_str(),
         step => standing.step.as_str(),
@@ -143,6 +144,9 @@ fn glance(standing: &Standing, result: Option<&Told>) -> (&'static str, &'static
         ("running", _) if standing.asked.is_some() => ("held", "waits: a person is asked"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: look at the machine"),
+        (_, _) if standing.not_identified.is_some() => {
+            ("unknown", "unknown: the newest run is not identified")
+        }
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
         (_, Some(Told { outdated: true, .. })) => ("unknown", "unknown: measured too long ago"),
         (_, Some(told)) => of_verdict(told.verdict),

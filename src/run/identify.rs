@@ -1,0 +1,181 @@
+//! From the readings of a measured run to its stored estimate. Nothing here needs the machine.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+
+use super::behind::{COMPUTING, behind};
+use crate::setup::{MachineFile, SetupError};
+use crate::store::{Journal, RunId, StoreError, StoredRun};
+use devices::controllers::Halt;
+use machine::record::estimate::{Estimate, Limit};
+use machine::record::event::Event;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use methods::decision;
+use methods::{IdentifyError, Method};
+
+/// How often a stop is looked for while the identification computes.
+const STOP_POLL: Duration = Duration::from_millis(50);
+
+/// Why a measured run has no estimate.
+#[derive(Debug, thiserror::Error)]
+pub enum Unidentified {
+    #[error(transparent)]
+    Refused(#[from] IdentifyError),
+    /// Its machine file or its settings are of another version of this program.
+    #[error(transparent)]
+    Setup(Box<SetupError>),
+    #[error("the identification ended without answer")]
+    NoAnswer,
+    #[error("stopped during the identification")]
+    Stopped,
+    /// It is found, and found again from the readings.
+    #[error("what was found could not be kept: {0}")]
+    Unkept(#[from] StoreError),
+}
+
+impl Unidentified {
+    /// What to do next.
+    pub fn remedy(&self) -> Option<String> {
+        match self {
+            Self::Refused(error) => Some(error.remedy()),
+            Self::Setup(error) => error.remedy(),
+            Self::NoAnswer => Some("please report this with the run's export".to_owned()),
+            Self::Unkept(_) => Some("make room on the journal's disk, or mend it".to_owned()),
+            Self::Stopped => None,
+        }
+    }
+
+    /// Another identification of the same readings fails as well.
+    fn is_lasting(&self) -> bool {
+        matches!(self, Self::Refused(_) | Self::Setup(_) | Self::NoAnswer)
+    }
+}
+
+/// Computes beside the runtime and with a low priority. Where the receiver is dropped, the thread ends with its
+/// computation or with the program.
+fn compute<T: Send + 'static>(
+    computation: impl FnOnce() -> T + Send + 'static,
+) -> oneshot::Receiver<T> {
+    let (answer, result) = oneshot::channel();
+    std::thread::spawn(move || {
+        behind(COMPUTING);
+        drop(answer.send(computation()));
+    });
+    result
+}
+
+/// A stop ends it at once.
+pub(super) async fn identify(
+    method: &Arc<dyn Method>,
+    plan: Plan,
+    readings: Vec<Reading>,
+    priors: Vec<Estimate>,
+    halt: &Halt,
+) -> Result<Estimate, Unidentified> {
+    let method = method.clone();
+    let mut result = compute(move || method.identify(&plan, &readings, &priors));
+    loop {
+        // An answer not yet there leaves the receiver as it was.
+        if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
+            return Ok(found.map_err(|_| Unidentified::NoAnswer)??);
+        }
+        if halt.is_halted() {
+            return Err(Unidentified::Stopped);
+        }
+    }
+}
+
+/// Machine file and method, as the run was begun with them.
+pub(super) fn stored_setup(
+    stored: &StoredRun,
+) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
+    let file = format!("machine file of run {}", stored.summary.id);
+    let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)?;
+    let method = methods::configure(&stored.plan.method, stored.plan.settings.clone())
+        .map_err(|error| SetupError::Settings { why: error.to_string() })?;
+    Ok((machine, method.into()))
+}
+
+/// The estimate of a stored run that was measured to its end, judged by the tolerances of its own machine file.
+/// Blocks.
+///
+/// # Errors
+/// The method refuses its readings; its machine file is of another version.
+pub fn identify_stored(stored: StoredRun) -> Result<Estimate, Unidentified> {
+    let unreadable = |error| Unidentified::Setup(Box::new(error));
+    let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
+    let estimate = method.identify(&stored.plan, &stored.readings, &[])?;
+    Ok(judged(estimate, &machine.tolerance))
+}
+
+/// As [`identify_stored`], on a thread of its own; an error of the channel means that the thread panicked.
+pub fn start_identification(
+    stored: StoredRun,
+) -> oneshot::Receiver<Result<Estimate, Unidentified>> {
+    compute(move || identify_stored(stored))
+}
+
+/// Stores what an identification of `run` has `found`: the estimate, or as a fault why there is none. A stop is
+/// not stored: the run is identified later.
+///
+/// # Errors
+/// Why there is no estimate in the journal.
+pub async fn store_identification(
+    journal: &Journal,
+    run: RunId,
+    found: Result<Estimate, Unidentified>,
+) -> Result<Estimate, Unidentified> {
+    match found {
+        Ok(estimate) => {
+            journal.estimate(run, &estimate).await?;
+            Ok(estimate)
+        }
+        Err(why) => {
+            if why.is_lasting() {
+                let what = format!("not identified: {why}");
+                let remedy = why.remedy().unwrap_or_default();
+                let fault = Event::Faulted { what, remedy, position_lost: false };
+                journal.event(run, &fault).await?;
+            }
+            Err(why)
+        }
+    }
+}
+
+/// The estimate with its verdict, and a warning for every limit that nothing answers to.
+pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
+    estimate.verdict = decision::judge(&estimate, tolerance);
+    estimate.warnings.extend(decision::unmatched(&estimate, tolerance));
+    estimate
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::archive::plan_for_tests;
+    use crate::archive::story::{how_it_ended, way_on};
+    use crate::store::{NewRun, RunState};
+
+    #[tokio::test]
+    async fn a_failed_identification_is_kept_with_its_reason_and_a_stop_is_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let journal = Journal::open(dir.path()).unwrap();
+        let new = NewRun { config: String::new(), plan: plan_for_tests("samba", "mill") };
+        let run = journal.begin(&new).await.unwrap();
+        journal.set_state(run, RunState::NotIdentified).await.unwrap();
+        let ended = || how_it_ended(&journal.load(run).unwrap());
+        let stopped = store_identification(&journal, run, Err(Unidentified::Stopped)).await;
+        assert!(matches!(stopped, Err(Unidentified::Stopped)));
+        assert!(ended().ends_with("not identified after 0 readings: no estimate is stored yet"));
+        let refused = IdentifyError::Numerical("nothing converges".to_owned());
+        let refused = store_identification(&journal, run, Err(refused.into())).await;
+        assert!(matches!(refused, Err(Unidentified::Refused(_))));
+        assert!(ended().contains("not identified: the identification failed: nothing converges ("));
+        let stored = journal.load(run).unwrap();
+        assert_eq!(stored.summary.state, RunState::NotIdentified);
+        assert!(way_on(&stored, true).unwrap().starts_with("`trued resume 1` identifies it"));
+    }
+}
