@@ -12,6 +12,7 @@ mod daemon;
 mod durability;
 mod fault_schedules;
 mod halt_latency;
+mod identification;
 mod init;
 mod laser_runs;
 mod latch_delay;
@@ -49,6 +50,7 @@ fn main() {
         durability::trials(),
         fault_schedules::trials(),
         halt_latency::trials(),
+        identification::trials(),
         init::trials(),
         laser_runs::trials(),
         latch_delay::trials(),

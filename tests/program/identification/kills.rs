@@ -1,0 +1,195 @@
+//! SIGKILL at any moment from the first touch to the stored estimate. Whatever is left is shown, and gets its
+//! estimate: by `trued resume`, without motion where all is measured, or by the daemon.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use estimation::random;
+use machine::record::event::Event;
+use rand::RngExt;
+use trued::store::{Journal, RunId, RunState, StoredRun};
+
+use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
+
+/// The identification takes about as long as the measurement.
+const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
+const SERVE: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+                     [serve.http]\nlisten = \"127.0.0.1:0\"\n";
+/// The first stage begins: the first touch follows.
+const FIRST_STAGE: &str = " steps";
+const IDENTIFYING: &str = "identifying from ";
+
+pub fn a_few_kills_leave_no_run_without_estimate_unnoticed() {
+    let killed = kills(6, 1);
+    println!("{killed:?}");
+}
+
+pub fn two_hundred_kills_leave_no_run_without_estimate_unnoticed() {
+    let killed = kills(200, 2);
+    println!("{killed:?}");
+    assert!(killed.in_measurement >= 50 && killed.in_identification >= 50, "{killed:?}");
+}
+
+/// How the killed runs were found.
+#[derive(Debug, Default)]
+struct Killed {
+    in_measurement: usize,
+    /// Of them, before the references were measured: closed, which is shown.
+    closed: usize,
+    in_identification: usize,
+    /// Of them, identified by the daemon.
+    by_the_daemon: usize,
+    after_the_estimate: usize,
+}
+
+/// Half of them after the last reading.
+fn kills(count: u64, seed: u64) -> Killed {
+    let shop = MachineShop::new(&format!("{}\n{SHORT}{SERVE}", built_in_machine()));
+    let mut durations = durations(&shop);
+    let mut killed = Killed::default();
+    let mut for_the_daemon = Vec::new();
+    for kill in 0..count {
+        let mut random = random::stream(seed, &[kill]);
+        let half = (kill % 2) as usize;
+        let after = durations[half].mul_f64(random.random_range(0.0..1.1));
+        let stored = killed_run(&shop, [FIRST_STAGE, IDENTIFYING][half], after);
+        // The computer does other things as well: a kill that comes too late makes the next ones earlier.
+        let in_time = [RunState::Running, RunState::NotIdentified][half];
+        let is_late = stored.summary.state != in_time;
+        durations[half] = durations[half].mul_f64(if is_late { 0.8 } else { 1.03 });
+        match stored.summary.state {
+            RunState::Running => {
+                killed.in_measurement += 1;
+                killed.closed += usize::from(!resumed(&shop, &stored));
+            }
+            RunState::Finished => killed.after_the_estimate += 1,
+            // Each third of them is left to the daemon.
+            _ if kill % 3 == 0 => for_the_daemon.push(stored),
+            _ => {
+                killed.in_identification += 1;
+                identified(&shop, &stored, |shop| {
+                    let resumed = resume(shop, stored.summary.id, &[]);
+                    assert_eq!(resumed, (Some(0), String::new()));
+                });
+            }
+        }
+    }
+    killed.by_the_daemon = for_the_daemon.len();
+    killed.in_identification += for_the_daemon.len();
+    left_to_the_daemon(&shop, &for_the_daemon);
+    every_run_is_settled(&shop);
+    killed
+}
+
+/// From the first stage to the last reading, and from there to the end of the process; of a run that nobody kills.
+fn durations(shop: &MachineShop) -> [Duration; 2] {
+    let (mut run, mut lines) = started(shop);
+    wait_for(&mut lines, FIRST_STAGE);
+    let first = Instant::now();
+    wait_for(&mut lines, IDENTIFYING);
+    let last = Instant::now();
+    lines.read_to_string(&mut String::new()).unwrap();
+    assert!(run.wait().unwrap().success());
+    [last - first, last.elapsed()]
+}
+
+fn started(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
+    let mut command: Command = shop.run_command();
+    command.args(["--speed", "fast"]).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut run = command.spawn().unwrap();
+    let lines = BufReader::new(run.stderr.take().unwrap());
+    (run, lines)
+}
+
+fn wait_for(lines: &mut BufReader<ChildStderr>, words: &str) {
+    let mut line = String::new();
+    while !line.contains(words) {
+        line.clear();
+        assert_ne!(lines.read_line(&mut line).unwrap(), 0, "ended before `{words}`");
+    }
+}
+
+/// What a run that is killed so long after it has told `line` leaves in the journal.
+fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
+    let (mut run, mut lines) = started(shop);
+    wait_for(&mut lines, line);
+    sleep(after);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let journal = Journal::open(&shop.state()).unwrap();
+    let id = journal.runs().unwrap().last().unwrap().id;
+    let stored = journal.load(id).unwrap();
+    let is_finished = stored.summary.state == RunState::Finished;
+    assert_eq!(is_finished, !stored.estimates.is_empty(), "{:?}", stored.summary);
+    stored
+}
+
+/// Exit code, and what was said of a failure.
+fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>, String) {
+    let run = run.to_string();
+    let arguments = [&["resume", &run, "--json"], acknowledged].concat();
+    let ended = shop.command(&arguments).stdin(Stdio::null()).output().unwrap();
+    let code = ended.status.code();
+    (code, if code == Some(0) { String::new() } else { stderr(&ended) })
+}
+
+/// It died in mid-measurement: nothing moves before a person has acknowledged. Whether it has its estimate now;
+/// otherwise its references were not measured, and it is closed.
+fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
+    let run = stored.summary.id;
+    let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
+    let ways = [format!("`trued resume {run}` goes on"), format!("run {run} cannot be resumed")];
+    assert!(ways.iter().any(|way| listed.contains(way)), "{listed}");
+    assert_eq!(shop.states().last().map(String::as_str), Some("interrupted"));
+    let (code, told) = resume(shop, run, &[]);
+    assert!(code == Some(2) && told.contains("nobody has acknowledged it"), "{told}");
+    let (code, told) = resume(shop, run, &["--acknowledge", "Ada", "--homed"]);
+    let after = Journal::open(&shop.state()).unwrap().load(run).unwrap();
+    let kept = after.readings.get(..stored.readings.len()) == Some(&stored.readings[..]);
+    assert!(kept, "run {run}: a reading is lost");
+    match code {
+        Some(0) => assert_eq!(after.summary.state, RunState::Finished, "run {run}"),
+        _ => assert!(told.contains("not all references were measured"), "run {run}: {told}"),
+    }
+    code == Some(0)
+}
+
+/// It is shown as such, and gets its estimate from its readings alone.
+fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
+    let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
+    let run = stored.summary.id;
+    assert!(listed.contains(&format!("`trued resume {run}` identifies it")), "{listed}");
+    identify(shop);
+    let after = Journal::open(&shop.state()).unwrap().load(run).unwrap();
+    let is_whole = after.readings == stored.readings && after.estimates.len() == 1;
+    assert!(is_whole, "run {run}: {} estimates", after.estimates.len());
+    let moved = |event: &Event| matches!(event, Event::Resumed { .. } | Event::Acknowledged { .. });
+    assert!(!after.events.iter().any(|(_, event)| moved(event)), "run {run}");
+}
+
+/// Its start takes them all up, whatever the newest run waits for.
+fn left_to_the_daemon(shop: &MachineShop, runs: &[StoredRun]) {
+    let Some(newest) = runs.last() else { return };
+    identified(shop, newest, |shop| {
+        let daemon = shop.serve("fast");
+        for stored in runs {
+            daemon.wait_for_log(&format!("run {} is identified", stored.summary.id));
+        }
+        assert!(!daemon.log().contains("begins"), "{}", daemon.log());
+    });
+}
+
+fn every_run_is_settled(shop: &MachineShop) {
+    let journal = Journal::open(&shop.state()).unwrap();
+    for run in journal.runs().unwrap() {
+        let stored = journal.load(run.id).unwrap();
+        let settled = match run.state {
+            RunState::Finished => !stored.estimates.is_empty(),
+            RunState::Closed => stored.estimates.is_empty(),
+            _ => false,
+        };
+        assert!(settled, "{run:?}");
+    }
+}
