@@ -21,7 +21,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     let (journal, id) = (Journal::open(&folder)?, RunId(args.run));
     let stored = journal.load(id)?;
     if stored.summary.state == RunState::NotIdentified {
-        return identify(args, &journal, stored);
+        return identify(args, &journal, state, stored);
     }
     let lock = MachineLock::acquire(&folder, &stored.summary.machine)?;
     journal.mark_interrupted(&lock).wait()?;
@@ -47,14 +47,19 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
 }
 
 /// All is measured: neither the machine nor a person at it is needed.
-fn identify(args: &ResumeArgs, journal: &Journal, stored: StoredRun) -> Result<Exit, Failure> {
+fn identify(
+    args: &ResumeArgs,
+    journal: &Journal,
+    state: Option<&Path>,
+    stored: StoredRun,
+) -> Result<Exit, Failure> {
     check_machine_file(args, &stored)?;
     let (run, method) = (stored.summary.id, stored.plan.method.clone());
     tell!("run {run} is measured: identifying from {} readings", stored.readings.len());
     let found = identify_stored(stored);
     let found = runtime()?.block_on(store_identification(journal, run, found));
     let of_cycle = |why| Failure::of_cycle(&CycleError::Identification { run, why }, &method);
-    tell_result(journal, (run, found.map_err(of_cycle)?), &args.output, true)
+    tell_result(journal, state, (run, found.map_err(of_cycle)?), &args.output, true)
 }
 
 impl From<AgainError> for Failure {

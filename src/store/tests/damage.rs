@@ -214,7 +214,7 @@ fn a_damaged_estimate_is_no_result() {
     let (dir, run) = journal();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
-    assert!(journal.newest("mill").unwrap().is_some());
+    assert!(journal.newest("mill").unwrap().result.is_some());
     let raw = Connection::open(dir.path().join(JOURNAL)).unwrap();
     let change =
         "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";

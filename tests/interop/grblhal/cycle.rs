@@ -13,7 +13,10 @@ use crate::linuxcnc::desk::{Desk, complaint, result};
 const SHORT: [(&str, &str); 3] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
     ("\nuncertainty_mm = 1.0", "\nuncertainty_mm = 0.4"),
-    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false\nz_reference = false\nreferences = false"),
+    (
+        "heights_mm = [90.0]",
+        "heights_mm = [90.0]\npositions = 6\nlocate = false\nz_reference = false\nreferences = false",
+    ),
 ];
 /// U may not exceed it, µm: a step of the rig's axes is 4 µm long.
 const MAX_EXPANDED_UM: f64 = 6.0;
