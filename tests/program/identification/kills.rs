@@ -140,7 +140,7 @@ fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>
 fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
     let run = stored.summary.id;
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
-    let ways = [format!("`trued resume {run}` goes on"), format!("run {run} cannot be resumed")];
+    let ways = [format!("resume {run}` goes on"), format!("run {run} cannot be resumed")];
     assert!(ways.iter().any(|way| listed.contains(way)), "{listed}");
     assert_eq!(shop.states().last().map(String::as_str), Some("interrupted"));
     let (code, told) = resume(shop, run, &[]);
@@ -160,7 +160,7 @@ fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
 fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
     let run = stored.summary.id;
-    assert!(listed.contains(&format!("`trued resume {run}` identifies it")), "{listed}");
+    assert!(listed.contains(&format!("resume {run}` identifies it")), "{listed}");
     identify(shop);
     let after = Journal::open(&shop.state()).unwrap().load(run).unwrap();
     let is_whole = after.readings == stored.readings && after.estimates.len() == 1;
