@@ -9,6 +9,7 @@ use machine::Axis;
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Sampling, Stage};
 use machine::record::proof::Proof;
+use planning::Confirmed;
 use planning::gcode::{Dialect, Program};
 use planning::proof::{Request, Staged, prove};
 
@@ -59,9 +60,9 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
         .iter()
         .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
         .collect();
-    let (stages, stands, first) = (&staged, None, true);
+    let (stages, stands, confirmed) = (&staged, None, Confirmed::default());
     let programs = std::slice::from_ref(&text);
-    let request = Request { plan, stages, stands, first, dialect: &dialect, programs };
+    let request = Request { plan, stages, stands, confirmed, dialect: &dialect, programs };
     let proof = prove(&request)
         .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
     Ok((text, proof))

@@ -7,7 +7,9 @@
 mod access;
 mod asked;
 mod ball;
+mod careful;
 mod clearance;
+mod confirmed;
 mod error;
 pub mod gcode;
 mod gjk;
@@ -23,17 +25,19 @@ mod scan;
 mod surroundings;
 mod time;
 mod touch;
+mod turning;
 
 pub use access::{Access, Contact, Unreachable};
 pub use asked::asked_first;
 pub use ball::{Approach, BallTask};
 pub use clearance::Clearance;
+pub use confirmed::{Confirmed, Start};
 pub use error::PlanningError;
 pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
 pub use order::tour;
 pub use scan::step_blocks;
 pub use time::machine_time_s;
-pub use touch::{Start, touch_block};
+pub use touch::touch_block;
 
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step};
@@ -60,6 +64,7 @@ pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64),
         if !asked.is_empty() {
             // Whoever was at the machine may have moved it.
             program.stands = None;
+            program.confirmed = Confirmed::default();
         }
         for id in moves {
             let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
@@ -75,6 +80,7 @@ struct Blocks {
     blocks: Vec<Block>,
     seconds: f64,
     stands: Option<Position>,
+    confirmed: Confirmed,
 }
 
 impl Blocks {
@@ -85,7 +91,7 @@ impl Blocks {
         repeat: u32,
         clearance: &Clearance,
     ) -> Result<(), PlanningError> {
-        let start = Start { stands: self.stands.as_ref(), first: self.stands.is_none() };
+        let start = Start { stands: self.stands.as_ref(), confirmed: self.confirmed };
         let blocks = step_blocks(plan, step, repeat, start, clearance)?;
         for block in blocks {
             let begins = self.stands.take().unwrap_or_default();
@@ -93,6 +99,7 @@ impl Blocks {
             self.stands = Some(end_of(&block.motions, &begins));
             self.blocks.push(block);
         }
+        self.confirmed = self.confirmed.after(step);
         Ok(())
     }
 }

@@ -4,11 +4,13 @@
 //!   way just above whatever is near.
 //! - To another ball at the same rotary position: fast, 10 mm above whatever is on the way.
 //! - To another rotary position: fast, 10 mm above whatever turns below on *this* way.
-//! - From where nobody knows: over the upper end of Z, one thing after the other.
+//! - From where nobody knows: over the upper end of Z, one thing after the other; until touches have
+//!   confirmed where the machine stands always so, and carefully ([`super::careful`]).
 
+use super::careful::Careful;
 use super::clearance::{LIFT, MARGIN};
 use super::path::{Path, height};
-use super::{Clearance, PlanningError, round};
+use super::{Clearance, PlanningError, Start, round};
 use machine::record::machine::Machine;
 use machine::record::plan::{Plan, Step};
 use machine::{Axis, Position};
@@ -22,7 +24,7 @@ const ONE_BALL: f64 = 60.0;
 pub(super) fn approach(
     path: &mut Path,
     (plan, step): (&Plan, &Step),
-    first: bool,
+    start: Start<'_>,
     clearance: &Clearance,
 ) -> Result<Position, PlanningError> {
     let machine = &plan.machine;
@@ -31,12 +33,16 @@ pub(super) fn approach(
         from: &step.from,
         lowest: step.from.at(Axis::Z).max(step.to.at(Axis::Z)),
         clearance,
-        first,
     };
     if !clearance.about.upright(&step.from) {
         return Err(PlanningError::Tilted { step: step.id });
     }
     let high = way.z_above(&step.from, MARGIN);
+    let above = || height(way.z_above(&step.from, LIFT));
+    if !start.confirmed.is_all() {
+        Careful::new(plan, clearance, high, start.confirmed).over(path, &step.from);
+        return Ok(above());
+    }
     let known = |axis: Axis| axis == Axis::S || path.stands.get(axis).is_some();
     if !step.from.iter().all(|(axis, _)| known(axis)) || !clearance.about.upright(&path.stands) {
         way.begin_anywhere(path, high);
@@ -46,7 +52,7 @@ pub(super) fn approach(
         way.straight(path, high);
     }
     let aside = round::aside(&clearance.about, machine, &step.from);
-    Ok(aside.unwrap_or_else(|| height(way.z_above(&step.from, LIFT))))
+    Ok(aside.unwrap_or_else(above))
 }
 
 struct Way<'a> {
@@ -56,8 +62,6 @@ struct Way<'a> {
     /// Z is never planned lower than the touch itself.
     lowest: f64,
     clearance: &'a Clearance,
-    /// The first approach since the control was prepared.
-    first: bool,
 }
 
 impl Way<'_> {
@@ -96,8 +100,8 @@ impl Way<'_> {
             let z = self.clearance.about.z_between(&path.stands, self.from, margin);
             z.max(self.lowest)
         };
-        let round = || round::round(&self.clearance.about, self.machine, &path.stands, self.from);
-        if let Some(places) = (!self.first).then(round).flatten() {
+        let places = round::round(&self.clearance.about, self.machine, &path.stands, self.from);
+        if let Some(places) = places {
             for place in places {
                 path.guarded(&place);
             }
@@ -116,17 +120,14 @@ impl Way<'_> {
         path.rapid(&height(high));
     }
 
-    /// Up to `needed`: guarded as long as something is near, and all the way if nothing is known yet
-    /// of where it stands.
+    /// Up to `needed`: guarded as long as something is near.
     fn rise(&self, path: &mut Path, needed: f64) {
         let z = path.stands.at(Axis::Z);
         if z >= needed - SLACK {
             return;
         }
         let here = |margin| self.clearance.about.z_between(&path.stands, &path.stands, margin);
-        if self.first {
-            path.guarded(&height(needed));
-        } else if z < here(LIFT) - SLACK {
+        if z < here(LIFT) - SLACK {
             let clear = here(MARGIN).min(needed);
             path.guarded(&height(clear));
         }

@@ -1,6 +1,7 @@
 //! One scan as motions: nothing is touched, so nothing is guarded; the proof keeps all of it away from
 //! everything.
 
+use super::careful::{Careful, near_feed};
 use super::path::{Path, height};
 use super::{Clearance, PlanningError, Start, limits, touch_block};
 use machine::record::motion::{Block, Motion};
@@ -33,7 +34,8 @@ pub fn step_blocks(
 }
 
 /// Up, turn and across as high as Z goes where the rotary axes or the spindle turn, otherwise no higher
-/// than the two ends of the way; down again, the last of it slowly; then from point to point.
+/// than the two ends of the way; down again, the last of it slowly; then from point to point. Until a
+/// scan has confirmed where the machine stands the way there is careful ([`super::careful`]).
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),
@@ -42,12 +44,14 @@ fn scan_blocks(
     clearance: &Clearance,
 ) -> Result<Vec<Block>, PlanningError> {
     check(plan, step, scan)?;
-    let approach_feed = match start.first {
-        true => plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min),
-        false => plan.probe.guarded_feed_mm_min,
-    };
+    let approach_feed = near_feed(plan, start.confirmed);
     let mut path = Path::from(start.stands, approach_feed);
-    approach(&mut path, &step.from, clearance.top_z);
+    let top_z = clearance.top_z;
+    let low_z = (step.from.at(Axis::Z) + SLOW_MM).min(top_z);
+    match start.confirmed.is_all() {
+        true => approach(&mut path, &step.from, top_z),
+        false => Careful::new(plan, clearance, low_z, start.confirmed).over(&mut path, &step.from),
+    }
     let mut blocks = Vec::new();
     for (number, point) in scan.path.iter().enumerate() {
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };

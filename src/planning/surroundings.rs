@@ -209,6 +209,14 @@ impl Surroundings {
     }
 }
 
+/// Of the parts of the tool that the probe does not feel: how wide they are, and how far above the centre
+/// of the stylus ball the lowest begins, mm. `None`: none is declared.
+pub(super) fn overhang(plan: &Plan) -> Option<(f64, f64)> {
+    let tool = tool(plan);
+    let unfelt = tool.iter().filter(|part| !part.felt).map(|part| (part.radius, part.bottom));
+    unfelt.reduce(|(wide, low), (radius, bottom)| (wide.max(radius), low.min(bottom)))
+}
+
 fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
     Axis::ALL.map(|axis| position.at(axis))
 }

@@ -67,7 +67,8 @@ fn regress_the_sequence_of_one_touch() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = Clearance::above(&plan).unwrap();
     assert!((clearance.over_all.unwrap() - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0);
-    let block = touch_block(&plan, &plan.steps[0], 2, Start::default(), &clearance).unwrap();
+    let start = Start { stands: None, confirmed: Confirmed::all() };
+    let block = touch_block(&plan, &plan.steps[0], 2, start, &clearance).unwrap();
     assert_eq!((block.step, block.repeat), (3, 2));
     let z = |z| at(&[(Axis::Z, z)]);
     let x = |x| at(&[(Axis::X, x)]);
@@ -84,12 +85,6 @@ fn regress_the_sequence_of_one_touch() {
         Motion::Guarded { to: z(safe), feed_mm_min: 1500.0 },
     ];
     assert_eq!(block.motions, expected);
-    // The first approach of a run is slow.
-    let first =
-        touch_block(&plan, &plan.steps[0], 0, Start { stands: None, first: true }, &clearance)
-            .unwrap();
-    let slow = Motion::Guarded { to: z(170.0), feed_mm_min: 300.0 };
-    assert!(first.motions.contains(&slow) && !first.motions.contains(&block.motions[5]));
     // A second touch of the same point needs neither rise nor turn.
     let stands = end_of(&block.motions, &Position::new());
     assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
@@ -97,11 +92,54 @@ fn regress_the_sequence_of_one_touch() {
         &plan,
         &plan.steps[0],
         3,
-        Start { stands: Some(&stands), first: false },
+        Start { stands: Some(&stands), confirmed: Confirmed::all() },
         &clearance,
     )
     .unwrap();
     assert_eq!(again.motions, expected[5..]);
+}
+
+/// Until touches have confirmed where the machine stands: over the upper end of Z, one thing after the
+/// other, and near the part as slow as a search.
+#[test]
+fn the_way_to_an_unconfirmed_place_is_careful() {
+    let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
+    let clearance = Clearance::above(&plan).unwrap();
+    let [z, x] = [Axis::Z, Axis::X].map(|axis| move |to: f64| at(&[(axis, to)]));
+    let guarded = |to: Position, feed_mm_min| Motion::Guarded { to, feed_mm_min };
+    let of = |stands, confirmed| {
+        let start = Start { stands, confirmed };
+        touch_block(&plan, &plan.steps[0], 0, start, &clearance).unwrap()
+    };
+    let touched = |feed| {
+        [
+            guarded(z(170.0), feed),
+            Motion::Probe { to: x(47.0), feed_mm_min: 30.0 },
+            Motion::BackOff { to: x(48.5), feed_mm_min: 300.0 },
+            guarded(z(SAFE_Z), feed),
+        ]
+    };
+    // Low beside the part, turned by C alone, and 0.1 mm off in X: too short for a probing move.
+    let stands = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
+    let block = of(Some(&stands), Confirmed::default());
+    let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] =
+        block.motions.as_slice()
+    else {
+        panic!("{block:?}")
+    };
+    assert!(is_near(up, &z(SAFE_Z)) && is_near(turn, &at(&[(Axis::C, 1.0)])), "{block:?}");
+    assert_eq!(block.motions[1], guarded(z(450.0), 1500.0));
+    assert_eq!(rest[0], Motion::Feed { to: x(48.5), feed_mm_min: 300.0 });
+    assert_eq!(rest[1], guarded(z(SAFE_Z), 1500.0));
+    assert_eq!(rest[2..], touched(300.0));
+    // Again from where that ended nothing goes aside, and the probe lives.
+    let stands = end_of(&block.motions, &stands);
+    let begun = Confirmed::default().after(&plan.steps[0]);
+    assert_eq!(of(Some(&stands), begun).motions, touched(1500.0));
+    // Whatever is not known has to move.
+    let unknown = of(None, Confirmed::default());
+    assert!(!unknown.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
+    assert_eq!(unknown.motions.len(), 4 + 2 + touched(300.0).len());
 }
 
 /// Every motion of `block` obeys the rules of safe motion, whatever came before.
@@ -167,7 +205,7 @@ fn regress_every_touch_of_a_cycle_is_safe() {
                 &plan,
                 step,
                 0,
-                Start { stands: stands.as_ref(), first: false },
+                Start { stands: stands.as_ref(), confirmed: Confirmed::all() },
                 &clearance,
             )
             .unwrap();

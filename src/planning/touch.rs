@@ -1,24 +1,18 @@
 //! One touch as a safe sequence of motions.
 
+use super::careful::{Careful, near_feed};
+use super::confirmed::Start;
 use super::path::{Path, SAME, height};
 use super::{Clearance, PlanningError, limits, over_balls};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
 
-/// From where, and whether for the first time, a block goes to the part.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Start<'a> {
-    /// Where the machine stands; `None` if nobody knows, then Z goes to its upper end first.
-    pub stands: Option<&'a Position>,
-    /// The first approach since the control was prepared.
-    pub first: bool,
-}
-
 /// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, over the
 /// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to
 /// `from`, guarded up again. A move to where an axis already stands is left out. Near the artefact
-/// all moves but the back-off are guarded, and the first approach of all is as slow as a search.
+/// all moves but the back-off are guarded; until touches have confirmed where the machine stands all
+/// moves are careful ([`super::careful`]), and near the artefact as slow as a search.
 ///
 /// Round parts: over the top between any two touches. Balls: round the ball, and otherwise as high as
 /// the way wants ([`super::over_balls`]); the block ends just beside the ball, or above whatever stands
@@ -39,12 +33,12 @@ pub fn touch_block(
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
     check_guarded_feed(plan)?;
-    let (near_feed, back_feed) = (near_feed(plan, start), plan.probe.search_feed_mm_min);
+    let (near_feed, back_feed) = (near_feed(plan, start.confirmed), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
     let mut path = Path::from(start.stands, near_feed);
     let end = match clearance.over_all {
-        Some(safe_z) => over_the_part(&mut path, step, clearance.top_z, safe_z),
-        None => over_balls::approach(&mut path, (plan, step), start.first, clearance)?,
+        Some(safe_z) => over_the_part(&mut path, (plan, step), start, (clearance, safe_z)),
+        None => over_balls::approach(&mut path, (plan, step), start, clearance)?,
     };
     path.guarded(&height(from.at(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
@@ -60,26 +54,28 @@ pub fn touch_block(
 }
 
 /// Over the start of the touch. Returns where to end.
-fn over_the_part(path: &mut Path, step: &Step, top_z: f64, safe_z: f64) -> Position {
+fn over_the_part(
+    path: &mut Path,
+    (plan, step): (&Plan, &Step),
+    start: Start<'_>,
+    (clearance, safe_z): (&Clearance, f64),
+) -> Position {
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
+    if !start.confirmed.is_all() {
+        Careful::new(plan, clearance, safe_z, start.confirmed).over(path, from);
+        return height(safe_z);
+    }
     match path.stands.get(Axis::Z) {
         Some(z) if z >= safe_z => {}
         Some(_) => path.guarded(&height(safe_z)),
-        None => path.rapid(&height(top_z.max(safe_z))),
+        None => path.rapid(&height(clearance.top_z.max(safe_z))),
     }
     path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
     path.orient(from.get(Axis::S));
     path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     path.rapid(&height(safe_z));
     height(safe_z)
-}
-
-/// The first approach is to a part that is only roughly known, or after a stop, with a probe that
-/// has not yet shown that it lives.
-fn near_feed(plan: &Plan, start: Start<'_>) -> f64 {
-    let (guarded, search) = (plan.probe.guarded_feed_mm_min, plan.probe.search_feed_mm_min);
-    if start.first { guarded.min(search) } else { guarded }
 }
 
 fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {

@@ -12,7 +12,7 @@ use devices::controllers::ControllerError;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Stage, Step, StepKind};
-use planning::asked_first;
+use planning::{Confirmed, asked_first};
 
 /// How often an answer, or a stop, is looked for.
 const POLL: Duration = Duration::from_millis(50);
@@ -103,7 +103,7 @@ impl Run<'_> {
             self.ask(asked).await?;
         }
         // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
-        self.approached = false;
+        self.confirmed = Confirmed::default();
         Ok(Some(self.devices.controller.prepare().await?.stands))
     }
 

@@ -7,6 +7,7 @@ use tokio::time::{Instant, sleep};
 use super::{Run, RunError};
 use devices::controllers::ControllerError;
 use machine::Position;
+use machine::record::artefact::Artefact;
 use machine::record::event::Event;
 use machine::record::machine::LiveCheck;
 
@@ -23,9 +24,14 @@ impl Run<'_> {
     pub(super) async fn live_check(&mut self) -> Result<Option<Position>, RunError> {
         match self.plan.probe.live_check {
             LiveCheck::Touch => {
-                let text = "the first approach is slow, and the first touch shows whether the probe \
-                            lives: have the stop at hand";
-                self.note(Event::Announced { text: text.to_owned() }).await?;
+                let mut text = "until touches in three directions have confirmed where X, Y and Z stand, \
+                                they go by the upper end of Z, and nothing is fast; the first touch shows \
+                                whether the probe lives: have the stop at hand"
+                    .to_owned();
+                if let Artefact::Cylinder(_) = self.plan.artefact {
+                    text += " (a round part does not show where the rotary axes stand)";
+                }
+                self.note(Event::Announced { text }).await?;
                 Ok(None)
             }
             LiveCheck::Person => {

@@ -37,11 +37,13 @@ use self::timeline::Timeline;
 use self::warmth::Warmth;
 use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
+use devices::controllers::describe_not_readable;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 use methods::{Method, Next, Source};
+use planning::Confirmed;
 use planning::gcode::Transmission;
 
 /// One run of one method.
@@ -57,8 +59,8 @@ pub struct Run<'a> {
     pub moved: bool,
     /// Whether the run goes on after an interruption.
     pub resumed: bool,
-    /// Whether the part was approached since the control was prepared.
-    approached: bool,
+    /// What touches have confirmed since the control was prepared.
+    confirmed: Confirmed,
     /// How the control receives blocks, once it was prepared.
     transmission: Transmission,
     timeline: Timeline,
@@ -93,7 +95,7 @@ impl<'a> Run<'a> {
             readings: Vec::new(),
             moved: false,
             resumed: false,
-            approached: false,
+            confirmed: Confirmed::default(),
             transmission: Transmission::Rows,
             timeline: Timeline::new(),
             looking: Vec::new(),
@@ -155,8 +157,11 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
+        if let Some(text) = describe_not_readable(self.devices.controller.not_readable()) {
+            self.note(Event::Announced { text }).await?;
+        }
         self.warmth.begin(&self.devices.thermometers).await;
-        self.approached = false;
+        self.confirmed = Confirmed::default();
         self.transmission = prepared.transmission;
         if !self.plan.sensors.is_empty() {
             self.sensors_live().await?;

@@ -9,14 +9,14 @@ use super::{Run, RunError};
 use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::event::Event;
-use machine::record::motion::{Block, Outcome};
+use machine::record::motion::{Block, Motion, Outcome};
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step};
 use machine::record::proof::Proof;
 use machine::record::reading::{Flag, Reading};
 use methods::{Method, Next, Source};
 use planning::gcode::{Dialect, Transmission};
 use planning::proof::{ProvenBlock, StageRequest, Staged, Unproven, prove_blocks};
-use planning::{Clearance, Start, asked_first, end_of, machine_time_s, step_blocks};
+use planning::{Clearance, Confirmed, Start, asked_first, end_of, machine_time_s, step_blocks};
 
 /// The blocks of a step with what belongs to them: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
 struct Task<B> {
@@ -27,6 +27,9 @@ struct Task<B> {
     /// Where the machine stands afterwards.
     ends: Position,
 }
+
+/// Of a block. The window of a resident program takes 20 rows at once (docs/resident-program.md).
+const MOST_MOTIONS: usize = 16;
 
 /// How text is written and sent.
 #[derive(Clone, Copy)]
@@ -39,8 +42,7 @@ struct Sent<'a> {
 #[derive(Clone)]
 struct Begin {
     stands: Option<Position>,
-    /// It is the first approach since the control was prepared.
-    first: bool,
+    confirmed: Confirmed,
 }
 
 impl Run<'_> {
@@ -54,7 +56,7 @@ impl Run<'_> {
         later_s: f64,
     ) -> Result<Option<Position>, RunError> {
         let stands = self.ask_first(stage, stands).await?;
-        let begin = Begin { stands: stands.clone(), first: !self.approached };
+        let begin = Begin { stands: stands.clone(), confirmed: self.confirmed };
         let sent = Sent { dialect: &self.devices.dialect, transmission: &self.transmission };
         let (tasks, proof) = prove(&self.plan, sent, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
@@ -69,12 +71,12 @@ impl Run<'_> {
                 remaining_s: remaining_s + later_s,
             });
             self.moved = true;
-            self.approached = true;
             let measured = match &step.scan {
                 None => self.touch(&step, repeat, blocks).await,
                 Some(scan) => self.scan((&step, scan), repeat, blocks).await,
             };
             self.keep_readings(&step, measured.map_err(|error| error.on(&step))?).await?;
+            self.confirmed = self.confirmed.after(&step);
             stands = Some(ends);
         }
         Ok(stands)
@@ -158,15 +160,20 @@ pub(super) async fn rehearsed(
     dialect: &Dialect,
 ) -> Result<(Vec<f64>, Vec<Step>), RunError> {
     let mut plan = plan.clone();
-    let (mut done, mut stage_s, mut stands) = (Vec::new(), Vec::new(), None);
+    let (mut done, mut stage_s) = (Vec::new(), Vec::new());
+    let mut begin = Begin { stands: None, confirmed: Confirmed::default() };
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
         plan.steps.extend(new_steps);
-        let asks = !asked_first(&plan, &stage.steps)?.0.is_empty();
-        let begin = Begin { stands: stands.clone(), first: done.is_empty() || asks };
+        if !asked_first(&plan, &stage.steps)?.0.is_empty() {
+            begin.confirmed = Confirmed::default();
+        }
         let sent = Sent { dialect, transmission: &Transmission::Rows };
-        let (tasks, _) = prove(&plan, sent, &done, &stage, begin).await?;
+        let (tasks, _) = prove(&plan, sent, &done, &stage, begin.clone()).await?;
         stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
-        stands = tasks.into_iter().next_back().map(|task| task.ends).or(stands);
+        for task in tasks {
+            begin.confirmed = begin.confirmed.after(&task.step);
+            begin.stands = Some(task.ends);
+        }
         done.push(stage);
     }
     Ok((stage_s, plan.steps))
@@ -205,9 +212,9 @@ fn proven(
     let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = asked_first(plan, &stage.steps)?;
     let stages = [Staged { steps: moves, found }];
-    let (stages, stands, first) = (&stages, begin.stands.as_ref(), begin.first);
+    let (stages, stands, confirmed) = (&stages, begin.stands.as_ref(), begin.confirmed);
     let request =
-        StageRequest { plan, stages, stands, first, dialect, transmission, blocks: &blocks };
+        StageRequest { plan, stages, stands, confirmed, dialect, transmission, blocks: &blocks };
     let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
@@ -223,14 +230,23 @@ fn proven(
     Ok((tasks.into_iter().map(of_task).collect(), proof))
 }
 
-/// A scan in motion is a block of its own: on the way to its first point the sensor may see nothing.
+/// A scan in motion is a block of its own: on the way to its first point the sensor may see nothing. So is
+/// each part of a long way: a control holds no more than some rows at once.
 fn as_executed(step: &Step, blocks: Vec<Block>) -> Result<Vec<Block>, RunError> {
     let Some(scan) = step.scan.as_ref().filter(|scan| is_continuous(scan)) else {
-        return Ok(blocks);
+        return Ok(blocks.into_iter().flat_map(in_parts).collect());
     };
     let unswept = || RunError::Unswept { step: step.id, why: sweep::NO_WAY.to_owned() };
     let (way, scan) = sweep::apart(blocks, &scan.path).ok_or_else(unswept)?;
     Ok([way, scan].into_iter().filter(|block| !block.motions.is_empty()).collect())
+}
+
+/// The last part has the touch and whatever belongs to it.
+fn in_parts(mut block: Block) -> Vec<Block> {
+    let way = block.motions.len().saturating_sub(MOST_MOTIONS);
+    let touch = block.motions.split_off(way);
+    let part = |motions: &[Motion]| Block { motions: motions.to_vec(), ..block.clone() };
+    block.motions.chunks(MOST_MOTIONS).map(part).chain([part(&touch)]).collect()
 }
 
 fn is_continuous(scan: &Scan) -> bool {
@@ -245,13 +261,12 @@ fn tasks(
     begin: &Begin,
 ) -> Result<Vec<Task<Block>>, RunError> {
     let clearance = Clearance::known(plan, found)?;
-    let mut stands = begin.stands.clone();
+    let Begin { mut stands, mut confirmed } = begin.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
     let (_, moves) = asked_first(plan, &stage.steps)?;
     for step in moves.iter().filter_map(step_of) {
-        let first = begin.first && tasks.is_empty();
-        let start = Start { stands: stands.as_ref(), first };
+        let start = Start { stands: stands.as_ref(), confirmed };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
         let blocks = as_executed(step, blocks)?;
         let (mut ends, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
@@ -260,6 +275,7 @@ fn tasks(
             ends = end_of(&block.motions, &ends);
         }
         stands = Some(ends.clone());
+        confirmed = confirmed.after(step);
         tasks.push(Task { step: step.clone(), blocks, remaining_s: seconds, ends });
     }
     let mut left = 0.0;

@@ -9,7 +9,8 @@ use methods::{Next, Source};
 use planning::gcode::{Dialect, Program};
 use planning::proof::{Request, Staged, prove};
 use planning::{
-    Access, Approach, BallTask, Clearance, Start, blocks, end_of, machine_time_s, touch_block, tour,
+    Access, Approach, BallTask, Clearance, Confirmed, Start, blocks, end_of, machine_time_s,
+    touch_block, tour,
 };
 
 /// The built-in machine with the paper's order of axes, room for its balls and a longer stylus.
@@ -149,7 +150,8 @@ fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a Clear
     let mut stands = Position::new();
     let mut seconds = 0.0;
     for (step, clearance) in steps {
-        let block = touch_block(plan, step, 0, Start::default(), clearance).unwrap();
+        let start = Start { stands: None, confirmed: Confirmed::all() };
+        let block = touch_block(plan, step, 0, start, clearance).unwrap();
         assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
         seconds += machine_time_s(&block, &stands, &plan.machine);
         stands = end_of(&block.motions, &stands);
@@ -187,19 +189,26 @@ fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
     (plan, stages)
 }
 
+/// Whoever knows where the machine stands has touched before.
+fn confirmed(stands: Option<&Position>) -> Confirmed {
+    stands.map_or(Confirmed::default(), |_| Confirmed::all())
+}
+
 /// As a run goes, each touch from where the last one ended; and the machine time.
 fn run<'a>(
     plan: &Plan,
     steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>,
     stands: &mut Option<Position>,
+    mut confirmed: Confirmed,
 ) -> (Vec<Block>, f64) {
     let (mut blocks, mut seconds) = (Vec::new(), 0.0);
     for (step, clearance) in steps {
-        let start = Start { stands: stands.as_ref(), first: stands.is_none() };
+        let start = Start { stands: stands.as_ref(), confirmed };
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         let here = stands.take().unwrap_or_default();
         seconds += machine_time_s(&block, &here, &plan.machine);
         *stands = Some(end_of(&block.motions, &here));
+        confirmed = confirmed.after(step);
         blocks.push(block);
     }
     (blocks, seconds)
@@ -218,7 +227,7 @@ impl Planned {
 fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naive_order() {
     let (plan, stages) = built_in("");
     let all = || stages.iter().flat_map(|planned| planned.steps(&plan));
-    let (_, ours_s) = run(&plan, all(), &mut None);
+    let (_, ours_s) = run(&plan, all(), &mut None, Confirmed::all());
     let place = |step: &Step| {
         let [pass, _, ball, touch] = step.label.split('/').collect::<Vec<_>>().try_into().unwrap();
         let touches = ["+45", "-135", "-45", "+135", "pole"];
@@ -243,7 +252,8 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
         let mut stands = None;
         for planned in &stages {
             let begins = stands.clone();
-            let (blocks, _) = run(&plan, planned.steps(&plan), &mut stands);
+            let known = confirmed(stands.as_ref());
+            let (blocks, _) = run(&plan, planned.steps(&plan), &mut stands, known);
             let Planned { stage, found, .. } = planned;
             let staged = Staged { steps: &stage.steps, found: found.as_ref() };
             proven(&plan, &[staged], begins.as_ref(), &blocks)
@@ -289,7 +299,7 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
         let naive_s = naive_s(&plan, list.iter().map(|step| (step, about(step))));
         plan.steps = steps(&plan, &access, &ordered, passes);
         let with = plan.steps.iter().map(|step| (step, about(step)));
-        let (blocks, seconds) = run(&plan, with, &mut None);
+        let (blocks, seconds) = run(&plan, with, &mut None, Confirmed::all());
         say_where_the_time_goes(&plan, &blocks);
         assert!(share(name, list.len(), seconds, naive_s) <= 0.6);
     }
@@ -316,9 +326,9 @@ fn proven(
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let dialect = Dialect::named("linuxcnc").unwrap();
     let text = dialect.program(&Program { title: "t", axes: &axes, log: None }, blocks).unwrap();
-    let (first, dialect) = (stands.is_none(), &dialect);
+    let (confirmed, dialect) = (confirmed(stands), &dialect);
     let programs = std::slice::from_ref(&text);
-    let proof = prove(&Request { plan, stages, stands, first, dialect, programs });
+    let proof = prove(&Request { plan, stages, stands, confirmed, dialect, programs });
     let refused = |refusal: planning::proof::Refusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -75,8 +75,8 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Four search touches round the part and one on its top, wide enough for the stated uncertainty
-    /// of its place.
+    /// A search touch on top of the part and four round it, wide enough for the stated uncertainty of
+    /// its place. The first three confirm where the machine stands.
     pub fn locating_steps(&self) -> Result<Vec<Step>, Refused> {
         let uncertainty_mm = self.stated.uncertainty_mm;
         let part = self.nominal_part();
@@ -92,15 +92,17 @@ impl<'a> Planner<'a> {
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
         let z = self.heights()[0];
+        let top = || self.step(&spec(0, "Z".to_owned()), self.on_top(part), Vector3::z());
+        let top = self.settings.touches_top().then(top).transpose()?;
+        let first = u32::from(top.is_some());
         let round = (0..4u32).map(|quarter| {
             let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
-            self.step(&spec(quarter, place), centre + part.reach * normal, normal)
+            self.step(&spec(first + quarter, place), centre + part.reach * normal, normal)
         });
-        let top = || self.step(&spec(4, "Z".to_owned()), self.on_top(part), Vector3::z());
-        round.chain(self.settings.touches_top().then(top)).collect()
+        top.map(Ok).into_iter().chain(round).collect()
     }
 
     /// Ball centre on the top face.

@@ -85,7 +85,7 @@ pub const UPRIGHT: f64 = 0.99985;
 impl Settings {
     /// Whether the top face of the part is touched at all.
     pub fn touches_top(&self) -> bool {
-        self.references && self.z_reference
+        self.z_reference && (self.references || self.locate)
     }
 
     /// What would fail on the way, refused before the first move.

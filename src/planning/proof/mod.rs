@@ -14,8 +14,9 @@
 //!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does;
 //! - a prompt is one stop (M0) and nothing else; from there on it is not known where the machine stands;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
-//!   everything and stop within the overtravel if they should meet something all the same; the first
-//!   approach since the machine was prepared is as slow as a search;
+//!   everything and stop within the overtravel if they should meet something all the same;
+//! - until touches along three independent normals have confirmed where the machine stands, or a scan
+//!   has, there is no rapid, and all of the way to a step is careful ([`careful`]);
 //! - what the probe is not there to feel stays half a millimetre apart on guarded moves and touches:
 //!   it feels the artefact, stems included, with the ball and the stem of its stylus alone;
 //! - rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every
@@ -37,6 +38,7 @@
 //! could not solve before the first stage, and nothing is rendered.
 
 mod body;
+mod careful;
 #[doc(hidden)]
 pub mod for_tests;
 mod gap;
@@ -55,6 +57,8 @@ mod walk;
 #[cfg(test)]
 mod ball_tests;
 #[cfg(test)]
+mod careful_tests;
+#[cfg(test)]
 mod jog_tests;
 #[cfg(test)]
 mod scan_tests;
@@ -66,6 +70,7 @@ pub use modes::{ProvenModes, prove_modes};
 pub use proven::{Altered, ProvenBlock, ProvenUnit, StageRequest, Unproven, prove_blocks};
 pub use refusal::{Reason, Refusal};
 
+use crate::Confirmed;
 use crate::gcode::Dialect;
 use crate::gcode::rs274::ReadMotion;
 use machine::Position;
@@ -86,9 +91,8 @@ pub struct Request<'a> {
     /// Where the machine stands at the start, as far as it is known. What moves before X, Y and Z
     /// are known is not looked at, and the proof says so.
     pub stands: Option<&'a Position>,
-    /// The first approach since the machine was prepared: guarded moves of the first step are at most
-    /// at the search feed.
-    pub first: bool,
+    /// What was confirmed since the machine was prepared.
+    pub confirmed: Confirmed,
     pub dialect: &'a Dialect,
     /// Programs that are executed one after the other; each sets the modes that it needs.
     pub programs: &'a [String],

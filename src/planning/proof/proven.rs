@@ -6,7 +6,7 @@ use super::refusal::{Reason, Refusal};
 use super::{Request, Staged, prove_motions};
 use crate::gcode::rs274::ReadMotion;
 use crate::gcode::{Dialect, Disagreement, RenderError, Transmission, Transmitted, Unit};
-use crate::target;
+use crate::{Confirmed, target};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
@@ -19,7 +19,7 @@ pub struct StageRequest<'a> {
     pub stages: &'a [Staged<'a>],
     /// As in [`Request`].
     pub stands: Option<&'a Position>,
-    pub first: bool,
+    pub confirmed: Confirmed,
     pub dialect: &'a Dialect,
     pub transmission: &'a Transmission,
     /// The motions that the text must say, in order.
@@ -123,12 +123,12 @@ impl ProvenBlock {
 /// # Errors
 /// What cannot be written; the first line that is wrong or cannot be shown to be right.
 pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), Unproven> {
-    let StageRequest { plan, stages, stands, first, dialect, transmission, blocks } = *request;
+    let StageRequest { plan, stages, stands, confirmed, dialect, transmission, blocks } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.transmitted(transmission, &axes, blocks)?;
     let read = read_programs(dialect, &sent.programs)?;
     let programs = &sent.programs;
-    let request = Request { plan, stages, stands, first, dialect, programs };
+    let request = Request { plan, stages, stands, confirmed, dialect, programs };
     let proof = prove_motions(&request, read.clone())?;
     let begins = stands.cloned().unwrap_or_default();
     Ok((proof, proven_units(dialect, blocks, transmission, sent, read, begins)?))

@@ -89,6 +89,17 @@ pub enum Reason {
     NotBackAt(Place),
     #[error("a feed move (G1) that is not the way back from a touch")]
     FeedMove,
+    #[error("a rapid before touches have confirmed where the machine stands")]
+    RapidUnconfirmed,
+    #[error(
+        "a probing move that turns an axis before touches have confirmed where the machine stands"
+    )]
+    TurnsUnconfirmed,
+    #[error(
+        "a move aside or a turn with {0}: before touches have confirmed where the machine stands only Z \
+         moves below its upper end"
+    )]
+    AsideBelowTop(Place),
     #[error("a probing move in a scan, where nothing can be touched")]
     ProbeInScan,
     #[error("a rest in a scan whose samples are taken on the way")]

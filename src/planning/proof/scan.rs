@@ -1,11 +1,12 @@
 //! A scan in the text: the points of its path one after the other, at its feed, with a rest at each
 //! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`].
 
+use super::MARGIN_MM;
 use super::refusal::Reason;
 use super::rules;
 use super::scene::Care;
 use super::walk::{Checked, Phase, Walk};
-use super::{MARGIN_MM, Request};
+use crate::careful::near_feed;
 use crate::gcode::rs274::{Kind, ReadMotion};
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::{Axis, Position};
@@ -30,20 +31,37 @@ impl Walk<'_> {
                 self.reach(motion, scan, reached)
             }
             (Kind::Feed, _) => {
-                let most = approach_feed(self.request(), self.is_first());
-                rules::feed_at_most("the way to a scan", motion, most)?;
                 let ends = self.stands().updated_by(&motion.target);
                 match rules::differs(&ends, &first(scan)?, self.request().dialect) {
-                    None => self.reach(motion, scan, 0),
-                    Some(_) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
+                    None => {
+                        let most = near_feed(self.request().plan, self.confirmed);
+                        rules::feed_at_most("the way to a scan", motion, most)?;
+                        self.reach(motion, scan, 0)
+                    }
+                    Some(_) => self.approach(motion),
                 }
             }
             (Kind::Stop, _) => Err(Reason::StopsElsewhere),
             (_, Phase::Scanning { .. }) => Err(Reason::OffPath),
+            (Kind::Rapid, _) if !self.is_confirmed() => self.careful_rapid(motion),
             (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             (Kind::Orient { s }, _) => self.orient(s),
             (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),
         }
+    }
+
+    /// At feed, and not yet to the first point.
+    fn approach(&mut self, motion: &ReadMotion) -> Checked {
+        let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
+        if !self.is_confirmed() && turns {
+            return self.careful_feed(motion);
+        }
+        if !self.is_confirmed() {
+            self.is_high(&motion.target)?;
+        }
+        let most = self.request().plan.probe.guarded_feed_mm_min;
+        rules::feed_at_most("the way to a scan", motion, most)?;
+        self.go(&motion.target, &Care::Apart(MARGIN_MM))
     }
 
     /// The point of this number is the next one.
@@ -84,13 +102,4 @@ impl Walk<'_> {
 fn first(scan: &Scan) -> Result<Position, Reason> {
     let first = scan.path.first().ok_or(Reason::OffPath)?;
     Ok(first.only(|axis| axis != Axis::S))
-}
-
-/// The first approach is as slow as a search.
-fn approach_feed(request: &Request<'_>, first: bool) -> f64 {
-    let probe = &request.plan.probe;
-    match first {
-        true => probe.guarded_feed_mm_min.min(probe.search_feed_mm_min),
-        false => probe.guarded_feed_mm_min,
-    }
 }

@@ -38,20 +38,20 @@ pub(super) fn proven_from(
     lines: &str,
     stands: Option<&Position>,
 ) -> Result<Proof, Refusal> {
-    proven_as(plan, lines, stands, false)
+    proven_as(plan, lines, stands, Confirmed::all())
 }
 
-fn proven_as(
+pub(super) fn proven_as(
     plan: &Plan,
     lines: &str,
     stands: Option<&Position>,
-    first: bool,
+    confirmed: Confirmed,
 ) -> Result<Proof, Refusal> {
     let dialect = Dialect::named("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [Staged { steps: &[0], found: None }];
     let programs = &[text];
-    prove(&Request { plan, stages: &stages, stands, first, dialect: &dialect, programs })
+    prove(&Request { plan, stages: &stages, stands, confirmed, dialect: &dialect, programs })
 }
 
 /// What the first lines are refused for; `None` if nothing is wrong but that the touch is missing.
@@ -292,20 +292,6 @@ fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
     assert_near(&racked, "N0 G53 G0 Z151.9\n", ["nose", "rack"], 2.0);
 }
 
-/// 300 mm/min is the search feed.
-#[test]
-fn the_first_approach_is_as_slow_as_a_search() {
-    let plan = plan(|_| {});
-    let first = |lines: &str| proven_as(&plan, lines, Some(&beside()), true);
-    let refusal = first(WHOLE).unwrap_err();
-    assert_eq!(refusal.line, 5, "{refusal}");
-    assert!(matches!(refusal.reason, Reason::Feed { what: "the first approach", .. }), "{refusal}");
-    assert!(first(&WHOLE.replace("F1500", "F300")).is_ok());
-    let fast_up = WHOLE.replacen("F1500", "F300", 1);
-    assert_eq!(first(&fast_up).unwrap_err().line, 8);
-    assert!(proven_from(&plan, WHOLE, Some(&beside())).is_ok());
-}
-
 /// A ledge over the part: at the end of the touch the stem would pass it at 46 mm less its edge.
 #[test]
 fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
@@ -336,17 +322,17 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
         let (stages, stands) = ([Staged { steps: &[1, 0], found: None }], beside());
         let (stages, stands) = (stages.as_slice(), Some(&stands));
-        let (dialect, programs) = (&dialect, [text]);
-        prove(&Request { plan: &plan, stages, stands, first: false, dialect, programs: &programs })
+        let (dialect, programs, confirmed) = (&dialect, [text], Confirmed::all());
+        prove(&Request { plan: &plan, stages, stands, confirmed, dialect, programs: &programs })
     };
-    let slow = WHOLE.replace("F1500", "F300");
-    // Where it stands after the stop nobody knows: all axes have to be told.
-    let up = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X100 Y0\n";
+    let slow = WHOLE.split_once('\n').unwrap().1.replace("F1500", "F300");
+    // Where it stands after the stop nobody knows: all axes have to be told, carefully.
+    let up = "N0 G38.3 Z450 F1500\nN0 G53 G1 B0 F300\nN0 G53 G1 C0 F300\nN0 G38.3 X50 Y0 F1500\n";
     let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
     assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
     let reason = |lines: &str| proven(lines).unwrap_err().reason;
     assert!(matches!(reason(&format!("{up}{slow}")), Reason::OutOfTurn { expected: Some(1), .. }));
-    assert!(matches!(reason(&format!("N1 M0\n{up}{WHOLE}")), Reason::Feed { .. }), "too fast");
+    assert_eq!(reason(&format!("N1 M0\n{WHOLE}")), Reason::RapidUnconfirmed);
     assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), Reason::StopsElsewhere);
     assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), Reason::StopsElsewhere);
     assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), Reason::MovesInPrompt);

@@ -6,8 +6,9 @@ use super::refusal::{Reason, Refusal};
 use super::scene::{Care, Scene};
 use super::sweep::Way;
 use super::{MARGIN_MM, Request, rules, touch};
+use crate::Confirmed;
 use crate::gcode::rs274::{Frame, Kind, ReadMotion};
-use machine::kinematics::Commands;
+use machine::kinematics::{Chain, Commands};
 use machine::record::plan::{Step, StepKind};
 use machine::record::proof::{Clearance, Proof};
 use machine::{Axis, Position};
@@ -50,6 +51,8 @@ pub struct Walk<'a> {
     nearest: Option<Clearance>,
     /// Lines whose way is not known.
     blind: Vec<usize>,
+    pub(super) confirmed: Confirmed,
+    pub(super) chain: Chain,
 }
 
 pub(super) type Checked = Result<(), Reason>;
@@ -69,6 +72,7 @@ impl<'a> Walk<'a> {
             }
         }
         let stands = request.stands.cloned().unwrap_or_default();
+        let chain = Chain::new(&request.plan.machine).map_err(|error| at(1)(error.into()))?;
         Ok(Self {
             request,
             motions,
@@ -81,6 +85,8 @@ impl<'a> Walk<'a> {
             proof: Proof::default(),
             nearest: None,
             blind: Vec::new(),
+            confirmed: request.confirmed,
+            chain,
         })
     }
 
@@ -100,7 +106,7 @@ impl<'a> Walk<'a> {
         Refusal { step, line: self.line, reason }
     }
 
-    fn step(&self) -> Option<&'a Step> {
+    pub(super) fn step(&self) -> Option<&'a Step> {
         self.turns.get(self.turn?).map(|(step, _)| *step)
     }
 
@@ -108,13 +114,9 @@ impl<'a> Walk<'a> {
         self.request
     }
 
-    /// The first step since the machine was prepared, or since a person was asked to it.
-    pub(super) fn is_first(&self) -> bool {
-        match self.turn.map(|turn| turn.checked_sub(1)) {
-            Some(None) => self.request.first,
-            Some(Some(before)) => self.turns.get(before).is_some_and(|(step, _)| asks(step)),
-            None => false,
-        }
+    /// Whether touches have confirmed where the machine stands.
+    pub(super) fn is_confirmed(&self) -> bool {
+        self.confirmed.is_all()
     }
 
     pub(super) fn stands(&self) -> &Position {
@@ -142,9 +144,13 @@ impl<'a> Walk<'a> {
         }
         match motion.kind {
             Kind::Dwell { .. } => Ok(()),
+            Kind::Feed if self.phase == Phase::Approach && !self.is_confirmed() => {
+                self.careful_feed(motion)
+            }
             Kind::Feed => self.back(motion),
             _ if self.phase == Phase::Touched => Err(Reason::NotBack),
             Kind::Orient { s } => self.orient(s),
+            Kind::Rapid if !self.is_confirmed() => self.careful_rapid(motion),
             Kind::Rapid => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             Kind::Probe { must_touch } => self.probe(motion, must_touch),
             Kind::Stop => Err(Reason::StopsElsewhere),
@@ -156,6 +162,7 @@ impl<'a> Walk<'a> {
         match (kind, self.phase) {
             (Kind::Stop, Phase::Approach) => {
                 (self.stands, self.phase) = (Position::new(), Phase::Asked);
+                self.confirmed = Confirmed::default();
                 Ok(())
             }
             (Kind::Stop, _) => Err(Reason::StopsElsewhere),
@@ -186,6 +193,9 @@ impl<'a> Walk<'a> {
             (None, _) => return Err(Reason::Unfinished("its touch")),
         }
         self.proof.steps.extend(self.nearest.take());
+        if let Some(step) = self.step() {
+            self.confirmed = self.confirmed.after(step);
+        }
         Ok(())
     }
 
@@ -221,17 +231,19 @@ impl<'a> Walk<'a> {
         }
         let probe = &self.request.plan.probe;
         rules::feed_at_most("a guarded move", motion, probe.guarded_feed_mm_min)?;
-        if self.is_first() {
-            rules::feed_at_most("the first approach", motion, probe.search_feed_mm_min)?;
-        }
         rules::braking(motion, &self.request.plan.machine, probe)?;
-        // A machine that was stopped low may rise from where it stands.
-        let care = match turns {
-            true => Care::Apart(MARGIN_MM),
-            false if self.proof.motions == 0 => Care::Leaving,
-            false => Care::Guarded,
+        let care = match (turns, self.is_confirmed()) {
+            (true, false) => return Err(Reason::TurnsUnconfirmed),
+            (true, true) => Care::Apart(MARGIN_MM),
+            (false, false) => self.careful_guarded(motion)?,
+            (false, true) => self.guarded_care(),
         };
         self.go(&motion.target, &care)
+    }
+
+    /// A machine that was stopped low may rise from where it stands.
+    pub(super) fn guarded_care(&self) -> Care {
+        if self.proof.motions == 0 { Care::Leaving } else { Care::Guarded }
     }
 
     fn touch(&mut self, motion: &ReadMotion, step: &Step) -> Checked {
@@ -273,6 +285,9 @@ impl<'a> Walk<'a> {
 
     /// The spindle turns to `s`, nobody knows which way round.
     pub(super) fn orient(&mut self, s: f64) -> Checked {
+        if !self.is_confirmed() {
+            self.is_high(&Position::new().with(Axis::S, s))?;
+        }
         let turned = |by: f64| self.stands.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {

@@ -295,7 +295,13 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
         let tip = chain.tip_in_table(at, Point::new(1.0, -2.0, -220.0), &[]).mm;
         chain.machine_from_table(at, &[]).rotation * (tip - centre)
     };
-    let (blocks, _) = blocks(&plan, &clearance).unwrap();
+    let mut blocks: Vec<Block> = Vec::new();
+    for step in &plan.steps {
+        let motions = blocks.iter().flat_map(|block| &block.motions);
+        let stands = Some(end_of(motions, &Position::new())).filter(|_| !blocks.is_empty());
+        let start = Start { stands: stands.as_ref(), confirmed: Confirmed::all() };
+        blocks.push(touch_block(&plan, step, 0, start, &clearance).unwrap());
+    }
     let mut stands = end_of(&blocks[0].motions, &Position::new());
     let mut ways = Vec::new();
     for motion in blocks[1..].iter().flat_map(|block| &block.motions) {

@@ -49,7 +49,7 @@ impl Rendered {
             plan: &self.plan,
             stages: &staged,
             stands,
-            first: true,
+            confirmed: planning::Confirmed::default(),
             dialect: &self.dialect,
             programs: &[text],
         })
@@ -59,14 +59,14 @@ impl Rendered {
     pub fn place(&self, id: u32) -> Place {
         let of_step = |line: &String| line.starts_with(&format!("N{id} "));
         let own: Vec<usize> = (0..self.lines.len()).filter(|i| of_step(&self.lines[*i])).collect();
-        let back = *own.iter().find(|i| self.lines[**i].contains("G53 G1")).unwrap();
+        let back = *own.iter().rev().find(|i| self.lines[**i].contains("G53 G1")).unwrap();
         let before = own.iter().position(|i| *i == back).unwrap();
         let find = |words: &[&str]| {
             own.iter().copied().find(|i| words.iter().all(|word| self.lines[*i].contains(word)))
         };
         Place {
             first: own[0],
-            turn: find(&["G0", " C"]),
+            turn: find(&["G0", " C"]).or(find(&["G1", " C"])),
             orient: find(&["M19"]),
             over: find(&["G0", " X"]).or(find(&["G0", " Y"])),
             down: own[before - 2],

@@ -5,6 +5,7 @@
 
 mod balls;
 mod bodies;
+mod starts;
 
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
@@ -377,7 +378,14 @@ fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Diale
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
     let (stages, stands) = ([Staged { steps: &[0], found: None }], position(from));
     let (stages, stands) = (&stages, Some(&stands));
-    let request = Request { plan, stages, stands, first: false, dialect, programs: &[text] };
+    let request = Request {
+        plan,
+        stages,
+        stands,
+        confirmed: planning::Confirmed::all(),
+        dialect,
+        programs: &[text],
+    };
     prove(&request).unwrap_err().reason
 }
 

@@ -264,7 +264,7 @@ async fn touch_all(
             _ => Clearance::above(&plan).unwrap(),
         };
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            let start = Start { stands: Some(&stands), first: false };
+            let start = Start { stands: Some(&stands), confirmed: planning::Confirmed::all() };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
             stands = end_of(&block.motions, &stands);
             let block = proven_block(file, &devices, &block);

@@ -12,7 +12,7 @@ fn with_fault(fault: &str) -> MachineShop {
 }
 
 pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
-    let shop = with_fault("kind = \"hold\"\nat_line = 40\n");
+    let shop = with_fault("kind = \"hold\"\nat_line = 120\n");
     let run = shop.run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     let told = "error: held at the machine: the control says Hold:0\n  → nothing more is sent";

@@ -63,6 +63,8 @@ pub fn a_stop_is_heard_while_a_person_is_waited_for() {
 
 pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
     let far = changed(&machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
+    // The first touch is on the flank.
+    let far = far + "z_reference = false\n";
     let run = MachineShop::new(&far).run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     assert!(stderr(&run).contains("the first touch met nothing"), "{}", stderr(&run));

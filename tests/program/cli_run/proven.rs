@@ -15,14 +15,14 @@ pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     let program = shop.trued(&[&plan[..], &["--gcode", "grbl"]].concat());
     assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
     // The ball's radius less the stem's, less what the ball goes on after contact.
-    let proven = "motions; nothing comes nearer than 1.35 mm: stylus stem and artefact, line 12, \
-                  step 0 (locate/P000)";
+    let proven = "motions; nothing comes nearer than 1.35 mm: stylus stem and artefact, line 52, \
+                  step 1 (locate/P000)";
     assert!(stderr(&program).contains(proven), "{}", stderr(&program));
-    assert!(stderr(&program).contains("not looked at: the way of lines 7 to 9"));
+    assert!(stderr(&program).contains("not looked at: the way of lines 7 to 10"));
     let text = String::from_utf8(program.stdout).unwrap();
     assert!(text.starts_with('(') && !text.contains("proven"));
-    let touch = text.lines().nth(11).unwrap();
-    assert!(touch.starts_with("N0 G38.3 X"), "{touch}");
+    let touch = text.lines().nth(51).unwrap();
+    assert!(touch.starts_with("N1 G38.3 X"), "{touch}");
     let words = shop.trued(&plan);
     assert!(String::from_utf8_lossy(&words.stdout).contains(proven));
 }
@@ -33,11 +33,11 @@ pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
     let plan = shop.trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
     assert_eq!(plan.status.code(), Some(1));
     assert!(plan.stdout.is_empty());
-    let why = "step 0 (locate/P000), line 11: stylus ball would come within 0.000 mm of clamp";
+    let why = "step 1 (locate/P000), line 51: stylus ball would come within 0.000 mm of clamp";
     assert!(stderr(&plan).contains(why), "{}", stderr(&plan));
     let run = shop.run();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
-    let stage = "stage `locate the part` is not proven: step 0 (locate/P000), line 11: stylus ball";
+    let stage = "stage `locate the part` is not proven: step 1 (locate/P000), line 51: stylus ball";
     tells(&run, &[stage, "nothing has moved", "[[solid]]"]);
     assert_eq!(shop.states(), ["failed"]);
     assert!(shop.exported_steps().is_empty());

@@ -64,9 +64,11 @@ fn agrees(resumed: &Value) {
     for (symbol, truth) in TRUTH_UM {
         let (value, expanded) = found(resumed, symbol);
         let (uninterrupted, u_whole) = found(&whole, symbol);
-        assert!((value - truth).abs() < expanded, "{symbol}: {value} ± {expanded}");
+        // One draw: within three standard uncertainties.
+        let most = 1.5 * expanded;
+        assert!((value - truth).abs() < most, "{symbol}: {value} ± {expanded}");
         let apart = (value - uninterrupted).abs();
-        assert!(apart < expanded, "{symbol}: {value} and {uninterrupted} ± {expanded}");
+        assert!(apart < most, "{symbol}: {value} and {uninterrupted} ± {expanded}");
         // A step that is fitted costs something, but not much.
         assert!(expanded >= u_whole && expanded < 1.6 * u_whole, "{symbol}: {expanded} {u_whole}");
     }
@@ -103,11 +105,17 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
     let heard = bench.heard();
     assert_eq!(touched(&heard), rest);
-    // The first approach after the stop is as slow as a search, the next is not.
-    let down = |step: &str| heard.lines().find(|line| line.contains(step)).unwrap();
-    assert!(
-        down("N17 G38.3 Z").ends_with("F300.000") && down("N18 G38.3 Z").ends_with("F3000.000")
-    );
+    // The first approach after the stop is as slow as a search, the next is not; until three directions
+    // are confirmed nothing is fast.
+    let lines = |step: &str| -> Vec<&str> {
+        heard.lines().filter(|line| line.trim_start_matches('?').starts_with(step)).collect()
+    };
+    let down = |step: &str| {
+        lines(step).into_iter().rfind(|line| line.contains("G38.3 Z")).unwrap().to_owned()
+    };
+    assert!(down("N17 ").ends_with("F300.000") && down("N18 ").ends_with("F3000.000"));
+    let fast = |step: &str| lines(step).iter().any(|line| line.contains(" G0 "));
+    assert!(!["N17 ", "N18 ", "N19 "].into_iter().any(fast) && fast("N26 "), "{heard}");
     assert_eq!(shop.exported_steps().len(), 69 + 4);
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
     for words in ["held: held on request", "acknowledged by Ada", "resumed after a gap at t = "] {

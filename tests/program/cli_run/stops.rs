@@ -21,7 +21,7 @@ fn in_mid_touch(control: &mut Control) -> (MachineShop, Child) {
     let shop = MachineShop::new(&with_control(&machine(), &address));
     let mut run = shop.run_command();
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    control.wait_for("N1 G38.3 Y");
+    control.wait_for("N2 G38.3 Y");
     (shop, run)
 }
 

@@ -24,7 +24,10 @@ pub fn resume_identifies_without_the_machine() {
     let run = copy_without_estimate(&shop, usize::MAX);
     assert_eq!((run, shop.states()), (RunId(2), vec!["finished".into(), "not identified".into()]));
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
-    assert!(listed.contains("not identified") && listed.contains("resume 2` identifies it"), "{listed}");
+    assert!(
+        listed.contains("not identified") && listed.contains("resume 2` identifies it"),
+        "{listed}"
+    );
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
     assert!(told.contains("run 2 is not identified after"), "{told}");
 

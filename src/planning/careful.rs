@@ -1,0 +1,153 @@
+//! The way to a step while touches have not yet confirmed where the machine stands: straight up to the
+//! upper end of Z, there one thing after the other, then down. Nothing of it is a rapid, save where a
+//! clamp must open: it opens for rapids alone.
+//!
+//! The stylus alone feels. Where it goes down beside something, what sits above it may land on that: so
+//! on the first way down the stylus goes round once in every length of its own, as wide as the widest
+//! body above it, and meets first whatever stands there.
+
+use std::f64::consts::TAU;
+
+use super::clearance::MARGIN;
+use super::path::{Path, height};
+use super::surroundings::{Surroundings, overhang};
+use super::{Clearance, Confirmed, turning};
+use machine::record::motion::Motion;
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+
+/// A shorter probing move is made as a feed move, at the feed of a search, mm: LinuxCNC refuses those
+/// below 0.254 mm ("start point too close to probe point"), and no stylus is broken on so short a way.
+pub(super) const SHORT_MM: f64 = 0.3;
+
+/// Corners of a round, and the share of the stylus' length from one round to the next.
+const CORNERS: u32 = 8;
+const SHARE: f64 = 0.9;
+
+/// How a careful way is gone.
+pub(super) struct Careful<'a> {
+    plan: &'a Plan,
+    about: &'a Surroundings,
+    /// The upper end of Z.
+    top_z: f64,
+    /// Z from which on nothing declared is near, below the step in hand.
+    low_z: f64,
+    /// Near the part.
+    near_feed: f64,
+    /// With a probe contact stops the moves; with a sensor nothing does.
+    guarded: bool,
+    /// No touch was made yet.
+    first: bool,
+}
+
+impl<'a> Careful<'a> {
+    pub fn new(plan: &'a Plan, clearance: &'a Clearance, low_z: f64, confirmed: Confirmed) -> Self {
+        let (about, top_z) = (&clearance.about, clearance.top_z);
+        let (near_feed, guarded) = (near_feed(plan, confirmed), plan.sensors.is_empty());
+        Self { plan, about, top_z, low_z, near_feed, guarded, first: !confirmed.is_begun() }
+    }
+
+    /// To over `from`, at `low_z`. Once a touch was made, Z goes up only if something else has to move.
+    pub fn over(&self, path: &mut Path, from: &Position) {
+        let mut elsewhere = from.iter().filter(|(axis, _)| *axis != Axis::Z);
+        let goes_aside = elsewhere.any(|(axis, value)| !path.stands_at(axis, value));
+        if path.stands.get(Axis::Z).is_some_and(|z| z < self.low_z) {
+            self.straight(path, &height(self.low_z), self.near_feed);
+        }
+        if goes_aside || self.first {
+            self.straight(path, &height(self.top_z), self.fast());
+            for (axis, value) in from.iter().filter(|(axis, _)| !axis.is_linear()) {
+                self.turn(path, axis, value);
+            }
+            let over = from.only(|axis| matches!(axis, Axis::X | Axis::Y));
+            self.straight(path, &over, self.fast());
+        }
+        if self.first && self.guarded {
+            self.feel_around(path, from);
+        }
+        self.straight(path, &height(self.low_z), self.fast());
+    }
+
+    /// Down to the last height that is felt: lower goes the stylus alone.
+    fn feel_around(&self, path: &mut Path, from: &Position) {
+        let Some((_, length)) = overhang(self.plan) else { return };
+        let levels = (self.top_z - from.at(Axis::Z)) / (SHARE * length);
+        for level in 0..levels.max(0.0).ceil() as u32 {
+            let z = (self.top_z - f64::from(level) * SHARE * length).max(self.low_z);
+            let over = from.clone().with(Axis::Z, z);
+            let round = self.round(&over);
+            let free = |place: &Position| self.about.z_between(&over, place, MARGIN) <= z;
+            // Where something declared stands so high, its place is not unknown.
+            if round.iter().all(free) {
+                self.straight(path, &height(z), self.fast());
+                let middle = over.only(|axis| matches!(axis, Axis::X | Axis::Y));
+                for place in round.iter().chain(round.first()).chain([&middle]) {
+                    let to = place.only(|axis| matches!(axis, Axis::X | Axis::Y));
+                    self.straight(path, &to, self.fast());
+                }
+            }
+        }
+    }
+
+    /// Round a place, as far as X and Y reach.
+    fn round(&self, over: &Position) -> Vec<Position> {
+        let wide = round_mm(self.plan);
+        let corner = |k: u32| {
+            let (sin, cos) = (TAU * f64::from(k) / f64::from(CORNERS)).sin_cos();
+            let aside = [(Axis::X, wide * cos), (Axis::Y, wide * sin)];
+            aside.into_iter().fold(over.clone(), |place, (axis, by)| {
+                let to = over.at(axis) + by;
+                let spec = self.plan.machine.axes.get(&axis);
+                place.with(axis, spec.map_or(to, |spec| to.clamp(spec.min, spec.max)))
+            })
+        };
+        (0..CORNERS).map(corner).collect()
+    }
+
+    fn fast(&self) -> f64 {
+        self.plan.probe.guarded_feed_mm_min
+    }
+
+    fn straight(&self, path: &mut Path, to: &Position, feed_mm_min: f64) {
+        let way = |(axis, to): (Axis, f64)| path.stands.get(axis).map(|at| (to - at).powi(2));
+        let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
+        let is_short = length.is_some_and(|length| length < SHORT_MM);
+        path.feed(to, |to| match (self.guarded, is_short) {
+            (true, true) => Motion::Feed { to, feed_mm_min: search_feed(self.plan) },
+            (true, false) => Motion::Guarded { to, feed_mm_min },
+            (false, _) => Motion::Feed { to, feed_mm_min },
+        });
+    }
+
+    fn turn(&self, path: &mut Path, axis: Axis, value: f64) {
+        if axis == Axis::S {
+            path.orient(Some(value));
+            return;
+        }
+        let clamped = self.plan.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
+        let feed_mm_min = turning::feed_at_most(self.plan, &self.about.chain, axis, &path.stands);
+        path.feed(&Position::new().with(axis, value), |to| match clamped {
+            true => Motion::Rapid { to },
+            false => Motion::Feed { to, feed_mm_min },
+        });
+    }
+}
+
+/// Of the corners of a round, from its middle, mm.
+pub(super) fn round_mm(plan: &Plan) -> f64 {
+    let (wide, _) = overhang(plan).unwrap_or_default();
+    wide / (TAU / f64::from(2 * CORNERS)).cos()
+}
+
+/// Near the part, until a touch has shown that the probe lives.
+pub(super) fn search_feed(plan: &Plan) -> f64 {
+    plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min)
+}
+
+/// Of moves near the part.
+pub(super) fn near_feed(plan: &Plan, confirmed: Confirmed) -> f64 {
+    match confirmed.is_begun() {
+        true => plan.probe.guarded_feed_mm_min,
+        false => search_feed(plan),
+    }
+}

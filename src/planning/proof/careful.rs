@@ -1,0 +1,97 @@
+//! What holds of the way to a step until touches have confirmed where the machine stands: no rapid;
+//! only Z moves, unless it stands at its upper end or X and Y go round over the step before the first touch;
+//! until that touch, what is faster than a search keeps [`MARGIN_MM`] from everything; an axis turns so
+//! slowly that what it carries can be held within the overtravel.
+
+use super::MARGIN_MM;
+use super::refusal::Reason;
+use super::rules;
+use super::scene::Care;
+use super::walk::{Checked, Walk};
+use crate::careful::{SHORT_MM, round_mm, search_feed};
+use crate::gcode::rs274::ReadMotion;
+use crate::turning;
+use machine::{Axis, Position};
+
+/// Of the text, mm.
+const ROUNDING_MM: f64 = 2e-3;
+
+impl Walk<'_> {
+    /// Z alone moves, or it stands at its upper end.
+    pub(super) fn is_high(&self, target: &Position) -> Checked {
+        let aside = |(axis, to): (Axis, f64)| {
+            let meant = Position::new().with(axis, to);
+            axis != Axis::Z
+                && rules::differs(self.stands(), &meant, self.request().dialect).is_some()
+        };
+        let top = self.request().plan.machine.axes.get(&Axis::Z).map(|spec| spec.max);
+        let top: Position = top.map(|z| (Axis::Z, z)).into_iter().collect();
+        let off = rules::differs(self.stands(), &top, self.request().dialect);
+        match off.filter(|_| target.iter().any(aside)) {
+            Some(off) => Err(off.reason(Reason::AsideBelowTop)),
+            None => Ok(()),
+        }
+    }
+
+    /// X and Y go round over the step, before the first touch.
+    fn feels_around(&self, motion: &ReadMotion) -> bool {
+        let Some(step) = self.step() else { return false };
+        let plan = self.request().plan;
+        let reach = round_mm(plan) + ROUNDING_MM;
+        let over = |at: &Position| {
+            let off = |axis| at.at(axis) - step.from.at(axis);
+            let known = at.get(Axis::X).is_some() && at.get(Axis::Y).is_some();
+            known && off(Axis::X).hypot(off(Axis::Y)) <= reach
+        };
+        let level = motion.target.iter().all(|(axis, _)| matches!(axis, Axis::X | Axis::Y));
+        let ends = self.stands().updated_by(&motion.target);
+        level && !self.confirmed.is_begun() && over(self.stands()) && over(&ends)
+    }
+
+    /// A clamp opens for rapids alone.
+    pub(super) fn careful_rapid(&mut self, motion: &ReadMotion) -> Checked {
+        let axes = &self.request().plan.machine.axes;
+        let clamped = |axis: Axis| axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
+        if !motion.target.iter().all(|(axis, _)| !axis.is_linear() && clamped(axis)) {
+            return Err(Reason::RapidUnconfirmed);
+        }
+        self.is_high(&motion.target)?;
+        self.go(&motion.target, &Care::Apart(MARGIN_MM))
+    }
+
+    /// A turn of one axis, or a way that is too short for a probing move.
+    pub(super) fn careful_feed(&mut self, motion: &ReadMotion) -> Checked {
+        self.is_high(&motion.target)?;
+        let plan = self.request().plan;
+        let mut moved = motion.target.iter();
+        if let (Some((axis, _)), None) = (moved.next(), moved.next())
+            && !axis.is_linear()
+        {
+            let most = turning::feed_at_most(plan, &self.chain, axis, self.stands());
+            rules::feed_at_most("a turn", motion, most)?;
+            return self.go(&motion.target, &Care::Apart(MARGIN_MM));
+        }
+        rules::feed_at_most("a short way", motion, search_feed(plan))?;
+        let ends = self.stands().updated_by(&motion.target);
+        let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
+        let known = motion.target.iter().all(|(axis, _)| self.stands().get(axis).is_some());
+        let stays = rules::differs(self.stands(), &motion.target, self.request().dialect).is_none();
+        if turns || !known || stays || rules::length(self.stands(), &ends, SHORT_MM).is_err() {
+            return Err(Reason::FeedMove);
+        }
+        let care = self.guarded_care();
+        self.go(&motion.target, &care)
+    }
+
+    /// Of a guarded move that turns nothing.
+    pub(super) fn careful_guarded(&self, motion: &ReadMotion) -> Result<Care, Reason> {
+        if !self.feels_around(motion) {
+            self.is_high(&motion.target)?;
+        }
+        let slow = rules::feed_at_most("", motion, search_feed(self.request().plan)).is_ok();
+        Ok(match slow || self.confirmed.is_begun() {
+            true => self.guarded_care(),
+            false => Care::Apart(MARGIN_MM),
+        })
+    }
+}

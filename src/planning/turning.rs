@@ -1,0 +1,52 @@
+//! How fast a rotary axis may turn while nobody knows what stands near.
+
+use nalgebra::Vector3;
+
+use super::hull::Body;
+use machine::artefact;
+use machine::kinematics::Chain;
+use machine::record::machine::Carrier;
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+
+/// From contact to the hold: no control looks at the probe while an axis turns, its reports show it.
+/// They are asked for five times a second at least, and what they show must come back as a hold.
+const LATENCY_S: f64 = 0.3;
+
+/// Degrees a minute, from where the axes stand: what `axis` carries comes to rest within the probe's
+/// overtravel, wherever on its surface the stylus met it, and is no faster than a guarded move.
+///
+/// The surface speed v fulfils v = √(2a(overtravel − v·latency)), a the acceleration there.
+pub(super) fn feed_at_most(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
+    let Some(spec) = plan.machine.axes.get(&axis) else { return 0.0 };
+    let lever = lever_mm(plan, chain, axis, stands);
+    let a = axis.from_edge(spec.acceleration_per_s2) * lever;
+    let stops = a * ((LATENCY_S.powi(2) + 2.0 * plan.probe.overtravel_mm / a).sqrt() - LATENCY_S);
+    let surface = stops.min(plan.probe.guarded_feed_mm_min / 60.0);
+    let turn = axis.to_edge(surface / lever) * 60.0;
+    // Nothing stands off the axis: there is no surface that moves.
+    if turn.is_finite() { turn.min(spec.rapid_per_min) } else { spec.rapid_per_min }
+}
+
+/// The farthest that anything declared which the axis carries reaches from its line, mm.
+fn lever_mm(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
+    let Some(line) = chain.axis_line(axis, stands) else { return 0.0 };
+    let commands = Axis::ALL.map(|axis| stands.at(axis));
+    let parts = artefact::parts(&plan.artefact).into_iter();
+    let parts = parts.map(|part| (Carrier::Table, Body::Round(part.shape)));
+    let solids = plan.solids.iter().map(|solid| (solid.on, Body::of(solid)));
+    let (ball, tip) = (plan.probe.ball_radius_mm, Vector3::from(plan.machine.tool_mm));
+    let stylus = artefact::Shape::Ball { centre: tip, radius: ball };
+    let bodies = parts.chain(solids).chain([(Carrier::Spindle, Body::Round(stylus))]);
+    let reach = |(on, body): (Carrier, Body)| {
+        let carried = chain.carried(on).filter(|carried| carried.axes().any(|moves| moves == axis));
+        let pose = carried?.pose(&commands);
+        let (points, radius) = body.points();
+        let off = points.iter().map(|point| {
+            let off = pose.transform_point(&(*point).into()).coords - line.point;
+            (off - line.direction * off.dot(&line.direction)).norm()
+        });
+        Some(off.fold(0.0, f64::max) + radius)
+    };
+    bodies.filter_map(reach).fold(0.0, f64::max)
+}

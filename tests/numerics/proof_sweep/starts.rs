@@ -1,0 +1,302 @@
+//! Starts of a run whose control is wrong about where X, Y and Z stand, by up to 300 mm: homed wrongly, or
+//! with steps lost. The way that `planning` plans is walked through a world of its own: matrices and points on
+//! surfaces, as in the other trials here.
+
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+use methods::{Next, Source};
+use planning::gcode::{Dialect, Program};
+use planning::proof::{Request, Staged, prove};
+use planning::{Clearance, Confirmed, Start, end_of, touch_block};
+
+use super::{Matrix, Point, Solid, between, mapped, moved, times, turned};
+
+const STARTS: u64 = 500;
+/// Between two looks, mm: of points on one body, and along a way.
+const SPACING: f64 = 5.0;
+const STRIDE: f64 = 0.25;
+/// X, Y, Z; at their ends a limit switch stops the machine, and with it the run.
+const TRAVEL: [[f64; 2]; 3] = [[-250.0, 250.0], [-250.0, 250.0], [-50.0, 450.0]];
+
+/// Of X, Y and Z, mm/s².
+const ACCELERATION: f64 = 2000.0;
+
+/// X, Y, Z in mm, B and C in degrees.
+type Axes = [f64; 5];
+
+/// A body of the tool: points, and a radius about each.
+struct Part {
+    felt: bool,
+    points: Vec<Point>,
+    radius: f64,
+}
+
+/// `config/simulated.toml`, written out by hand.
+struct World {
+    tool: Vec<Part>,
+    part: Solid,
+    table: Solid,
+    cradle: Solid,
+}
+
+impl World {
+    fn new() -> Self {
+        let upright = |from: f64, to: f64, radius| Solid {
+            from: [0.0, 0.0, from],
+            to: [0.0, 0.0, to],
+            radius: Some(radius),
+        };
+        let stem = (0..=95).map(|z| [0.0, 0.0, f64::from(z) - 120.0]).collect();
+        let solid = |solid: Solid| {
+            let (points, radius) = (solid.surface(SPACING), 0.0);
+            Part { felt: false, points, radius }
+        };
+        Self {
+            tool: vec![
+                Part { felt: true, points: vec![[0.0, 0.0, -120.0]], radius: 3.0 },
+                Part { felt: true, points: stem, radius: 1.5 },
+                solid(upright(-25.0, 0.0, 20.0)),
+                solid(upright(0.0, 150.0, 50.0)),
+            ],
+            part: upright(0.0, 100.0, 45.0),
+            table: upright(-40.0, 0.0, 130.0),
+            cradle: Solid {
+                from: [-170.0, -130.0, -110.0],
+                to: [170.0, 130.0, -45.0],
+                radius: None,
+            },
+        }
+    }
+
+    /// Distance to whatever is nearest, of the stylus and of the rest.
+    fn gaps(&self, [x, y, z, b, c]: Axes) -> [f64; 2] {
+        let spindle = moved([x, y, z]);
+        let swung: Matrix = turned(1, [0.0; 3], -b);
+        let table = times(&swung, &turned(2, [0.0; 3], -c));
+        let obstacles = [(&self.part, table), (&self.table, table), (&self.cradle, swung)];
+        let mut gaps = [f64::INFINITY; 2];
+        for (obstacle, frame) in obstacles {
+            let seen = between(&spindle, &frame);
+            for part in &self.tool {
+                let gap = &mut gaps[usize::from(!part.felt)];
+                for point in &part.points {
+                    *gap = gap.min(obstacle.distance(mapped(&seen, *point)) - part.radius);
+                }
+            }
+        }
+        gaps
+    }
+}
+
+/// How a start ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum End {
+    Confirmed,
+    /// The stylus met something on a guarded move.
+    GuardedContact,
+    NoContact,
+    AtLimit,
+    /// The proof finds a body in the way from where the machine is thought to stand.
+    Refused,
+}
+
+fn axes(position: &Position) -> Axes {
+    [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C].map(|axis| axis.to_edge(position.at(axis)))
+}
+
+/// Where a straight way is first fulfilled, as a share of it: by steps no longer than what is free.
+fn first(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
+    let at = |share: f64| std::array::from_fn(|i| way[0][i] + share * (way[1][i] - way[0][i]));
+    let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
+    // No point of the table is further than 300 mm from the axes.
+    let turned = (way[1][3] - way[0][3]).abs() + (way[1][4] - way[0][4]).abs();
+    let length = super::length(linear) + 300.0 * turned.to_radians();
+    let mut share = 0.0;
+    loop {
+        let gap = free(at(share));
+        if gap <= 0.0 {
+            return Some(share);
+        }
+        if share >= 1.0 || length == 0.0 {
+            return None;
+        }
+        share = (share + gap.max(STRIDE) / length).min(1.0);
+    }
+}
+
+/// The machine as it truly moves.
+struct Walk<'a> {
+    world: &'a World,
+    off: Point,
+    wrong: Vec<String>,
+}
+
+impl Walk<'_> {
+    fn truly(&self, believed: &Position) -> Axes {
+        let mut axes = axes(believed);
+        (0..3).for_each(|i| axes[i] += self.off[i]);
+        axes
+    }
+
+    /// Where the machine has braked after a contact at this share of its way.
+    fn at_rest(&self, way: [Axes; 2], share: f64, feed_mm_min: f64) -> Axes {
+        let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
+        let brakes = (feed_mm_min / 60.0).powi(2) / 2.0 / ACCELERATION;
+        let end = (share + brakes / super::length(linear)).min(1.0);
+        std::array::from_fn(|i| way[0][i] + end * (way[1][i] - way[0][i]))
+    }
+
+    /// `Some`: the run ends here.
+    fn go(&mut self, from: &Position, motion: &Motion) -> Option<End> {
+        let to = end_of([motion], from);
+        let mut way = [self.truly(from), self.truly(&to)];
+        let mut beyond = false;
+        for (to, [low, high]) in way[1].iter_mut().zip(TRAVEL) {
+            beyond |= !(low - 0.01..=high + 0.01).contains(to);
+            *to = to.clamp(low, high);
+        }
+        let said = |what: &str| format!("{what} on {motion:?} from {way:?}");
+        let (unguarded, other) =
+            (said("the stylus met something"), said("another body met something"));
+        let met = first(way, |at| self.world.gaps(at)[0]);
+        match (motion, met) {
+            (
+                Motion::Guarded { feed_mm_min, .. } | Motion::Probe { feed_mm_min, .. },
+                Some(share),
+            ) => {
+                way[1] = self.at_rest(way, share, *feed_mm_min);
+            }
+            (Motion::BackOff { .. }, _) | (_, None) => {}
+            (_, Some(_)) => self.wrong.push(unguarded),
+        }
+        if first(way, |at| self.world.gaps(at)[1]).is_some() {
+            self.wrong.push(other);
+        }
+        let met = met.is_some() && !matches!(motion, Motion::BackOff { .. });
+        match (motion, met, beyond) {
+            (Motion::Probe { .. }, true, _) => None,
+            (_, true, _) => Some(End::GuardedContact),
+            (_, false, true) => Some(End::AtLimit),
+            (Motion::Probe { .. }, false, _) => Some(End::NoContact),
+            _ => None,
+        }
+    }
+}
+
+/// Seeded, from 0 to 1.
+fn drawn(seed: u64, number: u64) -> f64 {
+    let mut z = (seed * 64 + number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Where the control says that the machine stands, and by how much X, Y and Z stand off that. Every
+/// fifth is off by no more than 3 mm. The machine stands free.
+fn start(world: &World, seed: u64) -> (Position, Point) {
+    (0..)
+        .find_map(|attempt| {
+            let draw =
+                |number| drawn(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
+            let draw = |number| draw(number).fract();
+            let most = if seed % 5 == 0 { 3.0 } else { 300.0 };
+            let off: Point = std::array::from_fn(|i| most * (2.0 * draw(i as u64) - 1.0));
+            let within =
+                |i: usize| TRAVEL[i][0] + draw(3 + i as u64) * (TRAVEL[i][1] - TRAVEL[i][0]);
+            let believed: Point = std::array::from_fn(within);
+            let c = 360.0 * drawn(seed, 63) - 180.0;
+            let truly: Point = std::array::from_fn(|i| believed[i] + off[i]);
+            let inside = (0..3).all(|i| (TRAVEL[i][0]..=TRAVEL[i][1]).contains(&truly[i]));
+            let free = inside
+                && world.gaps([truly[0], truly[1], truly[2], 0.0, c]).iter().all(|gap| *gap > 0.5);
+            let position =
+                [Axis::X, Axis::Y, Axis::Z].into_iter().zip(believed).collect::<Position>();
+            let position = position.with(Axis::B, 0.0).with(Axis::C, c.to_radians());
+            free.then_some((position.with(Axis::S, 0.0), off))
+        })
+        .unwrap()
+}
+
+/// The steps that locate the part.
+fn locating() -> Plan {
+    let text = include_str!("../../../config/simulated.toml").to_owned();
+    let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
+    let (method, mut plan) = trued::setup::header(&file, "self-calibration", None).unwrap();
+    let Next::Stage { new_steps, .. } = method.next(&plan, &[], Source::Nominal).unwrap() else {
+        panic!("no stage")
+    };
+    plan.steps = new_steps;
+    plan
+}
+
+/// As a run plans the stage from where the control says that it stands.
+fn blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
+    let clearance = Clearance::above(plan).unwrap();
+    let (mut stands, mut confirmed) = (believed.clone(), Confirmed::default());
+    let mut blocks = Vec::new();
+    for step in &plan.steps {
+        let start = Start { stands: Some(&stands), confirmed };
+        let block = touch_block(plan, step, 0, start, &clearance).unwrap();
+        stands = end_of(&block.motions, &stands);
+        confirmed = confirmed.after(step);
+        blocks.push(block);
+    }
+    let dialect = Dialect::named("linuxcnc").unwrap();
+    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+    let program = Program { title: "t", axes: &axes, log: None };
+    let text = dialect.program(&program, &blocks).unwrap();
+    let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
+    let request = Request {
+        plan,
+        stages: &[Staged { steps: &ids, found: None }],
+        stands: Some(believed),
+        confirmed: Confirmed::default(),
+        dialect: &dialect,
+        programs: &[text],
+    };
+    prove(&request).is_ok().then_some(blocks)
+}
+
+fn run(world: &World, plan: &Plan, seed: u64) -> (End, Point, Vec<String>) {
+    let (believed, off) = start(world, seed);
+    let Some(blocks) = blocks(plan, &believed) else { return (End::Refused, off, Vec::new()) };
+    let mut walk = Walk { world, off, wrong: Vec::new() };
+    let (mut stands, mut confirmed) = (believed, Confirmed::default());
+    let mut end = None;
+    'run: for (block, step) in blocks.iter().zip(&plan.steps) {
+        for motion in &block.motions {
+            if let Some(ended) = walk.go(&stands, motion) {
+                end = Some(ended);
+                break 'run;
+            }
+            stands = end_of([motion], &stands);
+        }
+        confirmed = confirmed.after(step);
+        if confirmed.is_all() {
+            end = Some(End::Confirmed);
+            break;
+        }
+    }
+    (end.unwrap(), off, walk.wrong)
+}
+
+#[test]
+fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
+    use rayon::prelude::*;
+    let (world, plan) = (World::new(), locating());
+    let ends: Vec<_> = (0..STARTS).into_par_iter().map(|seed| run(&world, &plan, seed)).collect();
+    let count = |end: End| ends.iter().filter(|(is, ..)| *is == end).count();
+    for end in [End::Confirmed, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused] {
+        println!("{end:?}: {}", count(end));
+    }
+    let bad: Vec<_> = ends.iter().flat_map(|(.., bad)| bad).collect();
+    assert!(bad.is_empty(), "{}: {bad:#?}", bad.len());
+    for (end, off, _) in &ends {
+        let most = off.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
+        // A touch begins 2.5 mm before the place where the part is stated, and goes as far beyond it.
+        assert!(*end != End::Confirmed || most < 2.6, "confirmed, but off by {off:?}");
+        assert!(*end != End::NoContact || most > 1.9, "not found, but off by {off:?} only");
+    }
+    assert!(count(End::Confirmed) > 20 && count(End::GuardedContact) > 50);
+}
