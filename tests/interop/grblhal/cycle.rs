@@ -9,20 +9,16 @@ use machine::record::estimate::Estimate;
 use super::rig::Rig;
 use crate::linuxcnc::desk::{Desk, complaint, result};
 
-/// Faster touches, few angles, no references, a part whose place is known well.
-const SHORT: [(&str, &str); 3] = [
+/// Faster touches, few angles, no references.
+const SHORT: [(&str, &str); 2] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
-    ("\nuncertainty_mm = 1.0", "\nuncertainty_mm = 0.4"),
-    (
-        "heights_mm = [90.0]",
-        "heights_mm = [90.0]\npositions = 6\nlocate = false\nz_reference = false\nreferences = false",
-    ),
+    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nreferences = false"),
 ];
 /// U may not exceed it, µm: a step of the rig's axes is 4 µm long.
 const MAX_EXPANDED_UM: f64 = 6.0;
 
 /// Location of the true C axis beside where the machine file has it, µm.
-const FIRST_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
+pub const FIRST_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 const SECOND_UM: [(&str, f64); 2] = [("EX0C", -80.0), ("EY0C", 110.0)];
 
 pub fn measured(desk: &Desk, method: &str) -> Result<Estimate, Failed> {

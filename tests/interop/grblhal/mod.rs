@@ -3,7 +3,6 @@
 //! with `TRUED_REQUIRE_PEERS=1`. `.ci/run` runs the readiness of the control and one short cycle; `.ci/long`
 //! runs all.
 
-mod check;
 mod cycle;
 mod faults;
 mod readiness;
@@ -26,6 +25,8 @@ pub fn trials() -> Trials {
             cycle::the_latch_delay_is_found,
             cycle::two_true_axes_are_found,
             cycle::a_reversed_axis_is_found,
+            faults::a_run_that_was_held_at_the_machine_goes_on,
+            faults::a_run_goes_on_after_the_firmware_was_killed,
         ]
         .ignored(),
     )

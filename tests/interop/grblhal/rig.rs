@@ -35,7 +35,8 @@ const TRUTH: [(&str, f64); 12] = [
 const SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
     $120=1000 $121=1000 $122=1000 $123=400 $124=400 $133=0 $134=0 $376=3 $22=35 $44=0 $45=0 $46=0 $47=0 $48=0 $20=1";
 const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Other trials may keep the computer busy while it starts.
+const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_millis(500);
 
 pub fn firmware() -> PathBuf {
@@ -165,9 +166,9 @@ impl Rig {
         Desk::new(MACHINE, &changes)
     }
 
-    /// Until so many touches were begun since the wire was last forgotten, while `run` goes on.
+    /// Until so many measuring touches (at 120 mm/min) were begun since the wire was last forgotten, while `run` goes on.
     pub fn wait_for_touches(&self, touches: usize, run: &mut Child) -> Result<(), Failed> {
-        let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F60.000");
+        let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F120.000");
         while self.wire.lines().iter().filter(measuring).count() < touches {
             if run.try_wait()?.is_some() {
                 return Err(format!("the run ended before {touches} touches").into());

@@ -200,7 +200,7 @@ fn start(world: &World, seed: u64) -> (Position, Point) {
             let draw =
                 |number| drawn(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
             let draw = |number| draw(number).fract();
-            let most = if seed % 5 == 0 { 3.0 } else { 300.0 };
+            let most = if seed.is_multiple_of(5) { 3.0 } else { 300.0 };
             let off: Point = std::array::from_fn(|i| most * (2.0 * draw(i as u64) - 1.0));
             let within =
                 |i: usize| TRAVEL[i][0] + draw(3 + i as u64) * (TRAVEL[i][1] - TRAVEL[i][0]);

@@ -6,7 +6,7 @@ use super::bench::{Bench, Failed, World};
 const STAGES: usize = 24;
 
 fn stopped(by: &str) -> String {
-    let moves = format!("ball = '4'\nat_s = 300.0\nby_mm = {by}");
+    let moves = format!("ball = '4'\nat_s = 330.0\nby_mm = {by}");
     let world = World::as_built_in().and("ball_moves", &moves);
     match Bench::new().begin(1, &world, STAGES) {
         Ok(_) => panic!("{by}: nobody noticed"),

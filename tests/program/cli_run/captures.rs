@@ -119,5 +119,5 @@ pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
     refused("(step 3 repeat 0)", "(step 3 repeat 1)", "then it was `(step 3 repeat 1)`");
     refused("set run", "set walk", "then it was `set walk`");
     refused("PROBE_VALUE 0", "PROBE_VALUE 1", "step");
-    refused("ntouch 3 2 1.000000", "ntouch 3 2 0.000000", "step");
+    refused("ntouch 3 4 1.000000", "ntouch 3 4 0.000000", "step");
 }
