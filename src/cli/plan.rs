@@ -133,6 +133,7 @@ fn describe(plan: &Plan, stages: &[Stage]) -> Result<(), Failure> {
         let what = step.text.clone().unwrap_or_else(|| turned.join(" "));
         say!("  {:>4}  {:<14} {what}", step.id, step.label);
     }
+    let seconds = seconds.round();
     say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     Ok(())
 }
