@@ -38,6 +38,7 @@ const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
 /// Other trials may keep the computer busy while it starts.
 const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_millis(500);
+const TRIES: u32 = 5;
 
 pub fn firmware() -> PathBuf {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap_or(Path::new(""));
@@ -65,8 +66,7 @@ impl Rig {
         let all = TRUTH.iter().chain(&[("height", 100.0)]).chain(truth);
         let all: String = all.map(|(name, value)| format!("{name} {value}\n")).collect();
         std::fs::write(folder.path().join("truth"), all)?;
-        let port = free_port().map_err(|error| error.to_string())?;
-        let process = start(folder.path(), port)?;
+        let (process, port) = start(folder.path())?;
         let rig = Self { process, folder, port, wire: Wire::to(port)? };
         rig.wake()?;
         SETTINGS.split_whitespace().try_for_each(|setting| rig.ask(setting).map(drop))?;
@@ -100,9 +100,17 @@ impl Rig {
         Ok(())
     }
 
-    /// At the control itself, while nothing else is connected. What it answers.
+    /// At the control itself, while nothing else is connected. What it answers. The first byte of a client
+    /// may be lost: then the line is no command, and is said again.
     pub fn ask(&self, line: &str) -> Result<String, Failed> {
-        self.ask_within(line, PATIENCE)
+        let mut answer = self.ask_within(line, PATIENCE);
+        for _ in 1..TRIES {
+            if answer.is_ok() {
+                break;
+            }
+            answer = self.ask_within(line, PATIENCE);
+        }
+        answer
     }
 
     fn ask_within(&self, line: &str, patience: Duration) -> Result<String, Failed> {
@@ -152,8 +160,7 @@ impl Rig {
     /// With what it has stored; it stands at machine zero then.
     pub fn start_again(&mut self) -> Result<(), Failed> {
         self.kill()?;
-        self.port = free_port().map_err(|error| error.to_string())?;
-        self.process = start(self.folder.path(), self.port)?;
+        (self.process, self.port) = start(self.folder.path())?;
         self.wire.lead_to(self.port);
         self.wake()
     }
@@ -179,22 +186,27 @@ impl Rig {
     }
 }
 
-/// Until it listens.
-fn start(folder: &Path, port: u16) -> Result<Child, Failed> {
-    let process = Command::new(firmware())
-        .args(["-n", "-t", "1", "-p", &port.to_string(), "-e"])
-        .arg(folder.join("eeprom"))
-        .env("TRUTH", folder.join("truth"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()?;
-    let started = Instant::now();
-    while TcpStream::connect(("127.0.0.1", port)).is_err() {
-        if started.elapsed() > PATIENCE {
-            return Err("the firmware does not listen".into());
+/// Until it listens, and at which port. A client that comes while its threads begin may end it: once more then.
+fn start(folder: &Path) -> Result<(Child, u16), Failed> {
+    for _ in 0..TRIES {
+        let port = free_port().map_err(|error| error.to_string())?;
+        let mut process = Command::new(firmware())
+            .args(["-n", "-t", "1", "-p", &port.to_string(), "-e"])
+            .arg(folder.join("eeprom"))
+            .env("TRUTH", folder.join("truth"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()?;
+        sleep(START);
+        let started = Instant::now();
+        while TcpStream::connect(("127.0.0.1", port)).is_err() && started.elapsed() < PATIENCE {
+            sleep(Duration::from_millis(20));
         }
-        sleep(Duration::from_millis(20));
+        sleep(START);
+        if process.try_wait()?.is_none() {
+            return Ok((process, port));
+        }
     }
-    Ok(process)
+    Err("the firmware ends while it starts".into())
 }
