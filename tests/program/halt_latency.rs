@@ -51,7 +51,9 @@ fn peer(tell: Sender<Seen>) {
                     if state == "Run" {
                         let _ = tell.send(Seen::Polled);
                     }
-                    format!("<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100>\r\n")
+                    format!(
+                        "<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n"
+                    )
                 }
                 b'\n' => match std::mem::take(&mut line).as_str() {
                     "$I" => "[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n".to_owned(),

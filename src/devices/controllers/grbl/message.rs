@@ -50,6 +50,8 @@ pub(super) struct Status {
     pub overrides: Option<Overrides>,
     /// `MPG:1`: a pendant has the control; our lines are not executed as sent.
     pub has_pendant: bool,
+    /// `FW:`, only in the answer of 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
+    pub is_full: bool,
     /// `Time:`, an extension of the simulated control.
     pub t_s: Option<f64>,
 }
@@ -148,6 +150,7 @@ fn status(report: &str) -> Option<Status> {
                 status.pins = value.to_owned();
             }
             "Ov" => status.overrides = overrides(value),
+            "FW" => status.is_full = true,
             "MPG" => status.has_pendant = value == "1",
             "Time" => status.t_s = seconds(value),
             _ => {}

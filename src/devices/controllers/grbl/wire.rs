@@ -138,15 +138,21 @@ impl Wire {
 
     /// The control's status, asked for now; asked again if a byte gets lost.
     pub(super) async fn status(&mut self) -> Result<Status, ControllerError> {
-        self.report(b"?").await
+        self.report(b"?", |_| true).await
     }
 
-    /// The report with all its fields. A control that does not know the question is silent.
+    /// The report with all its fields; one that does not say so if no other comes. A report that was
+    /// asked for before may come first. A control that does not know the question is silent.
     pub(super) async fn full_status(&mut self) -> Result<Status, ControllerError> {
-        self.report(FULL_REPORT).await
+        self.report(FULL_REPORT, |status| status.is_full).await
     }
 
-    async fn report(&mut self, question: &'static [u8]) -> Result<Status, ControllerError> {
+    async fn report(
+        &mut self,
+        question: &'static [u8],
+        is_answer: fn(&Status) -> bool,
+    ) -> Result<Status, ControllerError> {
+        let mut other = None;
         let deadline = Instant::now() + self.patience.answer;
         while Instant::now() < deadline {
             self.urgent.send(question);
@@ -155,17 +161,21 @@ impl Wire {
                 match self.unless_it_ends_the_job(message).await? {
                     Message::Status(status) => {
                         self.unsure = false;
-                        return Ok(status);
+                        if is_answer(&status) {
+                            return Ok(status);
+                        }
+                        other = Some(status);
                     }
                     Message::Other(_) => {}
                     // A line may be under way when a halt comes.
                     Message::Ok | Message::Error(_) if self.asked => self.asked = false,
                     _ if self.asked => {}
-                    other => return Err(out_of_step(&other)),
+                    answer => return Err(out_of_step(&answer)),
                 }
             }
         }
-        Err(silent(if question == b"?" { "?" } else { "0x87" }, self.patience.answer))
+        let name = if question == b"?" { "?" } else { "0x87" };
+        other.ok_or_else(|| silent(name, self.patience.answer))
     }
 
     /// Wait until the machine stands still. Two reports in a row: the first may be older than the

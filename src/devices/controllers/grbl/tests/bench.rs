@@ -10,13 +10,19 @@ use link::Link;
 /// Everything that came over the wire, as text.
 pub type Tape = Arc<Mutex<String>>;
 
+/// The answer of `?`.
 pub const IDLE: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
+
+/// The answer of 0x87, which asks for all fields.
+pub const FULL: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|WCO:0.000,0.000,0.000,0.000,0.000|\
+    Ov:100,100,100|A:|MPG:0|H:1,31|T:0|TLR:0|FW:grblHAL>\r\n";
 
 /// Those that matter here, of a healthy control.
 pub const SETTINGS: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=400.000\r\n$131=400.000\r\n\
     $132=400.000\r\nok\r\n";
 
-/// A peer of bytes alone: `answer` is asked for every line, and for `?` and `!` as they come.
+/// A peer of bytes alone: `answer` is asked for every line, and for `?`, `!` and 0x87 (as `0x87`) when
+/// they come.
 pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let tape = Tape::default();
@@ -35,8 +41,7 @@ async fn talk(
         tape.lock().unwrap().push(byte as char);
         let said = match byte {
             b'?' | b'!' => answer(&(byte as char).to_string()),
-            // The report with all fields.
-            0x87 => answer("?"),
+            0x87 => answer("0x87"),
             b'\n' => answer(&std::mem::take(&mut line)),
             byte => {
                 line.push(byte as char);
@@ -83,6 +88,7 @@ impl Stand {
     fn healthy(&mut self, line: &str) -> &'static str {
         match line {
             "?" => IDLE,
+            "0x87" => FULL,
             "!" => "",
             "$I" => "[VER:1.1f.20260817:]\r\n[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n",
             "$G" => "[GC:G0 G59 G17 G21 G90 G94 G49 G98 G50 M5 M9 T0 F0 S0.]\r\nok\r\n",

@@ -3,7 +3,7 @@
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use super::bench::Tape;
+use super::bench::{FULL, Tape};
 use super::*;
 use crate::controllers::grbl::message::Message;
 
@@ -137,6 +137,27 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
     driver.prepare().await.unwrap();
     let error = driver.execute(proven(&touch(3))).await.unwrap_err();
     assert!(error.to_string().contains("feed 200 %"), "{error}");
+}
+
+/// The answer of an earlier `?` comes after 0x87 was sent, as on a busy computer.
+#[tokio::test]
+async fn regress_a_late_report_is_not_taken_for_the_full_one() {
+    let (link, _) = odd(|line| {
+        let late = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0>\r\n";
+        match line {
+            "?" => Some(late.to_owned()),
+            "0x87" => Some(format!("{late}{FULL}")),
+            _ => None,
+        }
+    });
+    grbl(link).0.prepare().await.unwrap();
+}
+
+/// grblHAL of compatibility level 2 leaves out the field by which a full report is known.
+#[tokio::test]
+async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
+    let (link, _) = odd(|line| (line == "0x87").then(|| FULL.replace("|FW:grblHAL", "")));
+    grbl(link).0.prepare().await.unwrap();
 }
 
 /// A reset forgets that the axes were homed, and all that was set.
