@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::parts::Parts;
+use crate::identification::reported_parameter;
 use machine::record::estimate::{Estimate, Parameter, Unit};
 
 const MM_PER_UM: f64 = 1e-3;
@@ -13,15 +14,10 @@ pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
     let mean = parts.heights.iter().sum::<f64>() / parts.heights.len() as f64;
     let stated = parts.axis.at_height(mean);
     let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
-    let positions = positions.map(|((error, direction), stated)| Parameter {
-        symbol: format!("{direction}_{}", parts.axis.axis),
-        value: stated + error.value * MM_PER_UM,
-        unit: Unit::Mm,
-        u: error.u * MM_PER_UM,
-        expanded: error.expanded * MM_PER_UM,
-        u_monte_carlo: None,
-        budget: Vec::new(),
-        ..error
+    let positions = positions.map(|((error, direction), stated)| {
+        let symbol = format!("{direction}_{}", parts.axis.axis);
+        let [off_mm, u_mm] = [error.value, error.u].map(|um| um * MM_PER_UM);
+        reported_parameter(&symbol, Unit::Mm, stated + off_mm, u_mm, error.dof)
     });
     estimate.parameters.extend(positions);
 }
