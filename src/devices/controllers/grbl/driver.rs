@@ -6,7 +6,8 @@ use std::time::Duration;
 use super::check;
 use super::fault::stands_after;
 use super::message::{Message, Status};
-use super::wire::{Patience, Wire};
+use super::watch::Patience;
+use super::wire::Wire;
 use crate::controllers::lines::Lines;
 use crate::controllers::stamp::{ControlClock, ReportedTime};
 use crate::controllers::{

@@ -24,10 +24,11 @@ mod settings;
 #[cfg(test)]
 mod tests;
 mod touch;
+mod watch;
 mod wire;
 
 pub use config::Config;
 pub use driver::Grbl;
-pub use wire::Patience;
+pub use watch::Patience;
 
 pub const KIND: &str = "grbl";

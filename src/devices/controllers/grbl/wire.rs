@@ -6,32 +6,9 @@ use tokio::time::{Instant, sleep};
 
 use super::fault::{not_ready, out_of_step, refused, silent, state_of, stranger};
 use super::message::{Message, Overrides, Status, alarm_meaning};
+use super::watch::{Patience, Watch};
 use crate::controllers::{ControllerError, Halt};
 use link::{Link, LinkError, Received, Urgent};
-
-/// How long the driver waits, host time.
-#[derive(Debug, Clone, Copy)]
-pub struct Patience {
-    /// A living control answers `?` within this time.
-    pub answer: Duration,
-    /// How often a waiting driver asks whether the link lives.
-    pub poll: Duration,
-    /// What follows an alarm (`ok`, or a banner) comes within this time.
-    pub aftermath: Duration,
-    /// A control that says it moves shows another position within this time.
-    pub stall: Duration,
-}
-
-impl Default for Patience {
-    fn default() -> Self {
-        Self {
-            answer: Duration::from_secs(2),
-            poll: Duration::from_millis(200),
-            aftermath: Duration::from_millis(500),
-            stall: Duration::from_secs(10),
-        }
-    }
-}
 
 /// CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
 const FULL_REPORT: &[u8] = &[0x87];
@@ -365,29 +342,6 @@ fn understood(received: Received) -> Message {
         Received::Line(line) => Message::parse(&line),
         // If noise swallowed an answer, the silence that follows is told.
         Received::Noise { bytes } => Message::Other(format!("{bytes} bytes")),
-    }
-}
-
-/// Whether a control that answers gets anywhere.
-#[derive(Default)]
-struct Watch(Option<(Status, Instant)>);
-
-impl Watch {
-    /// Idle with an answer outstanding: a byte got lost. Moving without moving: it hangs.
-    fn look(
-        &mut self,
-        status: &Status,
-        patience: &Patience,
-        still: Duration,
-        line: &str,
-    ) -> Result<(), ControllerError> {
-        let same = |last: &&(Status, Instant)| {
-            last.0.state == status.state && last.0.position == status.position
-        };
-        let since = self.0.as_ref().filter(same).map_or_else(Instant::now, |(_, since)| *since);
-        self.0 = Some((status.clone(), since));
-        let limit = if status.state == "Idle" { patience.answer } else { patience.stall };
-        if since.elapsed() > limit + still { Err(silent(line, limit)) } else { Ok(()) }
     }
 }
 
