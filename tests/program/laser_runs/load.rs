@@ -197,9 +197,9 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     assert!(seconds > LEAST, "{seconds:?}");
     assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);
-    // It listens while the machine moves or rests, which is nearly always; and what it listened to and what
-    // it passed over on purpose is all that was sent.
-    assert!(told.came > 20 * told.passed_over, "{told:?}");
+    // It listens while the machine moves or takes samples. It does not while a stage is proven: at nice 10 beside
+    // this load that takes as long as the others let it. Both together are all that was sent.
+    assert!(told.came > 10 * told.passed_over, "{told:?}");
     let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
     let accounted = told.came + told.passed_over;
     assert!(accounted.abs_diff(measured - ready) < ON_THE_WAY, "{accounted} {sent:?}");
