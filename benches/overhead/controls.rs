@@ -7,7 +7,7 @@ use std::thread;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
-use super::tape::{Exchange, STATUS, frame, word};
+use super::tape::{ASK_FULL, Exchange, STATUS, frame, word};
 
 /// Place of the heartbeat in the status block.
 const HEARTBEAT: usize = 11;
@@ -26,11 +26,17 @@ pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(
             while let Ok(count @ 1..) = stream.read(&mut buffer).await {
                 let mut said = Vec::new();
                 for byte in &buffer[..count] {
-                    if *byte == b'?' && line.is_empty() {
-                        said.extend(&tape[at].report);
-                        continue;
+                    match *byte {
+                        b'?' if line.is_empty() => {
+                            said.extend(&tape[at].report);
+                            continue;
+                        }
+                        ASK_FULL if line.is_empty() => {
+                            said.extend(&tape[at].full_report);
+                            continue;
+                        }
+                        byte => line.push(byte),
                     }
-                    line.push(*byte);
                     if *byte == b'\n' {
                         at += 1;
                         assert_eq!(std::mem::take(&mut line), tape[at].line);

@@ -40,12 +40,16 @@ fn bytes(text: &str) -> Vec<u8> {
     found
 }
 
-/// A line to a grbl control and what it said to it; then where it stands, which `?` asks.
+/// Asks a grbl control for its report with all fields.
+pub const ASK_FULL: u8 = 0x87;
+
+/// A line to a grbl control and what it said to it; then its reports, which `?` and [`ASK_FULL`] ask for.
 #[derive(Clone, Default)]
 pub struct Exchange {
     pub line: Vec<u8>,
     pub replies: Vec<u8>,
     pub report: Vec<u8>,
+    pub full_report: Vec<u8>,
 }
 
 /// The first has no line: it is what the control says of itself.
@@ -55,14 +59,14 @@ pub fn grbl(capture: &str) -> Vec<Exchange> {
     for (mark, bytes) in passed(capture) {
         if mark == '>' {
             for byte in bytes {
-                if byte == b'?' && sent.is_empty() {
+                if matches!(byte, b'?' | ASK_FULL) && sent.is_empty() {
                     continue;
                 }
                 sent.push(byte);
                 if byte == b'\n' {
-                    let report = all.last().unwrap().report.clone();
                     let line = std::mem::take(&mut sent);
-                    all.push(Exchange { line, replies: Vec::new(), report });
+                    let before = all.last().unwrap().clone();
+                    all.push(Exchange { line, replies: Vec::new(), ..before });
                 }
             }
             continue;
@@ -72,6 +76,9 @@ pub fn grbl(capture: &str) -> Vec<Exchange> {
             let line: Vec<u8> = came.drain(..=end).collect();
             let exchange = all.last_mut().unwrap();
             if line.starts_with(b"<") {
+                if line.windows(4).any(|field| field == b"|FW:") {
+                    exchange.full_report.clone_from(&line);
+                }
                 exchange.report = line;
             } else {
                 exchange.replies.extend(line);
