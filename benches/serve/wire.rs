@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::tape::Exchange;
+use super::tape::{ASK_FULL, Exchange};
 
 #[derive(Default)]
 pub struct Seen {
@@ -103,7 +103,8 @@ impl Control {
                     (talk.held, talk.moving) = (true, None);
                     self.seen.lock().unwrap().holds.push(came);
                 }
-                b'?' => said.extend(report(&self.tape[talk.at], talk)),
+                b'?' => said.extend(report(&self.tape[talk.at].report, talk)),
+                &ASK_FULL => said.extend(report(&self.tape[talk.at].full_report, talk)),
                 0x18 | 0x80.. => {}
                 byte => talk.line.push(*byte),
             }
@@ -131,11 +132,12 @@ impl Control {
     }
 }
 
-fn report(exchange: &Exchange, talk: &Talk) -> Vec<u8> {
+/// `taped`, which was idle, as it reads while the control is held or moves.
+fn report(taped: &[u8], talk: &Talk) -> Vec<u8> {
     let state = match (talk.held, &talk.moving) {
         (true, _) => "<Hold:0",
         (false, Some(_)) => "<Run",
-        (false, None) => return exchange.report.clone(),
+        (false, None) => return taped.to_vec(),
     };
-    String::from_utf8_lossy(&exchange.report).replace("<Idle", state).into_bytes()
+    String::from_utf8_lossy(taped).replace("<Idle", state).into_bytes()
 }
