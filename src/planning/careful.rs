@@ -47,8 +47,14 @@ impl<'a> Careful<'a> {
         Self { plan, about, top_z, low_z, near_feed, guarded, first: !confirmed.is_begun() }
     }
 
-    /// To over `from`, at `low_z`. Once a touch was made, Z goes up only if something else has to move.
+    /// To over `from`, at `low_z`.
     pub fn over(&self, path: &mut Path, from: &Position) {
+        self.up(path, from);
+        self.across_and_down(path, from);
+    }
+
+    /// To `low_z`, and to the upper end if anything but Z has to move or no touch was made yet.
+    pub fn up(&self, path: &mut Path, from: &Position) {
         let mut elsewhere = from.iter().filter(|(axis, _)| *axis != Axis::Z);
         let goes_aside = elsewhere.any(|(axis, value)| !path.stands_at(axis, value));
         if path.stands.get(Axis::Z).is_some_and(|z| z < self.low_z) {
@@ -56,12 +62,16 @@ impl<'a> Careful<'a> {
         }
         if goes_aside || self.first {
             self.straight(path, &height(self.top_z), self.fast());
-            for (axis, value) in from.iter().filter(|(axis, _)| !axis.is_linear()) {
-                self.turn(path, axis, value);
-            }
-            let over = from.only(|axis| matches!(axis, Axis::X | Axis::Y));
-            self.straight(path, &over, self.fast());
         }
+    }
+
+    /// What remains after [`Self::up`].
+    pub fn across_and_down(&self, path: &mut Path, from: &Position) {
+        for (axis, value) in from.iter().filter(|(axis, _)| !axis.is_linear()) {
+            self.turn(path, axis, value);
+        }
+        let over = from.only(|axis| matches!(axis, Axis::X | Axis::Y));
+        self.straight(path, &over, self.fast());
         if self.first && self.guarded {
             self.feel_around(path, from);
         }
@@ -104,8 +114,15 @@ impl<'a> Careful<'a> {
         (0..CORNERS).map(corner).collect()
     }
 
+    /// Where nothing declared is near. With a sensor a hold, once it reports a distance, must stop the
+    /// machine within the sensor's range.
     fn fast(&self) -> f64 {
-        self.plan.probe.guarded_feed_mm_min
+        let feed = self.plan.probe.guarded_feed_mm_min;
+        let ranges = self.plan.sensors.iter().map(|sensor| sensor.range_mm[1] - sensor.range_mm[0]);
+        let axes = self.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+        let slowest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
+        let stops = |range: f64| 60.0 * turning::stopping_speed(slowest, range);
+        ranges.map(stops).fold(feed, f64::min)
     }
 
     fn straight(&self, path: &mut Path, to: &Position, feed_mm_min: f64) {

@@ -28,6 +28,11 @@ pub enum PlanningError {
     NotAPrompt { step: u32, why: &'static str },
     #[error("step {step} has several sensors; a run reads one at a time")]
     SeveralSensors { step: u32 },
+    #[error(
+        "step {step}: with Z at its upper end `{body}` is within the range of `{sensor}`, so an early \
+         distance would not show that the machine stands elsewhere"
+    )]
+    InRangeAtTop { step: u32, sensor: String, body: String },
     #[error("step {step} does not say where {axis} stands")]
     Incomplete { step: u32, axis: Axis },
     #[error("step {step} turns {axis} during the touch")]
@@ -58,6 +63,10 @@ impl PlanningError {
             }
             Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
             Self::SeveralSensors { .. } => "give each sensor a step of its own",
+            Self::InRangeAtTop { .. } => {
+                "lower the artefact, or take the body away; or correct [axes.Z] max, zero_mm and range_mm of \
+                 the [[sensor]]"
+            }
             Self::Tilted { .. } => {
                 "measure with the axis of the head where the spindle stands along Z"
             }

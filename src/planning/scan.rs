@@ -2,7 +2,9 @@
 //! everything.
 
 use super::careful::{Careful, near_feed};
+use super::clearance::LIFT;
 use super::path::{Path, height};
+use super::surroundings::Near;
 use super::{Clearance, PlanningError, Start, limits, touch_block};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
@@ -12,7 +14,8 @@ use machine::{Axis, Position};
 const SLOW_MM: f64 = 10.0;
 
 /// The blocks of one step: one of a touch; of a scan with dwell points one for each stretch after which
-/// samples are taken, the first with the way to it; of a continuous one a single block, without a rest.
+/// samples are taken, the first with the way to it; of a continuous one the way to its first point and
+/// the scan, without a rest.
 ///
 /// # Errors
 /// As [`touch_block`]; a scan whose points do not say where all axes stand, or that is sampled in a
@@ -35,7 +38,8 @@ pub fn step_blocks(
 
 /// Up, turn and across as high as Z goes where the rotary axes or the spindle turn, otherwise no higher
 /// than the two ends of the way; down again, the last of it slowly; then from point to point. Until a
-/// scan has confirmed where the machine stands the way there is careful ([`super::careful`]).
+/// scan has confirmed where the machine stands the way there is careful ([`super::careful`]), and down to
+/// where the sensor may see something it is blocks of its own ([`blocks_out_of_range`]).
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),
@@ -47,25 +51,64 @@ fn scan_blocks(
     let approach_feed = near_feed(plan, start.confirmed);
     let mut path = Path::from(start.stands, approach_feed);
     let top_z = clearance.top_z;
-    let low_z = (step.from.at(Axis::Z) + SLOW_MM).min(top_z);
-    match start.confirmed.is_all() {
-        true => approach(&mut path, &step.from, top_z),
-        false => Careful::new(plan, clearance, low_z, start.confirmed).over(&mut path, &step.from),
-    }
     let mut blocks = Vec::new();
+    if start.confirmed.is_all() {
+        approach(&mut path, &step.from, top_z);
+    } else {
+        let low_z = low_z(step, &path, clearance)?;
+        let careful = Careful::new(plan, clearance, low_z, start.confirmed);
+        careful.up(&mut path, &step.from);
+        blocks.push(std::mem::take(&mut path.motions));
+        careful.across_and_down(&mut path, &step.from);
+        blocks.push(std::mem::take(&mut path.motions));
+    }
     for (number, point) in scan.path.iter().enumerate() {
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
         path.feed(&point.only(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
-        if let Sampling::Dwell { dwell_s, .. } = scan.sampling {
-            path.motions.push(Motion::Dwell { seconds: dwell_s });
-            blocks.push(std::mem::take(&mut path.motions));
+        match scan.sampling {
+            Sampling::Dwell { dwell_s, .. } => {
+                path.motions.push(Motion::Dwell { seconds: dwell_s });
+            }
+            Sampling::Continuous { .. } if number > 0 => continue,
+            Sampling::Continuous { .. } => {}
         }
+        blocks.push(std::mem::take(&mut path.motions));
     }
-    blocks.extend((!path.motions.is_empty()).then_some(path.motions));
+    blocks.push(path.motions);
+    blocks.retain(|motions| !motions.is_empty());
     let block = |motions| Block { step: step.id, repeat, motions };
     let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
     blocks.iter().try_for_each(|block| limits::check(block, &plan.machine))?;
     Ok(blocks)
+}
+
+/// How many of the `count` blocks of a scan lead to where nothing declared is within the range of its
+/// sensor: straight up, then across and down. None once the position is confirmed.
+pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
+    // The way to the first point is in the first of these.
+    let rest = match scan.sampling {
+        Sampling::Dwell { .. } => scan.path.len(),
+        Sampling::Continuous { .. } => 2,
+    };
+    count.saturating_sub(rest)
+}
+
+/// Z over the first point from which on nothing declared is within the range of a sensor, neither there
+/// nor on the way there at the upper end of Z.
+fn low_z(step: &Step, path: &Path, clearance: &Clearance) -> Result<f64, PlanningError> {
+    let from = &step.from;
+    let stands = path.stands.only(|axis| matches!(axis, Axis::X | Axis::Y));
+    let begins = from.updated_by(&stands);
+    let out_of_range = |begins: &Position| {
+        let near = |near: Near| PlanningError::InRangeAtTop {
+            step: step.id,
+            sensor: near.tool,
+            body: near.obstacle,
+        };
+        clearance.about.z_out_of_range(begins, from, LIFT).map_err(near)
+    };
+    out_of_range(&begins)?;
+    Ok(out_of_range(from)?.max(from.at(Axis::Z) + SLOW_MM).min(clearance.top_z))
 }
 
 fn approach(path: &mut Path, from: &Position, top_z: f64) {
@@ -110,7 +153,9 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     match scan.sampling {
         Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
         Sampling::Dwell { .. } => wrong("it rests for less than no time, or takes no sample"),
-        Sampling::Continuous { .. } if scan.path.len() < 2 => {
+        Sampling::Continuous { .. }
+            if scan.path.windows(2).all(|way| way.first() == way.last()) =>
+        {
             wrong("samples are to be taken on its way, and it has no way")
         }
         Sampling::Continuous { rate_hz } if rate_hz.is_finite() && rate_hz > 0.0 => Ok(()),

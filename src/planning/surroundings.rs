@@ -15,6 +15,7 @@ use machine::kinematics::{Carried, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Carrier, Solid};
 use machine::record::plan::Plan;
+use machine::record::sensor::Sensor;
 use machine::{Axis, Position, frame::Point, frame::Spindle};
 
 /// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
@@ -51,6 +52,8 @@ pub(super) struct Surroundings {
     pub chain: Chain,
     pub tip: Point<Spindle>,
     tool: Vec<Element>,
+    /// Where each displacement sensor measures: a surface there is within its range.
+    ranges: Vec<Element>,
     pub obstacles: Vec<Obstacle>,
     pub ball_radius: f64,
     /// The artefact may stand off its place by this, mm.
@@ -59,7 +62,7 @@ pub(super) struct Surroundings {
     pub max_z: f64,
 }
 
-/// Something that the tool would come too near to.
+/// Something that the tool would come too near to, or that would be within a sensor's range.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Near {
     pub tool: String,
@@ -91,7 +94,8 @@ impl Surroundings {
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
-        Ok(Self { chain, tip, tool, obstacles, ball_radius, loose, max_z })
+        let ranges = plan.sensors.iter().map(|sensor| range(sensor, &tip.mm)).collect();
+        Ok(Self { chain, tip, tool, ranges, obstacles, ball_radius, loose, max_z })
     }
 
     /// Centre of the stylus ball in the machine frame.
@@ -121,18 +125,42 @@ impl Surroundings {
     /// way in X and Y between two positions with the same rotary axes. Nothing lower than `to` is
     /// looked for.
     pub fn z_between(&self, from: &Position, to: &Position, margin: f64) -> f64 {
+        let needed = self.heights(&self.tool, [from, to], margin).into_iter().map(|(z, _)| z);
+        needed.filter(|z| *z <= self.max_z).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Z command from which on nothing declared is within the range of a displacement sensor, on the
+    /// straight way in X and Y between two positions with the same rotary axes.
+    ///
+    /// # Errors
+    /// Z does not reach so high; the sensor and what is within its range.
+    pub fn z_out_of_range(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Near> {
+        let needed = self.heights(&self.ranges, [from, to], margin);
+        let (z, near) = needed.into_iter().fold((f64::NEG_INFINITY, None), |highest, (z, near)| {
+            if z > highest.0 { (z, Some(near)) } else { highest }
+        });
+        near.filter(|_| z > self.max_z).map_or(Ok(z), Err)
+    }
+
+    /// Z commands from which on each of `parts` is `margin` clear of each obstacle that is on the way.
+    fn heights(
+        &self,
+        parts: &[Element],
+        [from, to]: [&Position; 2],
+        margin: f64,
+    ) -> Vec<(f64, Near)> {
         let level = from.updated_by(&to.only(|axis| !matches!(axis, Axis::X | Axis::Y)));
-        let mut needed = f64::NEG_INFINITY;
+        let mut heights = Vec::new();
         for obstacle in &self.obstacles {
             let way = [&level, to].map(|at| self.as_seen_by(obstacle, at));
             let (body, margin) = (obstacle.seen(to), margin + obstacle.loose);
-            for part in self.tool.iter().filter(|part| part.might_meet(&way, &body, margin)) {
+            for part in parts.iter().filter(|part| part.might_meet(&way, &body, margin)) {
                 let height = way[1].z + part.rise(&way, &body, margin);
-                let z = self.z_command(obstacle, to, height);
-                needed = needed.max(z.filter(|z| *z <= self.max_z).unwrap_or(needed));
+                let near = Near { tool: part.name.clone(), obstacle: obstacle.name.clone() };
+                heights.extend(self.z_command(obstacle, to, height).map(|z| (z, near)));
             }
         }
-        needed
+        heights
     }
 
     /// What the tool comes nearer to than `margin` on the straight way in X, Y, Z between two positions
@@ -248,6 +276,16 @@ fn tool(plan: &Plan) -> Vec<Element> {
         tool.push(part(&solid.name, false, wide, bottom));
     }
     tool
+}
+
+/// Where `sensor` measures, as an upright cylinder about the stylus ball at `tip`, whichever way the
+/// spindle stands.
+fn range(sensor: &Sensor, tip: &Vector3<f64>) -> Element {
+    let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
+    let ends = sensor.range_mm.map(|distance| zero + along * distance);
+    let radius = ends.iter().map(|end| end.xy().norm()).fold(0.0, f64::max) + tip.xy().norm();
+    let bottom = ends.iter().map(|end| end.z - tip.z).fold(f64::INFINITY, f64::min);
+    Element { name: sensor.name.clone(), felt: false, radius, bottom }
 }
 
 impl Obstacle {

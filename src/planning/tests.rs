@@ -371,17 +371,19 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     let (blocks, _) = blocks(&plan, &clearance).unwrap();
     assert_eq!(
         blocks.iter().map(|block| block.step).collect::<Vec<_>>(),
-        [0, 0, 0, 1, 1, 1, 2, 2, 2]
+        [0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2]
     );
+    let scan = plan.steps[0].scan.as_ref().unwrap();
+    assert_eq!([5, 3].map(|count| blocks_out_of_range(scan, count)), [2, 0]);
     let highest = |block: &Block| {
         let heights = block.motions.iter().filter_map(|motion| target(motion)?.get(Axis::Z));
         heights.fold(f64::NEG_INFINITY, f64::max)
     };
     // To the top from nobody knows where, and to turn C; otherwise 10 mm above the path.
-    assert_eq!([0, 3, 6].map(|i| highest(&blocks[i])), [450.0, 270.0, 450.0]);
+    assert_eq!([0, 5, 8].map(|i| highest(&blocks[i])), [450.0, 270.0, 450.0]);
     let to_middle = [Motion::Feed { to: at(&[(Axis::X, 0.0)]), feed_mm_min: 60.0 }];
     let rest = [Motion::Dwell { seconds: 0.5 }];
-    assert_eq!(blocks[1].motions, [&to_middle[..], &rest].concat());
+    assert_eq!(blocks[3].motions, [&to_middle[..], &rest].concat());
     let mut broken = plan.clone();
     broken.steps[0].scan.as_mut().unwrap().path[1] = at(&[(Axis::X, 0.0)]);
     let refused = super::blocks(&broken, &clearance).unwrap_err();
@@ -395,8 +397,53 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
 }
 
+/// The part is 100 mm high. With Z at 283 the far end of the range, 180 mm below the spindle's datum, is 3 mm
+/// above it; its place is uncertain by `loose`.
 #[test]
-fn a_continuous_scan_is_one_block_without_a_rest() {
+fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
+    let of = |range_mm: [f64; 2]| {
+        let step: Step = serde_json::from_value(serde_json::json!({
+            "id": 0, "stage": 0, "kind": "scan", "label": "s", "feed_mm_min": 60.0, "sensor": "laser",
+            "normal": [0.0, 0.0, 1.0],
+            "from": {"X": 10.0, "Y": 1.0, "Z": 255.0, "B": 0.0, "C": 0.0},
+            "to": {"X": 10.0, "Y": 1.0, "Z": 255.0, "B": 0.0, "C": 0.0},
+            "path": [{"X": 10.0, "Y": 1.0, "Z": 255.0, "B": 0.0, "C": 0.0}],
+            "dwell_s": 0.5, "samples": 3,
+        }))
+        .unwrap();
+        let mut plan = plan(vec![step]);
+        plan.sensors = vec![
+            serde_json::from_value(serde_json::json!({"name": "laser", "range_mm": range_mm,
+                "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0]}))
+            .unwrap(),
+        ];
+        let clearance = Clearance::above(&plan).unwrap();
+        let loose = machine::artefact::uncertainty_mm(&plan.artefact);
+        (blocks(&plan, &clearance).map(|(blocks, _)| blocks), loose)
+    };
+    let (blocks, loose) = of([-10.0, 30.0]);
+    let blocks = blocks.unwrap();
+    assert_eq!(blocks.len(), 3);
+    let targets = |block: &Block| block.motions.iter().filter_map(target).collect();
+    let [up, down, first]: [Vec<Position>; 3] = [0, 1, 2].map(|number| targets(&blocks[number]));
+    assert_eq!(up, [at(&[(Axis::Z, 450.0)])]);
+    let low_z = down.last().unwrap().at(Axis::Z);
+    assert!((low_z - 283.0 - loose).abs() < 0.2, "{low_z}");
+    assert_eq!(first, [at(&[(Axis::Z, 255.0)])]);
+    // Down there a distance must stop the machine within the range of 0.4 mm.
+    let feed = |blocks: &[Block]| match blocks[1].motions.last() {
+        Some(Motion::Feed { feed_mm_min, .. }) => *feed_mm_min,
+        other => panic!("{other:?}"),
+    };
+    let narrow = feed(&of([-0.2, 0.2]).0.unwrap());
+    assert!(feed(&blocks) > 10.0 * narrow && narrow / 60.0 * 0.3 < 0.4, "{narrow}");
+    // From a spindle at 450 mm a range of 230 mm below 150 mm reaches 70 mm.
+    let refused = of([-10.0, 230.0]).0.unwrap_err();
+    assert!(matches!(refused, PlanningError::InRangeAtTop { step: 0, .. }), "{refused}");
+}
+
+#[test]
+fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
     let sensor = serde_json::json!({"name": "laser",
         "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]});
     let point = |x: f64| {
@@ -417,14 +464,15 @@ fn a_continuous_scan_is_one_block_without_a_rest() {
         let clearance = Clearance::above(&plan).unwrap();
         blocks(&plan, &clearance).map(|(blocks, _)| blocks)
     };
-    let found = of(&[-1.0, 1.0, -1.0], 1000.0).unwrap();
-    assert_eq!(found.len(), 1);
+    // It goes through its first point again, and stays there once.
+    let found = of(&[-1.0, 1.0, -1.0, -1.0, -2.0], 1000.0).unwrap();
+    assert_eq!(found.len(), 4, "up, across and down, to its first point, the scan");
     let way = |x: f64| Motion::Feed { to: at(&[(Axis::X, x)]), feed_mm_min: 60.0 };
-    let motions = &found[0].motions;
-    assert_eq!(motions[motions.len() - 2..], [way(1.0), way(-1.0)]);
-    assert!(!motions.iter().any(|motion| matches!(motion, Motion::Dwell { .. })));
+    assert_eq!(found[3].motions, [way(1.0), way(-1.0), way(-2.0)]);
     let why = |path: &[f64], rate| of(path, rate).unwrap_err().to_string();
-    assert!(why(&[1.0], 1000.0).contains("it has no way"), "{}", why(&[1.0], 1000.0));
+    for path in [&[1.0][..], &[1.0, 1.0]] {
+        assert!(why(path, 1000.0).contains("it has no way"), "{}", why(path, 1000.0));
+    }
     assert!(why(&[1.0, 2.0], 0.0).contains("takes no sample"), "{}", why(&[1.0, 2.0], 0.0));
     assert!(why(&[1.0, 2.0], f64::NAN).contains("takes no sample"));
 }

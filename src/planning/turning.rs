@@ -1,4 +1,4 @@
-//! How fast a rotary axis may turn while nobody knows what stands near.
+//! How fast axes may move while no touch has confirmed where the machine stands.
 
 use nalgebra::Vector3;
 
@@ -9,19 +9,25 @@ use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// From contact to the hold: no control looks at the probe while an axis turns, its reports show it.
-/// They are asked for five times a second at least, and what they show must come back as a hold.
+/// From contact, or a sensor's first distance, to the hold. No control looks at the probe while an axis
+/// turns: its reports show the contact. They are asked for five times a second at least, and what they
+/// show must come back as a hold.
 const LATENCY_S: f64 = 0.3;
 
+/// The speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²:
+/// v = √(2a(within − v·latency)).
+pub(super) fn stopping_speed(a: f64, within_mm: f64) -> f64 {
+    a * ((LATENCY_S.powi(2) + 2.0 * within_mm / a).sqrt() - LATENCY_S)
+}
+
 /// Degrees a minute, from where the axes stand: what `axis` carries comes to rest within the probe's
-/// overtravel, wherever on its surface the stylus met it, and is no faster than a guarded move.
-///
-/// The surface speed v fulfils v = √(2a(overtravel − v·latency)), a the acceleration there.
+/// overtravel ([`stopping_speed`]), wherever on its surface the stylus met it, and is no faster than a
+/// guarded move.
 pub(super) fn feed_at_most(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
     let Some(spec) = plan.machine.axes.get(&axis) else { return 0.0 };
     let lever = lever_mm(plan, chain, axis, stands);
     let a = axis.from_edge(spec.acceleration_per_s2) * lever;
-    let stops = a * ((LATENCY_S.powi(2) + 2.0 * plan.probe.overtravel_mm / a).sqrt() - LATENCY_S);
+    let stops = stopping_speed(a, plan.probe.overtravel_mm);
     let surface = stops.min(plan.probe.guarded_feed_mm_min / 60.0);
     let turn = axis.to_edge(surface / lever) * 60.0;
     // Nothing stands off the axis: there is no surface that moves.

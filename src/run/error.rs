@@ -42,6 +42,11 @@ pub enum RunError {
     #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
     Blind { step: u32, sensor: String, flag: Flag },
     #[error(
+        "step {step}: `{sensor}` reports {value_mm:.3} mm where nothing that the machine file states is \
+         within its range"
+    )]
+    EarlyDistance { step: u32, sensor: String, value_mm: f64 },
+    #[error(
         "step {step} is sampled in motion, and this control does not stamp where its axes stand"
     )]
     NotStamped { step: u32 },
@@ -64,6 +69,9 @@ pub enum RunError {
     #[error("nothing more is measured, because it could not be kept: {0}")]
     Store(#[from] StoreError),
 }
+
+const EARLY_DISTANCE: &str = "retract by hand, the way it came; then look whether the machine stands where its \
+     control shows, whether the artefact is where the machine file says, and what else is below the sensor";
 
 impl RunError {
     /// What to do next.
@@ -100,6 +108,7 @@ impl RunError {
             }
             Self::Sensor { source, .. } => source.remedy(),
             Self::Blind { flag, .. } => unseen(*flag).to_owned(),
+            Self::EarlyDistance { .. } => EARLY_DISTANCE.to_owned(),
             Self::NotStamped { .. } => {
                 "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
                  the machine file ([controller.sampler])"
@@ -159,6 +168,7 @@ impl RunError {
             }
             Self::NoReading { step: id }
             | Self::Blind { step: id, .. }
+            | Self::EarlyDistance { step: id, .. }
             | Self::Unswept { step: id, .. }
                 if *id == step.id =>
             {

@@ -14,8 +14,8 @@ use machine::record::event::Event;
 use machine::record::motion::Outcome;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::{Flag, Reading};
-use planning::end_of;
 use planning::proof::ProvenBlock;
+use planning::{blocks_out_of_range, end_of};
 
 /// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
 const MOST_SAMPLES: usize = 1_000_000;
@@ -23,6 +23,10 @@ const MOST_SAMPLES: usize = 1_000_000;
 /// On its way to the first point the sensor comes from afar, where it sees nothing; it says so.
 fn on_the_way(sample: &Sample) -> bool {
     !matches!(sample.flag, Flag::Saturated | Flag::Stale)
+}
+
+fn is_out_of_range(sample: &Sample) -> bool {
+    sample.flag == Flag::Range
 }
 
 fn in_sight(sample: &Sample) -> bool {
@@ -74,14 +78,43 @@ impl Run<'_> {
         &mut self,
         (step, scan): (&Step, &Scan),
         repeat: u32,
-        blocks: Vec<ProvenBlock>,
+        mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
+        let rest = blocks.split_off(blocks_out_of_range(scan, blocks.len()));
+        self.out_of_range(step, blocks).await?;
+        let blocks = rest;
         match scan.sampling {
             Sampling::Dwell { samples, .. } => self.dwells(step, repeat, samples, blocks).await,
             Sampling::Continuous { rate_hz } => {
                 self.sweep((step, scan), repeat, rate_hz, blocks).await
             }
         }
+    }
+
+    /// Until a scan has confirmed where the machine stands: up from where it stands, then to where nothing
+    /// declared is within the range of the sensor. A distance on that last way, or at its end, is of
+    /// something that is not where it is stated, and holds the machine.
+    async fn out_of_range(
+        &mut self,
+        step: &Step,
+        blocks: Vec<ProvenBlock>,
+    ) -> Result<(), RunError> {
+        let count = blocks.len();
+        for (number, block) in (1..).zip(blocks) {
+            let good = if number == count { is_out_of_range } else { on_the_way };
+            self.watched(step, block, good).await?;
+        }
+        if count > 0 {
+            // A sensor that is polled is not watched.
+            let taken = self.sensor(step)?.take(1).await.map_err(faulty(step));
+            let seen =
+                taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
+                    Some(sample) => Err(self.blind(step, Some(sample))),
+                    None => Ok(()),
+                });
+            return seen.inspect_err(|_| self.devices.controller.halt().now());
+        }
+        Ok(())
     }
 
     /// A block for each point, and `count` samples at each of them.
@@ -141,7 +174,12 @@ impl Run<'_> {
         seen.inspect_err(|_| self.devices.controller.halt().now())
     }
 
+    /// Of a sample that is not what is expected there.
     fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
+        if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
+            let sensor = step.sensor().to_owned();
+            return RunError::EarlyDistance { step: step.id, sensor, value_mm };
+        }
         let flag = seen.map_or(Flag::Stale, |sample| sample.flag);
         RunError::Blind { step: step.id, sensor: step.sensor().to_owned(), flag }
     }
@@ -155,7 +193,7 @@ impl Run<'_> {
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
-        let Some(sweep) = blocks.pop() else { return Err(unswept(sweep::NO_WAY)) };
+        let Some(sweep) = blocks.pop() else { return Err(unswept("it has no motion")) };
         for way in blocks {
             self.watched(step, way, on_the_way).await?;
         }
@@ -164,7 +202,7 @@ impl Run<'_> {
         let outcome = self.watched(step, sweep, keep).await;
         let samples = taken(told);
         let outcome = match outcome {
-            Err(RunError::Blind { .. }) if samples.len() == MOST_SAMPLES => {
+            Err(RunError::EarlyDistance { .. }) if samples.len() == MOST_SAMPLES => {
                 return Err(unswept("the sensor said more on the way than is kept"));
             }
             outcome => outcome?,

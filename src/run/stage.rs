@@ -4,13 +4,12 @@ use tokio::sync::oneshot;
 
 use super::asking::first_question;
 use super::behind::{COMPUTING, behind};
-use super::sweep;
 use super::{Run, RunError};
 use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::event::Event;
 use machine::record::motion::{Block, Motion, Outcome};
-use machine::record::plan::{Plan, Sampling, Scan, Stage, Step};
+use machine::record::plan::{Plan, Stage, Step};
 use machine::record::proof::Proof;
 use machine::record::reading::{Flag, Reading};
 use methods::{Method, Next, Source};
@@ -230,27 +229,16 @@ fn proven(
     Ok((tasks.into_iter().map(of_task).collect(), proof))
 }
 
-/// A scan in motion is a block of its own: on the way to its first point the sensor may see nothing. So is
-/// each part of a long way: a control holds no more than some rows at once.
-fn as_executed(step: &Step, blocks: Vec<Block>) -> Result<Vec<Block>, RunError> {
-    let Some(scan) = step.scan.as_ref().filter(|scan| is_continuous(scan)) else {
-        return Ok(blocks.into_iter().flat_map(in_parts).collect());
-    };
-    let unswept = || RunError::Unswept { step: step.id, why: sweep::NO_WAY.to_owned() };
-    let (way, scan) = sweep::apart(blocks, &scan.path).ok_or_else(unswept)?;
-    Ok([way, scan].into_iter().filter(|block| !block.motions.is_empty()).collect())
-}
-
-/// The last part has the touch and whatever belongs to it.
-fn in_parts(mut block: Block) -> Vec<Block> {
+/// A long way in parts: a control holds no more than some rows at once. The last part has the touch and
+/// whatever belongs to it. A scan stays whole: samples are taken along it.
+fn parts(step: &Step, mut block: Block) -> Vec<Block> {
+    if step.scan.is_some() {
+        return vec![block];
+    }
     let way = block.motions.len().saturating_sub(MOST_MOTIONS);
     let touch = block.motions.split_off(way);
     let part = |motions: &[Motion]| Block { motions: motions.to_vec(), ..block.clone() };
     block.motions.chunks(MOST_MOTIONS).map(part).chain([part(&touch)]).collect()
-}
-
-fn is_continuous(scan: &Scan) -> bool {
-    matches!(scan.sampling, Sampling::Continuous { .. })
 }
 
 /// The blocks of a stage; nothing is planned that has no way to its start.
@@ -268,7 +256,7 @@ fn tasks(
     for step in moves.iter().filter_map(step_of) {
         let start = Start { stands: stands.as_ref(), confirmed };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
-        let blocks = as_executed(step, blocks)?;
+        let blocks: Vec<Block> = blocks.into_iter().flat_map(|block| parts(step, block)).collect();
         let (mut ends, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
             seconds += machine_time_s(block, &ends, &plan.machine);

@@ -2,7 +2,6 @@
 
 use devices::sensors::Sample;
 use machine::Position;
-use machine::record::motion::{Block, Motion};
 use machine::record::track::Track;
 
 /// An axis under control stands still so nearly, mm or rad.
@@ -13,21 +12,6 @@ const WINDOW: usize = 50;
 /// A stamped way has been at a point that it passes so near, mm or rad: the axes stop there, and lag behind
 /// what they are told.
 const NEAR: f64 = 0.2;
-
-pub(super) const NO_WAY: &str = "it has no way from a first point to a last one";
-
-/// The way to the first point of `path` and the rest of the motions, each a block of its own: on the way to
-/// the first point a sensor may see nothing. The scan is as many moves at feed as the path has ways.
-pub(super) fn apart(blocks: Vec<Block>, path: &[Position]) -> Option<(Block, Block)> {
-    let mut way = blocks.first()?.clone();
-    way.motions = blocks.into_iter().flat_map(|block| block.motions).collect();
-    let differs = |pair: &&[Position]| pair.first() != pair.last();
-    let ways = path.windows(2).filter(differs).count();
-    let motions = way.motions.split_off(way.motions.len().checked_sub(ways)?);
-    let at_feed = |motion: &Motion| matches!(motion, Motion::Feed { .. });
-    let is_scan = !motions.is_empty() && motions.iter().all(at_feed);
-    is_scan.then(|| (way.clone(), Block { motions, ..way }))
-}
 
 /// Why a track is not of all of `path`. Samples beyond its ends would be missed by nobody.
 pub(super) fn unstamped(track: &Track, path: &[Position]) -> Option<String> {
@@ -93,10 +77,6 @@ mod tests {
 
     fn x(at: f64) -> Position {
         Position::new().with(Axis::X, at)
-    }
-
-    fn feed(to: Position) -> Motion {
-        Motion::Feed { to, feed_mm_min: 600.0 }
     }
 
     /// X from 0 to 10 mm within 10 s, stamped every 0.1 s from 10 s before to 10 s after; none between
@@ -178,31 +158,5 @@ mod tests {
         let why = unstamped(&track(), &path(&[0.0, 10.0, 0.0])).unwrap();
         assert!(why.contains("2 of the 3 points"), "{why}");
         assert!(unstamped(&track(), &path(&[-1.0, 10.0])).unwrap().contains("0 of the 2"));
-    }
-
-    #[test]
-    fn the_way_to_the_first_point_is_a_block_of_its_own() {
-        let pole = x(-10.0).with(Axis::Z, 60.0).with(Axis::C, 0.0);
-        let at = |x: f64| pole.clone().with(Axis::X, x);
-        // The scan goes through its first point again, and stays there once.
-        let path = [at(-10.0), at(10.0), at(-10.0), at(-10.0), at(-12.0)];
-        let scan = [feed(x(10.0)), feed(x(-10.0)), feed(x(-12.0))];
-        let up = Position::new().with(Axis::Z, 200.0);
-        let approach = [
-            Motion::Rapid { to: up },
-            Motion::Rapid { to: x(-10.0) },
-            feed(Position::new().with(Axis::Z, 60.0)),
-        ];
-        for approach in [&approach[..], &[]] {
-            let motions = [approach, &scan].concat();
-            let block = Block { step: 7, repeat: 1, motions };
-            let (way, sweep) = apart(vec![block], &path).unwrap();
-            assert_eq!((way.motions.as_slice(), sweep.motions.as_slice()), (approach, &scan[..]));
-            assert_eq!((sweep.step, sweep.repeat), (7, 1));
-        }
-        let block = |motions| vec![Block { step: 7, repeat: 1, motions }];
-        assert_eq!(apart(block(approach.to_vec()), &path), None);
-        assert_eq!(apart(block(scan[..2].to_vec()), &path), None);
-        assert_eq!(apart(block(scan.to_vec()), &path[..1]), None);
     }
 }

@@ -61,11 +61,12 @@ pub fn header(
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let required = method.required_sensors(&sensors)?;
+    let asked = file.asks_before(name, &required);
     let plan = Plan {
         sensors: required.into_iter().cloned().collect(),
         ..without_steps(file, name, method.settings())
     };
-    Ok((methods::asking(method, file.asks_before(name)), plan))
+    Ok((methods::asking(method, asked), plan))
 }
 
 /// The machine and what stands in it, for `what` is to be done there.

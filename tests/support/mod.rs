@@ -6,6 +6,7 @@ pub mod harness;
 pub mod http;
 pub mod journal_rows;
 pub mod machine_shop;
+pub mod person;
 pub mod plan_player;
 pub mod pymodbus;
 pub mod recording_control;

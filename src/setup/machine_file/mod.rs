@@ -15,6 +15,7 @@ use machine::Axis;
 use machine::record::artefact::Artefact;
 use machine::record::estimate::Limit;
 use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
+use machine::record::sensor::Sensor;
 
 mod artefact;
 mod balls_csv;
@@ -180,10 +181,15 @@ impl MachineFile {
         }
     }
 
-    /// What a person is asked before `method` measures.
-    pub fn asks_before(&self, method: &str) -> Vec<String> {
+    /// What a person is asked before `method` measures with `sensors`.
+    pub fn asks_before(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.is_for(method));
-        asked.map(|prompt| prompt.text.clone()).collect()
+        let of_sensors = match self.controller.control {
+            Control::Real(_) => prompt::of_sensors(sensors),
+            // Nobody is at a simulated machine.
+            Control::Simulated(_) => None,
+        };
+        asked.map(|prompt| prompt.text.clone()).chain(of_sensors).collect()
     }
 
     /// The same machine, where nobody is asked anything.

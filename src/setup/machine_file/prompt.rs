@@ -2,6 +2,7 @@
 
 use machine::Axis;
 use machine::record::machine::{Homing, Machine};
+use machine::record::sensor::Sensor;
 use serde::Deserialize;
 
 use super::document::Document;
@@ -50,6 +51,19 @@ fn zero_of(axis: Axis) -> Prompt {
          machine coordinates? If not, correct its zero at the control first."
     );
     Prompt { text, methods: None }
+}
+
+/// What is asked before a method that has displacement sensors in the spindle, where a person is at the
+/// machine: contact stops nothing then, and no control knows what is in its spindle.
+pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
+    let names: Vec<String> = sensors.iter().map(|sensor| format!("`{}`", sensor.name)).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} in the spindle, uncovered; the artefact where the machine file says; nothing else in the \
+             way. No contact stops the machine: have the stop at hand until the first scan is read.",
+            names.join(", ")
+        )
+    })
 }
 
 /// Each names methods that there are.

@@ -374,7 +374,7 @@ fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
         EMBEDDED.replace(&header, &(header.clone() + "homing = \"none\"\n"))
     };
     let file = MachineFile::parse("shop.toml", stated("C")).unwrap();
-    let [prompt] = &file.asks_before("samba")[..] else { panic!("one prompt") };
+    let [prompt] = &file.asks_before("samba", &[])[..] else { panic!("one prompt") };
     assert!(prompt.contains("C has no homing switch"), "{prompt}");
     let refused = MachineFile::parse("shop.toml", stated("X")).unwrap_err().to_string();
     assert!(refused.contains("only A, B or C"), "{refused}");
@@ -385,9 +385,9 @@ fn who_is_asked_what_before_which_method() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
     let file = with(two).unwrap();
-    assert_eq!(file.asks_before("samba"), ["clean"]);
-    assert_eq!(file.asks_before("laser-r-test"), ["clean", "cap off"]);
-    assert!(file.without_prompts().asks_before("laser-r-test").is_empty());
+    assert_eq!(file.asks_before("samba", &[]), ["clean"]);
+    assert_eq!(file.asks_before("laser-r-test", &[]), ["clean", "cap off"]);
+    assert!(file.without_prompts().asks_before("laser-r-test", &[]).is_empty());
     let refused = file.check_method_names(&["samba"]).unwrap_err().to_string();
     assert!(refused.contains("`methods` in [prompt] names `laser-r-test`"), "{refused}");
     let long = "x".repeat(201);

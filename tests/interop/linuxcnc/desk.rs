@@ -9,6 +9,7 @@ use tempfile::TempDir;
 
 use super::rig::Rig;
 use super::streams::Streams;
+use crate::support::person;
 
 const MACHINE: &str = include_str!("../../../config/linuxcnc-sim.toml");
 /// In the place of the part and the settings of `MACHINE`.
@@ -160,7 +161,8 @@ impl Desk {
 
     pub fn run(&self, method: &str) -> Result<Child, Failed> {
         let machine = self.machine().display().to_string();
-        Ok(self.command(&["run", method, "--json", "--machine", &machine]).spawn()?)
+        let mut command = self.command(&["run", method, "--json", "--machine", &machine]);
+        Ok(person::confirms(&mut command).spawn()?)
     }
 }
 

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use trued::setup::Pace;
 
-use super::laser_shop::{LaserShop, REFERENCE, SHORT, estimate};
+use super::laser_shop::{LaserShop, REFERENCE, SEARCH, SHORT, estimate};
 use super::sender::State;
 use crate::support::grbl_control::GrblControl;
-use crate::support::machine_shop::stderr;
+use crate::support::machine_shop::{MachineShop, stderr};
 
 /// The step in which it fails.
 const STEP: u32 = REFERENCE + 1;
@@ -62,7 +62,7 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     nothing_follows_the_hold(&heard, &label);
     assert_eq!(shop.state(), "held", "{label}");
     // Not a part of the scan is kept, and all that went before is.
-    assert_eq!(shop.all_is_true(), (0..STEP).collect::<Vec<_>>(), "{label}");
+    assert_eq!(shop.all_is_true(), (SEARCH..STEP).collect::<Vec<_>>(), "{label}");
     assert_eq!(shop.bench.world.lock().unwrap().position(), stands, "{label}: it has moved");
 
     shop.sender.becomes(State::Well);
@@ -72,7 +72,7 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     assert_eq!(resumed.status.code(), Some(0), "{label}: {}", stderr(&resumed));
     estimate(&resumed);
     // Nobody has declared how its means repeat: the reference tells it, twice.
-    let steps: Vec<u32> = (0..STEP).chain([REFERENCE; 2]).chain(STEP..SHORT.steps).collect();
+    let steps: Vec<u32> = (SEARCH..STEP).chain([REFERENCE; 2]).chain(STEP..SHORT.steps).collect();
     assert_eq!(shop.all_is_true(), steps, "{label}");
     assert_eq!(shop.state(), "finished", "{label}");
 }
@@ -92,4 +92,50 @@ pub fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
             scope.spawn(move || fails(*state, *moment, *told));
         }
     });
+}
+
+/// The machine's truth: the sensor sits 15 mm lower than stated, so the sphere comes within its range of 10 mm
+/// while the machine file has it 25 mm away.
+fn lower() -> String {
+    let (stated, lower) = ("zero_offset_um = [210.0, -340.0, 170.0]", "-15000.0]");
+    let text = SHORT.file();
+    assert!(text.contains(stated));
+    text.replacen(stated, &stated.replace("170.0]", lower), 1)
+}
+
+/// A sensor that is polled is not watched; it is read before the machine goes where it may report a distance.
+pub fn an_early_distance_of_a_polled_sensor_holds_the_machine() {
+    let shop = MachineShop::new(&lower());
+    let ended = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);
+    let told = stderr(&ended);
+    assert_eq!(ended.status.code(), Some(5), "{told}");
+    for words in ["`laser` reports ", "nothing that the machine file states", "retract by hand"] {
+        assert!(told.contains(words), "no {words} in {told}");
+    }
+    assert!(shop.exported_steps().is_empty());
+}
+
+pub fn a_sensor_that_falls_silent_on_its_first_way_holds_the_machine() {
+    let shop = LaserShop::over(SHORT, GrblControl::at(&SHORT.file(), Pace::Real));
+    let mut run = shop.starts();
+    shop.wait_for(&format!("N{SEARCH} G53 G1"), 1, &mut run);
+    shop.sender.becomes(State::Silent);
+    let ended = run.wait_with_output().unwrap();
+    let told = stderr(&ended);
+    assert!(ended.status.code() == Some(5) && told.contains("(stale)"), "{told}");
+    nothing_follows_the_hold(&shop.bench.heard(), "silent");
+    assert!(shop.readings().is_empty());
+}
+
+/// Contact stops nothing: nobody has confirmed what is in the spindle.
+pub fn a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sensor() {
+    let shop = LaserShop::over(SHORT, GrblControl::start(&SHORT.file()));
+    let refused = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);
+    let told = stderr(&refused);
+    assert_eq!(refused.status.code(), Some(1), "{told}");
+    assert!(
+        told.contains("`laser` in the spindle, uncovered") && told.contains("nobody is there"),
+        "{told}"
+    );
+    assert!(!shop.bench.heard().contains("G53"), "{}", shop.bench.heard());
 }

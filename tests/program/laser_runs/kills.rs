@@ -1,7 +1,7 @@
 //! The program is killed in mid-run. What it had measured is still there, and the run goes on, unless the
 //! sphere was moved meanwhile.
 
-use super::laser_shop::{LaserShop, REFERENCE, SOUND, assert_near_truth, estimate};
+use super::laser_shop::{LaserShop, REFERENCE, SEARCH, SOUND, assert_near_truth, estimate};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
@@ -20,7 +20,7 @@ fn killed() -> LaserShop {
 
 pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
     let shop = killed();
-    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).collect::<Vec<_>>());
+    assert_eq!(shop.all_is_true(), (SEARCH..REFERENCE + 2).collect::<Vec<_>>());
     let resumed = shop.resume();
     let found = estimate(&resumed);
     assert!(stderr(&resumed).contains("the references agree"), "{}", stderr(&resumed));
@@ -36,7 +36,7 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
         assert!(apart < 1.5, "{}: {} {}, {apart}", one.symbol, one.value, other.value);
     }
     let again = [REFERENCE; 2].into_iter().chain(REFERENCE + 2..SOUND.steps);
-    assert_eq!(shop.all_is_true(), (0..REFERENCE + 2).chain(again).collect::<Vec<_>>());
+    assert_eq!(shop.all_is_true(), (SEARCH..REFERENCE + 2).chain(again).collect::<Vec<_>>());
 }
 
 /// Across the beam it is the flanks of the sphere that see it.

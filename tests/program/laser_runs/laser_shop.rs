@@ -12,10 +12,12 @@ use machine::record::reading::Reading;
 use super::sender::{self, Sender};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
+use crate::support::person;
 
-/// The sphere is searched for (0), the beam's direction found at three heights (1 to 3), the reference
-/// looked at (4); then follow the poses and the reference again.
-pub const REFERENCE: u32 = 4;
+/// A person is asked (0), the sphere is searched for (1), the beam's direction found at three heights
+/// (2 to 4), the reference measured (5); then follow the poses and the reference again.
+pub const SEARCH: u32 = 1;
+pub const REFERENCE: u32 = 5;
 
 /// What is measured.
 pub struct Design {
@@ -27,9 +29,9 @@ pub struct Design {
 }
 
 /// As few poses and points as can be.
-pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 11 };
+pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 12 };
 /// Enough for a sound estimate.
-pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 14 };
+pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 15 };
 
 const FEW: &str = "
 [method.laser-r-test]
@@ -79,12 +81,16 @@ impl LaserShop {
         self.shop.trued(arguments)
     }
 
-    /// A run that is under way.
+    pub fn machine(&self) -> String {
+        self.shop.machine()
+    }
+
+    /// A run that is under way; a person has confirmed what is in the spindle.
     pub fn starts(&self) -> Child {
         let machine = self.shop.machine();
         let run = ["run", "laser-r-test", "--json", "--machine", &machine];
         let mut command = self.shop.command(&run);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        person::confirms(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.spawn().unwrap()
     }
 

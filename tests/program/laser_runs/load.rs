@@ -15,6 +15,7 @@ use trued::store::{Journal, RunId};
 
 use super::laser_shop::file;
 use crate::support::grbl_control::GrblControl;
+use crate::support::person;
 
 const PYTHON: &str = "python3";
 
@@ -170,7 +171,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     std::fs::write(&machine, file(&text, &control, &sensor)).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["run", "laser-r-test", "--json", "--machine"]).arg(machine);
-    command.arg("--state").arg(folder.path()).stdin(Stdio::null());
+    person::confirms(command.arg("--state").arg(folder.path()));
     let begun = Instant::now();
     let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let (mut said, mut told, mut sent) = (String::new(), None, Vec::new());

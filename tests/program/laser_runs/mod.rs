@@ -18,6 +18,7 @@ mod sweeps;
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 60;
         fails::a_sensor_that_fails_in_mid_scan_holds_the_machine,
+        fails::a_sensor_that_falls_silent_on_its_first_way_holds_the_machine,
     ]
     .and(trials![Pool::Computing, 30;
         kills::a_killed_run_goes_on_and_says_what_an_undisturbed_one_says,
@@ -26,6 +27,8 @@ pub fn trials() -> Trials {
         commands::a_run_says_the_same_twice_and_is_near_the_truth,
     ])
     .and(trials![Pool::Waiting, 0;
+        fails::an_early_distance_of_a_polled_sensor_holds_the_machine,
+        fails::a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sensor,
         commands::the_same_machine_may_be_touched_instead,
         commands::a_probe_input_that_is_closed_while_a_laser_looks_is_told_so,
         commands::a_printed_program_says_what_happens_where_it_rests,
@@ -34,6 +37,7 @@ pub fn trials() -> Trials {
         refused::what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves,
         refused::what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike,
         refused::readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alike,
+        sweeps::an_early_distance_holds_the_machine_on_its_way_down,
         sweeps::what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true,
         sweeps::what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place,
     ])

@@ -17,6 +17,9 @@ use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
 pub const MIDDLE_MM: f64 = 80.0;
+/// Z of the scans, and from which on upwards the sensor has nothing within its range.
+pub const SCAN_Z_MM: f64 = 220.0;
+pub const RANGE_ENDS_Z_MM: f64 = 230.0;
 pub const PERIOD_S: f64 = 1e-3;
 /// Stamps of a control that has lost some, or of another clock.
 const LOST: usize = 50;
@@ -45,6 +48,8 @@ pub enum Event {
     OtherClock,
     /// The sensor says nothing unless it is asked.
     Mute,
+    /// The sensor sits so much lower than stated, mm; from the beginning.
+    SitsLower(f64),
 }
 
 /// In the scan in motion of this step, at this sample of it.
@@ -96,6 +101,13 @@ impl Scene {
             }
             Some(Event::Loses(count)) => (flag, missing, self.happens) = (Flag::Gap, count, None),
             _ => {}
+        }
+        let lower = match self.plot {
+            Some((_, _, Event::SitsLower(by))) => by,
+            _ => 0.0,
+        };
+        if self.stands.at(Axis::Z) > RANGE_ENDS_Z_MM + lower {
+            flag = Flag::Range;
         }
         let value_mm = matches!(flag, Flag::None | Flag::Gap).then_some(value);
         self.said.extend(value_mm);
@@ -253,8 +265,8 @@ impl Control {
     }
 
     async fn go(&self, block: &ProvenBlock) -> Result<Track, ControllerError> {
-        let feeds = |motion: &Motion| matches!(motion, Motion::Feed { .. });
-        let sweeps = block.motions().count() > 1 && block.motions().all(feeds);
+        let level = |motion: &Motion| matches!(motion, Motion::Feed { to, .. } if to.get(Axis::Z).is_none());
+        let sweeps = block.motions().count() > 1 && block.motions().all(level);
         let mut from = {
             let mut scene = self.scene.lock().unwrap();
             // What was said at rest is over.

@@ -16,7 +16,7 @@ pub fn table(address: SocketAddr) -> String {
         r#"
 [sensor.serial]
 tcp = "{address}"
-timeout_s = 0.5
+timeout_s = 1.5
 [sensor.serial.line]
 end = "\r\n"
 separator = ","

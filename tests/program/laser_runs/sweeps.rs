@@ -13,7 +13,9 @@ use trued::setup::machine_file::Reached;
 use trued::setup::{self, Devices, MachineFile, Pace, Past};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
-use super::played::{self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, Shared};
+use super::played::{
+    self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, RANGE_ENDS_Z_MM, SCAN_Z_MM, Shared,
+};
 
 /// A reference at rest (0), and two scans there and back.
 const STEPS: u32 = 3;
@@ -31,7 +33,7 @@ const BACK: (u32, usize) = (2, WAY + WAY / 2);
 
 fn over(by: f64) -> Position {
     let at = Position::new().with(Axis::X, MIDDLE_MM + by).with(Axis::Y, 0.0);
-    at.with(Axis::Z, 220.0).with(Axis::B, 0.0).with(Axis::C, 0.0)
+    at.with(Axis::Z, SCAN_Z_MM).with(Axis::B, 0.0).with(Axis::C, 0.0)
 }
 
 fn step(id: u32) -> Step {
@@ -293,4 +295,19 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     assert_eq!(scan.len(), 2 * WAY - 50, "{told}");
     assert!(told.contains("pass/2: 50 of 1600 samples are left out: in 1 places"), "{told}");
     assert!((longest(&scan) - 51.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
+}
+
+/// Within its range from Z 245 down, where the machine file has it out of range down to Z 234.
+pub fn an_early_distance_holds_the_machine_on_its_way_down() {
+    let shop = Shop::new();
+    let lower = Event::SitsLower(15.0);
+    let (ended, stored, halt) = trial(shop.runs(Some((0, 0, lower))));
+    let error = ended.unwrap_err();
+    let said = format!("{error}\n  -> {}", error.remedy());
+    for words in ["`laser` reports ", "nothing that the machine file states", "retract by hand"] {
+        assert!(said.contains(words), "no {words} in {said}");
+    }
+    let z = shop.scene.lock().unwrap().stands.at(Axis::Z);
+    assert!((RANGE_ENDS_Z_MM + 14.8..RANGE_ENDS_Z_MM + 15.0).contains(&z), "held at Z {z}");
+    assert!(halt.is_halted() && stored.readings.is_empty());
 }

@@ -1,0 +1,31 @@
+//! A person at a terminal who presses Enter whenever a run asks.
+
+use std::fs::File;
+use std::io::Write as _;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// Between two times that Enter is pressed. What is pressed before a question is shown does not answer it.
+const PERIOD: Duration = Duration::from_millis(100);
+
+/// Standard input of `command` becomes a terminal at which Enter is pressed again and again, until its
+/// last user has closed it.
+pub fn confirms(command: &mut Command) -> &mut Command {
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
+    let keyboard = openpt(flags).expect("a pseudo-terminal");
+    grantpt(&keyboard).expect("granted");
+    unlockpt(&keyboard).expect("unlocked");
+    let name = ptsname(&keyboard, Vec::new()).expect("its name");
+    let flags = OFlags::RDWR | OFlags::NOCTTY;
+    let terminal = rustix::fs::open(name, flags, Mode::empty()).expect("its other end");
+    let mut keyboard = File::from(keyboard);
+    std::thread::spawn(move || {
+        while keyboard.write_all(b"\n").is_ok() {
+            std::thread::sleep(PERIOD);
+        }
+    });
+    command.stdin(Stdio::from(terminal))
+}
