@@ -93,6 +93,14 @@ pub trait Driver: Send + 'static {
     /// Shake hands, refuse what cannot measure, set all modal state. Called again after a person was at the
     /// machine.
     fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
+    /// As [`prepare`](Self::prepare), but a closed probe is accepted: while it reads closed, only a block
+    /// that begins with a back-off is executed. A control whose `prepare` does not read the probe needs
+    /// nothing else.
+    fn prepare_in_contact(
+        &mut self,
+    ) -> impl Future<Output = Result<Prepared, ControllerError>> + Send {
+        self.prepare()
+    }
     /// Execute one block; return when the machine stands still and the result is known. Refused if the
     /// machine is not where the block begins, or the block is not the one that was proven.
     fn execute(
@@ -141,6 +149,7 @@ impl Halt {
 
 enum Request {
     Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
+    PrepareInContact(oneshot::Sender<Result<Prepared, ControllerError>>),
     Execute(ProvenBlock, oneshot::Sender<Result<Outcome, ControllerError>>),
     Look(oneshot::Sender<Result<Look, ControllerError>>),
     Introduce(oneshot::Sender<Result<Introduction, ControllerError>>),
@@ -182,6 +191,11 @@ impl Controller {
         self.ask(Request::Prepare).await
     }
 
+    /// For a retract: see [`Driver::prepare_in_contact`].
+    pub async fn prepare_in_contact(&self) -> Result<Prepared, ControllerError> {
+        self.ask(Request::PrepareInContact).await
+    }
+
     pub async fn execute(&self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
         self.ask(|answer| Request::Execute(block, answer)).await
     }
@@ -211,17 +225,17 @@ impl Controller {
 /// The driver's task: requests one after the other until the handle is dropped. An answer nobody
 /// waits for any more is dropped; the work it stands for was still done to its end.
 async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt: Halt) {
+    // A control that was held meanwhile is not ready: that is no fault of its own. One that has lost its
+    // position has lost it all the same.
+    let held = |error: ControllerError| match halt.is_halted() && !error.position_lost() {
+        true => ControllerError::Halted,
+        false => error,
+    };
     while let Some(request) = inbox.recv().await {
         match request {
-            Request::Prepare(answer) => {
-                // A control that was held meanwhile is not ready: that is no fault of its own. One that
-                // has lost its position has lost it all the same.
-                let held = |error: ControllerError| match halt.is_halted() && !error.position_lost()
-                {
-                    true => ControllerError::Halted,
-                    false => error,
-                };
-                drop(answer.send(driver.prepare().await.map_err(held)));
+            Request::Prepare(answer) => drop(answer.send(driver.prepare().await.map_err(held))),
+            Request::PrepareInContact(answer) => {
+                drop(answer.send(driver.prepare_in_contact().await.map_err(held)));
             }
             Request::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             Request::Look(answer) => drop(answer.send(driver.look().await)),

@@ -227,7 +227,14 @@ const NOT_READABLE: [ReadinessItem; 2] = [ReadinessItem::Kinematics, ReadinessIt
 impl Driver for Grbl {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
         self.ready = false;
-        let prepared = self.set_up().await?;
+        let prepared = self.set_up(check::probe_open).await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn prepare_in_contact(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.set_up(|_| Ok(())).await?;
         self.ready = true;
         Ok(prepared)
     }

@@ -6,7 +6,7 @@ use super::built::Built;
 use super::check;
 use super::driver::Grbl;
 use super::fault::not_ready;
-use super::message::Message;
+use super::message::{Message, Status};
 use super::readiness::{self, refuse};
 use crate::controllers::stamp::ControlClock;
 use crate::controllers::{ControllerError, Prepared};
@@ -20,7 +20,11 @@ const RESTORED: [&str; 16] = [
 ];
 
 impl Grbl {
-    pub(super) async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
+    /// `judge_probe`: whether the probe's input may read so.
+    pub(super) async fn set_up(
+        &mut self,
+        judge_probe: fn(&Status) -> Result<(), ControllerError>,
+    ) -> Result<Prepared, ControllerError> {
         let status = self.wire.wake().await?;
         if status.state != "Idle" {
             return Err(not_ready(&status));
@@ -30,7 +34,7 @@ impl Grbl {
         refuse(readiness::of_settings(&built, &settings, &axes, &self.homed_axes))?;
         refuse(self.readiness_of_state(&built).await?)?;
         if !self.modes.switches_probe_on() {
-            check::probe_open(&self.wire.idle().await?)?;
+            judge_probe(&self.wire.idle().await?)?;
         }
         self.remember_modes().await?;
         let head = self.modes.head().to_vec();
@@ -41,7 +45,7 @@ impl Grbl {
         refuse(readiness::homed(&built, &settings, &axes, &self.homed_axes, &offsets))?;
         check::modes(&head, &modes, &offsets)?;
         let status = self.wire.idle().await?;
-        check::probe_open(&status)?;
+        judge_probe(&status)?;
         check::probe_health(&status, &self.modes)?;
         self.stood = self.stands(&status)?;
         self.clock = ControlClock::default();

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::Config;
-use super::fault::{PROBE_CLOSED, stands_after};
+use super::fault::{PROBE_CLOSED, probe_open, stands_after};
 use super::patience::Patience;
 use super::program::Program;
 use super::status::Status;
@@ -310,7 +310,14 @@ impl ModbusControl {
 impl Driver for ModbusControl {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
         self.ready = false;
-        let prepared = self.set_up().await?;
+        let prepared = self.set_up(probe_open).await?;
+        self.ready = true;
+        Ok(prepared)
+    }
+
+    async fn prepare_in_contact(&mut self) -> Result<Prepared, ControllerError> {
+        self.ready = false;
+        let prepared = self.set_up(|_| Ok(())).await?;
         self.ready = true;
         Ok(prepared)
     }

@@ -97,6 +97,11 @@ pub(super) fn not_ready(status: &Status) -> Option<ControllerError> {
     Some(ControllerError::NotReady { state: state.to_owned(), remedy: remedy.to_owned() })
 }
 
+/// Before anything moves.
+pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
+    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
+}
+
 /// A fault of the wire that a question asked again may not meet: nothing is known to be wrong with
 /// the connection or the device. 5 and 6: the device takes its time.
 pub(super) fn may_pass(error: &ModbusError) -> bool {

@@ -11,7 +11,11 @@ use crate::controllers::{ControllerError, Prepared, arrival};
 use planning::gcode::Transmission;
 
 impl ModbusControl {
-    pub(super) async fn set_up(&mut self) -> Result<Prepared, ControllerError> {
+    /// `judge_probe`: whether the probe's input may read so.
+    pub(super) async fn set_up(
+        &mut self,
+        judge_probe: fn(&Status) -> Result<(), ControllerError>,
+    ) -> Result<Prepared, ControllerError> {
         let status = self.window.living().await?;
         if let Some(error) = not_ready(&status) {
             return Err(error);
@@ -20,7 +24,7 @@ impl ModbusControl {
         (self.window.sequence, self.window.ours) = (status.accepted, false);
         self.plausible(&status)?;
         if !self.modes.switches_probe_on() {
-            probe_open(&status)?;
+            judge_probe(&status)?;
         }
         if self.program.is_some() {
             self.clear_results(&status).await?;
@@ -28,7 +32,7 @@ impl ModbusControl {
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
         let status = self.window.idle().await?;
-        probe_open(&status)?;
+        judge_probe(&status)?;
         self.probe_health(&status)?;
         self.stood = self.of_machine(&status.position);
         self.clock = ControlClock::default();
@@ -116,9 +120,4 @@ impl ModbusControl {
         }
         Ok(())
     }
-}
-
-/// Before anything moves.
-fn probe_open(status: &Status) -> Result<(), ControllerError> {
-    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }

@@ -17,9 +17,9 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
-use simulator::World;
 use simulator::controls::grbl::{Firmware, Options, testing};
 use simulator::interpreter::Pace;
+use simulator::{Speed, World};
 
 fn grbl(link: Link) -> (Grbl, Halt) {
     let (machine, dialect) = (testing::machine(), dialect("grbl").unwrap());
@@ -239,6 +239,33 @@ async fn what_a_touch_can_run_into_is_told_by_name() {
     let (outcome, tape) = touched(stuck).await;
     assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
     assert_eq!(tape.lines().count(), 7, "nothing follows the back-off: {tape}");
+}
+
+#[tokio::test]
+async fn in_contact_nothing_but_a_back_off_is_executed() {
+    let (mut driver, _halt, world) = prepared_in_world(Pace::Fast).await;
+    // 1.5 mm into the part: contact is at 28 mm.
+    let at = |x: f64| position(&[(Axis::X, x)]);
+    let one = |motion: Motion| proven(&Block { step: 3, repeat: 0, motions: vec![motion] });
+    let out = |x: f64| one(Motion::BackOff { to: at(x), feed_mm_min: 60.0 });
+    let guarded = || one(Motion::Guarded { to: at(40.0), feed_mm_min: 60.0 });
+    let pressed = position(&[(Axis::X, 26.5), (Axis::Z, -150.0)]);
+    world.lock().unwrap().travel(&pressed, Speed::Rapid);
+    assert!(matches!(driver.prepare().await, Err(ControllerError::ProbeClosed)));
+    let refused = driver.execute(out(27.5)).await;
+    assert!(matches!(refused, Err(ControllerError::NotReady { .. })), "{refused:?}");
+
+    driver.prepare_in_contact().await.unwrap();
+    let refused = driver.execute(guarded()).await;
+    assert!(matches!(refused, Err(ControllerError::StillTripped { step: 3 })), "{refused:?}");
+    assert!((world.lock().unwrap().position().at(Axis::X) - 26.5).abs() < 1e-9);
+    driver.prepare_in_contact().await.unwrap();
+    let closed = driver.execute(out(27.5)).await;
+    assert!(matches!(closed, Err(ControllerError::StillTripped { step: 3 })), "{closed:?}");
+    assert!((world.lock().unwrap().position().at(Axis::X) - 27.5).abs() < 1e-9);
+    driver.prepare_in_contact().await.unwrap();
+    driver.execute(out(28.5)).await.unwrap();
+    driver.execute(guarded()).await.unwrap();
 }
 
 #[tokio::test]
