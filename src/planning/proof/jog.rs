@@ -1,6 +1,10 @@
 //! A jog on its own: the text of one small move of one axis. While a machine is commissioned it is
 //! not known yet which motor hangs at which drive, nor which way round. So nothing may stand within
 //! the margin wherever that much of *any* axis, in either sense, would carry something.
+//!
+//! And the retract: one small step out of contact. No control executes a probing move while its probe
+//! reads closed, so it is a feed move, which a contact does not stop. A person chooses axis and sense:
+//! after an unexpected contact the machine may not be where the plan has it.
 
 use super::proven::{ProvenBlock, Unproven, read_block, read_programs};
 use super::refusal::{Reason, Refusal};
@@ -17,6 +21,8 @@ use machine::{Axis, Position};
 
 /// No jog is longer, mm or degrees.
 const LONGEST: f64 = 10.0;
+/// No retract is longer, mm.
+const LONGEST_RETRACT: f64 = 2.0;
 
 /// The move that a text must say.
 #[derive(Debug, Clone, Copy)]
@@ -43,29 +49,72 @@ pub fn prove_jog(
     transmission: &Transmission,
     block: &Block,
 ) -> Result<ProvenBlock, Unproven> {
+    prove(request, transmission, block, check_jog)
+}
+
+/// Render a retract as it is sent, and prove that it moves this linear axis alone, to this place, by a
+/// short slow feed move, and that it approaches no declared body that is not already met at the start.
+///
+/// # Errors
+/// As [`prove_jog`].
+pub fn prove_retract(
+    request: &JogRequest<'_>,
+    transmission: &Transmission,
+    block: &Block,
+) -> Result<ProvenBlock, Unproven> {
+    prove(request, transmission, block, check_retract)
+}
+
+type Checked = Result<Option<Clearance>, Refusal>;
+
+fn prove(
+    request: &JogRequest<'_>,
+    transmission: &Transmission,
+    block: &Block,
+    check: fn(&JogRequest<'_>, &[String]) -> Checked,
+) -> Result<ProvenBlock, Unproven> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let blocks = std::slice::from_ref(block);
     let sent = request.dialect.transmitted(transmission, &axes, blocks)?;
-    check_jog(request, &sent.programs)?;
+    check(request, &sent.programs)?;
     read_block(block, request.stands.clone(), request.dialect, transmission, sent)
 }
 
 /// The smallest clearance, if there are bodies.
-pub(super) fn check_jog(
-    request: &JogRequest<'_>,
-    programs: &[String],
-) -> Result<Option<Clearance>, Refusal> {
-    let at = |line| move |reason| Refusal { step: None, line, reason };
-    let motions = read_programs(request.dialect, programs)?;
-    let [motion] = motions.as_slice() else {
-        return Err(at(1)(Reason::NotOneMove(motions.len())));
-    };
-    said(request, motion).map_err(at(motion.line))?;
-    free(request, motion).map_err(at(motion.line))
+pub(super) fn check_jog(request: &JogRequest<'_>, programs: &[String]) -> Checked {
+    let motion = one_move(request, programs)?;
+    let refusal = |reason| Refusal { step: None, line: motion.line, reason };
+    check_axis(request, &motion, LONGEST)
+        .and_then(|()| check_held_back(request, &motion))
+        .map_err(refusal)?;
+    free(request, &motion).map_err(refusal)
 }
 
-/// The words of the move.
-fn said(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
+/// As [`check_jog`], of a retract.
+pub(super) fn check_retract(request: &JogRequest<'_>, programs: &[String]) -> Checked {
+    let motion = one_move(request, programs)?;
+    let refusal = |reason| Refusal { step: None, line: motion.line, reason };
+    check_axis(request, &motion, LONGEST_RETRACT).map_err(refusal)?;
+    if motion.kind != Kind::Feed || !request.axis.is_linear() {
+        return Err(refusal(Reason::NotARetract));
+    }
+    let feed_at_most = request.feed_at_most.min(request.plan.probe.search_feed_mm_min);
+    rules::feed_at_most("a retract", &motion, feed_at_most).map_err(refusal)?;
+    check_approaches_nothing(request, &motion).map_err(refusal)
+}
+
+fn one_move(request: &JogRequest<'_>, programs: &[String]) -> Result<ReadMotion, Refusal> {
+    let motions = read_programs(request.dialect, programs)?;
+    <[ReadMotion; 1]>::try_from(motions).map(|[motion]| motion).map_err(|motions| Refusal {
+        step: None,
+        line: 1,
+        reason: Reason::NotOneMove(motions.len()),
+    })
+}
+
+/// The move is of this axis alone, in machine coordinates, to its place, within the limits and not longer
+/// than `longest`, mm or degrees.
+fn check_axis(request: &JogRequest<'_>, motion: &ReadMotion, longest: f64) -> Result<(), Reason> {
     let JogRequest { plan, axis, dialect, .. } = *request;
     if let Frame::Work(slot) = &motion.frame {
         return Err(Reason::Frame(slot.clone()));
@@ -79,9 +128,15 @@ fn said(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
     }
     rules::limits(motion, &plan.machine, dialect)?;
     let by = axis.to_edge((request.to - request.stands.at(axis)).abs());
-    if by > LONGEST {
-        return Err(Reason::LongJog { by, most: LONGEST });
+    if by > longest {
+        return Err(Reason::LongJog { by, most: longest });
     }
+    Ok(())
+}
+
+/// Contact or its feed holds the move back.
+fn check_held_back(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
+    let JogRequest { plan, axis, .. } = *request;
     let clamped = plan.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
     match motion.kind {
         // Linear axes are guarded: contact stops them.
@@ -117,6 +172,20 @@ fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearanc
         }
     }
     Ok(nearest)
+}
+
+/// Nothing declared is approached where the machine is thought to be.
+fn check_approaches_nothing(
+    request: &JogRequest<'_>,
+    motion: &ReadMotion,
+) -> Result<Option<Clearance>, Reason> {
+    let JogRequest { plan, stands, axis, to, .. } = *request;
+    let scene = Scene::new(plan, &plan.artefact)?;
+    let way =
+        Way { from: commands(plan, stands)?, to: commands(plan, &stands.clone().with(axis, to))? };
+    let found = scene.look(&way, &Care::Retracting, f64::INFINITY)?;
+    let line = motion.line;
+    Ok(found.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
 }
 
 /// Of all axes; the spindle, which nobody has oriented, at zero.

@@ -1,24 +1,35 @@
 //! A jog by its text, and with bodies whose distances are known by hand.
 
-use super::jog::check_jog;
+use super::jog::{check_jog, check_retract};
 use super::tests::{beside, plan};
-use super::{JogRequest, Reason};
+use super::{JogRequest, Reason, Refusal};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
-fn proven(
+type Checked<E> = Result<Option<Clearance>, E>;
+
+fn proven(plan: &Plan, lines: &str, target: (Axis, f64), stands: &Position) -> Checked<Reason> {
+    checked(plan, lines, target, stands, check_jog)
+}
+
+fn retracted(plan: &Plan, lines: &str, target: (Axis, f64), stands: &Position) -> Checked<Reason> {
+    checked(plan, lines, target, stands, check_retract)
+}
+
+fn checked(
     plan: &Plan,
     lines: &str,
     (axis, to): (Axis, f64),
     stands: &Position,
-) -> Result<Option<Clearance>, Reason> {
+    check: fn(&JogRequest<'_>, &[String]) -> Checked<Refusal>,
+) -> Checked<Reason> {
     let dialect = Dialect::named("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.from_edge(to);
     let request = JogRequest { plan, stands, axis, to, feed_at_most: 60.0, dialect: &dialect };
-    check_jog(&request, &[text]).map_err(|refusal| refusal.reason)
+    check(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 
 #[test]
@@ -66,5 +77,73 @@ fn nothing_may_be_near_whichever_axis_moves_in_truth() {
     // Where an axis stands that nobody knows, nothing can be shown.
     let blind = at(54.0).only(|axis| axis != Axis::B);
     let unknown = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &blind);
+    assert_eq!(unknown, Err(Reason::Unknown(Axis::B)));
+}
+
+#[test]
+fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
+    let plan = plan(|_| {});
+    let z = |lines: &str, to: f64| retracted(&plan, lines, (Axis::Z, to), &beside());
+    assert!(z("N1 G53 G1 Z301 F60", 301.0).is_ok());
+    assert!(z("N1 G53 G1 Z299 F60", 299.0).is_ok());
+    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(Reason::OtherAxis(Axis::X)));
+    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(Reason::OtherAxis(Axis::X)));
+    assert!(matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(Reason::NotTo(_))), "the other sense");
+    assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
+    let long = z("N1 G53 G1 Z302.5 F60", 302.5);
+    assert_eq!(long, Err(Reason::LongJog { by: 2.5, most: 2.0 }));
+    assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(Reason::Feed { .. })));
+    assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(Reason::NotARetract));
+    assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(Reason::NotARetract));
+    assert_eq!(z("", 301.0), Err(Reason::NotOneMove(0)));
+    let twice = z("N1 G53 G1 Z301 F60\nN1 G53 G1 Z301 F60", 301.0);
+    assert_eq!(twice, Err(Reason::NotOneMove(2)));
+    assert!(z("N1 G1 Z301 F60\nG54", 301.0).is_ok(), "G59 holds zeros");
+    assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(Reason::Frame(_))));
+
+    let turn = retracted(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &beside());
+    assert_eq!(turn, Err(Reason::NotARetract));
+    let top = beside().with(Axis::Z, 449.5);
+    let beyond = retracted(&plan, "N1 G53 G1 Z450.5 F60", (Axis::Z, 450.5), &top);
+    assert!(matches!(beyond, Err(Reason::Limit { .. })), "{beyond:?}");
+    let slow_probe = super::tests::plan(|plan| plan["probe"]["search_feed_mm_min"] = 30.0.into());
+    let fast = retracted(&slow_probe, "N1 G53 G1 Z301 F60", (Axis::Z, 301.0), &beside());
+    assert!(matches!(fast, Err(Reason::Feed { .. })), "{fast:?}");
+}
+
+#[test]
+fn a_retract_approaches_no_declared_body() {
+    let x = |plan: &Plan, from: f64, to: f64| {
+        let stands = beside().with(Axis::X, from).with(Axis::Z, 170.0);
+        retracted(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &stands)
+    };
+    // Ball of radius 3 beside a part of radius 45, known to 1 mm: 0.5 mm apart where it is thought to be.
+    let part = plan(|_| {});
+    assert!(x(&part, 48.5, 49.5).is_ok());
+    assert!(matches!(x(&part, 48.5, 47.5), Err(Reason::Near { .. })));
+    assert!(matches!(x(&part, 48.5, 48.0), Err(Reason::Near { .. })));
+    let along = beside().with(Axis::X, 48.5).with(Axis::Z, 170.0);
+    assert!(retracted(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
+    // The model has the ball within the part, that is, in contact: which sense leads out is not judged.
+    assert!(x(&part, 47.0, 48.0).is_ok());
+    // Nor can a machine that is far from where it thinks be judged: 100 - 3 - 45 mm from the part.
+    assert!(x(&part, 100.0, 99.0).is_ok());
+
+    // A box whose face is at X = 110: 3 mm of ball, 2 mm of margin.
+    let boxed = plan(|plan| {
+        plan["keepout"] = serde_json::json!([{"name": "clamp", "min_mm": [110.0, -5.0, 0.0],
+            "max_mm": [130.0, 5.0, 200.0]}]);
+    });
+    assert!(x(&boxed, 103.9, 104.9).is_ok());
+    let near = x(&boxed, 104.1, 105.1);
+    let between = ["stylus ball", "clamp"].map(str::to_owned);
+    assert!(matches!(near, Err(Reason::Near { between: found, .. }) if found == between));
+    // Nearer than the margin it may stay as near as it is, and leave.
+    assert!(x(&boxed, 106.5, 105.5).is_ok());
+    assert!(matches!(x(&boxed, 106.5, 106.6), Err(Reason::Near { .. })));
+    let beside_it = beside().with(Axis::X, 106.5).with(Axis::Z, 170.0);
+    assert!(retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &beside_it).is_ok());
+    let blind = beside_it.only(|axis| axis != Axis::B);
+    let unknown = retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &blind);
     assert_eq!(unknown, Err(Reason::Unknown(Axis::B)));
 }

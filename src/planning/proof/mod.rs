@@ -65,7 +65,7 @@ mod scan_tests;
 #[cfg(test)]
 mod tests;
 
-pub use jog::{JogRequest, prove_jog};
+pub use jog::{JogRequest, prove_jog, prove_retract};
 pub use modes::{ProvenModes, prove_modes};
 pub use proven::{Altered, ProvenBlock, ProvenUnit, StageRequest, Unproven, prove_blocks};
 pub use refusal::{Reason, Refusal};

@@ -120,6 +120,8 @@ pub enum Reason {
     LongJog { by: f64, most: f64 },
     #[error("a jog that neither contact nor its feed holds back")]
     NotGuarded,
+    #[error("a retract that is not a feed move (G1) of one linear axis")]
+    NotARetract,
     #[error(
         "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], margin(*.need)
     )]

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::MARGIN_MM;
 use super::body::{Body, Role, Shape};
 use super::gap::Across;
 use super::pairs::{Meets, Pair, pairs};
@@ -45,6 +46,10 @@ pub enum Care {
     /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
     /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
     Leaving,
+    /// An unguarded move out of contact: what is nearer than [`MARGIN_MM`] at the start must not come
+    /// nearer, the rest keeps [`MARGIN_MM`]. A pair that meets at the start is not judged: one such pair
+    /// is in contact, and where the machine truly is, is not known.
+    Retracting,
     /// A touch of this body of the artefact: what may not come near another for its sake stays
     /// clear,
     Strangers(usize),
@@ -100,7 +105,13 @@ impl Scene {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
                 (Care::Guarded, _) => (pair.guarded(), None),
-                (Care::Leaving, _) => (at_start(pair, way).min(pair.guarded()), None),
+                (Care::Leaving, _) => {
+                    (at_start(pair, way).unwrap_or(0.0).min(pair.guarded()), None)
+                }
+                (Care::Retracting, _) => match at_start(pair, way) {
+                    Some(apart) => (apart.min(MARGIN_MM), None),
+                    None => continue,
+                },
                 (Care::Strangers(meant), meets) if !meets.of(*meant) => (UNFELT_MM, None),
                 (Care::Riders(meant, across), Meets::Beside(number)) if number == *meant => {
                     (pair.guarded(), Some(*across))
@@ -165,14 +176,14 @@ fn far_apart(pair: &Pair, centres: &[[Vector3<f64>; 2]], demand: &Demand) -> boo
     apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
 }
 
-/// How near the two may stand at the start of the way, mm, to leave: as they are, or not at all
-/// if they meet where they are thought to be.
-fn at_start(pair: &Pair, way: &Way) -> f64 {
+/// How near the two may stand at the start of the way, mm, to leave: as they are. `None`: they meet
+/// where they are thought to be.
+fn at_start(pair: &Pair, way: &Way) -> Option<f64> {
     let start = Way { from: way.from, to: way.from };
     let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
     match sweep(&start, &pair.one, &pair.other, &demand) {
-        Ok(Some(apart)) => apart - pair.grown - LEAVING_MM,
-        _ => 0.0,
+        Ok(Some(apart)) => Some(apart - pair.grown - LEAVING_MM),
+        _ => None,
     }
 }
 
