@@ -10,7 +10,7 @@ use tokio::time::sleep;
 use crate::commissioning::{Answering, Person, Stop, words_of};
 use crate::run::{Answers, Asked};
 use machine::Axis;
-use machine::record::question::{Answer, Question, Seen};
+use machine::record::question::{Answer, AxisDirection, Question, Seen};
 
 /// How often a stop is looked for while an answer is waited for.
 const STOP_POLL: Duration = Duration::from_millis(50);
@@ -97,6 +97,7 @@ impl Terminal {
             let Some(line) = self.line().await else { return Answer::Nobody };
             let answer = match question {
                 Question::Jogged { .. } => seen(&line).map(Answer::Saw),
+                Question::RetractDirection { .. } => retract_direction(&line),
                 _ => yes_or_no(&line),
             };
             match answer {
@@ -131,6 +132,18 @@ fn yes_or_no(line: &str) -> Option<Answer> {
         "n" | "no" => Some(Answer::No),
         _ => None,
     }
+}
+
+/// A linear axis and a sign, or no. A plain yes names no direction.
+fn retract_direction(line: &str) -> Option<Answer> {
+    let line = line.to_ascii_uppercase();
+    let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {
+        (Some(letter), _) => (letter, true),
+        (_, Some(letter)) => (letter, false),
+        _ => return yes_or_no(&line).filter(|answer| *answer == Answer::No),
+    };
+    let axis: Axis = letter.parse().ok()?;
+    axis.is_linear().then_some(Answer::Retract(AxisDirection { axis, is_positive }))
 }
 
 /// A letter, an axis, or a distance.
@@ -192,6 +205,18 @@ mod tests {
         assert!(
             shown.len() == 2 && shown[0].starts_with("do 1\n") && shown[1].starts_with("do 2\n")
         );
+    }
+
+    #[test]
+    fn a_retract_is_typed_as_axis_and_sign() {
+        let retract =
+            |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
+        assert_eq!(retract_direction("Z+"), retract(Axis::Z, true));
+        assert_eq!(retract_direction("x-"), retract(Axis::X, false));
+        assert_eq!(retract_direction("n"), Some(Answer::No));
+        for line in ["", "y", "Z", "+", "+Z", "C+", "Z+1", "Z++", "\u{fc}+", "\u{2212}"] {
+            assert_eq!(retract_direction(line), None, "{line}");
+        }
     }
 
     #[test]

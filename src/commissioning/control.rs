@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use super::words::position;
 use super::{Check, Ended, Part, compare::differences, links};
-use devices::controllers::{ControllerError, Introduction, describe_not_readable};
+use devices::controllers::{ControllerError, Introduction, Look, describe_not_readable};
+use machine::Position;
 use machine::record::question::{Answer, Question};
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
@@ -68,6 +69,34 @@ pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
     let first = check.stands.is_none();
     ready(check).await?;
     if first && check.stands.is_some() { display(check).await } else { Ok(()) }
+}
+
+/// Probe and position, for the part `probe`. A control that does not report them is not a faulty probe.
+pub(super) async fn status(check: &mut Check<'_>, since: Instant) -> Result<Look, Ended> {
+    match check.controller()?.look().await {
+        Ok(look) => Ok(look),
+        Err(error) => {
+            check.go_on()?;
+            check.failed(Part::Probe, since, error.to_string(), error.remedy());
+            Err(Ended::Unsafe)
+        }
+    }
+}
+
+/// For a retract, while the probe reads closed; the position of all axes.
+pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position, Ended> {
+    let since = Instant::now();
+    match check.controller()?.prepare_in_contact().await {
+        Ok(prepared) => {
+            check.transmission = Some(prepared.transmission);
+            Ok(prepared.stands)
+        }
+        Err(error) => {
+            check.go_on()?;
+            links::why(check, Part::Control, since, &error).await?;
+            Err(Ended::Unsafe)
+        }
+    }
 }
 
 /// A probe that reads closed is left to the next part.

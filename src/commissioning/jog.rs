@@ -5,13 +5,15 @@ use crate::setup::{self, MachineFile};
 use devices::controllers::ControllerError;
 use machine::record::machine::AxisSpec;
 use machine::record::motion::{Block, Motion};
-use machine::record::question::Jog;
+use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
-use planning::gcode::RenderError;
-use planning::proof::{JogRequest, ProvenBlock, Refusal, Unproven, prove_jog};
+use planning::gcode::{RenderError, Transmission};
+use planning::proof::{JogRequest, ProvenBlock, Refusal, Unproven, prove_jog, prove_retract};
 
 /// Slow enough to be watched: a millimetre, or a degree, takes a second.
 const FEED_PER_MIN: f64 = 60.0;
+/// One step of a retract, mm.
+pub(super) const RETRACT_MM: f64 = 1.0;
 /// A homed axis may stand so far beyond its limit, mm or degrees.
 const AT_LIMIT: f64 = 0.01;
 /// Standing still, a control's reports may differ by this much, mm or degrees.
@@ -87,17 +89,35 @@ pub(super) struct Proven {
 /// # Errors
 /// It cannot be written, or would come near something.
 pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
+    let stands = check.stands.as_ref().ok_or(ControllerError::DriverGone)?;
+    prove(check, stands, jog, &JOG)
+}
+
+/// How a move is written, and its proof.
+struct MoveKind {
+    motion: fn(&MachineFile, &Jog, f64) -> Motion,
+    proof: fn(&JogRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, Unproven>,
+}
+
+const JOG: MoveKind = MoveKind { motion, proof: prove_jog };
+const RETRACT: MoveKind = MoveKind { motion: back_off, proof: prove_retract };
+
+fn prove(
+    check: &Check<'_>,
+    stands: &Position,
+    jog: &Jog,
+    kind: &MoveKind,
+) -> Result<Proven, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverGone)?;
-    let stands = check.stands.as_ref().ok_or(ControllerError::DriverGone)?;
     let axis = jog.axis;
     let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
-    let block = Block { step: STEP, repeat: 0, motions: vec![motion(check.file, jog, to)] };
+    let block = Block { step: STEP, repeat: 0, motions: vec![(kind.motion)(check.file, jog, to)] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverGone)?;
     let plan = setup::without_steps(check.file, "check", serde_json::Value::Null);
     let feed_at_most = FEED_PER_MIN;
     let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect };
-    Ok(Proven { block: prove_jog(&request, transmission, &block)?, to })
+    Ok(Proven { block: (kind.proof)(&request, transmission, &block)?, to })
 }
 
 /// And the machine still stands where the proof has it: from elsewhere the same words are another move.
@@ -116,13 +136,35 @@ pub(super) async fn proven_there(check: &Check<'_>, jog: &Jog) -> Result<Proven,
 /// Nothing has moved, or the control says why it stopped.
 pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
     let Proven { block, to } = proven_there(check, jog).await?;
-    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
-    let motion = check.stop.motion().ok_or(ControllerError::Halted)?;
-    controller.execute(block).await?;
-    drop(motion);
+    execute(check, block).await?;
     if let Some(stands) = &mut check.stands {
         stands.set(jog.axis, to);
     }
+    Ok(())
+}
+
+/// One step out of contact from `stands`, which the driver compares with the control's report.
+///
+/// # Errors
+/// As [`go`]; `StillTripped`: the step is made, and the probe still reads closed.
+pub(super) async fn retract(
+    check: &Check<'_>,
+    stands: &Position,
+    direction: AxisDirection,
+) -> Result<(), JogError> {
+    let AxisDirection { axis, is_positive } = direction;
+    let by = if is_positive { RETRACT_MM } else { -RETRACT_MM };
+    let rapid = check.file.machine.axes.get(&axis).map_or(FEED_PER_MIN, |spec| spec.rapid_per_min);
+    let feed_per_min = FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
+    let Proven { block, .. } = prove(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT)?;
+    execute(check, block).await
+}
+
+/// A stop holds the machine meanwhile.
+async fn execute(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
+    let _motion = check.stop.motion().ok_or(ControllerError::Halted)?;
+    controller.execute(block).await?;
     Ok(())
 }
 
@@ -151,4 +193,9 @@ fn motion(file: &MachineFile, jog: &Jog, to: f64) -> Motion {
         false if clamped => Motion::Rapid { to },
         false => Motion::BackOff { to, feed_mm_min },
     }
+}
+
+/// A probing move is impossible while the probe reads closed.
+fn back_off(_: &MachineFile, jog: &Jog, to: f64) -> Motion {
+    Motion::BackOff { to: Position::new().with(jog.axis, to), feed_mm_min: jog.feed_per_min }
 }

@@ -15,6 +15,7 @@ mod latch;
 mod links;
 mod person;
 mod probe;
+mod retract;
 mod sensors;
 mod stop;
 mod thermometers;

@@ -1,12 +1,11 @@
 //! Is the probe's input open at rest, closed while the stylus is deflected, and open again?
-//! Nothing moves but what a person's finger moves.
+//! Nothing moves but what a person's finger moves, and the retract out of contact before it.
 
 use std::time::{Duration, Instant};
 
 use tokio::time::sleep;
 
-use super::{Check, Ended, Part, control};
-use devices::controllers::Look;
+use super::{Check, Ended, Part, control, retract};
 use machine::record::question::{Answer, Question, Stylus};
 
 const NOBODY: &str = "nobody is there to deflect the stylus";
@@ -23,6 +22,7 @@ struct Seen {
 }
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+    retract::out_of_contact(check).await?;
     let since = Instant::now();
     let Some(seen) = watch(check, since).await? else {
         return if check.stands.is_some() {
@@ -48,12 +48,12 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 /// `None`, and it is told, if it cannot be looked at.
 async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
     if !mounted(check).await? {
-        let rests_closed = look_at(check, since).await?.probe_closed;
+        let rests_closed = control::status(check, since).await?.probe_closed;
         nobody(check, since, rests_closed, "the touch probe does not sit in the spindle");
         return Ok(None);
     }
     let asked = check.ask(Question::Stylus(Stylus::Free)).await?;
-    let rests_closed = look_at(check, since).await?.probe_closed;
+    let rests_closed = control::status(check, since).await?.probe_closed;
     if asked != Answer::Yes {
         nobody(check, since, rests_closed, NOBODY);
         return Ok(None);
@@ -77,8 +77,9 @@ async fn mounted(check: &mut Check<'_>) -> Result<bool, Ended> {
 
 fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool, why: &str) {
     if rests_closed {
-        let remedy = "free the stylus (with a sensor in the probe's place the input must read open as well); \
-                      with somebody at the terminal the check tells whether the input is inverted or stuck";
+        let remedy = "run trued check at a terminal: it leads a stylus that is in contact out of it, step by \
+                      step, and tells whether the input is inverted or stuck; or free the stylus by hand (with \
+                      a sensor in the probe's place the input must read open as well)";
         check.failed(Part::Probe, since, "the probe reads closed", remedy);
     } else {
         check.well(Part::Probe, since, "open at rest");
@@ -86,21 +87,9 @@ fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool, why: &str) 
     }
 }
 
-/// A control that does not tell is no probe that does not answer.
-async fn look_at(check: &mut Check<'_>, since: Instant) -> Result<Look, Ended> {
-    match check.controller()?.look().await {
-        Ok(look) => Ok(look),
-        Err(error) => {
-            check.go_on()?;
-            check.failed(Part::Probe, since, error.to_string(), error.remedy());
-            Err(Ended::Unsafe)
-        }
-    }
-}
-
 /// Who deflects a stylus may have moved the machine to reach it.
 async fn stands_anew(check: &mut Check<'_>, since: Instant) -> Result<(), Ended> {
-    check.stands = Some(look_at(check, since).await?.stands);
+    check.stands = Some(control::status(check, since).await?.stands);
     Ok(())
 }
 
@@ -109,7 +98,7 @@ async fn becomes(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<
     let deadline = Instant::now() + check.person.takes();
     loop {
         check.go_on()?;
-        if look_at(check, since).await?.probe_closed == closed {
+        if control::status(check, since).await?.probe_closed == closed {
             return Ok(true);
         }
         if Instant::now() > deadline {

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::jog::RETRACT_MM;
 use machine::kinematics::{Chain, Side};
 use machine::record::machine::{Carrier, Machine};
 use machine::record::question::{Jog, Question, Stylus};
@@ -55,8 +56,24 @@ pub fn of(question: &Question) -> String {
                  not resume: it would go its way to the end). Is it ready? yes / no"
             )
         }
+        Question::RetractDirection { position, look_for, last_result } => {
+            retract_direction(position, look_for, last_result.as_deref())
+        }
         Question::May { what } => format!("{what}\nyes / no"),
     }
+}
+
+fn retract_direction(stands: &Position, look_for: &[String], last_result: Option<&str>) -> String {
+    let last_result = last_result.map_or(String::new(), |result| format!("{result}.\n"));
+    format!(
+        "{last_result}The probe reads closed: the stylus seems to be in contact. The control reports {}.\n\
+         One axis can move out of contact by {RETRACT_MM} mm, slowly. No contact stops this move: look at the \
+         stylus, and keep the stop in your hand.\n{}\n\
+         Which axis and sense leads straight out of contact?\n\
+         Z+, Z-, X+ ..  that step      n  nothing moves (also if the control's display shows another position)",
+        position(stands),
+        look_for.join("\n"),
+    )
 }
 
 /// mm and degrees.

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{Speed, World};
-use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
+use machine::record::question::{Answer, AxisDirection, Jog, Question, Seen, Stylus};
 use machine::{Axis, Position};
 
 /// What moves less than this is not seen, mm or degrees.
@@ -36,6 +36,7 @@ impl Bystander {
                 self.world().deflect(*stylus == Stylus::Deflected);
                 Answer::Yes
             }
+            Question::RetractDirection { .. } => self.leads_out(),
             Question::Released { .. } | Question::May { .. } => Answer::Yes,
         }
     }
@@ -52,6 +53,25 @@ impl Bystander {
         let shown = self.world().position();
         let differs = |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > VISIBLE;
         if told.iter().any(differs) { Answer::No } else { Answer::Yes }
+    }
+
+    /// The direction that frees the stylus most; no, if nothing presses it but a finger.
+    fn leads_out(&self) -> Answer {
+        let world = self.world();
+        if world.deflected || !world.touches() {
+            return Answer::No;
+        }
+        let freed = |direction: &AxisDirection| {
+            let (axis, mut tried) = (direction.axis, world.clone());
+            let by = if direction.is_positive { BY_EYE } else { -BY_EYE };
+            tried.travel(&Position::new().with(axis, tried.position().at(axis) + by), Speed::Rapid);
+            tried.margin_here()
+        };
+        let directions = Axis::LINEAR
+            .into_iter()
+            .flat_map(|axis| [true, false].map(|is_positive| AxisDirection { axis, is_positive }));
+        let best = directions.max_by(|one, other| freed(one).total_cmp(&freed(other)));
+        best.map_or(Answer::No, Answer::Retract)
     }
 
     fn saw(&self, jog: &Jog) -> Seen {

@@ -179,12 +179,13 @@ impl World {
         if self.deflected {
             return true;
         }
-        if self.probe_away {
-            return false;
-        }
-        let axes = self.true_axes();
+        !self.probe_away && self.margin_here() + self.scatter_mm <= 0.0
+    }
+
+    /// How far the stylus is from triggering where the axes truly are, mm; negative in contact.
+    fn margin_here(&self) -> f64 {
         let command = self.wired.truly(self.command.clone());
-        self.scene.margin(&axes, &command, self.t_s) + self.scatter_mm <= 0.0
+        self.scene.margin(&self.true_axes(), &command, self.t_s)
     }
 
     /// Where the axes truly stand.

@@ -6,6 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use simulator::World;
 use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -97,6 +98,12 @@ pub struct RecordingControl {
 
 impl RecordingControl {
     pub fn start() -> Self {
+        let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
+        Self::behind(Arc::new(Mutex::new(setup::world(&file).unwrap())))
+    }
+
+    /// The control of the built-in machine as `world` has it.
+    pub fn behind(world: Arc<Mutex<World>>) -> Self {
         let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
@@ -107,7 +114,7 @@ impl RecordingControl {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
-                    client = listener.accept() => serve(client.unwrap().0, &keeper).await,
+                    client = listener.accept() => serve(client.unwrap().0, world, &keeper).await,
                     // A program that ended before it connected.
                     _ = stopped => {}
                 }
@@ -140,9 +147,8 @@ impl RecordingControl {
     }
 }
 
-async fn serve(client: TcpStream, shared: &Shared) {
+async fn serve(client: TcpStream, world: Arc<Mutex<World>>, shared: &Shared) {
     let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
-    let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
     let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
     client.set_nodelay(true).unwrap();
     let (near, far) = tokio::io::duplex(4096);

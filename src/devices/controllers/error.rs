@@ -225,11 +225,13 @@ impl ControllerError {
                 "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
             }
             Self::UnexpectedContact { .. } => {
-                "the stylus may be pressed: retract by hand, then check the part's position and the fixtures"
+                "the stylus may be in contact: trued check leads it out; then check the part's position and \
+                 the fixtures"
             }
             Self::ProbeClosed => "free the stylus; check the probe's battery, cable and polarity",
             Self::StillTripped { .. } => {
-                "retract by hand; check the probe's battery, cable and polarity"
+                "if the stylus is in contact, trued check leads it out; check the probe's battery, cable and \
+                 polarity"
             }
             _ => REPORT,
         }

@@ -1,6 +1,8 @@
 //! What a person at the machine is asked while it is commissioned, and what may be answered. The
 //! words belong to whoever asks.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::{Axis, Position};
@@ -13,6 +15,19 @@ pub struct Jog {
     pub by: f64,
     /// mm or degrees a minute.
     pub feed_per_min: f64,
+}
+
+/// An axis and the sign of its command, written `Z+`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AxisDirection {
+    pub axis: Axis,
+    pub is_positive: bool,
+}
+
+impl fmt::Display for AxisDirection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.axis, if self.is_positive { '+' } else { '-' })
+    }
 }
 
 /// How the stylus is to be.
@@ -37,6 +52,15 @@ pub enum Question {
     Jogged { jog: Jog, look_for: String },
     /// Is the stylus so? Yes, once it is; no, if it cannot be.
     Stylus(Stylus),
+    /// The probe reads closed at this position. Which linear axis leads the stylus out of contact?
+    /// `Retract`; no: nothing moves.
+    RetractDirection {
+        position: Position,
+        /// The visible motion of each axis at a positive command, in words.
+        look_for: Vec<String>,
+        /// Result of the last answer, if the probe still reads closed.
+        last_result: Option<String>,
+    },
     /// May the machine move so, to be held on its way? Yes or no.
     MayHold(Jog),
     /// The control was held. Is it released there, and ready again? `not_yet`: why it was not when it
@@ -51,6 +75,8 @@ pub enum Answer {
     Yes,
     No,
     Saw(Seen),
+    /// One step along this axis.
+    Retract(AxisDirection),
     /// Nobody is there who could answer.
     Nobody,
 }

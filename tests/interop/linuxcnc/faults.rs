@@ -270,7 +270,7 @@ pub fn foreign_contact() -> Result<(), Failed> {
         when: TRAVELLING,
         happens: |rig| rig.foreign_contact(),
         error: "the probe touched something during a move that should be free",
-        remedy: "retract by hand, then check the part's position and the fixtures",
+        remedy: "trued check leads it out; then check the part's position and the fixtures",
         seconds: 3.0,
     })
 }

@@ -2,6 +2,7 @@
 //! trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs a whole cycle, a
 //! stop with resume and the comparison of the interpreters; `.ci/long` runs all.
 
+mod contact;
 mod cycle;
 pub mod desk;
 mod faults;
@@ -58,6 +59,7 @@ pub fn trials() -> Trials {
     .and(
         trials![Pool::LinuxCnc, 0;
             cycle::finds_the_true_axis_wherever_the_part_stands,
+            contact::a_stylus_in_contact_is_led_out_step_by_step,
             faults::emergency_stop,
             faults::killed_task,
             faults::stuck_probe,

@@ -1,6 +1,7 @@
 //! `trued check` names the mistake: each that is planted, in words that come up for no other.
 
 mod bench;
+mod contact;
 mod links;
 mod mistakes;
 mod people;
@@ -167,6 +168,12 @@ pub fn trials() -> Trials {
         people::whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back,
         people::regress_a_stop_while_nothing_moves_leaves_no_hold,
         people::a_machine_that_was_moved_by_hand_is_not_jogged,
+        contact::a_stylus_in_contact_is_led_out_step_by_step_and_the_check_goes_on,
+        contact::a_stylus_in_contact_is_led_out_whatever_the_control_speaks,
+        contact::a_person_who_leaves_the_stylus_in_contact_sees_nothing_move,
+        contact::without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named,
+        contact::a_stop_while_the_direction_is_asked_for_moves_nothing,
+        contact::a_retract_towards_a_declared_body_is_refused_and_asked_for_again,
         program::without_a_machine_file_the_simulated_machine_is_checked_by_itself,
         program::a_mistake_ends_it_with_1_and_json_tells_it_as_data,
         program::with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang,

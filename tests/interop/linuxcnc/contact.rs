@@ -1,0 +1,69 @@
+//! `trued check` leads a stylus out of contact.
+
+use libtest_mimic::Failed;
+use machine::Axis;
+use machine::record::question::{Answer, AxisDirection, Question};
+use trued::commissioning::{Answering, Check, Finding, Person, Stop, Verdict};
+use trued::setup::{MachineFile, Pace, Site};
+use trued::store::Journal;
+
+use super::desk::Desk;
+use super::machine::run;
+use super::rig::rig;
+
+/// Answers Z+, and keeps the positions at which it was asked for the way out; leaves the probe alone then.
+#[derive(Default)]
+struct Operator {
+    z_mm: Vec<f64>,
+}
+
+impl Person for Operator {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        let answer = match question {
+            Question::Shows(_) => Answer::Yes,
+            Question::RetractDirection { position, .. } => {
+                self.z_mm.push(position.at(Axis::Z));
+                Answer::Retract(AxisDirection { axis: Axis::Z, is_positive: true })
+            }
+            _ => Answer::No,
+        };
+        Box::pin(std::future::ready(answer))
+    }
+}
+
+pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
+    let rig = rig()?;
+    let mut control = rig.person()?;
+    // Onto the top of the part at 103 mm, and 1.5 mm deeper.
+    control.mdi("G53 G0 Z110")?;
+    control.mdi("G38.3 Z95 F300")?;
+    control.mdi("G53 G1 Z101.5 F60")?;
+    let before = rig.stands()?;
+    let desk = Desk::for_rig(&rig)?;
+    let text = std::fs::read_to_string(desk.machine())?;
+    let file = MachineFile::parse("machine.toml", text)?;
+    let (summary, operator) = run(async {
+        let site = Site::new(&file)?;
+        let folder = tempfile::tempdir()?;
+        let journal = Journal::open(folder.path())?;
+        let (mut person, mut tell) = (Operator::default(), |_: &Finding| {});
+        let at = (&file, &site, Pace::Real);
+        let check = Check::new(at, &journal, &mut person, Stop::default(), &mut tell);
+        let summary = check.through().await;
+        Ok((summary, person))
+    })?;
+    let after = rig.stands()?;
+    let steps = operator.z_mm.len() as f64;
+    let is_led_out = (before[2] - 101.5).abs() < 0.01
+        && operator.z_mm.len() == 2
+        && (after[2] - before[2] - steps).abs() < 0.01
+        && [0, 1, 3, 4].iter().all(|joint| (after[*joint] - before[*joint]).abs() < 0.01);
+    let told = summary.to_string();
+    let goes_on = told.contains("out of contact: the probe reads open")
+        && told.contains("probe   ok             open at rest")
+        && summary.count(Verdict::Failed) == 0;
+    if is_led_out && goes_on {
+        return Ok(());
+    }
+    Err(format!("{before:?} {after:?} {:?}\n{summary}", operator.z_mm).into())
+}

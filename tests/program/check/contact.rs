@@ -1,0 +1,234 @@
+//! A check of a machine whose stylus stayed in contact after a guarded move.
+
+use std::sync::{Arc, Mutex};
+
+use machine::record::question::{Answer, AxisDirection, Question, Stylus};
+use machine::{Axis, Position};
+use simulator::{Bystander, Speed, World};
+use trued::commissioning::{
+    Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
+};
+use trued::setup::{self, MachineFile, Pace, Site};
+use trued::store::Journal;
+
+use super::bench::{failures, machine, runtime, through, with_control};
+use crate::support::recording_control::{self, Record, RecordingControl};
+
+/// Z at contact with the top of the part: its height, the radius of the ball and the length of the tool,
+/// mm. All as `config/simulated.toml` states them; no planted error moves the top.
+const CONTACT_Z: f64 = 100.0 + 3.0 + 120.0;
+
+type AnswerFn = dyn FnMut(&Question, &Bystander) -> Option<Answer>;
+
+/// Answers by `answer`; otherwise as the bystander.
+struct Operator {
+    bystander: Bystander,
+    answer: Box<AnswerFn>,
+}
+
+impl Person for Operator {
+    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+        let answer = (self.answer)(question, &self.bystander);
+        let answer = answer.unwrap_or_else(|| self.bystander.answer(question));
+        Box::pin(std::future::ready(answer))
+    }
+}
+
+/// After a guarded move onto the top of the part, which the contact has ended, and `deeper` mm beyond.
+fn in_contact(file: &MachineFile, deeper: f64) -> World {
+    let mut world = setup::world(file).unwrap();
+    let down = Position::new().with(Axis::Z, CONTACT_Z - 20.0);
+    assert!(world.probe(&down, 3000.0, 0).contact.is_some());
+    let rest = world.position().at(Axis::Z) - deeper;
+    world.travel(&Position::new().with(Axis::Z, rest), Speed::Feed { mm_min: 60.0 });
+    assert!(world.tripped());
+    world
+}
+
+/// A check against a control that records its lines, and the position of the machine before it.
+struct Recorded {
+    summary: Summary,
+    record: Record,
+    z_before: f64,
+    world: Arc<Mutex<World>>,
+}
+
+/// `keys` stand before `[artefact]`.
+fn recorded(
+    deeper: f64,
+    keys: &str,
+    person: impl FnOnce(Bystander, Stop) -> Box<dyn Person>,
+) -> Recorded {
+    let file = |address: &str| {
+        let text = recording_control::machine(address)
+            .replacen("kind = \"grbl\"", "kind = \"grbl\"\ndialect = \"grbl-m19\"", 1)
+            .replacen("[artefact]", &format!("{keys}[artefact]"), 1);
+        MachineFile::parse("machine.toml", text).unwrap()
+    };
+    let world = in_contact(&file("127.0.0.1:1"), deeper);
+    let z_before = world.position().at(Axis::Z);
+    let world = Arc::new(Mutex::new(world));
+    let control = RecordingControl::behind(world.clone());
+    let file = file(&control.address());
+    let stop = Stop::default();
+    let mut person = person(Bystander::new(world.clone()), stop.clone());
+    let summary = runtime().block_on(async {
+        let site = Site::new(&file).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let journal = Journal::open(folder.path()).unwrap();
+        let mut tell = |_: &Finding| {};
+        let at = (&file, &site, Pace::Fast);
+        Check::new(at, &journal, person.as_mut(), stop, &mut tell).through().await
+    });
+    Recorded { summary, record: control.end(), z_before, world }
+}
+
+fn operator(
+    answer: impl FnMut(&Question, &Bystander) -> Option<Answer> + 'static,
+) -> impl FnOnce(Bystander, Stop) -> Box<dyn Person> {
+    |bystander, _| Box::new(Operator { bystander, answer: Box::new(answer) })
+}
+
+/// The first line that moves an axis.
+fn first_motion(record: &Record) -> Option<String> {
+    let moves = |line: &String| {
+        let mut words = line.split_whitespace();
+        words.any(|word| matches!(word, "G0" | "G1" | "G2" | "G3") || word.starts_with("G38"))
+    };
+    record.lines().into_iter().find(moves)
+}
+
+fn assert_nothing_moved(checked: &Recorded) {
+    assert_eq!(first_motion(&checked.record), None, "{}", checked.summary);
+    let z = checked.world.lock().unwrap().position().at(Axis::Z);
+    assert_eq!(z, checked.z_before, "{}", checked.summary);
+}
+
+/// Frees the machine by hand once the stylus is out of contact: the jogs that follow need room.
+fn jog_clear() -> impl FnMut(&Question, &Bystander) -> Option<Answer> {
+    let mut is_clear = false;
+    move |question, bystander| {
+        if matches!(question, Question::Stylus(Stylus::Free)) && !is_clear {
+            bystander.shove(Axis::Z, 150.0);
+            is_clear = true;
+        }
+        None
+    }
+}
+
+pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_goes_on() {
+    // Braking from 50 mm/s at 2000 mm/s² takes 0.6 mm more: three steps.
+    let checked = recorded(2.0, "", operator(jog_clear()));
+    let summary = &checked.summary;
+    assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
+    let lines = checked.record.lines();
+    let steps: Vec<&String> = lines.iter().filter(|line| line.contains(" G1 Z")).take(3).collect();
+    let number = |line: &str, letter: char| -> f64 {
+        let mut words = line.split_whitespace();
+        words.find_map(|word| word.strip_prefix(letter)).unwrap().parse().unwrap()
+    };
+    for (step, by) in steps.iter().zip([1.0, 2.0, 3.0]) {
+        assert!((number(step, 'Z') - checked.z_before - by).abs() < 1e-3, "{lines:#?}");
+        assert_eq!(number(step, 'F'), 60.0, "{lines:#?}");
+    }
+    assert_eq!(first_motion(&checked.record).as_ref(), steps.first().copied(), "{lines:#?}");
+    let told = summary.to_string();
+    for words in [
+        "out of contact: the probe reads open",
+        "open at rest, closed while deflected, open again",
+        "axes    ok             Z ",
+        "latched in the control",
+    ] {
+        assert!(told.contains(words), "{words}\n{summary}");
+    }
+    let ready = told.find("ready; it stands at").unwrap();
+    assert!(told.find("out of contact").unwrap() < ready, "it is prepared again: {summary}");
+}
+
+/// Behind each simulated control. A resident program ends in an alarm where one step does not free the
+/// stylus, so it is pressed less there.
+pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
+    for (keys, pressed) in [
+        ("wire = \"memory\"", 1.5),
+        ("speaks = \"modbus\"\nwire = \"tcp\"", 1.5),
+        ("speaks = \"modbus-program\"", 0.5),
+    ] {
+        let text = with_control(keys, &machine(&[]));
+        let file = MachineFile::parse("machine.toml", text).unwrap();
+        let summary = runtime().block_on(async {
+            let site = Site::new(&file).unwrap();
+            let bystander = site.bystander().unwrap();
+            bystander.shove(Axis::Z, CONTACT_Z - pressed - 450.0);
+            let mut person = Operator { bystander, answer: Box::new(jog_clear()) };
+            through(&file, &site, &mut person).await
+        });
+        assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
+        assert!(summary.to_string().contains("out of contact"), "{keys}\n{summary}");
+    }
+}
+
+pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
+    let asked = Arc::new(Mutex::new(0));
+    let count = asked.clone();
+    let answer = move |question: &Question, _: &Bystander| match question {
+        Question::RetractDirection { .. } => {
+            *count.lock().unwrap() += 1;
+            Some(Answer::No)
+        }
+        Question::Stylus(_) => Some(Answer::No),
+        _ => None,
+    };
+    let checked = recorded(0.0, "", operator(answer));
+    assert_eq!(*asked.lock().unwrap(), 1, "{}", checked.summary);
+    assert_nothing_moved(&checked);
+    assert!(failures(&checked.summary).contains("the probe reads closed"), "{}", checked.summary);
+    assert_eq!(checked.summary.count(Verdict::Failed), 1, "{}", checked.summary);
+}
+
+pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
+    let checked = recorded(0.0, "", |_, _| Box::new(Nobody));
+    assert_nothing_moved(&checked);
+    let failed = failures(&checked.summary);
+    assert!(failed.contains("the probe reads closed"), "{}", checked.summary);
+    assert!(failed.contains("run trued check at a terminal"), "{}", checked.summary);
+}
+
+pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
+    let checked = recorded(0.0, "", |bystander, stop| {
+        let answer = move |question: &Question, _: &Bystander| {
+            if matches!(question, Question::RetractDirection { .. }) {
+                stop.halt().now();
+            }
+            None
+        };
+        Box::new(Operator { bystander, answer: Box::new(answer) })
+    });
+    assert_nothing_moved(&checked);
+    assert!(checked.summary.stopped && !checked.summary.held, "{}", checked.summary);
+}
+
+/// The refusal is told with the next question.
+pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
+    let results = Arc::new(Mutex::new(Vec::new()));
+    let kept = results.clone();
+    let answer = move |question: &Question, _: &Bystander| {
+        let Question::RetractDirection { last_result, .. } = question else {
+            return matches!(question, Question::Stylus(_)).then_some(Answer::No);
+        };
+        let mut kept = kept.lock().unwrap();
+        kept.push(last_result.clone());
+        let towards = AxisDirection { axis: Axis::X, is_positive: true };
+        Some(if kept.len() == 1 { Answer::Retract(towards) } else { Answer::No })
+    };
+    // 2.5 mm beside the ball.
+    let post =
+        "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";
+    let checked = recorded(0.0, post, operator(answer));
+    assert_nothing_moved(&checked);
+    let results = results.lock().unwrap();
+    let [None, Some(refused)] = results.as_slice() else { panic!("{results:?}") };
+    assert!(refused.starts_with("X+: nothing has moved: it is not proven to be free"), "{refused}");
+    assert!(refused.contains("stylus ball would come within"), "{refused}");
+    let probe = |finding: &&Finding| finding.part == Part::Probe;
+    assert_eq!(checked.summary.findings.iter().filter(probe).count(), 1, "{}", checked.summary);
+}
