@@ -2,6 +2,7 @@
 
 use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
 use machine::record::event::Event;
+use machine::record::machine::Homing;
 
 /// What happened on the way: stops, faults, who let it go on; when, and in words.
 pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
@@ -74,8 +75,12 @@ pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     })
 }
 
-/// Whether the control may not know where its axes are, since the run last went on.
+/// Whether the control may not know where its axes are, since the run last went on. An axis without a homing
+/// switch may have lost its zero in any interruption, and no control reports that.
 pub fn position_lost(stored: &StoredRun) -> bool {
+    if stored.plan.machine.axes.values().any(|axis| axis.homing == Homing::None) {
+        return true;
+    }
     let events = stored.events.iter().rev().map(|(_, event)| event);
     let mut since = events.take_while(|event| !matches!(event, Event::Resumed { .. }));
     since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))

@@ -1,7 +1,7 @@
 use super::compare::{CompareError, compare};
 use super::history::{chart, history};
 use super::report::report;
-use super::story::{signed, story};
+use super::story::{position_lost, signed, story};
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
 use machine::record::estimate::{Estimate, Limit, Parameter, Unit};
 use machine::record::plan::Plan;
@@ -165,4 +165,20 @@ fn runs_of_different_methods_are_not_compared() {
     assert!(matches!(compare(&journal, one, laser), Err(CompareError::Methods(..))));
     assert!(matches!(compare(&journal, one, none), Err(CompareError::NoEstimate(_))));
     assert!(matches!(compare(&journal, one, RunId(9)), Err(CompareError::Store(_))));
+}
+
+/// A control that was switched off meanwhile reports 0 wherever such an axis stands.
+#[test]
+fn an_axis_without_a_homing_switch_may_have_lost_its_zero_in_any_stop() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::open(dir.path()).unwrap();
+    let lost = |homing: &str| {
+        let axis = serde_json::json!({"min": -360.0, "max": 360.0, "rapid_per_min": 1.0,
+            "acceleration_per_s2": 1.0, "homing": homing});
+        let mut plan = plan("samba", "mill");
+        plan.machine.axes.insert(machine::Axis::C, serde_json::from_value(axis).unwrap());
+        let id = journal.begin(&NewRun { config: String::new(), plan }).wait().unwrap();
+        position_lost(&journal.load(id).unwrap())
+    };
+    assert_eq!([lost("none"), lost("switch")], [true, false]);
 }

@@ -118,7 +118,9 @@ pub fn question(stored: &StoredRun) -> Question {
     let position_lost = story::position_lost(stored);
     let ask = match position_lost {
         true => {
-            "are all axes homed, for the control may have lost its position? is the way free, what sits in the spindle whole?"
+            "are all axes homed, for the control may have lost its position? does each axis without a homing \
+             switch stand at its zero mark when the control shows 0? is the way free, what sits in the spindle \
+             whole?"
         }
         false => "is the way free, what sits in the spindle whole?",
     };
