@@ -1,7 +1,7 @@
 //! One small move: planned, written, read back and proven; only then sent.
 
 use super::Check;
-use crate::setup::{self, MachineFile};
+use crate::setup;
 use devices::controllers::ControllerError;
 use machine::record::machine::AxisSpec;
 use machine::record::motion::{Block, Motion};
@@ -95,7 +95,7 @@ pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
 
 /// How a move is written, and its proof.
 struct MoveKind {
-    motion: fn(&MachineFile, &Jog, f64) -> Motion,
+    motion: fn(&Jog, f64) -> Motion,
     proof: fn(&JogRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, Unproven>,
 }
 
@@ -112,7 +112,7 @@ fn prove(
     let dialect = dialect.ok_or(ControllerError::DriverGone)?;
     let axis = jog.axis;
     let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
-    let block = Block { step: STEP, repeat: 0, motions: vec![(kind.motion)(check.file, jog, to)] };
+    let block = Block { step: STEP, repeat: 0, motions: vec![(kind.motion)(jog, to)] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverGone)?;
     let plan = setup::without_steps(check.file, "check", serde_json::Value::Null);
     let feed_at_most = FEED_PER_MIN;
@@ -182,20 +182,17 @@ async fn unmoved(check: &Check<'_>) -> Result<(), JogError> {
     Ok(())
 }
 
-/// Linear axes are guarded. A rotary one turns at feed; one with a clamp as in a run, for its clamp
-/// opens for rapids alone.
-fn motion(file: &MachineFile, jog: &Jog, to: f64) -> Motion {
+/// Linear axes are guarded, a rotary one turns at feed.
+fn motion(jog: &Jog, to: f64) -> Motion {
     let (axis, feed_mm_min) = (jog.axis, jog.feed_per_min);
     let to = Position::new().with(axis, to);
-    let clamped = file.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
     match axis.is_linear() {
         true => Motion::Guarded { to, feed_mm_min },
-        false if clamped => Motion::Rapid { to },
         false => Motion::BackOff { to, feed_mm_min },
     }
 }
 
 /// A probing move is impossible while the probe reads closed.
-fn back_off(_: &MachineFile, jog: &Jog, to: f64) -> Motion {
+fn back_off(jog: &Jog, to: f64) -> Motion {
     Motion::BackOff { to: Position::new().with(jog.axis, to), feed_mm_min: jog.feed_per_min }
 }

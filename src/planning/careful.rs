@@ -1,8 +1,7 @@
 //! The way to a step while touches have not yet confirmed where the machine stands: straight up to the
-//! upper end of Z, there one thing after the other, then down. Nothing of it is a rapid, save where a
-//! clamp must open: it opens for rapids alone.
+//! upper end of Z, there one thing after the other, then down. Nothing of it is a rapid.
 //!
-//! The stylus alone feels. Where it goes down beside something, what sits above it may land on that: so
+//! Only contact with the stylus is detected. Where it goes down beside something, what sits above it may land on that: so
 //! on the first way down the stylus goes round once in every length of its own, as wide as the widest
 //! body above it, and meets first whatever stands there.
 
@@ -24,7 +23,7 @@ pub(super) const SHORT_MM: f64 = 0.3;
 const CORNERS: u32 = 8;
 const SHARE: f64 = 0.9;
 
-/// How a careful way is gone.
+/// Parameters of an approach before the position is confirmed.
 pub(super) struct Careful<'a> {
     plan: &'a Plan,
     about: &'a Surroundings,
@@ -141,12 +140,8 @@ impl<'a> Careful<'a> {
             path.orient(Some(value));
             return;
         }
-        let clamped = self.plan.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
         let feed_mm_min = turning::feed_at_most(self.plan, &self.about.chain, axis, &path.stands);
-        path.feed(&Position::new().with(axis, value), |to| match clamped {
-            true => Motion::Rapid { to },
-            false => Motion::Feed { to, feed_mm_min },
-        });
+        path.feed(&Position::new().with(axis, value), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 

@@ -397,6 +397,19 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
 }
 
+#[test]
+fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
+    let mut plan = plan(vec![touch(0, 0.0, 0.0, 1.0, 0.0)]);
+    let clamp = json!({"close": "M65 P3", "open": "M64 P3"});
+    plan.machine.axes.get_mut(&Axis::C).unwrap().clamp = serde_json::from_value(clamp).unwrap();
+    let clearance = Clearance::above(&plan).unwrap();
+    let block = touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap();
+    let turns = |motion: &&Motion| target(motion).is_some_and(|to| to.get(Axis::C).is_some());
+    let turn = block.motions.iter().find(turns);
+    assert!(matches!(turn, Some(Motion::Feed { .. })), "{turn:?}");
+    assert!(!block.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
+}
+
 /// The part is 100 mm high. With Z at 283 the far end of the range, 180 mm below the spindle's datum, is 3 mm
 /// above it; its place is uncertain by `loose`.
 #[test]

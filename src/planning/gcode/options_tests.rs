@@ -50,6 +50,7 @@ fn blocks() -> Vec<Block> {
         Motion::Probe { to: at(&[(X, 46.0)]), feed_mm_min: 30.0 },
         Motion::BackOff { to: at(&[(X, 50.0)]), feed_mm_min: 600.0 },
         Motion::Rapid { to: at(&[(C, 0.0)]) },
+        Motion::Feed { to: at(&[(C, 10.0)]), feed_mm_min: 600.0 },
     ];
     vec![Block { step: 7, repeat: 0, motions }]
 }

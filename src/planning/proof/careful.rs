@@ -1,4 +1,4 @@
-//! What holds of the way to a step until touches have confirmed where the machine stands: no rapid;
+//! Rules for an approach before touches have confirmed the position: no rapid;
 //! only Z moves, unless it stands at its upper end or X and Y go round over the step before the first touch;
 //! until that touch, what is faster than a search keeps [`MARGIN_MM`] from everything; an axis turns so
 //! slowly that what it carries can be held within the overtravel.
@@ -48,17 +48,6 @@ impl Walk<'_> {
         level && !self.confirmed.is_begun() && over(self.stands()) && over(&ends)
     }
 
-    /// A clamp opens for rapids alone.
-    pub(super) fn careful_rapid(&mut self, motion: &ReadMotion) -> Checked {
-        let axes = &self.request().plan.machine.axes;
-        let clamped = |axis: Axis| axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
-        if !motion.target.iter().all(|(axis, _)| !axis.is_linear() && clamped(axis)) {
-            return Err(Reason::RapidUnconfirmed);
-        }
-        self.is_high(&motion.target)?;
-        self.go(&motion.target, &Care::Apart(MARGIN_MM))
-    }
-
     /// A turn of one axis, or a way that is too short for a probing move.
     pub(super) fn careful_feed(&mut self, motion: &ReadMotion) -> Checked {
         self.is_high(&motion.target)?;
@@ -75,8 +64,7 @@ impl Walk<'_> {
         let ends = self.stands().updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
         let known = motion.target.iter().all(|(axis, _)| self.stands().get(axis).is_some());
-        let stays = rules::differs(self.stands(), &motion.target, self.request().dialect).is_none();
-        if turns || !known || stays || rules::length(self.stands(), &ends, SHORT_MM).is_err() {
+        if turns || !known || rules::length(self.stands(), &ends, SHORT_MM).is_err() {
             return Err(Reason::FeedMove);
         }
         let care = self.guarded_care();

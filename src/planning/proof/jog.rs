@@ -137,15 +137,12 @@ fn check_axis(request: &JogRequest<'_>, motion: &ReadMotion, longest: f64) -> Re
 /// Contact or its feed holds the move back.
 fn check_held_back(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
     let JogRequest { plan, axis, .. } = *request;
-    let clamped = plan.machine.axes.get(&axis).is_some_and(|spec| spec.clamp.is_some());
     match motion.kind {
         // Linear axes are guarded: contact stops them.
         Kind::Probe { must_touch: false } if axis.is_linear() => {
             rules::braking(motion, &plan.machine, &plan.probe)?;
         }
         Kind::Feed if !axis.is_linear() => {}
-        // A clamp opens for rapids alone.
-        Kind::Rapid if clamped => return Ok(()),
         _ => return Err(Reason::NotGuarded),
     }
     rules::feed_at_most("a jog", motion, request.feed_at_most)

@@ -43,7 +43,7 @@ impl Walk<'_> {
             }
             (Kind::Stop, _) => Err(Reason::StopsElsewhere),
             (_, Phase::Scanning { .. }) => Err(Reason::OffPath),
-            (Kind::Rapid, _) if !self.is_confirmed() => self.careful_rapid(motion),
+            (Kind::Rapid, _) if !self.is_confirmed() => Err(Reason::RapidUnconfirmed),
             (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             (Kind::Orient { s }, _) => self.orient(s),
             (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),

@@ -150,7 +150,7 @@ impl<'a> Walk<'a> {
             Kind::Feed => self.back(motion),
             _ if self.phase == Phase::Touched => Err(Reason::NotBack),
             Kind::Orient { s } => self.orient(s),
-            Kind::Rapid if !self.is_confirmed() => self.careful_rapid(motion),
+            Kind::Rapid if !self.is_confirmed() => Err(Reason::RapidUnconfirmed),
             Kind::Rapid => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             Kind::Probe { must_touch } => self.probe(motion, must_touch),
             Kind::Stop => Err(Reason::StopsElsewhere),
