@@ -14,18 +14,17 @@ use machine::{Axis, Position};
 /// Answers in one check.
 const MAX_ANSWERS: usize = 20;
 
-/// Asks for a direction and makes a step, until the probe reads open or the person leaves it closed. Then
-/// it is left to whoever looks at the probe next.
+/// Asks for a direction and makes a step, until the probe reads open or the person leaves it closed.
 ///
 /// # Errors
-/// A stop; the control does not go on.
+/// The stylus was led out of contact; a stop; the control does not go on.
 pub(super) async fn out_of_contact(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     let mut last_result = None;
     for answers in 0..=MAX_ANSWERS {
         let look = control::status(check, since).await?;
         if !look.probe_closed {
-            return if answers > 0 { freed(check, since).await } else { Ok(()) };
+            return if answers > 0 { Err(freed(check, since)) } else { Ok(()) };
         }
         if answers == MAX_ANSWERS {
             break;
@@ -41,9 +40,15 @@ pub(super) async fn out_of_contact(check: &mut Check<'_>) -> Result<(), Ended> {
     Err(Ended::Unsafe)
 }
 
-async fn freed(check: &mut Check<'_>, since: Instant) -> Result<(), Ended> {
-    check.well(Part::Probe, since, "out of contact: the probe reads open");
-    control::prepare(check).await
+/// The check ends: jogs are proven from where the control shows the machine, and it met something where
+/// nothing should be.
+fn freed(check: &mut Check<'_>, since: Instant) -> Ended {
+    let what =
+        "out of contact: the probe reads open; the machine may not stand where its control shows";
+    let remedy = "jog it clear at the control, find out what the stylus met, home it if its position may be \
+                  wrong; then check again";
+    check.failed(Part::Probe, since, what, remedy);
+    Ended::Unsafe
 }
 
 /// Of each linear axis at a positive command.

@@ -168,7 +168,7 @@ pub fn trials() -> Trials {
         people::whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back,
         people::regress_a_stop_while_nothing_moves_leaves_no_hold,
         people::a_machine_that_was_moved_by_hand_is_not_jogged,
-        contact::a_stylus_in_contact_is_led_out_step_by_step_and_the_check_goes_on,
+        contact::a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends,
         contact::a_stylus_in_contact_is_led_out_whatever_the_control_speaks,
         contact::a_person_who_leaves_the_stylus_in_contact_sees_nothing_move,
         contact::without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named,
