@@ -49,7 +49,8 @@ impl Confirmed {
     }
 
     /// After `step` was measured. A sensor that has seen the artefact within its range at all points
-    /// of a scan has confirmed it in all directions; whoever was asked to the machine may have moved it.
+    /// of a scan has confirmed it in all directions: its method refuses an artefact that is found elsewhere than
+    /// stated. A person at the machine may have moved it.
     pub fn after(self, step: &Step) -> Self {
         let normal = Vector3::from(step.normal);
         match step.kind {

@@ -71,7 +71,7 @@ pub enum RunError {
 }
 
 const EARLY_DISTANCE: &str = "retract by hand, the way it came; then look whether the machine stands where its \
-     control shows, whether the artefact is where the machine file says, and what else is below the sensor";
+     control shows, whether the artefact is where the machine file says, and whether another body is below the sensor";
 
 impl RunError {
     /// What to do next.

@@ -20,8 +20,8 @@ use planning::{blocks_out_of_range, end_of};
 /// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
 const MOST_SAMPLES: usize = 1_000_000;
 
-/// On its way to the first point the sensor comes from afar, where it sees nothing; it says so.
-fn on_the_way(sample: &Sample) -> bool {
+/// A distance, or out of range, as on the way to the first point.
+fn is_alive(sample: &Sample) -> bool {
     !matches!(sample.flag, Flag::Saturated | Flag::Stale)
 }
 
@@ -101,11 +101,11 @@ impl Run<'_> {
     ) -> Result<(), RunError> {
         let count = blocks.len();
         for (number, block) in (1..).zip(blocks) {
-            let good = if number == count { is_out_of_range } else { on_the_way };
+            let good = if number == count { is_out_of_range } else { is_alive };
             self.watched(step, block, good).await?;
         }
         if count > 0 {
-            // A sensor that is polled is not watched.
+            // A simulated sensor without a wire is not watched: it answers questions alone.
             let taken = self.sensor(step)?.take(1).await.map_err(faulty(step));
             let seen =
                 taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
@@ -129,7 +129,7 @@ impl Run<'_> {
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
-            let good = if number == 0 { on_the_way } else { in_sight };
+            let good = if number == 0 { is_alive } else { in_sight };
             commanded = end_of(block.motions(), &commanded);
             let outcome = self.watched(step, block, good).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
@@ -174,7 +174,7 @@ impl Run<'_> {
         seen.inspect_err(|_| self.devices.controller.halt().now())
     }
 
-    /// Of a sample that is not what is expected there.
+    /// The error for a sample with an unexpected flag or distance.
     fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
         if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
             let sensor = step.sensor().to_owned();
@@ -195,7 +195,7 @@ impl Run<'_> {
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
         let Some(sweep) = blocks.pop() else { return Err(unswept("it has no motion")) };
         for way in blocks {
-            self.watched(step, way, on_the_way).await?;
+            self.watched(step, way, is_alive).await?;
         }
         let (tell, told) = mpsc::channel(MOST_SAMPLES);
         let keep = move |sample: &Sample| in_sight(sample) && tell.try_send(*sample).is_ok();

@@ -299,4 +299,11 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
         assert!(*end != End::NoContact || most > 1.9, "not found, but off by {off:?} only");
     }
     assert!(count(End::Confirmed) > 20 && count(End::GuardedContact) > 50);
+    // Where the machine is believed to stand beside something.
+    assert!(
+        count(End::Refused) < ends.len() / 5,
+        "{} of {} refused",
+        count(End::Refused),
+        ends.len()
+    );
 }

@@ -103,8 +103,9 @@ fn lower() -> String {
     text.replacen(stated, &stated.replace("170.0]", lower), 1)
 }
 
-/// A sensor that is polled is not watched; it is read before the machine goes where it may report a distance.
-pub fn an_early_distance_of_a_polled_sensor_holds_the_machine() {
+/// A simulated sensor without a wire is not watched; it is read before the machine goes where it may report a
+/// distance.
+pub fn an_early_distance_at_rest_holds_the_machine() {
     let shop = MachineShop::new(&lower());
     let ended = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);
     let told = stderr(&ended);

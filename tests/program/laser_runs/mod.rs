@@ -27,7 +27,7 @@ pub fn trials() -> Trials {
         commands::a_run_says_the_same_twice_and_is_near_the_truth,
     ])
     .and(trials![Pool::Waiting, 0;
-        fails::an_early_distance_of_a_polled_sensor_holds_the_machine,
+        fails::an_early_distance_at_rest_holds_the_machine,
         fails::a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sensor,
         commands::the_same_machine_may_be_touched_instead,
         commands::a_probe_input_that_is_closed_while_a_laser_looks_is_told_so,
