@@ -7,6 +7,7 @@ use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 use tempfile::TempDir;
 
+use super::machine::rig_ini;
 use super::rig::Rig;
 use super::streams::Streams;
 use crate::support::person;
@@ -91,7 +92,12 @@ impl Desk {
     fn of(rig: &Rig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         let port = format!("127.0.0.1:{}", rig.port);
         let directory = rig.directory.display().to_string();
-        let here = [("127.0.0.1:5007", &*port), ("/tmp/trued-linuxcnc", &*directory)];
+        let ini = format!("ini = \"{}\"", rig_ini().display());
+        let here = [
+            ("127.0.0.1:5007", &*port),
+            ("/tmp/trued-linuxcnc", &*directory),
+            ("# ini = \"/home/cnc/linuxcnc/configs/mine/mine.ini\"", &*ini),
+        ];
         let changes: Vec<_> = changes.iter().chain(&here).copied().collect();
         Self::new(machine, &changes)
     }

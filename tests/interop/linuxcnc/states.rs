@@ -72,11 +72,16 @@ pub fn it_introduces_itself() -> Result<(), Failed> {
     Err(format!("{identity}: {b:?}, B stands at {stands}").into())
 }
 
-/// M428 of the sample configurations, from outside: the switch that it turns.
+/// M428 of the sample configurations, from outside: the switch that it turns. At B = C = 0 each axis is where
+/// its joint is in both modes.
 pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
+        rig.tool_centre_point(true)?;
+        let at_zero = driver.prepare().await;
+        rig.tool_centre_point(false)?;
+        refused(at_zero, "its kinematics compensate the rotary axes: motion.switchkins-type is 1")?;
         driver.prepare().await?;
         driver.execute(proven(&driver, &touch(1, 0.0, 0.6, 48.6, 46.0))).await?;
         rig.tool_centre_point(true)?;
@@ -85,6 +90,35 @@ pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
         refused(compensated, "the axes do not stand where their joints stand")?;
         driver.prepare().await?;
         Ok(())
+    })
+}
+
+/// The table's entry of a loaded tool is no offset; G43 and G43.1 make one, of whichever tool.
+pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let mut person = rig.person()?;
+        person.mdi("G10 L1 P1 Z12")?;
+        for (lines, is_active) in [
+            (&["T1 M6", "G49"][..], false),
+            (&["G43"], true),
+            (&["G49", "G43 H1"], true),
+            (&["G49", "T0 M6", "G43 H1"], true),
+            (&["G49", "G43.1 Z3"], true),
+            (&["G49"], false),
+        ] {
+            for line in lines {
+                person.mdi(line)?;
+            }
+            let prepared = open(&rig).await?.0.prepare().await;
+            person = rig.person()?;
+            if is_active {
+                refused(prepared, "a tool length offset is active")?;
+            } else {
+                prepared?;
+            }
+        }
+        person.mdi("G10 L1 P1 Z0")
     })
 }
 

@@ -7,10 +7,11 @@ use tokio::time::{Instant, sleep};
 
 use super::fault;
 use super::files::Files;
+use super::ini::Ini;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
-use super::{Sampler, state, watch, way};
+use super::{Sampler, kinematics, state, watch, way};
 use crate::controllers::{
     ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival,
 };
@@ -97,15 +98,15 @@ impl LinuxCnc {
     }
 
     /// Switches and state as they must be; nothing is changed but how linuxcncrsh answers.
-    async fn look(&mut self) -> Result<(), ControllerError> {
+    async fn look(&mut self, ini: Option<&Ini>) -> Result<(), ControllerError> {
         // Both hold for all connections. With a time-out it would acknowledge what was not taken.
         self.rsh.set("set_wait received").await?;
         self.rsh.set("timeout 0").await?;
         let estop = self.rsh.get("estop").await?;
         let machine = self.rsh.get("machine").await?;
         let homed = self.rsh.get("joint_homed").await?;
-        let joints = self.settings.axes.iter().filter(|axis| **axis != Axis::S).count();
-        prepare::judge_switches(&estop, &machine, &homed, joints)?;
+        let joints = ini.and_then(Ini::joints);
+        prepare::judge_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
         // Switches that look good may be old. (While it is stopped, this would be refused.)
         watch::sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
@@ -119,8 +120,9 @@ impl LinuxCnc {
 
     async fn check(&mut self) -> Result<Prepared, ControllerError> {
         self.refuse_if_halted()?;
+        let ini = self.settings.ini.as_deref().map(Ini::read).transpose()?;
         self.rsh.enable().await?;
-        self.look().await?;
+        self.look(ini.as_ref()).await?;
         let mode = self.rsh.get("mode").await?;
         self.mode_found.get_or_insert(mode);
         self.rsh.messages().await?;
@@ -134,16 +136,18 @@ impl LinuxCnc {
             self.files.expect_log()?;
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
         }
-        let version = prepare::judge(&log.state)?;
+        let axes = &self.settings.axes;
+        let state = prepare::judge(&log.state, axes)?;
+        state::axes_are_joints(&mut self.rsh, axes).await?;
+        let stands = state::stands(&mut self.rsh, axes).await?;
+        kinematics::judge(ini.as_ref(), state.kinematics, &stands)?;
         if let Some(seconds) = self.modes.settles_s() {
             let program = self.modes.switch_on().to_owned();
             self.switch(&program).await?;
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
         let axes = &self.settings.axes;
-        state::axes_are_joints(&mut self.rsh, axes).await?;
-        let stands = state::stands(&mut self.rsh, axes).await?;
-        let mut identity = format!("LinuxCNC {version} ({})", self.rsh.server);
+        let mut identity = format!("LinuxCNC {} ({})", state.version, self.rsh.server);
         if let Some(sampler) = &mut self.sampler {
             let mm = state::unit_mm(&mut self.rsh).await?;
             sampler.agrees(&stands, axes, mm).await?;
@@ -204,7 +208,7 @@ impl LinuxCnc {
         state::opened(&mut self.rsh, &self.files.program_name()).await?;
         self.files.write(&part.text)?;
         self.refuse_if_halted()?;
-        let rests = rests(part);
+        let rests = watch::rests(part);
         let log = match watch::run(&mut self.rsh, &self.files, &self.halt, step, rests).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refused(&mut self.rsh, refusal).await);
@@ -259,8 +263,7 @@ impl LinuxCnc {
             _ => None,
         });
         self.spindle = turned.or(self.spindle);
-        let touches = part.motions.iter().any(|motion| matches!(motion, Motion::Probe { .. }));
-        match (touches, verdict) {
+        match (part.motions.iter().any(touches), verdict) {
             (true, Some(Verdict::Touch(at))) => {
                 if let Some(error) = way::off_the_way(&part.motions, &at) {
                     return Err(error);
@@ -288,7 +291,7 @@ impl LinuxCnc {
         if self.halt.is_halted() {
             return ControllerError::Halted;
         }
-        fault::reason(&mut self.rsh, step, log.verdict.as_ref()).await
+        fault::reason(&mut self.rsh, step, log.verdict.as_ref(), &self.settings.axes).await
     }
 
     fn refuse_if_halted(&self) -> Result<(), ControllerError> {
@@ -379,16 +382,8 @@ fn moves_at_feed(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
 }
 
-/// How long a program stands still by itself.
-fn rests(part: &Unit) -> Duration {
-    let seconds = part.motions.iter().map(|motion| match motion {
-        Motion::Dwell { seconds } => seconds.max(0.0),
-        // As long as the dialect lets it take.
-        Motion::Orient { .. } => 20.0,
-        _ => 0.0,
-    });
-    let seconds = seconds.sum::<f64>() + part.clamps_rest_s;
-    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+fn touches(motion: &Motion) -> bool {
+    matches!(motion, Motion::Probe { .. })
 }
 
 fn backs_off(motion: &Motion) -> bool {

@@ -1,19 +1,26 @@
 //! Why a program stopped before its end: the log first, then the switches, then the messages.
 
-use super::prepare::not_ready;
+use super::prepare::{clear_slot, not_ready};
 use super::result::Verdict;
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;
+use machine::Axis;
 
-pub(super) async fn reason(rsh: &mut Rsh, step: u32, verdict: Option<&Verdict>) -> ControllerError {
+/// Of a program of `step`; the machine has `axes`.
+pub(super) async fn reason(
+    rsh: &mut Rsh,
+    step: u32,
+    verdict: Option<&Verdict>,
+    axes: &[Axis],
+) -> ControllerError {
     match verdict {
         Some(Verdict::Contact) => ControllerError::UnexpectedContact { step },
         Some(Verdict::Tripped) => ControllerError::StillTripped { step },
         Some(Verdict::NoContact) => ControllerError::NoContact { step },
         Some(Verdict::Probe(fault)) => ControllerError::Probe { fault: *fault },
         Some(Verdict::Offset) => not_ready(
-            "somebody has set the work offset slot G59.3",
-            "enter G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0, then start again",
+            "the work offset slot G59.3 was set during the run",
+            &format!("enter {}, then start again", clear_slot(axes)),
         ),
         Some(Verdict::Touch(_)) | None => match told(rsh, step).await {
             Ok(reason) | Err(reason) => reason,
@@ -51,7 +58,8 @@ fn meant(step: u32, said: &[String]) -> ControllerError {
         return ControllerError::Late { step, said: said.join("; ") };
     }
     let meaning = if said.is_empty() {
-        "it stopped without a message: somebody stopped it at the control"
+        "it stopped without a message: an operator stopped it at the control, or LinuxCNC's motion did not \
+         answer its task in time (COMM_TIMEOUT): see LinuxCNC's own output"
     } else {
         "it stopped the program"
     };
@@ -93,5 +101,7 @@ mod tests {
         let far = of("Exceeded POSITIVE soft limit (40.00000) on joint 0");
         assert!(matches!(far, ControllerError::OutOfTravel { step: 7, .. }), "{far:?}");
         assert!(matches!(of("Unknown word"), ControllerError::Refused { .. }));
+        let silent = meant(7, &[]).to_string();
+        assert!(silent.contains("COMM_TIMEOUT"), "{silent}");
     }
 }

@@ -1,6 +1,6 @@
 //! The two files that trued and LinuxCNC share.
 
-use std::io::{Error, ErrorKind};
+use std::io::Error;
 use std::path::Path;
 
 use super::prepare::not_ready;
@@ -28,7 +28,7 @@ impl Files {
         if !directory.is_absolute() || name.len() > LONGEST_NAME || name.contains(['(', ')', ' ']) {
             return Err(not_ready(
                 &format!("LinuxCNC cannot open {name}"),
-                "give [controller] a directory with a short absolute name without blanks and brackets",
+                "give [controller] program_dir a short absolute name without blanks and brackets",
             ));
         }
         Folder::open(directory).map(Self).map_err(|error| unusable(directory, &error))
@@ -61,7 +61,11 @@ impl Files {
     pub fn expect_log(&self) -> Result<(), ControllerError> {
         match self.0.read(LOG) {
             Ok(Some(_)) => Ok(()),
-            Ok(None) => Err(self.unusable(LOG, &ErrorKind::NotFound.into())),
+            Ok(None) => Err(not_ready(
+                &format!("LinuxCNC has run a program and not written {}", self.0.at(LOG).display()),
+                "the user of LinuxCNC must see this folder under the same name and be allowed to write to \
+                 it ([controller] program_dir); on another computer it may be late",
+            )),
             Err(error) => Err(self.unusable(LOG, &error)),
         }
     }
@@ -73,7 +77,21 @@ impl Files {
 
 fn unusable(path: &Path, error: &Error) -> ControllerError {
     not_ready(
-        &format!("{} cannot be used: {error}", path.display()),
-        "give trued and LinuxCNC a directory that both may write ([controller] directory)",
+        &format!("trued cannot use {}: {error}", path.display()),
+        "give trued and LinuxCNC a folder to which both users may write ([controller] program_dir)",
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_that_linuxcnc_has_not_written_names_the_key_and_the_side() {
+        let directory = tempfile::tempdir().unwrap();
+        let error = Files::within(directory.path()).unwrap().expect_log().unwrap_err();
+        let ControllerError::NotReady { state, remedy } = error else { panic!("{error}") };
+        assert!(state.contains("LinuxCNC has") && state.contains("trued.log"), "{state}");
+        assert!(remedy.contains("[controller] program_dir"), "{remedy}");
+    }
 }

@@ -7,6 +7,7 @@ use super::result::{Log, Verdict};
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;
 use link::Link;
+use machine::Axis;
 use testing::fuzz::fuzz;
 
 const LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
@@ -29,7 +30,7 @@ fn the_result_log_bears_anything() {
         assert!(log.lines <= input.len());
         assert!(log.state.iter().all(|value| value.is_finite()), "{log:?}");
         // Judging does not panic either.
-        drop(prepare::judge(&log.state));
+        drop(prepare::judge(&log.state, &Axis::ALL));
         if let Some(Verdict::Touch(at)) = &log.verdict {
             assert!(at.iter().all(|(_, value)| value.is_finite()), "{log:?}");
         }
@@ -56,7 +57,7 @@ async fn ask_all(input: &[u8]) -> usize {
         match rsh.get(key).await {
             Ok(answer) => {
                 heard += answer.len();
-                drop(prepare::judge_switches("OFF", "ON", &answer, 5));
+                drop(prepare::judge_switches("OFF", "ON", &answer, &Axis::ALL, None));
                 if let Ok(at) = super::state::reported(&answer) {
                     assert!(at.iter().all(|value| value.is_finite()), "{answer}");
                 }

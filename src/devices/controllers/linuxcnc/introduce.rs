@@ -1,10 +1,8 @@
 //! What it says of itself. linuxcncrsh tells its version and its units; its manual calls `get ini` "not
 //! implemented", so limits and speeds come from the INI file, where `[controller] ini` names it.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
 use super::driver::LinuxCnc;
+use super::ini::Ini;
 use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
 use machine::Axis;
 use machine::record::machine::Sense;
@@ -42,44 +40,7 @@ impl LinuxCnc {
     }
 }
 
-/// An INI file of LinuxCNC: sections, keys; of a key that comes twice the first counts.
-struct Ini(BTreeMap<(String, String), String>);
-
 impl Ini {
-    fn read(path: &Path) -> Result<Self, ControllerError> {
-        let text = std::fs::read_to_string(path).map_err(|error| ControllerError::NotReady {
-            state: format!("its INI file {}: {error}", path.display()),
-            remedy: "[controller] ini in the machine file is the file that LinuxCNC was started with, and this \
-                     user can read it"
-                .to_owned(),
-        })?;
-        Ok(Self::of(&text))
-    }
-
-    fn of(text: &str) -> Self {
-        let mut all = BTreeMap::new();
-        let mut section = String::new();
-        for line in text.lines().map(str::trim) {
-            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
-                section = name.to_owned();
-            } else if let Some((key, value)) =
-                line.split_once('=').filter(|_| !line.starts_with(['#', ';']))
-            {
-                let place = (section.clone(), key.trim().to_owned());
-                all.entry(place).or_insert_with(|| value.trim().to_owned());
-            }
-        }
-        Self(all)
-    }
-
-    fn text(&self, section: &str, key: &str) -> Option<&str> {
-        self.0.get(&(section.to_owned(), key.to_owned())).map(String::as_str)
-    }
-
-    fn number(&self, section: &str, key: &str) -> Option<f64> {
-        self.text(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
-    }
-
     /// Of `[TRAJ]COORDINATES`; a gantry names an axis twice.
     fn axes(&self) -> Vec<Axis> {
         let letters = self.text("TRAJ", "COORDINATES").unwrap_or_default().chars();
@@ -117,20 +78,22 @@ impl Ini {
 
     /// The axes of the table that its kinematics compute, and how they are counted.
     fn table(&self) -> Option<(&'static [Axis], Sense)> {
-        let module = self.text("KINS", "KINEMATICS")?.split_whitespace().next()?;
+        let module = self.kinematics_module()?;
         let known = TABLES.iter().find(|(name, ..)| *name == module);
         known.map(|(_, axes, sense)| (*axes, *sense))
     }
 
     fn remarks(&self) -> Vec<Remark> {
         let mut remarks = Vec::new();
-        let kinematics = self.text("KINS", "KINEMATICS").unwrap_or_default();
+        let kinematics = self.kinematics().unwrap_or_default();
+        // `prepare` reads the mode itself: the INI file has only the mode at the start.
         if kinematics.contains("trt") && !kinematics.contains("identityfirst") {
             let what = format!(
-                "its kinematics (`{kinematics}`) compensate the rotary axes when it starts: the axes are not \
-                 the joints"
+                "its kinematics (`{kinematics}`) compensate the rotary axes after a start of LinuxCNC: the \
+                 axes are not the joints"
             );
-            remarks.push(Remark::hinders(what, "enter M429 there, or write sparm=identityfirst"));
+            let remedy = "enter M429 before a measurement, or write sparm=identityfirst";
+            remarks.push(Remark::note(what, remedy));
         }
         if let Some((axes, Sense::Reversed)) = self.table() {
             let axes: Vec<String> = axes.iter().map(Axis::to_string).collect();
@@ -170,7 +133,8 @@ mod tests {
         assert_eq!(inches.axis(Axis::X, inches.mm_per_unit()).max, Some(7620.0));
         assert_eq!(inches.axis(Axis::B, inches.mm_per_unit()).max, Some(110.0));
         let compensating = Ini::of(&RIG.replace("sparm=identityfirst", ""));
-        assert!(compensating.remarks()[0].hinders);
+        let [mode, _] = &compensating.remarks()[..] else { panic!("{:?}", compensating.remarks()) };
+        assert!(!mode.hinders && mode.remedy.contains("M429"), "{mode:?}");
     }
     /// By hand from the modules' formulas, one axis at 90°: with `xyzbc-trt-kins` and C = 90° joints (0, 1) are
     /// the place (1, 0) of the workpiece: its X has turned to the machine's Y, right-handed.

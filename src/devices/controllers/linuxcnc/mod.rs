@@ -16,8 +16,11 @@
 //!   once, in `prepare`, by a program that moves nothing; afterwards the file is replaced and run
 //!   again. After an error nothing runs until `prepare` has done so anew.
 //! - A probe move that starts in contact does not move and reports a touch where it stands.
-//! - The axes are the joints: kinematics that can be switched must be in identity mode. It is looked
-//!   at after every block, as it shows only once rotary axes are away from zero.
+//! - The axes are the joints: kinematics that can be switched must be in identity mode. `prepare` reads
+//!   the mode from a HAL pin (`kinematics.rs`), as it does not show while all rotary axes are at zero;
+//!   after every block joints and axes are compared.
+//! - #5401 to #5409 hold the tool table's entry of the loaded tool, also with G49; `#<_tool_offset>` is 1
+//!   while an offset is active.
 //! - `get` is answered from a copy of the task's state. Of a frozen or killed task the copy stays as it
 //!   was, and the answers go on; motion goes on too, up to the end of what it has or to a contact. Only
 //!   a `set` waits for the task. So a program that seems to stand still is asked for a sign of life.
@@ -35,7 +38,9 @@ mod fault;
 mod files;
 #[cfg(test)]
 mod fuzz;
+mod ini;
 mod introduce;
+mod kinematics;
 mod prepare;
 mod result;
 mod rsh;

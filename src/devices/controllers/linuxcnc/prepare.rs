@@ -1,51 +1,85 @@
 //! What must hold before a LinuxCNC may measure. Nothing here moves the machine.
 
+use super::kinematics::SwitchPin;
 use crate::controllers::ControllerError;
+use machine::Axis;
 
-/// Looks at the state. Slot G59.3 (#5381 to #5386, rotation #5390) and tool length offset (#5401 to
-/// #5403) as in LinuxCNC's table of numbered parameters.
+/// X, Y, Z, A, B, C and the rotation.
+const SLOT_NUMBERS: usize = 7;
+
+/// Reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool length offset is active
+/// (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool instead), whether programs
+/// can read HAL pins, and the mode of switchable kinematics.
 pub(super) fn program(log: &str) -> String {
     format!(
-        "%\n(trued looks at the state; nothing moves)\n(LOGOPEN,{log})\n\
+        "%\n(trued reads the state; nothing moves)\n\
+         #<pins> = EXISTS[#<_hal[motion.probe-input]>]\n#<kinematics> = -1\n\
+         o<kinematics> if [EXISTS[#<_hal[motion.switchkins-type]>]]\n\
+         #<kinematics> = #<_hal[motion.switchkins-type]>\no<kinematics> endif\n\
+         (LOGOPEN,{log})\n\
          (LOG,state #<_vmajor> #<_spindle_on> #5381 #5382 #5383 #5384 #5385 #5386 #5390 \
-         #5401 #5402 #5403)\n(LOG,END)\n(LOGCLOSE)\n%\n"
+         #<_tool_offset> #<pins> #<kinematics>)\n(LOG,END)\n(LOGCLOSE)\n%\n"
     )
 }
 
-/// Judge the numbers of the line `state`; the version.
-pub(super) fn judge(state: &[f64]) -> Result<f64, ControllerError> {
-    let [version, spindle, rest @ ..] = state else {
+/// What the line `state` reports.
+#[derive(Debug, PartialEq)]
+pub(super) struct ReportedState {
+    pub version: f64,
+    pub kinematics: SwitchPin,
+}
+
+/// Judge the numbers of the line `state` of a machine with `axes`.
+pub(super) fn judge(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
+    let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
         return Err(ControllerError::Garbled { text: format!("state {state:?}") });
     };
-    if rest.len() != 10 {
+    if slot.len() != SLOT_NUMBERS {
         return Err(ControllerError::Garbled { text: format!("state {state:?}") });
     }
-    let (slot, tool) = rest.split_at(7);
     if *spindle != 0.0 {
         return Err(not_ready("the spindle is on", "stop the spindle: a stylus must not turn"));
     }
     if slot.iter().any(|offset| *offset != 0.0) {
         return Err(not_ready(
             "the work offset slot G59.3 is not zero",
-            "trued works in G59.3 and writes nothing to it: move your offset to another slot, then \
-             enter G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0",
+            &format!(
+                "trued works in G59.3 and writes nothing to it: move your offset to another slot, then \
+                 enter {}",
+                clear_slot(axes)
+            ),
         ));
     }
-    if tool.iter().any(|offset| *offset != 0.0) {
+    if *tool_offset != 0.0 {
         return Err(not_ready(
             "a tool length offset is active",
-            "enter G49; the length of the stylus stands in the machine file (tool_mm)",
+            "enter G49; the length of the stylus is tool_mm in the machine file",
         ));
     }
-    Ok(*version)
+    let kinematics = match (*pins != 0.0, *kinematics) {
+        (false, _) => SwitchPin::NotReadable,
+        (true, number) if number < 0.0 => SwitchPin::None,
+        (true, number) => SwitchPin::Type(number),
+    };
+    Ok(ReportedState { version: *version, kinematics })
 }
 
-/// Judge what linuxcncrsh says of stop, power and homing; at least `joints` must be homed.
+/// The line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the machine
+/// does not have.
+pub(super) fn clear_slot(axes: &[Axis]) -> String {
+    let axes = axes.iter().filter(|axis| **axis != Axis::S);
+    let words: String = axes.map(|axis| format!("{axis}0 ")).collect();
+    format!("G10 L2 P9 {words}R0")
+}
+
+/// Judge what linuxcncrsh reports of stop, power and homing of a machine with `axes`; `joints` is their
+/// number, where it is known.
 pub(super) fn judge_switches(
     estop: &str,
     machine: &str,
     homed: &str,
-    joints: usize,
+    axes: &[Axis],
+    joints: Option<usize>,
 ) -> Result<(), ControllerError> {
     if estop != "OFF" {
         return Err(not_ready("the emergency stop is pressed", "release it at the machine"));
@@ -53,10 +87,16 @@ pub(super) fn judge_switches(
     if machine != "ON" {
         return Err(not_ready("the machine is off", "switch it on at the control"));
     }
-    if homed.split_whitespace().take_while(|joint| *joint == "YES").count() < joints {
-        return Err(not_ready("it is not homed", "home all axes at the control"));
+    let homed: Vec<&str> = homed.split_whitespace().collect();
+    let axes = axes.iter().filter(|axis| **axis != Axis::S).count();
+    // linuxcncrsh (2.9) lists one joint more than there are.
+    let joints = joints.unwrap_or(homed.len().saturating_sub(1)).max(axes);
+    match (0..joints).find(|joint| homed.get(*joint) != Some(&"YES")) {
+        None => Ok(()),
+        Some(joint) => {
+            Err(not_ready(&format!("joint {joint} is not homed"), "home all joints at the control"))
+        }
     }
-    Ok(())
 }
 
 pub(super) fn not_ready(state: &str, remedy: &str) -> ControllerError {
@@ -67,24 +107,52 @@ pub(super) fn not_ready(state: &str, remedy: &str) -> ControllerError {
 mod tests {
     use super::*;
 
+    const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
+
     #[test]
     fn each_thing_that_is_not_as_it_must_be_is_named() {
-        let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        assert_eq!(judge(&clean).unwrap(), 2.9);
-        for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool"), (11, "tool")] {
+        let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let reported = ReportedState { version: 2.9, kinematics: SwitchPin::Type(0.0) };
+        assert_eq!(judge(&clean, &AXES).unwrap(), reported);
+        for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool")] {
             let mut state = clean;
             state[at] = 1.0;
-            let error = judge(&state).unwrap_err().to_string();
+            let error = judge(&state, &AXES).unwrap_err().to_string();
             assert!(error.contains(named), "{at}: {error}");
         }
-        assert!(judge(&clean[..11]).is_err());
+        assert!(judge(&clean[..11], &AXES).is_err());
     }
 
     #[test]
-    fn a_joint_that_is_not_homed_is_seen() {
-        assert!(judge_switches("OFF", "ON", "YES YES YES YES YES NO", 5).is_ok());
-        assert!(judge_switches("OFF", "ON", "YES YES NO YES YES NO", 5).is_err());
-        assert!(judge_switches("ON", "ON", "YES", 1).is_err());
-        assert!(judge_switches("OFF", "OFF", "YES", 1).is_err());
+    fn pins_that_are_not_readable_are_told_from_kinematics_without_modes() {
+        for (pins, number, expected) in [
+            (0.0, -1.0, SwitchPin::NotReadable),
+            (1.0, -1.0, SwitchPin::None),
+            (1.0, 1.0, SwitchPin::Type(1.0)),
+        ] {
+            let state = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pins, number];
+            assert_eq!(judge(&state, &AXES).unwrap().kinematics, expected);
+        }
+    }
+
+    #[test]
+    fn the_line_that_clears_the_slot_names_the_axes_of_the_machine() {
+        let axes = [&AXES[..], &[Axis::S]].concat();
+        assert_eq!(clear_slot(&axes), "G10 L2 P9 X0 Y0 Z0 B0 C0 R0");
+    }
+
+    #[test]
+    fn a_joint_that_is_not_homed_is_named() {
+        let judge = |homed, joints| judge_switches("OFF", "ON", homed, &AXES, joints);
+        assert!(judge("YES YES YES YES YES NO", None).is_ok());
+        assert!(judge("YES YES YES YES YES NO", Some(5)).is_ok());
+        let error = judge("YES YES NO YES YES NO", None).unwrap_err().to_string();
+        assert!(error.contains("joint 2"), "{error}");
+        // A gantry has more joints than axes.
+        assert!(judge("YES YES YES YES YES NO NO", None).is_err());
+        assert!(judge("YES YES YES YES YES NO", Some(6)).is_err());
+        assert!(judge("YES YES", None).is_err());
+        assert!(judge_switches("ON", "ON", "YES", &AXES[..1], None).is_err());
+        assert!(judge_switches("OFF", "OFF", "YES", &AXES[..1], None).is_err());
     }
 }

@@ -2,6 +2,7 @@
 //! odd. What the real one does is tried in `tests/interop/linuxcnc`.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -21,10 +22,14 @@ use planning::proof::{ProvenBlock, prove_modes};
 /// Asked before the healthy control is: the connection (the second is the one for holds), the line.
 type Odd = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
 
+/// The numbers of the line `state`: no offset, kinematics of type 0.
+const READY: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
+
 /// What became of the machine.
 #[derive(Default)]
 struct Machine {
     program: String,
+    state: &'static str,
     /// The log of its programs that move, and where they end; without it they go on and on.
     ends: Option<(&'static str, f64)>,
     moves: bool,
@@ -37,7 +42,7 @@ impl Machine {
         let text = fs::read_to_string(&self.program).unwrap();
         let log = text.split("(LOGOPEN,").nth(1).unwrap().split(')').next().unwrap();
         if text.contains("(LOG,state") {
-            fs::write(log, "state 2.9 0 0 0 0 0 0 0 0 0 0 0\nEND\n").unwrap();
+            fs::write(log, format!("state {}\nEND\n", self.state)).unwrap();
         } else if let Some((says, x)) = self.ends {
             fs::write(log, says).unwrap();
             self.x = x;
@@ -112,7 +117,18 @@ async fn prepared(
     ends: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
 ) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
-    let machine = Arc::new(Mutex::new(Machine { ends, ..Machine::default() }));
+    let (mut driver, halt, machine) = opened(directory, ends, odd).await;
+    driver.prepare().await.unwrap();
+    (driver, halt, machine)
+}
+
+/// A driver that is not prepared yet, its halt, and the machine.
+async fn opened(
+    directory: &tempfile::TempDir,
+    ends: Option<(&'static str, f64)>,
+    odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
+) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
+    let machine = Arc::new(Mutex::new(Machine { ends, state: READY, ..Machine::default() }));
     let odd: Arc<Mutex<Odd>> = Arc::new(Mutex::new(Box::new(odd)));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -127,14 +143,18 @@ async fn prepared(
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: directory.path().to_owned(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
-        ini: None,
+        ini: Some(rig_ini()),
     };
     let dialect = dialect("linuxcnc").unwrap();
     let log = log_name(directory.path());
     let modes = prove_modes(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
-    let (mut driver, halt) = LinuxCnc::open(settings, modes).await.unwrap();
-    driver.prepare().await.unwrap();
+    let (driver, halt) = LinuxCnc::open(settings, modes).await.unwrap();
     (driver, halt, machine)
+}
+
+/// Kinematics `xyzbc-trt-kins sparm=identityfirst`, five joints.
+fn rig_ini() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/peers/linuxcnc/rig.ini")
 }
 
 fn to(x_mm: f64) -> Position {
@@ -256,4 +276,55 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let error =
         driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
+}
+
+/// At B = C = 0 each axis is where its joint is in every mode.
+#[tokio::test]
+async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut driver, _, machine) = opened(&directory, None, |_, _| None).await;
+    for (state, ini, expected) in [
+        ("2.9 0 0 0 0 0 0 0 0 0 1 1", Some(rig_ini()), Some("M429")),
+        // HAL pins are not readable; no INI file says what the numbers mean.
+        ("2.9 0 0 0 0 0 0 0 0 0 0 -1", Some(rig_ini()), Some("HAL_PIN_VARS")),
+        (READY, None, Some("[controller] ini")),
+        (READY, Some(rig_ini()), None),
+    ] {
+        machine.lock().unwrap().state = state;
+        driver.settings.ini = ini;
+        match (driver.prepare().await, expected) {
+            (Ok(_), None) => {}
+            (Err(ControllerError::NotReady { state, remedy }), Some(expected)) => {
+                assert!(state.contains("kinematics"), "{state}");
+                assert!(remedy.contains(expected), "{remedy}");
+            }
+            (outcome, _) => panic!("{state}: {outcome:?}"),
+        }
+    }
+}
+
+/// The rotary axes are away from zero and the axes are the joints: that is identity, whatever the INI file says.
+#[tokio::test]
+async fn identity_that_shows_needs_no_ini_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut driver, ..) = opened(&directory, None, |_, line| match line {
+        "get ABS_ACT_POS" => Some("ABS_ACT_POS 20.0 30.0 10.0 0.0 5.0 12.0\r\n"),
+        "get JOINT_POS" => Some("JOINT_POS 20.0 30.0 10.0 5.0 12.0 0.0\r\n"),
+        _ => None,
+    })
+    .await;
+    driver.settings.ini = None;
+    driver.prepare().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_joint_beyond_the_axes_must_be_homed_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut driver, ..) = opened(&directory, None, |_, line| {
+        (line == "get JOINT_HOMED").then_some("JOINT_HOMED YES YES YES YES YES NO YES\r\n")
+    })
+    .await;
+    driver.settings.ini = None;
+    let error = driver.prepare().await.unwrap_err();
+    assert!(error.to_string().contains("joint 5 is not homed"), "{error}");
 }

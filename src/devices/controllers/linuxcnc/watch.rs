@@ -13,6 +13,8 @@ use super::result::Log;
 use super::rsh::Rsh;
 use super::state;
 use crate::controllers::{ControllerError, Halt};
+use machine::record::motion::Motion;
+use planning::gcode::Unit;
 
 /// LinuxCNC's task runs every 5 ms in its own samples.
 const POLL: Duration = Duration::from_millis(4);
@@ -28,6 +30,18 @@ const BRAKES: Duration = Duration::from_secs(5);
 /// A task shows its state anew within this, and feedback is so quiet at rest, mm or degrees.
 const SHOWN: Duration = Duration::from_millis(30);
 const AT_REST: f64 = 0.01;
+
+/// How long a program stands still by itself.
+pub(super) fn rests(part: &Unit) -> Duration {
+    let seconds = part.motions.iter().map(|motion| match motion {
+        Motion::Dwell { seconds } => seconds.max(0.0),
+        // As long as the dialect lets it take.
+        Motion::Orient { .. } => 20.0,
+        _ => 0.0,
+    });
+    let seconds = seconds.sum::<f64>() + part.clamps_rest_s;
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+}
 
 /// Run the program that is open and wait until it stands still; `rests` is how long it may do
 /// nothing, and more. What has ended is told, also if `halt` came beside it.
