@@ -98,6 +98,7 @@ pub fn trials() -> Trials {
             states::it_introduces_itself,
             states::kinematics_that_compensate_are_refused,
             states::an_active_tool_length_offset_is_refused,
+            states::a_contact_in_a_turn_stops_it,
             states::another_speed_is_refused,
             states::another_program_is_not_run,
             states::what_holds_it_is_named,

@@ -122,6 +122,30 @@ pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
     })
 }
 
+/// It stops within a degree: the stylus is pressed while the table turns at feed.
+pub fn a_contact_in_a_turn_stops_it() -> Result<(), Failed> {
+    let rig = rig()?;
+    run(async {
+        let (mut driver, _halt) = open(&rig).await?;
+        driver.prepare().await?;
+        let turn = Position::new().with(Axis::C, 1.0);
+        let motions =
+            vec![Motion::Rapid { to: z(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
+        let presses = async {
+            while rig.joint(4)? < 5.0 {
+                sleep(Duration::from_millis(2)).await;
+            }
+            rig.make_true("stuck", 1.0)
+        };
+        let block = proven(&driver, &Block { step: 3, repeat: 0, motions });
+        let (hit, pressed) = tokio::join!(driver.execute(block), presses);
+        pressed?;
+        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
+        let c = rig.stands()?[4];
+        if c < 7.0 { Ok(()) } else { Err(format!("C stands at {c}").into()) }
+    })
+}
+
 pub fn another_speed_is_refused() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {

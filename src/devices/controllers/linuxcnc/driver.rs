@@ -11,6 +11,7 @@ use super::ini::Ini;
 use super::prepare::{self, not_ready};
 use super::result::{Log, Verdict};
 use super::rsh::Rsh;
+use super::watch::Watched;
 use super::{Sampler, kinematics, state, watch, way};
 use crate::controllers::{
     ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival,
@@ -27,6 +28,9 @@ const ON_THE_WIRE: Duration = Duration::from_millis(20);
 /// An axis stands where it was sent within this.
 const SETTLES: Duration = Duration::from_millis(500);
 const STEP_OF_NO_BLOCK: u32 = 0;
+/// A program that moves nothing.
+const WITHOUT_MOTION: Watched<'_> =
+    Watched { step: STEP_OF_NO_BLOCK, rests: Duration::ZERO, turns_to: None };
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Where it is and what it has.
@@ -129,9 +133,7 @@ impl LinuxCnc {
         self.rsh.command("mode auto").await?;
         self.files.write(&prepare::program(&self.files.log_name()))?;
         self.rsh.command(&format!("open {}", self.files.program_name())).await?;
-        let log =
-            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
-                .await?;
+        let log = watch::run(&mut self.rsh, &self.files, &self.halt, WITHOUT_MOTION).await?;
         if !log.ended {
             self.files.expect_log()?;
             return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
@@ -208,8 +210,10 @@ impl LinuxCnc {
         state::opened(&mut self.rsh, &self.files.program_name()).await?;
         self.files.write(&part.text)?;
         self.refuse_if_halted()?;
-        let rests = watch::rests(part);
-        let log = match watch::run(&mut self.rsh, &self.files, &self.halt, step, rests).await {
+        // The contact, seen while an axis turns, must stop it (`planning::turning`).
+        let ends = way::end_of_turns(&part.motions);
+        let watched = Watched { step, rests: watch::rests(part), turns_to: ends.as_ref() };
+        let log = match watch::run(&mut self.rsh, &self.files, &self.halt, watched).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refused(&mut self.rsh, refusal).await);
             }
@@ -222,6 +226,10 @@ impl LinuxCnc {
             self.probe_is_open(step).await?;
         }
         state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
+        if part.motions.iter().any(touches) {
+            // It may have changed since the part began.
+            state::full_speed(&mut self.rsh).await?;
+        }
         self.arrived(step, part).await?;
         self.touched(step, part, log.verdict)
     }
@@ -280,9 +288,7 @@ impl LinuxCnc {
     async fn switch(&mut self, program: &str) -> Result<(), ControllerError> {
         self.files.write(program)?;
         self.refuse_if_halted()?;
-        let log =
-            watch::run(&mut self.rsh, &self.files, &self.halt, STEP_OF_NO_BLOCK, Duration::ZERO)
-                .await?;
+        let log = watch::run(&mut self.rsh, &self.files, &self.halt, WITHOUT_MOTION).await?;
         if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
     }
 

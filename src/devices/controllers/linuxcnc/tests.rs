@@ -318,6 +318,61 @@ async fn identity_that_shows_needs_no_ini_file() {
 }
 
 #[tokio::test]
+async fn a_touch_at_another_feed_override_is_not_kept() {
+    let directory = tempfile::tempdir().unwrap();
+    let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
+    let mut runs = 0;
+    let (mut driver, ..) = prepared(&directory, Some((touch, 28.0)), move |_, line| {
+        runs += u32::from(line == "set run");
+        // The first program moves nothing.
+        (line == "get FEED_OVERRIDE" && runs > 1).then_some("FEED_OVERRIDE 120\r\n")
+    })
+    .await;
+    let motions =
+        vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
+    let error =
+        driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
+    assert!(error.to_string().contains("at 120 %"), "{error}");
+}
+
+/// LinuxCNC aborts at the edge of the input by itself; this holds where it does not.
+#[tokio::test]
+async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut runs = 0;
+    let (mut driver, _, machine) = prepared(&directory, None, move |_, line| {
+        runs += u32::from(line == "set run");
+        (line == "get PROBE_VALUE" && runs > 1).then_some("PROBE_VALUE 1\r\n")
+    })
+    .await;
+    let turn = Position::new().with(Axis::C, 1.0);
+    let motions = vec![Motion::Feed { to: turn, feed_mm_min: 60.0 }];
+    let block = proven(&driver, &Block { step: 4, repeat: 0, motions });
+    let executed = tokio::time::timeout(Duration::from_secs(2), driver.execute(block)).await;
+    let error = executed.expect("it runs on").unwrap_err();
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 4 }), "{error}");
+    let machine = machine.lock().unwrap();
+    assert!(!machine.moves && machine.aborts == 1, "{} aborts", machine.aborts);
+}
+
+#[tokio::test]
+async fn the_touch_after_a_turn_is_no_unexpected_contact() {
+    let directory = tempfile::tempdir().unwrap();
+    let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
+    let mut runs = 0;
+    let (mut driver, ..) = prepared(&directory, Some((touch, 28.0)), move |_, line| {
+        runs += u32::from(line == "set run");
+        (line == "get PROBE_VALUE" && runs > 1).then_some("PROBE_VALUE 1\r\n")
+    })
+    .await;
+    let turn = Motion::Feed { to: Position::new().with(Axis::C, 0.0), feed_mm_min: 60.0 };
+    let motions = vec![turn, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
+    let block = proven(&driver, &Block { step: 1, repeat: 0, motions });
+    let outcome = driver.execute(block).await.unwrap();
+    assert_eq!(outcome.touch.unwrap().at(Axis::X), 28.0);
+}
+
+#[tokio::test]
 async fn a_joint_beyond_the_axes_must_be_homed_too() {
     let directory = tempfile::tempdir().unwrap();
     let (mut driver, ..) = opened(&directory, None, |_, line| {

@@ -11,9 +11,10 @@ use tokio::time::{Instant, sleep};
 use super::files::Files;
 use super::result::Log;
 use super::rsh::Rsh;
-use super::state;
+use super::{state, way};
 use crate::controllers::{ControllerError, Halt};
 use machine::record::motion::Motion;
+use machine::{Axis, Position};
 use planning::gcode::Unit;
 
 /// LinuxCNC's task runs every 5 ms in its own samples.
@@ -31,6 +32,16 @@ const BRAKES: Duration = Duration::from_secs(5);
 const SHOWN: Duration = Duration::from_millis(30);
 const AT_REST: f64 = 0.01;
 
+/// The program that is watched.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Watched<'a> {
+    pub step: u32,
+    /// How long it may do nothing, beside [`STALL`].
+    pub rests: Duration,
+    /// Where its rotary axes end, if it turns one at feed: a contact before they are there is unexpected.
+    pub turns_to: Option<&'a Position>,
+}
+
 /// How long a program stands still by itself.
 pub(super) fn rests(part: &Unit) -> Duration {
     let seconds = part.motions.iter().map(|motion| match motion {
@@ -43,20 +54,28 @@ pub(super) fn rests(part: &Unit) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
 }
 
-/// Run the program that is open and wait until it stands still; `rests` is how long it may do
-/// nothing, and more. What has ended is told, also if `halt` came beside it.
+/// Run the program that is open and wait until it stands still. What has ended is told, also if `halt`
+/// came beside it.
+///
+/// # Errors
+/// A contact, where the probe is read; what holds the program; a halt; the link.
 pub(super) async fn run(
     rsh: &mut Rsh,
     files: &Files,
     halt: &Halt,
-    step: u32,
-    rests: Duration,
+    watched: Watched<'_>,
 ) -> Result<Log, ControllerError> {
+    let Watched { step, rests, turns_to } = watched;
     rsh.command("run").await?;
     let (mut idle_since, mut settled) = (None, false);
     let mut halted_since = None;
     let mut still = Still::now();
     loop {
+        if let Some(ends) = turns_to
+            && touches_in_turn(rsh, ends).await?
+        {
+            return Err(ControllerError::UnexpectedContact { step });
+        }
         let status = rsh.get("program_status").await?;
         let log = files.log(step)?;
         match status.as_str() {
@@ -87,6 +106,17 @@ pub(super) async fn run(
         }
         sleep(POLL).await;
     }
+}
+
+/// Whether the probe reads closed before the rotary axes have come to `ends`. The touch of the same program
+/// begins after that.
+async fn touches_in_turn(rsh: &mut Rsh, ends: &Position) -> Result<bool, ControllerError> {
+    if rsh.get("probe_value").await? == "0" {
+        return Ok(false);
+    }
+    let axes: Vec<Axis> = ends.iter().map(|(axis, _)| axis).collect();
+    let stands = state::stands(rsh, &axes).await?;
+    Ok(way::away_from(ends, &stands).is_some())
 }
 
 /// How long nothing has changed.

@@ -4,8 +4,8 @@
 use std::f64::consts::TAU;
 
 use crate::controllers::{ControllerError, arrival};
-use machine::Position;
 use machine::record::motion::Motion;
+use machine::{Axis, Position};
 
 /// That the machine `stands` where `motions` end; a probing move ends where its contact is.
 pub(super) fn astray(motions: &[Motion], stands: &Position) -> Option<ControllerError> {
@@ -13,8 +13,22 @@ pub(super) fn astray(motions: &[Motion], stands: &Position) -> Option<Controller
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
         return None;
     }
-    let end = after(motions);
-    arrival::astray(&end, &turned(stands, &end), |axis| arrival::tolerance(axis, None))
+    away_from(&after(motions), stands)
+}
+
+/// That the machine `stands` elsewhere than at `end`.
+pub(super) fn away_from(end: &Position, stands: &Position) -> Option<ControllerError> {
+    arrival::astray(end, &turned(stands, end), |axis| arrival::tolerance(axis, None))
+}
+
+/// Where the rotary axes of `motions` end, if one of them turns at feed.
+pub(super) fn end_of_turns(motions: &[Motion]) -> Option<Position> {
+    let is_rotary = |axis: Axis| !axis.is_linear() && axis != Axis::S;
+    let turns_at_feed = motions.iter().any(|motion| match motion {
+        Motion::Feed { to, .. } => to.iter().any(|(axis, _)| is_rotary(axis)),
+        _ => false,
+    });
+    turns_at_feed.then(|| after(motions).only(is_rotary))
 }
 
 /// That the contact at `at` lies between where the probing move of `motions` began and its target.
@@ -61,7 +75,6 @@ fn turned(stands: &Position, end: &Position) -> Position {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use machine::Axis;
 
     fn at(x: f64, c_deg: f64) -> Position {
         Position::new().with(Axis::X, x).with(Axis::C, c_deg.to_radians())
