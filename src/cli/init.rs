@@ -16,7 +16,7 @@ pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
         return Err(there_already(file));
     }
     let draft = Draft {
-        controller: controller(args),
+        controller: controller(args, ini_file(args.ini.as_deref())?),
         name: args.name.clone(),
         topology: args.topology.clone(),
     };
@@ -33,8 +33,21 @@ pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// `[controller]` as it was typed.
-fn controller(args: &InitArgs) -> toml::Table {
+/// The absolute path of LinuxCNC's INI file: the machine file is read from other folders too.
+fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
+    let Some(path) = path else { return Ok(None) };
+    match path.canonicalize() {
+        Ok(path) if path.is_file() => Ok(Some(path.display().to_string())),
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::file(path, &error)),
+        _ => Err(Failure::new(
+            format!("--ini: there is no such file: {}", path.display()),
+            "give the path of the INI file that LinuxCNC was started with",
+        )),
+    }
+}
+
+/// `[controller]` as it was typed, with the path of the INI file.
+fn controller(args: &InitArgs, ini: Option<String>) -> toml::Table {
     let text = |value: &Option<String>| value.clone().map(toml::Value::String);
     let number = |value: Option<u32>| value.map(|value| toml::Value::Integer(value.into()));
     let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
@@ -47,7 +60,7 @@ fn controller(args: &InitArgs) -> toml::Table {
         ("tcp", text(&args.tcp)),
         ("unit", number(args.unit.map(u32::from))),
         ("program_dir", text(&path(&args.program_dir))),
-        ("ini", text(&path(&args.ini))),
+        ("ini", text(&ini)),
         ("dialect", text(&args.dialect)),
     ];
     keys.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
@@ -89,4 +102,18 @@ fn there_already(file: &Path) -> Failure {
         format!("{} is there already", file.display()),
         "a machine file is never overwritten: give another name, or move it away",
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_of_the_ini_file_is_absolute_and_must_be_there() {
+        let here = ini_file(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
+        assert!(Path::new(&here).is_absolute() && here.ends_with("/rig.ini"), "{here}");
+        let failure = ini_file(Some(Path::new("tests/peers"))).unwrap_err();
+        assert!(failure.what.starts_with("--ini: there is no such file"), "{}", failure.what);
+        assert_eq!(ini_file(None).unwrap(), None);
+    }
 }

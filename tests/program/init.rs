@@ -108,10 +108,21 @@ fn regress_a_missing_folder_of_programs_is_told_by_its_option() {
     assert!(said(&init).contains("--program-dir <DIR>"), "{}", said(&init));
 }
 
+fn regress_a_missing_ini_file_is_named_by_its_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let programs = folder.path().display().to_string();
+    let at = ["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1", "--program-dir", &programs];
+    let init = trued(&[&at[..], &["--ini", "none.ini"]].concat());
+    assert_eq!(init.status.code(), Some(1), "{}", said(&init));
+    assert!(said(&init).contains("--ini: there is no such file: none.ini"), "{}", said(&init));
+    assert!(!said(&init).contains("--search"), "{}", said(&init));
+}
+
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
         a_grbl_writes_most_of_its_machine_file,
         a_window_of_registers_tells_less_and_that_is_said,
         regress_a_missing_folder_of_programs_is_told_by_its_option,
+        regress_a_missing_ini_file_is_named_by_its_option,
     ]
 }
