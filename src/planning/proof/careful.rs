@@ -64,7 +64,16 @@ impl Walk<'_> {
         let ends = self.stands().updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
         let known = motion.target.iter().all(|(axis, _)| self.stands().get(axis).is_some());
-        if turns || !known || rules::length(self.stands(), &ends, SHORT_MM).is_err() {
+        let dialect = self.request().dialect;
+        let is_at = |place: &Position| rules::differs(self.stands(), place, dialect).is_none();
+        // A machine may already be over a step to within rounding; where the touch begins, the touch follows.
+        let replaces_touch =
+            is_at(&motion.target) && self.step().is_some_and(|step| is_at(&step.from));
+        if turns
+            || !known
+            || replaces_touch
+            || rules::length(self.stands(), &ends, SHORT_MM).is_err()
+        {
             return Err(Reason::FeedMove);
         }
         let care = self.guarded_care();
