@@ -140,6 +140,7 @@ fn lines(axis: Axis, says: AxisSays) -> Value {
         ("positive", Value::from(positive(says.positive.unwrap_or_default()))),
         ("unit", Value::from(if turns { "degrees" } else { "mm" })),
         ("unhomed", Value::from(turns && says.homes == Some(false))),
+        ("homing_unknown", Value::from(turns && says.homes.is_none())),
         ("ends", Value::from(ends.is_some())),
         ("travel", Value::from(says.travel)),
         ("min", Value::from(min)),

@@ -67,6 +67,24 @@ fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
 }
 
 #[test]
+fn regress_whether_a_rotary_axis_is_homed_is_left_to_the_operator_where_it_is_not_told() {
+    use machine::record::machine::Homing;
+    for (homes, homing, comments) in
+        [(None, Homing::Switch, 2), (Some(true), Homing::Switch, 0), (Some(false), Homing::None, 0)]
+    {
+        let mut said = said("XYZBC");
+        for axis in [Axis::B, Axis::C] {
+            said.axes.get_mut(&axis).unwrap().homes = homes;
+        }
+        let text = draft(GRBL, None).write(&said).unwrap();
+        let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
+        assert_eq!(file.machine.axes[&Axis::C].homing, homing, "{text}");
+        assert_eq!(text.matches("# YOURS: whether the control homes it").count(), comments);
+        assert_eq!(text.matches("\n# homing = \"none\"").count(), comments);
+    }
+}
+
+#[test]
 fn regress_the_sense_that_the_control_tells_is_taken_and_any_other_is_marked() {
     let mut said = said("XYZBC");
     said.axes.get_mut(&Axis::C).unwrap().positive = Some(Sense::Reversed);

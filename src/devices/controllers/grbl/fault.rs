@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::message::{Message, Status, error_meaning};
-use crate::controllers::ControllerError;
+use super::message::{Message, Overrides, Status, error_meaning};
+use crate::controllers::{ControllerError, Remark};
 
 pub(super) fn refused(line: &str, code: u32) -> ControllerError {
     ControllerError::Refused {
@@ -47,6 +47,17 @@ pub(super) fn not_ready(status: &Status) -> ControllerError {
         _ => "bring the control to Idle",
     };
     ControllerError::NotReady { state: state_of(status), remedy: remedy.to_owned() }
+}
+
+/// Touches at another feed than the planned one have another latch delay and overtravel.
+pub(super) fn overridden(now: Overrides) -> Option<Remark> {
+    let Overrides { feed, rapid } = now;
+    (feed != 100.0 || rapid != 100.0).then(|| {
+        Remark::hinders(
+            format!("its overrides are not 100 %: feed {feed} %, rapid {rapid} %"),
+            "set both overrides to 100 % at the control, start again",
+        )
+    })
 }
 
 pub(super) fn state_of(status: &Status) -> String {

@@ -1,11 +1,11 @@
-//! What it says of itself: `$I` and its settings, `$$`. Numbers and meanings are grblHAL's (`settings.h`);
-//! where an axis' travel lies follows from how it is homed (`machine_limits.c`).
+//! What it says of itself: `$I` and its settings, `$$`. Numbers and meanings are grblHAL's (`settings.h`).
 
 use super::built::Built;
 use super::driver::Grbl;
-
+use super::fault::not_ready;
+use super::homing::{homed_mask, is_homed_axis, travel_ends};
 use super::readiness;
-use super::settings::{HOMING, SWITCH_IS_ZERO, Settings};
+use super::settings::Settings;
 use crate::controllers::{AxisSays, ControllerError, Introduction};
 use machine::Axis;
 
@@ -14,24 +14,34 @@ const SHOWN: f64 = 0.001;
 impl Grbl {
     pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
         if !self.ready {
-            self.wire.wake().await?;
+            let status = self.wire.wake().await?;
+            // It refuses `$I` while it moves.
+            if matches!(status.state.as_str(), "Run" | "Jog" | "Home") {
+                return Err(not_ready(&status));
+            }
         }
         let built = self.built().await?;
         let settings = self.settings().await?;
         let axes = built.axes();
-        let mut said = introduction(&built, &settings, &self.homed_axes);
-        said.remarks.extend(self.readiness_of_state(&built).await?);
+        let state = self.readiness_of_state(&built).await?;
         let (modes, offsets) = (self.wire.ask("$G").await?, self.wire.ask("$#").await?);
-        said.remarks.extend(readiness::of_modes(&modes));
         let needed = &self.homed_axes;
+        let mut said = introduction(&built, &settings, homed_mask(&offsets), needed);
+        said.remarks.extend(state);
+        said.remarks.extend(readiness::of_modes(&modes));
         said.remarks.extend(readiness::homed(&built, &settings, &axes, needed, &offsets));
         Ok(said)
     }
 }
 
-fn introduction(built: &Built, settings: &Settings, homed_axes: &[Axis]) -> Introduction {
+fn introduction(
+    built: &Built,
+    settings: &Settings,
+    homed_mask: u32,
+    homed_axes: &[Axis],
+) -> Introduction {
     let axes = built.axes();
-    let says = axes.iter().map(|(axis, place)| (*axis, axis_says(built, settings, *place)));
+    let says = axes.iter().map(|axis| (axis.0, axis_says(built, settings, *axis, homed_mask)));
     Introduction {
         identity: built.identity(),
         axes: says.collect(),
@@ -42,35 +52,32 @@ fn introduction(built: &Built, settings: &Settings, homed_axes: &[Axis]) -> Intr
     }
 }
 
-fn axis_says(built: &Built, settings: &Settings, place: u16) -> AxisSays {
+/// Classic Grbl does not say at which end its zero lies: that is compiled in.
+fn axis_says(
+    built: &Built,
+    settings: &Settings,
+    (axis, place): (Axis, u16),
+    homed_mask: u32,
+) -> AxisSays {
     let above = |number: u16| settings.value(number + place).filter(|value| *value > 0.0);
-    let ends = ends(built, settings, place);
+    let ends = match built.classic {
+        true => None,
+        false => travel_ends(settings, (axis, place), homed_mask),
+    };
+    let homes = match built.classic {
+        true => None,
+        false => is_homed_axis(settings, place, homed_mask),
+    };
     AxisSays {
         min: ends.map(|(min, _)| min),
         max: ends.map(|(_, max)| max),
         travel: above(130),
-        homes: (!built.classic).then(|| settings.has(22, HOMING) && settings.homes(place)),
+        homes,
         rapid_per_min: above(110),
         acceleration_per_s2: above(120),
         step: above(100).map(|steps| SHOWN.max(1.0 / steps)),
         positive: None,
     }
-}
-
-/// Where the travel lies in machine coordinates, once the axis is homed. Classic Grbl does not say at which
-/// end its zero lies: that is compiled in.
-fn ends(built: &Built, settings: &Settings, place: u16) -> Option<(f64, f64)> {
-    let travel = settings.value(130 + place).filter(|travel| *travel > 0.0)?;
-    if built.classic || !settings.has(22, HOMING) || !settings.homes(place) {
-        return None;
-    }
-    // With limit switches in force it stays clear of them.
-    let clear = if settings.has(21, 1) { settings.value(27)? } else { 0.0 };
-    Some(match (settings.has(22, SWITCH_IS_ZERO), settings.has(23, 1 << place)) {
-        (true, true) => (0.0, travel - clear),
-        (true, false) => (clear - travel, 0.0),
-        (false, _) => (clear - travel, -clear),
-    })
 }
 
 #[cfg(test)]
@@ -85,7 +92,7 @@ mod tests {
             _ => None,
         });
         let axes: Vec<Axis> = built.axes().into_iter().map(|(axis, _)| axis).collect();
-        introduction(&built, &Settings(settings.collect()), &axes)
+        introduction(&built, &Settings(settings.collect()), 0, &axes)
     }
 
     fn ends(said: &Introduction, axis: Axis) -> (f64, f64) {

@@ -16,6 +16,7 @@ mod driver;
 mod fault;
 #[cfg(test)]
 mod fuzz;
+mod homing;
 mod introduce;
 mod message;
 mod prepare;

@@ -3,8 +3,10 @@
 
 use super::built::Built;
 use super::driver::Grbl;
-use super::message::{Message, Overrides};
-use super::settings::{BY_HAND, HOMING, Settings};
+use super::fault::overridden;
+use super::homing::{HomedBy, homed_by, homed_mask};
+use super::message::Message;
+use super::settings::{HOMING, Settings};
 use crate::controllers::{ControllerError, Remark};
 use machine::Axis;
 
@@ -90,7 +92,8 @@ pub(super) fn of_settings(
                     no travel and no body of the machine file lies where it says";
         hinders(
             what.to_owned(),
-            "fit homing switches and enter $22=1, or home by hand with $22=33",
+            "fit homing switches and enter $22=1, or home by hand with $22=33; `trued init` can read where \
+             the travel lies only after that",
         );
     }
     if settings.value(20).unwrap_or_default() == 0.0 {
@@ -121,12 +124,9 @@ fn without_switch(
     axes: &[(Axis, u16)],
     homed_axes: &[Axis],
 ) -> Option<Remark> {
-    let told = (44..50).any(|cycle| settings.value(cycle).is_some());
-    if !told || !settings.has(22, HOMING) || settings.has(22, BY_HAND) {
-        return None;
-    }
-    let is_lost =
-        |(axis, place): &&(Axis, u16)| homed_axes.contains(axis) && !settings.homes(*place);
+    let is_lost = |(axis, place): &&(Axis, u16)| {
+        homed_axes.contains(axis) && homed_by(settings, *place) == HomedBy::Nothing
+    };
     let lost: Vec<&(Axis, u16)> = axes.iter().filter(is_lost).collect();
     (!lost.is_empty()).then(|| {
         let what = format!(
@@ -156,11 +156,7 @@ pub(super) fn homed(
             Remark::note(what, "home it before each measurement ($H), do not unlock it ($X)")
         });
     }
-    let mask = offsets.iter().find_map(|message| match message {
-        Message::Homed(mask) => Some(*mask),
-        _ => None,
-    });
-    let mask = mask.unwrap_or(0);
+    let mask = homed_mask(offsets);
     let is_lost =
         |(axis, place): &&(Axis, u16)| homed_axes.contains(axis) && mask >> place & 1 == 0;
     let lost: Vec<&(Axis, u16)> = axes.iter().filter(is_lost).collect();
@@ -186,17 +182,6 @@ pub(super) fn refuse(remarks: impl IntoIterator<Item = Remark>) -> Result<(), Co
 
 fn names(axes: &[&(Axis, u16)]) -> String {
     axes.iter().map(|(axis, _)| axis.to_string()).collect::<Vec<_>>().join(", ")
-}
-
-/// Touches at another feed than the planned one have another latch delay and overtravel.
-fn overridden(now: Overrides) -> Option<Remark> {
-    let Overrides { feed, rapid } = now;
-    (feed != 100.0 || rapid != 100.0).then(|| {
-        Remark::hinders(
-            format!("its overrides are not 100 %: feed {feed} %, rapid {rapid} %"),
-            "set both overrides to 100 % at the control, start again",
-        )
-    })
 }
 
 impl Grbl {

@@ -6,10 +6,16 @@ use super::driver::Grbl;
 use super::message::Message;
 use crate::controllers::ControllerError;
 
+/// `$21`.
+pub(super) const HARD_LIMITS: u32 = 1;
 /// `$22`: homing is on; the switch is zero; axes without a switch are homed where they stand.
 pub(super) const HOMING: u32 = 1;
 pub(super) const SWITCH_IS_ZERO: u32 = 1 << 3;
 pub(super) const BY_HAND: u32 = 1 << 5;
+
+/// The first of the settings min and max, an extension of the simulated control: the travel of its axis
+/// may lie on both sides of zero, which grblHAL cannot have.
+pub(super) const SIMULATED_ENDS: [u16; 2] = [9000, 9050];
 
 /// Those that are numbers.
 pub(super) struct Settings(pub BTreeMap<u16, f64>);
@@ -22,11 +28,6 @@ impl Settings {
     /// Whether the mask `number` has a bit of `bits`. Not where it is not told.
     pub fn has(&self, number: u16, bits: u32) -> bool {
         self.mask(number) & bits != 0
-    }
-
-    /// The `place`th axis has a homing switch.
-    pub fn homes(&self, place: u16) -> bool {
-        (44..50).any(|cycle| self.has(cycle, 1 << place))
     }
 
     fn mask(&self, number: u16) -> u32 {

@@ -13,6 +13,10 @@ const MOST_RATE: u16 = 110;
 const ACCELERATION: u16 = 120;
 const TRAVEL: u16 = 130;
 
+/// The first of the settings min and max, an extension: where the travel of an axis lies that grblHAL
+/// could not have, on both sides of zero.
+const ENDS: [u16; 2] = [9000, 9050];
+
 /// Its reports show the state of inputs.
 pub(super) const SHOWS_PINS: u32 = 1 << 4;
 pub(super) const SHOWS_OVERRIDES: u32 = 1 << 6;
@@ -23,7 +27,7 @@ const PULL_OFF: f64 = 1.0;
 const HOMING: f64 = 1.0 + 8.0 + 32.0;
 
 /// The settings of `machine`. An axis whose travel ends at zero homes there, onto a switch; grblHAL has
-/// no others, so what has none tells the length of its travel and not where it lies.
+/// no others, so the ends of any other travel are an extension.
 pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     let mut settings: BTreeMap<u16, f64> =
@@ -38,6 +42,10 @@ pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
         to_negative |= if spec.min == 0.0 { bit } else { 0 };
         turns |= if axis.is_linear() { 0 } else { bit };
         let beyond = if switched { PULL_OFF } else { 0.0 };
+        if !switched {
+            settings.insert(ENDS[0] + number, spec.min);
+            settings.insert(ENDS[1] + number, spec.max);
+        }
         settings.insert(STEPS + number, STEPS_PER_UNIT);
         settings.insert(MOST_RATE + number, spec.rapid_per_min);
         settings.insert(ACCELERATION + number, spec.acceleration_per_s2);
