@@ -36,13 +36,16 @@ impl Grbl {
         if !self.modes.switches_probe_on() {
             judge_probe(&self.wire.idle().await?)?;
         }
-        self.remember_modes().await?;
+        // The head writes an offset and switches outputs: what hinders is refused before.
+        let (modes, offsets) = (self.wire.ask("$G").await?, self.wire.ask("$#").await?);
+        refuse(readiness::of_modes(&modes))?;
+        refuse(readiness::homed(&built, &settings, &axes, &self.homed_axes, &offsets))?;
+        self.remember_modes(modes);
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
         let modes = self.wire.ask("$G").await?;
         let offsets = self.wire.ask("$#").await?;
-        refuse(readiness::of_modes(&modes).into_iter().chain(readiness::tool_length(&offsets)))?;
-        refuse(readiness::homed(&built, &settings, &axes, &self.homed_axes, &offsets))?;
+        refuse(readiness::tool_length(&offsets))?;
         check::modes(&head, &modes, &offsets)?;
         let status = self.wire.idle().await?;
         judge_probe(&status)?;
@@ -73,17 +76,16 @@ impl Grbl {
     }
 
     /// As they were before the first preparation.
-    async fn remember_modes(&mut self) -> Result<(), ControllerError> {
+    fn remember_modes(&mut self, modes: Vec<Message>) {
         if !self.found.is_empty() {
-            return Ok(());
+            return;
         }
-        for message in self.wire.ask("$G").await? {
+        for message in modes {
             if let Message::Modes(words) = message {
                 self.found = words;
                 self.found.retain(|word| RESTORED.contains(&word.as_str()));
             }
         }
-        Ok(())
     }
 
     /// Send the lines of the head or the foot.
