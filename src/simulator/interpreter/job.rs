@@ -37,10 +37,23 @@ pub enum Sham {
     Open,
     /// Something stands in the way of the next probing move.
     Early,
-    /// Something brushes the stylus during the next rapid, or does so now: so many more reports
+    /// Something brushes the stylus during the next rapid or turn, or does so now: so many more reports
     /// read closed.
     Brush,
     Brushed(u8),
+}
+
+impl Job {
+    /// A rapid, or a turn of a rotary axis: nothing should meet the stylus, and the control does not look
+    /// at the probe.
+    pub fn is_free_move(&self) -> bool {
+        match self {
+            Self::Travel { to, feed_mm_min } => {
+                feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear())
+            }
+            _ => false,
+        }
+    }
 }
 
 impl Sham {

@@ -114,16 +114,14 @@ impl Grbl {
                 self.spindle = Some(*s);
                 Ok(None)
             }
-            Motion::Rapid { to } => self.rapid(lines, to).await.map(Some),
+            Motion::Rapid { to } | Motion::Feed { to, .. } => {
+                self.free_move(lines, to).await.map(Some)
+            }
             Motion::BackOff { to, .. } => {
                 self.send(lines).await?;
                 let status = self.arrive(to).await?;
                 self.open_probe(step, &status).await?;
                 Ok(Some(status))
-            }
-            Motion::Feed { to, .. } => {
-                self.send(lines).await?;
-                self.arrive(to).await.map(Some)
             }
             Motion::Guarded { to, .. } => {
                 if self.probe(lines).await?.hit {
@@ -147,8 +145,13 @@ impl Grbl {
         }
     }
 
-    /// A positioning move. The control does not look at the probe: the reports are.
-    async fn rapid(&mut self, lines: &Lines<'_>, to: &Position) -> Result<Status, ControllerError> {
+    /// A move that should meet nothing, at rapid or at feed (a turn before the position is confirmed). The
+    /// control does not stop it on a contact: the status reports show one, and the driver holds.
+    async fn free_move(
+        &mut self,
+        lines: &Lines<'_>,
+        to: &Position,
+    ) -> Result<Status, ControllerError> {
         self.wire.free = Some(lines.step);
         let arrived = match self.send(lines).await {
             Ok(_) => self.arrive(to).await,
@@ -178,19 +181,27 @@ impl Grbl {
 
 impl Grbl {
     async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
-        let mut outcome = Outcome::default();
         let lines = lines::of(block)?;
         self.begin(block).await?;
-        let mut seen = None;
-        for lines in &lines {
-            seen = self.act(lines, &mut outcome, seen).await?;
-        }
-        let status = self.rests(seen).await?;
+        self.wire.in_block = true;
+        let moved = self.motions(&lines).await;
+        self.wire.in_block = false;
+        let (mut outcome, status) = moved?;
         self.speed_as_planned()?;
         let contact = ReportedTime { name: "TIME", t_s: outcome.t_s };
         let now = ReportedTime { name: "Time", t_s: status.t_s };
         outcome.t_s = self.clock.checked(contact, now)?;
         Ok(outcome)
+    }
+
+    /// The motions of a block in their order; what they found, and the status at their end.
+    async fn motions(&mut self, lines: &[Lines<'_>]) -> Result<(Outcome, Status), ControllerError> {
+        let (mut outcome, mut seen) = (Outcome::default(), None);
+        for lines in lines {
+            seen = self.act(lines, &mut outcome, seen).await?;
+        }
+        let status = self.rests(seen).await?;
+        Ok((outcome, status))
     }
 
     /// Before a block moves: overrides at 100 %, no fault of the probe, probe open, the machine where the

@@ -21,6 +21,11 @@ pub struct Patience {
     pub stall: Duration,
 }
 
+/// The longest pause between two status requests during a move that should meet nothing. One request may
+/// get lost: a contact must be a hold within `LATENCY_S` (planning, `turning.rs`), to which turns limit
+/// their speed.
+pub(super) const FREE_MOVE_POLL: Duration = Duration::from_millis(100);
+
 impl Default for Patience {
     fn default() -> Self {
         Self {

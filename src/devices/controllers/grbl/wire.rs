@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::fault::{not_ready, out_of_step, refused, silent, state_of, stranger};
+use super::fault::{not_ready, out_of_step, overridden, refused, silent, state_of, stranger};
 use super::message::{Message, Overrides, Status, alarm_meaning};
-use super::watch::{Patience, Watch};
-use crate::controllers::{ControllerError, Halt};
+use super::watch::{FREE_MOVE_POLL, Patience, Watch};
+use crate::controllers::{ControllerError, Halt, Remark};
 use link::{Link, LinkError, Received, Urgent};
 
 /// CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
@@ -23,8 +23,10 @@ pub(super) struct Wire {
     unsure: bool,
     /// As last reported since [`Wire::new`].
     pub(super) overrides: Option<Overrides>,
-    /// The step whose positioning move is under way: the probe touches nothing meanwhile.
+    /// The step whose positioning move, at rapid or at feed, is under way: the stylus should meet nothing.
     pub(super) free: Option<u32>,
+    /// A block is under way: its speeds are valid at overrides of 100 % only.
+    pub(super) in_block: bool,
     pub(super) patience: Patience,
 }
 
@@ -44,6 +46,7 @@ impl Wire {
                 unsure: false,
                 overrides: None,
                 free: None,
+                in_block: false,
                 patience,
             },
             halt,
@@ -78,13 +81,15 @@ impl Wire {
             // What was taken before may still move it.
             return Err(self.halted().await);
         }
+        self.require_planned_speed()?;
         self.link.send_line(line)?;
         self.asked = true;
         let mut said = Vec::new();
         let mut heard = Instant::now();
         let mut watch = Watch::default();
+        let mut request_at = Instant::now() + self.poll();
         loop {
-            match self.next(Instant::now() + self.patience.poll).await? {
+            match self.next(request_at).await? {
                 Some(Message::Ok) => {
                     (self.asked, self.unsure) = (false, true);
                     return Ok(said);
@@ -102,7 +107,10 @@ impl Wire {
                 }
                 Some(Message::Other(_)) => {}
                 Some(other) => said.push(self.unless_it_ends_the_job(other).await?),
-                None => self.urgent.send(b"?"),
+                None => {
+                    self.urgent.send(b"?");
+                    request_at = Instant::now() + self.poll();
+                }
             }
             if self.halt.is_halted() {
                 return Err(self.halted().await);
@@ -111,6 +119,23 @@ impl Wire {
                 return Err(silent(line, self.patience.answer));
             }
         }
+    }
+
+    fn poll(&self) -> Duration {
+        match self.free {
+            Some(_) => self.patience.poll.min(FREE_MOVE_POLL),
+            None => self.patience.poll,
+        }
+    }
+
+    /// During a block: the machine is held if the last reported overrides are not 100 %. A touch at
+    /// another feed has another latch delay and overtravel.
+    fn require_planned_speed(&self) -> Result<(), ControllerError> {
+        let overrides = self.overrides.filter(|_| self.in_block);
+        let Some(Remark { what, .. }) = overrides.and_then(overridden) else { return Ok(()) };
+        self.hold();
+        let remedy = "set both overrides to 100 % at the control; it is held: look at the machine, reset it,                       home it";
+        Err(ControllerError::NotReady { state: what, remedy: remedy.to_owned() })
     }
 
     /// The control's status, asked for now; asked again if a byte gets lost.
@@ -133,7 +158,7 @@ impl Wire {
         let deadline = Instant::now() + self.patience.answer;
         while Instant::now() < deadline {
             self.urgent.send(question);
-            let again = deadline.min(Instant::now() + self.patience.poll);
+            let again = deadline.min(Instant::now() + self.poll());
             while let Some(message) = self.next(again).await? {
                 match self.unless_it_ends_the_job(message).await? {
                     Message::Status(status) => {
@@ -203,7 +228,7 @@ impl Wire {
                     self.hold();
                     Err(ControllerError::UnexpectedContact { step })
                 }
-                None => Ok(()),
+                None => self.require_planned_speed(),
             },
         }
     }

@@ -126,8 +126,8 @@ impl ModbusControl {
                 self.spindle = Some(*s);
                 Ok(status)
             }
-            Motion::Rapid { to } => {
-                // The control does not look at the probe during it: the status is.
+            Motion::Rapid { to } | Motion::Feed { to, .. } => {
+                // The control does not stop it on a contact: the status shows one, and the driver holds.
                 self.window.free = Some(step);
                 let sent = self.send(lines).await;
                 self.window.free = None;
@@ -137,10 +137,6 @@ impl ModbusControl {
                 let status = self.send(lines).await?;
                 let status = self.arrive(status, to)?;
                 self.open_probe(step, status).await
-            }
-            Motion::Feed { to, .. } => {
-                let status = self.send(lines).await?;
-                self.arrive(status, to)
             }
             Motion::Guarded { to, .. } => {
                 let seen = self.rests(seen).await?;

@@ -7,7 +7,8 @@ use std::time::Duration;
 pub struct Patience {
     /// A living control takes a chunk, and tells its state, within this time.
     pub answer: Duration,
-    /// The longest pause between two questions.
+    /// The longest pause between two questions. A contact in a move that should meet nothing must be a hold
+    /// within `LATENCY_S` (planning, `turning.rs`).
     pub poll: Duration,
     /// A control that says it moves shows another position within this time.
     pub stall: Duration,

@@ -190,6 +190,33 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
     assert!(error.remedy().contains("latch_time_s"), "{}", error.remedy());
 }
 
+/// Until a touch has confirmed the position, a turn is a feed motion (planning `turning.rs`).
+#[tokio::test]
+async fn regress_a_contact_during_a_turn_at_feed_is_held() {
+    let faults = vec![fault(FaultKind::RapidContact, 0)];
+    let (mut driver, _, diary) = driver("", Pace::Real, faults).await;
+    driver.prepare().await.unwrap();
+    let error = driver.execute(proven(&turn_at_feed())).await.unwrap_err();
+    assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
+    is_held_at_last(&diary).await;
+    let turned = driver.look().await.unwrap().stands.at(Axis::C).to_degrees();
+    assert!(turned < 15.0, "{turned}");
+}
+
+/// Two seconds, if no hold ends it.
+pub(super) fn turn_at_feed() -> Block {
+    let to = Position::new().with(Axis::C, 20_f64.to_radians());
+    Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
+}
+
+pub(super) async fn is_held_at_last(diary: &Diary) {
+    let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
+    while diary.lock().unwrap().last() != Some(&Entry::Hold) {
+        assert!(tokio::time::Instant::now() < deadline, "no hold");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
 /// A touch with one status torn, whichever it is: half of it from before.
 #[tokio::test]
 async fn a_torn_status_is_never_a_reading() {

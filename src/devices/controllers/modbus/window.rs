@@ -65,7 +65,7 @@ pub(super) struct Window {
     pub(super) ours: bool,
     /// Of a resident program: the number of the last result that was read.
     pub(super) taken: Option<u16>,
-    /// The step whose positioning move is under way: the probe touches nothing meanwhile.
+    /// The step whose positioning move, at rapid or at feed, is under way: the stylus should meet nothing.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
     heart: Heart,

@@ -54,7 +54,7 @@ pub enum FaultKind {
     ProbeDead,
     /// The next probing move meets something after two fifths of its way.
     ForeignBody,
-    /// Something brushes the stylus during the next rapid: the probe reads closed for a while.
+    /// Something brushes the stylus during the next rapid or turn: the probe reads closed for a while.
     RapidContact,
     SoftLimit,
     /// Somebody presses feed hold at the machine, or opens the door.

@@ -26,7 +26,7 @@ impl Firmware {
             self.alarm = Some(Lock::Light);
             return self.say_ok();
         }
-        if self.sham == Sham::Brush && matches!(job, Job::Travel { feed_mm_min: None, .. }) {
+        if self.sham == Sham::Brush && job.is_free_move() {
             self.sham = Sham::Brushed(BRUSHED_REPORTS);
             self.happens(FaultKind::RapidContact);
         }

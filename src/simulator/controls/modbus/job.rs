@@ -62,7 +62,7 @@ impl Firmware {
         if matches!(job, Job::Probe { .. }) && self.tripped() {
             return self.alarm(PROBE_CLOSED);
         }
-        if self.sham == Sham::Brush && matches!(job, Job::Travel { feed_mm_min: None, .. }) {
+        if self.sham == Sham::Brush && job.is_free_move() {
             self.sham = Sham::Brushed(BRUSHED_REPORTS);
             self.note(Entry::Wrong(FaultKind::RapidContact));
         }

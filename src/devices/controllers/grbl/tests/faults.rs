@@ -8,6 +8,14 @@ use simulator::controls::grbl::{Fault, FaultKind};
 
 /// What one touch comes to, and everything that was sent for it, `?` left out.
 async fn sent(
+    answer: impl FnMut(&str) -> Option<String> + Send + 'static,
+) -> (ControllerError, String) {
+    sent_for(&touch(3), answer).await
+}
+
+/// The same of `block`.
+async fn sent_for(
+    block: &Block,
     mut answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (ControllerError, String) {
     let prepared = Arc::new(AtomicBool::new(false));
@@ -17,7 +25,7 @@ async fn sent(
     driver.prepare().await.unwrap();
     prepared.store(true, Ordering::SeqCst);
     tape.lock().unwrap().clear();
-    let error = driver.execute(proven(&touch(3))).await.unwrap_err();
+    let error = driver.execute(proven(block)).await.unwrap_err();
     // Nothing is sent any more, and a hold has had its time to get out.
     let again = driver.execute(proven(&touch(4))).await.unwrap_err();
     assert!(matches!(again, ControllerError::NotReady { .. }), "{again}");
@@ -148,7 +156,7 @@ async fn rehearsed(
 ) -> Result<Outcome, ControllerError> {
     let (ours, theirs) = tokio::io::duplex(4096);
     // The lines of `prepare`, as the control counts them.
-    let (prepare, after_touch) = (12, 0);
+    let (prepare, after_touch) = (13, 0);
     let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
     let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Fast) };
     let mut control = Firmware::new(testing::world(), options);
@@ -210,11 +218,38 @@ async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
 
+/// Until a touch has confirmed the position, a turn is a feed motion (planning `turning.rs`).
+#[tokio::test]
+async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
+    let to = position(&[(Axis::C, 90.0)]);
+    let turn = Block { step: 3, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] };
+    let mut turns = false;
+    let brushed = move |line: &str| {
+        turns |= line.contains("C90");
+        (turns && line == "?").then(|| status("Run|MPos:{at}|Pn:P"))
+    };
+    let (error, sent) = sent_for(&turn, brushed).await;
+    assert!(matches!(error, ControllerError::UnexpectedContact { step: 3 }), "{error}");
+    assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
+}
+
+#[tokio::test]
+async fn regress_an_override_during_a_motion_holds_the_machine() {
+    let mut rapid = false;
+    let turned = move |line: &str| {
+        rapid |= line.contains("G53 G0");
+        (rapid && line == "?").then(|| status("Run|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
+    };
+    let (error, sent) = sent(turned).await;
+    assert!(error.to_string().contains("feed 200 %"), "{error}");
+    assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
+}
+
 #[tokio::test]
 async fn a_rapid_that_brushes_something_ends_on_its_way() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
-    let fault = Fault { kind: FaultKind::RapidContact, at_line: 13, after_touch: 0, code: None };
+    let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
     let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Real) };
     let mut control = Firmware::new(world.clone(), options);
     let happened = control.happened();

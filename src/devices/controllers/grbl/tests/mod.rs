@@ -281,6 +281,9 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
         let error = outcome.unwrap_err();
         assert!(error.to_string().starts_with(&format!("alarm {code}: ")), "{error}");
         assert!(error.to_string().contains(meaning), "{error}");
+        let names_limits =
+            error.remedy().contains("min and max") && error.remedy().contains("Ctrl-X");
+        assert_eq!(names_limits, code == 2, "{}", error.remedy());
     }
     let reset =
         "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";

@@ -129,14 +129,86 @@ async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
 #[tokio::test]
 async fn regress_an_override_during_a_touch_makes_no_reading() {
     let mut touched = false;
-    let (link, _) = odd(move |line| {
-        touched |= line.contains("G38");
+    let (link, tape) = odd(move |line| {
+        // 30 mm/min: the touch, not the guarded approach.
+        touched |= line.contains("G38") && line.contains("F30.");
         (touched && line == "?").then(|| status("Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
     });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     let error = driver.execute(proven(&touch(3))).await.unwrap_err();
     assert!(error.to_string().contains("feed 200 %"), "{error}");
+    tokio::time::sleep(Duration::from_millis(30)).await;
+    let tape = tape.lock().unwrap().clone();
+    let (_, after) = tape.rsplit_once('\n').unwrap();
+    assert!(tape.lines().rev().nth(1).unwrap().contains("F30."), "{tape}");
+    assert!(after.contains('!') && after.chars().all(|sent| matches!(sent, '?' | '!')), "{after}");
+}
+
+/// The head writes an offset and switches outputs.
+#[tokio::test]
+async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
+    let head_sent = |driver: &Grbl, tape: &Tape| {
+        let tape = tape.lock().unwrap();
+        let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
+        head.filter(|line| tape.lines().any(|sent| sent.ends_with(line.as_str()))).count()
+    };
+    let (mut driver, tape) = taped_driver(Options { homed: false, ..options() });
+    let error = driver.prepare().await.unwrap_err();
+    assert!(error.to_string().contains("not homed"), "{error}");
+    assert_eq!(head_sent(&driver, &tape), 0);
+    for words in ["M3 G50", "M5 G51:XY"] {
+        let (link, tape) = odd(move |line| {
+            let modes =
+                format!("[GC:G0 G54 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
+            (line == "$G").then_some(modes)
+        });
+        let (mut driver, _) = grbl(link);
+        driver.prepare().await.unwrap_err();
+        assert_eq!(head_sent(&driver, &tape), 0, "{words}");
+    }
+    let (mut driver, tape) = taped_driver(options());
+    driver.prepare().await.unwrap();
+    assert!(head_sent(&driver, &tape) > 0);
+}
+
+/// A control with these settings and axes of 400 mm travel; the first travel ends as `init` writes them.
+async fn described(settings: &[(u16, f64)]) -> crate::controllers::Introduction {
+    let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
+    let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
+    let settings = all.iter().chain(&travels).chain(settings).copied().collect();
+    taped_driver(Options { settings, ..options() }).0.introduce().await.unwrap()
+}
+
+#[tokio::test]
+async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_homed() {
+    // By hand; by hand axis by axis; by cycles that it does not list; with a zero at the switch.
+    for settings in [
+        &[(21, 0.0), (22, 33.0), (23, 0.0), (44, 0.0)][..],
+        &[(21, 1.0), (22, 35.0), (23, 1.0), (44, 0.0)],
+        &[(21, 0.0), (22, 1.0), (23, 0.0)],
+    ] {
+        let said = described(settings).await;
+        let x = said.axes[&Axis::X];
+        assert_eq!((x.min, format!("{:?}", x.max)), (Some(-400.0), "Some(0.0)".to_owned()));
+        assert_eq!(said.axes[&Axis::B].homes, Some(true), "{settings:?}");
+    }
+    let said = described(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
+    assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].max), (Some(0.0), Some(400.0)));
+    assert_eq!(said.axes[&Axis::Y].min, Some(-400.0));
+    let off = described(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
+    assert_eq!((off.axes[&Axis::X].min, off.axes[&Axis::B].homes), (None, None));
+}
+
+#[tokio::test]
+async fn a_control_that_moves_is_waited_for_before_it_is_described() {
+    let (link, _) = odd(|line| match line {
+        "?" => Some(status("Run|MPos:{at}|FS:500,0")),
+        "$I" => Some("error:8\r\n".to_owned()),
+        _ => None,
+    });
+    let error = grbl(link).0.introduce().await.unwrap_err();
+    assert!(error.remedy().contains("wait until the machine stands"), "{}", error.remedy());
 }
 
 /// The answer of an earlier `?` comes after 0x87 was sent, as on a busy computer.

@@ -111,7 +111,7 @@ impl ModbusControl {
             let Some(shown) = status.result else { return Err(results_differ("none", rows.len())) };
             let under_way = usize::from(shown.under_way).checked_sub(1);
             let row = under_way.and_then(|row| rows.get(row));
-            if status.probe_closed && row.is_some_and(|row| row.does == Does::Rapid) {
+            if status.probe_closed && row.is_some_and(|row| row.is_free_move) {
                 // It may still be moving, and does not stop by itself.
                 self.window.hold();
                 return Err(ControllerError::UnexpectedContact { step });

@@ -25,6 +25,8 @@ pub(super) struct Row {
     pub target: Position,
     /// Feed in mm/min, seconds of a dwell, degrees of an orientation; 0 of a rapid.
     pub value: f64,
+    /// A move that should meet nothing: a contact during it is a fault. A back-off leads out of contact.
+    pub is_free_move: bool,
 }
 
 /// The rows of `block`: the motions as the proof has read them.
@@ -55,7 +57,8 @@ fn row(motion: &Motion, read: &ReadMotion) -> Result<Row, String> {
         Kind::Stop => return Err(format!("line {} waits for a person", read.line)),
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
-    Ok(Row { does, target: read.target.clone(), value })
+    let is_free_move = matches!(motion, Motion::Rapid { .. } | Motion::Feed { .. });
+    Ok(Row { does, target: read.target.clone(), value, is_free_move })
 }
 
 /// Where the machine stands after `rows`, if it stood at `from` and a touch met its contact; without

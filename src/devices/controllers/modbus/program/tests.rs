@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::driver::ModbusControl;
-use super::super::tests::{driver, fault, proven_as};
+use super::super::tests::{driver, fault, is_held_at_last, proven_as, turn_at_feed};
 use super::call::Found;
 use super::rows;
 use crate::controllers::{ControllerError, Driver};
@@ -208,13 +208,21 @@ async fn a_contact_during_a_rapid_is_held() {
     let error =
         driver.execute(proven(&block(vec![Motion::Rapid { to: x(390.0) }]))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
-    let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
-    while diary.lock().unwrap().last() != Some(&Entry::Hold) {
-        assert!(tokio::time::Instant::now() < deadline, "no hold");
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    is_held_at_last(&diary).await;
     let stands = driver.look().await.unwrap().stands.at(Axis::X);
     assert!(stands < 380.0, "{stands}");
+}
+
+#[tokio::test]
+async fn regress_a_contact_during_a_turn_at_feed_is_held() {
+    let faults = vec![fault(FaultKind::RapidContact, 0)];
+    let (mut driver, _, diary) = driver(PROGRAM, Pace::Real, faults).await;
+    driver.prepare().await.unwrap();
+    let error = driver.execute(proven(&turn_at_feed())).await.unwrap_err();
+    assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
+    is_held_at_last(&diary).await;
+    let turned = driver.look().await.unwrap().stands.at(Axis::C).to_degrees();
+    assert!(turned < 15.0, "{turned}");
 }
 
 #[tokio::test]
