@@ -130,7 +130,7 @@ fn serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
 
 fn tcp_error(address: String, source: io::Error) -> LinkError {
     match source.kind() {
-        io::ErrorKind::ConnectionRefused => LinkError::Missing { address },
+        io::ErrorKind::ConnectionRefused => LinkError::NotListening { address },
         io::ErrorKind::PermissionDenied => LinkError::Denied { address },
         _ => LinkError::Open { address, source },
     }

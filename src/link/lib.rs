@@ -43,6 +43,9 @@ pub use wiring::Wiring;
 pub enum LinkError {
     #[error("{address} does not exist")]
     Missing { address: String },
+    /// The computer at `address` refuses the connection.
+    #[error("nothing listens at {address}")]
+    NotListening { address: String },
     #[error("no one serial port is named `{id}`; there are: {}", list(there))]
     NoneNamed { id: String, there: Vec<String> },
     #[error("{address} is in use by another program")]
@@ -65,6 +68,9 @@ impl LinkError {
         match self {
             Self::Missing { .. } => {
                 "check the cable, and the address in the machine file".to_owned()
+            }
+            Self::NotListening { .. } => {
+                "start the control's server, and check the address in the machine file".to_owned()
             }
             Self::Busy { .. } => {
                 "close the other program (a sender, a terminal), then start again".to_owned()

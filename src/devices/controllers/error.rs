@@ -186,6 +186,12 @@ impl ControllerError {
                 "nothing more is sent; what the control still holds moves when somebody resumes it \
                  there: reset the control instead, look at the machine, then go on"
             }
+            // Soft limits: the firmware accepts nothing before a reset.
+            Self::Alarm { code: 2, .. } => {
+                "the control was asked beyond its soft limits: min and max of [axes] may be wider than its \
+                 travel (grblHAL: $130 to $132; `trued check` compares them). Reset the control (Ctrl-X), \
+                 home it ($H), start again"
+            }
             Self::Alarm { .. } => {
                 "look at the machine, clear the alarm there, home it if it asks, start again"
             }
@@ -197,6 +203,9 @@ impl ControllerError {
     /// The control itself has not done it.
     fn given_up_there(&self) -> &'static str {
         match self {
+            Self::Refused { reply, .. } if reply == "error:8" => {
+                "wait until the machine stands and the control reports Idle, then start again"
+            }
             Self::Refused { .. } => {
                 "check the dialect and the control's settings named in the message"
             }
@@ -226,7 +235,8 @@ impl ControllerError {
             }
             Self::UnexpectedContact { .. } => {
                 "the stylus may be in contact: trued check leads it out; then check the part's position and \
-                 the fixtures"
+                 the fixtures. Is the sense of the rotary axes right ([axes.C] positive), and does each stand \
+                 at its zero?"
             }
             Self::ProbeClosed => "free the stylus; check the probe's battery, cable and polarity",
             Self::StillTripped { .. } => {

@@ -19,7 +19,7 @@ pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> 
         return Vec::new();
     };
     let suspicion = match (error, at) {
-        (LinkError::Missing { address }, Named::Tcp(_)) => nobody_listens(address),
+        (LinkError::NotListening { address }, _) => nobody_listens(address),
         (LinkError::Missing { address }, _) => no_port(address, Path::new("/dev")),
         (LinkError::NoneNamed { id, there }, _) => none_named(id, there),
         (LinkError::Denied { address }, _) => denied(address),
@@ -186,7 +186,7 @@ mod tests {
         };
         assert!(told(std::io::ErrorKind::TimedOut).contains("no way to"));
         assert!(told(std::io::ErrorKind::Other).contains("no computer of the name"));
-        let refused = LinkError::Missing { address: "192.0.2.1:23".to_owned() }.into();
+        let refused = LinkError::NotListening { address: "192.0.2.1:23".to_owned() }.into();
         assert!(suspects(&at, &refused)[0].what.contains("nobody listens"));
         assert!(suspects(&at, &ControllerError::Frozen).is_empty());
     }

@@ -129,7 +129,7 @@ impl Rsh {
 
 fn not_there(address: &Address, error: LinkError) -> ControllerError {
     match error {
-        LinkError::Missing { .. } => not_ready(
+        LinkError::NotListening { .. } => not_ready(
             &format!("no linuxcncrsh listens at {address}"),
             "start LinuxCNC and linuxcncrsh (as its display, or beside it); check [controller] tcp",
         ),
