@@ -11,7 +11,7 @@ use machine::{Axis, Position};
 
 /// From contact, or a sensor's first distance, to the hold. No control looks at the probe while an axis
 /// turns: its reports show the contact. They are asked for five times a second at least, and what they
-/// show must come back as a hold.
+/// show must come back as a hold (devices: `FREE_MOVE_POLL` of grbl, `Patience::poll` of modbus).
 const LATENCY_S: f64 = 0.3;
 
 /// The speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²:
