@@ -1,6 +1,7 @@
 //! Why a program stopped before its end: the log first, then the switches, then the messages.
 
-use super::prepare::{clear_slot, not_ready};
+use super::not_ready::not_ready;
+use super::prepare::clear_slot;
 use super::result::Verdict;
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;

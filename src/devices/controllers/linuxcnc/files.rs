@@ -3,7 +3,7 @@
 use std::io::Error;
 use std::path::Path;
 
-use super::prepare::not_ready;
+use super::not_ready::not_ready;
 use super::result::Log;
 use crate::controllers::ControllerError;
 use link::Folder;

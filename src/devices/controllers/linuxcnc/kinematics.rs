@@ -5,7 +5,7 @@
 //! the module: `[KINS]KINEMATICS` of the INI file names it.
 
 use super::ini::Ini;
-use super::prepare::not_ready;
+use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 

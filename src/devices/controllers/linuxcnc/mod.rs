@@ -41,6 +41,7 @@ mod fuzz;
 mod ini;
 mod introduce;
 mod kinematics;
+mod not_ready;
 mod prepare;
 mod result;
 mod rsh;

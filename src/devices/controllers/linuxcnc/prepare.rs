@@ -1,6 +1,7 @@
 //! What must hold before a LinuxCNC may measure. Nothing here moves the machine.
 
 use super::kinematics::SwitchPin;
+use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
@@ -97,10 +98,6 @@ pub(super) fn judge_switches(
             Err(not_ready(&format!("joint {joint} is not homed"), "home all joints at the control"))
         }
     }
-}
-
-pub(super) fn not_ready(state: &str, remedy: &str) -> ControllerError {
-    ControllerError::NotReady { state: state.to_owned(), remedy: remedy.to_owned() }
 }
 
 #[cfg(test)]

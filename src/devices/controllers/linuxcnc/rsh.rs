@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::prepare::not_ready;
+use super::not_ready::not_ready;
 use crate::controllers::{ControllerError, Halt};
 use link::{Address, Link, LinkError, Received};
 

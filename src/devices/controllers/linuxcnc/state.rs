@@ -1,6 +1,6 @@
 //! What linuxcncrsh says of the machine's state, read while it stands.
 
-use super::prepare::not_ready;
+use super::not_ready::not_ready;
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};

@@ -14,7 +14,7 @@ use serde::Deserialize;
 use tokio::time::{Instant, sleep};
 
 use self::record::{Record, Stands};
-use super::prepare::not_ready;
+use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use link::Clock;
 use link::{Address, Came, Flow, HostPort};
