@@ -134,7 +134,8 @@ impl Wire {
         let overrides = self.overrides.filter(|_| self.in_block);
         let Some(Remark { what, .. }) = overrides.and_then(overridden) else { return Ok(()) };
         self.hold();
-        let remedy = "set both overrides to 100 % at the control; it is held: look at the machine, reset it,                       home it";
+        let remedy = "set both overrides to 100 % at the control; it is held: look at the machine, reset it, \
+                      home it";
         Err(ControllerError::NotReady { state: what, remedy: remedy.to_owned() })
     }
 
