@@ -92,8 +92,8 @@ impl Run<'_> {
     }
 
     /// Until a scan has confirmed where the machine stands: up from where it stands, then to where nothing
-    /// declared is within the range of the sensor. A distance on that last way, or at its end, is of
-    /// something that is not where it is stated, and holds the machine.
+    /// declared is within the range of the sensor. A distance on that last way, or at its end, is that
+    /// of a body that is not where it is stated, and holds the machine.
     async fn out_of_range(
         &mut self,
         step: &Step,
@@ -105,7 +105,7 @@ impl Run<'_> {
             self.watched(step, block, good).await?;
         }
         if count > 0 {
-            // A simulated sensor without a wire is not watched: it answers questions alone.
+            // A simulated sensor without a wire is not watched: it reports only when it is polled.
             let taken = self.sensor(step)?.take(1).await.map_err(faulty(step));
             let seen =
                 taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
