@@ -43,6 +43,14 @@ fn each() -> Vec<(&'static Mistake, Summary)> {
     done.into_inner().unwrap()
 }
 
+/// Failures that another failure of the summary repeats, alone or within a sentence.
+fn named_twice(summary: &Summary) -> Vec<&str> {
+    let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
+    let whats: Vec<&str> = failed.map(|finding| finding.what.as_str()).collect();
+    let is_repeated = |what: &&str| whats.iter().filter(|other| other.contains(*what)).count() > 1;
+    whats.iter().copied().filter(is_repeated).collect()
+}
+
 fn each_planted_mistake_is_named_and_no_other() {
     let mut wrong = Vec::new();
     for (row, summary) in each() {
@@ -50,6 +58,9 @@ fn each_planted_mistake_is_named_and_no_other() {
         println!("--- {}\n{failed}", row.name);
         if !failed.contains(row.phrase) {
             wrong.push(format!("{}: not named (`{}`):\n{summary}", row.name, row.phrase));
+        }
+        for what in named_twice(&summary) {
+            wrong.push(format!("{}: `{what}` is named twice:\n{summary}", row.name));
         }
         for other in all().filter(|other| other.phrase != row.phrase) {
             if failed.contains(other.phrase) {
