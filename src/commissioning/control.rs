@@ -13,12 +13,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let introduced = check.controller()?.introduce().await;
     check.go_on()?;
     let may_move = match introduced {
-        Ok(says) => {
-            if let Some(what) = describe_not_readable(check.controller()?.not_readable()) {
-                check.well(Part::Control, since, what);
-            }
-            compare(check, says, since)
-        }
+        Ok(says) => compare(check, says, since),
         Err(error) => {
             // Where it cannot be prepared either, that tells why.
             prepare(check).await?;
@@ -107,9 +102,13 @@ async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
             let stands = position(&prepared.stands);
             let what = format!("ready; it stands at {stands}; how it stops: {}", prepared.stop);
             check.summary.control = Some(prepared.identity);
-            check.stands = Some(prepared.stands);
             check.transmission = Some(prepared.transmission);
             check.well(Part::Control, since, what);
+            let is_first = check.stands.replace(prepared.stands).is_none();
+            let not_readable = describe_not_readable(&prepared.not_readable).filter(|_| is_first);
+            if let Some(what) = not_readable {
+                check.well(Part::Control, since, what);
+            }
             Ok(())
         }
         Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),

@@ -157,7 +157,7 @@ impl<'a> Run<'a> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
         self.note(Event::Announced { text }).await?;
-        if let Some(text) = describe_not_readable(self.devices.controller.not_readable()) {
+        if let Some(text) = describe_not_readable(&prepared.not_readable) {
             self.note(Event::Announced { text }).await?;
         }
         self.warmth.begin(&self.devices.thermometers).await;

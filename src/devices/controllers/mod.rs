@@ -78,6 +78,8 @@ pub struct Prepared {
     /// Where the machine stands, machine coordinates: every axis that the control reports.
     pub stands: Position,
     pub transmission: Transmission,
+    /// Items of the readiness list that the driver cannot read on this control.
+    pub not_readable: Vec<ReadinessItem>,
 }
 
 /// What is to be seen of a machine that stands.
@@ -111,10 +113,6 @@ pub trait Driver: Send + 'static {
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
     /// What it says of itself, prepared or not. Nothing moves and nothing is set.
     fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
-    /// Items of the readiness list that [`prepare`](Self::prepare) cannot read of this control.
-    fn not_readable(&self) -> &'static [ReadinessItem] {
-        &ReadinessItem::ALL
-    }
     /// Whether the outcome of a block that moves at feed has its track.
     fn stamps(&self) -> bool {
         false
@@ -161,26 +159,20 @@ pub struct Controller {
     requests: mpsc::Sender<Request>,
     halt: Halt,
     stamps: bool,
-    not_readable: &'static [ReadinessItem],
 }
 
 impl Controller {
     /// Start the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        let (stamps, not_readable) = (driver.stamps(), driver.not_readable());
+        let stamps = driver.stamps();
         tokio::spawn(serve(driver, inbox, halt.clone()));
-        Self { requests, halt, stamps, not_readable }
+        Self { requests, halt, stamps }
     }
 
     /// Whether it stamps where the axes stand while they move: see [`Outcome::track`].
     pub fn stamps(&self) -> bool {
         self.stamps
-    }
-
-    /// Items of the readiness list that a person must confirm.
-    pub fn not_readable(&self) -> &'static [ReadinessItem] {
-        self.not_readable
     }
 
     pub fn halt(&self) -> Halt {

@@ -16,10 +16,12 @@ pub enum ReadinessItem {
     Spindle,
     Kinematics,
     OtherClients,
+    ProbeInput,
+    Tool,
 }
 
 impl ReadinessItem {
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::Units,
         Self::Homing,
         Self::TravelLimits,
@@ -31,6 +33,8 @@ impl ReadinessItem {
         Self::Spindle,
         Self::Kinematics,
         Self::OtherClients,
+        Self::ProbeInput,
+        Self::Tool,
     ];
 }
 
@@ -48,6 +52,8 @@ impl fmt::Display for ReadinessItem {
             Self::Spindle => "spindle stopped",
             Self::Kinematics => "kinematics mode",
             Self::OtherClients => "other clients that send commands",
+            Self::ProbeInput => "probe input",
+            Self::Tool => "which tool is in the spindle",
         })
     }
 }
@@ -55,10 +61,5 @@ impl fmt::Display for ReadinessItem {
 /// `None` where every item is readable.
 pub fn describe_not_readable(items: &[ReadinessItem]) -> Option<String> {
     let names: Vec<String> = items.iter().map(ToString::to_string).collect();
-    (!names.is_empty()).then(|| {
-        format!(
-            "not readable on this control, to be confirmed at the machine before the start: {}",
-            names.join(", ")
-        )
-    })
+    (!names.is_empty()).then(|| format!("not readable on this control: {}", names.join(", ")))
 }

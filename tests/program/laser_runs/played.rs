@@ -297,6 +297,7 @@ impl controllers::Driver for Control {
             stop: "at once".to_owned(),
             stands,
             transmission: Transmission::Rows,
+            not_readable: Vec::new(),
         })
     }
 

@@ -11,7 +11,7 @@ use super::wire::Wire;
 use crate::controllers::lines::Lines;
 use crate::controllers::stamp::{ControlClock, ReportedTime};
 use crate::controllers::{
-    ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival, lines,
+    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
 };
 use link::Link;
 use machine::record::machine::{Homing, Machine};
@@ -232,9 +232,6 @@ impl Grbl {
     }
 }
 
-/// A pendant is reported; another client of the same control is not.
-const NOT_READABLE: [ReadinessItem; 2] = [ReadinessItem::Kinematics, ReadinessItem::OtherClients];
-
 impl Driver for Grbl {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
         self.ready = false;
@@ -274,10 +271,6 @@ impl Driver for Grbl {
         let probe_closed = status.probe_closed;
         self.stood = self.stands(&status)?;
         Ok(Look { probe_closed, stands: self.stood.clone() })
-    }
-
-    fn not_readable(&self) -> &'static [ReadinessItem] {
-        &NOT_READABLE
     }
 
     async fn introduce(&mut self) -> Result<Introduction, ControllerError> {

@@ -55,7 +55,8 @@ impl Grbl {
         let transmission = Transmission::Lines { max_line_bytes: self.line_limit };
         let (stop, stands) = (self.stop.clone(), self.stood.clone());
         let identity = built.identity();
-        Ok(Prepared { identity, stop, stands, transmission })
+        let not_readable = readiness::not_readable(&built);
+        Ok(Prepared { identity, stop, stands, transmission, not_readable })
     }
 
     pub(super) async fn identify(&mut self) -> Result<Built, ControllerError> {

@@ -7,7 +7,7 @@ use super::fault::overridden;
 use super::homing::{HomedBy, homed_by, homed_mask};
 use super::message::Message;
 use super::settings::{HOMING, Settings};
-use crate::controllers::{ControllerError, Remark};
+use crate::controllers::{ControllerError, ReadinessItem, Remark};
 use machine::Axis;
 
 /// Bits of `$10`, and what they show in reports.
@@ -17,6 +17,16 @@ const REPORTED: [(u32, &str); 4] = [
     (1 << 7, "the probe's result"),
     (1 << 6, "the overrides"),
 ];
+
+/// A pendant is reported; another client of the same control is not.
+const NOT_READABLE: [ReadinessItem; 3] =
+    [ReadinessItem::Kinematics, ReadinessItem::OtherClients, ReadinessItem::Tool];
+
+pub(super) fn not_readable(built: &Built) -> Vec<ReadinessItem> {
+    // Classic Grbl is locked until it was homed or unlocked; it reports neither.
+    let homing = built.classic.then_some(ReadinessItem::Homing);
+    NOT_READABLE.into_iter().chain(homing).collect()
+}
 
 /// Words of `$G` that stand for a state in which no stylus may move: how they begin, the state, the remedy.
 const HINDERING_MODES: [(&str, &str, &str); 3] = [

@@ -163,6 +163,7 @@ impl LinuxCnc {
                 .to_owned(),
             stands,
             transmission: self.transmission(),
+            not_readable: NOT_READABLE.to_vec(),
         })
     }
 
@@ -331,8 +332,12 @@ impl LinuxCnc {
 }
 
 /// linuxcncrsh reports no limits (`get ini` is "not implemented"), no rapid override and no other client.
-const NOT_READABLE: [ReadinessItem; 3] =
-    [ReadinessItem::TravelLimits, ReadinessItem::RapidOverride, ReadinessItem::OtherClients];
+const NOT_READABLE: [ReadinessItem; 4] = [
+    ReadinessItem::TravelLimits,
+    ReadinessItem::RapidOverride,
+    ReadinessItem::OtherClients,
+    ReadinessItem::Tool,
+];
 
 impl Driver for LinuxCnc {
     async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
@@ -357,10 +362,6 @@ impl Driver for LinuxCnc {
         let probe_closed = self.rsh.get("probe_value").await? != "0";
         let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
         Ok(Look { probe_closed, stands })
-    }
-
-    fn not_readable(&self) -> &'static [ReadinessItem] {
-        &NOT_READABLE
     }
 
     fn stamps(&self) -> bool {

@@ -7,7 +7,7 @@ use super::fault::not_ready;
 use super::otherwise;
 use super::status::Status;
 use crate::controllers::stamp::ControlClock;
-use crate::controllers::{ControllerError, Prepared, arrival};
+use crate::controllers::{ControllerError, Prepared, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
 impl ModbusControl {
@@ -51,7 +51,10 @@ impl ModbusControl {
             }
         };
         let (identity, stands) = (self.identity(), self.stood.clone());
-        Ok(Prepared { identity, stop, stands, transmission })
+        // The window has registers for the position and the probe; its program judges all else.
+        let not_readable = ReadinessItem::ALL.into_iter();
+        let not_readable = not_readable.filter(|item| *item != ReadinessItem::ProbeInput).collect();
+        Ok(Prepared { identity, stop, stands, transmission, not_readable })
     }
 
     /// What is behind the window, and where it is.
