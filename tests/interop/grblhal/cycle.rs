@@ -10,7 +10,7 @@ use super::rig::Rig;
 use crate::linuxcnc::desk::{Desk, complaint, result};
 
 /// Faster touches, few angles, no references.
-const SHORT: [(&str, &str); 2] = [
+pub const SHORT: [(&str, &str); 2] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
     ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nreferences = false"),
 ];

@@ -3,6 +3,7 @@
 //! with `TRUED_REQUIRE_PEERS=1`. `.ci/run` runs the readiness of the control and one short cycle; `.ci/long`
 //! runs all.
 
+mod commissioning;
 mod cycle;
 mod faults;
 mod readiness;
@@ -22,6 +23,7 @@ pub fn trials() -> Trials {
     ]
     .and(
         trials![Pool::GrblHal, 0;
+            commissioning::an_owner_gets_from_the_control_to_a_result,
             cycle::the_latch_delay_is_found,
             cycle::two_true_axes_are_found,
             cycle::a_reversed_axis_is_found,

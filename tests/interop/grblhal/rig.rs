@@ -34,7 +34,7 @@ const TRUTH: [(&str, f64); 12] = [
 /// As `config/grblhal-sim.toml` has the machine. Homing: each axis where it stands ($22).
 const SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
     $120=1000 $121=1000 $122=1000 $123=400 $124=400 $133=0 $134=0 $376=3 $22=35 $44=0 $45=0 $46=0 $47=0 $48=0 $20=1";
-const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
+pub const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
 /// Other trials may keep the computer busy while it starts.
 const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_millis(500);

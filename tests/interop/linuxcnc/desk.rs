@@ -52,11 +52,10 @@ impl Desk {
 
     /// A short cycle with touches that are worth something.
     pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
-        let settings = format!("heights_mm = [90.0]\npositions = {positions}\nlocate = false");
+        let settings = format!("heights_mm = [90.0]\npositions = {positions}");
         let short = [
             ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
             ("repeatability_um = 0.15", "repeatability_um = 0.3"),
-            ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
             ("heights_mm = [90.0]", &*settings),
         ];
         Self::with(rig, &short)
@@ -120,10 +119,16 @@ impl Desk {
         self.0.path().join("machine.toml")
     }
 
-    pub fn command(&self, arguments: &[&str]) -> Command {
+    /// A command that has no journal.
+    pub fn program(arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
-        command.args(arguments).arg("--state").arg(self.0.path());
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Self::program(arguments);
+        command.arg("--state").arg(self.0.path());
         command
     }
 
