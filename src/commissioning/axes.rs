@@ -45,6 +45,11 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 }
 
 async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
+    if check.beyond_limits.contains(&axis) {
+        let why = format!("{axis}: its limits differ from the control's: correct them first");
+        check.not_looked_at(Part::Axes, why);
+        return Ok(Looked::Told);
+    }
     let Some(jog) = planned(check, axis) else { return Ok(Looked::Told) };
     loop {
         let since = Instant::now();

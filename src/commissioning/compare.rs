@@ -8,8 +8,16 @@ use machine::record::machine::{AxisSpec, Machine};
 /// What a control prints is rounded: this share more is no difference.
 const ROUNDED: f64 = 1e-3;
 
-/// Each difference, and its remedy.
-pub(super) fn differences(machine: &Machine, says: &Introduction) -> Vec<(String, String)> {
+/// What differs, and its remedy.
+#[derive(Debug, PartialEq)]
+pub(super) struct Difference {
+    /// An axis that the machine file lets travel beyond the control's limits.
+    pub beyond_limits: Option<Axis>,
+    pub what: String,
+    pub remedy: String,
+}
+
+pub(super) fn differences(machine: &Machine, says: &Introduction) -> Vec<Difference> {
     let mut found = Vec::new();
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     for (axis, spec) in axes {
@@ -22,21 +30,22 @@ pub(super) fn differences(machine: &Machine, says: &Introduction) -> Vec<(String
     found
 }
 
-fn missing(axis: Axis, says: &Introduction) -> (String, String) {
+fn missing(axis: Axis, says: &Introduction) -> Difference {
     let has: Vec<String> = says.axes.keys().map(Axis::to_string).collect();
     let has = has.join(", ");
-    (
-        format!(
+    Difference {
+        beyond_limits: None,
+        what: format!(
             "the machine file has an axis {axis} that the control does not drive: it has {has}"
         ),
-        format!(
+        remedy: format!(
             "set {axis} up at the control; or take it out of [machine] topology and [axes.{axis}] if \
              the machine has none"
         ),
-    )
+    }
 }
 
-fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<(String, String)> {
+fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<Difference> {
     let mut found = Vec::new();
     let span = spec.max - spec.min;
     let slack = ROUNDED * span;
@@ -44,18 +53,26 @@ fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<(String, String)
     let above = says.max.filter(|max| spec.max > max + slack);
     let ends = [below.map(|min| ("min", spec.min, min)), above.map(|max| ("max", spec.max, max))];
     for (key, stated, ends) in ends.into_iter().flatten() {
-        found.push((
-            format!("{axis} travels beyond the control's limits: {key} = {stated}, there {ends}"),
-            format!("write {key} = {ends} in [axes.{axis}], or correct the limit at the control"),
-        ));
+        found.push(Difference {
+            beyond_limits: Some(axis),
+            what: format!(
+                "{axis} travels beyond the control's limits: {key} = {stated}, there {ends}"
+            ),
+            remedy: format!(
+                "write {key} = {ends} in [axes.{axis}], or correct the limit at the control"
+            ),
+        });
     }
     if let Some(travel) = says.travel.filter(|travel| span > travel + slack) {
-        found.push((
-            format!(
+        found.push(Difference {
+            beyond_limits: Some(axis),
+            what: format!(
                 "{axis} travels {span} in the machine file, but only {travel} by the control's limits"
             ),
-            format!("bring min and max of [axes.{axis}] nearer together, or correct the control"),
-        ));
+            remedy: format!(
+                "bring min and max of [axes.{axis}] nearer together, or correct the control"
+            ),
+        });
     }
     let swift = [
         ("rapid_per_min", spec.rapid_per_min, says.rapid_per_min, "rapid speed"),
@@ -63,10 +80,13 @@ fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<(String, String)
     ];
     for (key, stated, has, name) in swift {
         let Some(has) = has.filter(|has| stated > has * (1.0 + ROUNDED)) else { continue };
-        found.push((
-            format!("the {name} of {axis} is above the control's: {key} = {stated}, there {has}"),
-            format!("write {key} = {has} in [axes.{axis}]: braking is reckoned with it"),
-        ));
+        found.push(Difference {
+            beyond_limits: None,
+            what: format!(
+                "the {name} of {axis} is above the control's: {key} = {stated}, there {has}"
+            ),
+            remedy: format!("write {key} = {has} in [axes.{axis}]: braking is reckoned with it"),
+        });
     }
     found
 }
@@ -101,7 +121,7 @@ mod tests {
             let mut says = says.clone();
             change(says.axes.get_mut(&Axis::X).unwrap());
             let found = differences(&machine, &says);
-            found.into_iter().map(|(what, _)| what).collect::<Vec<_>>()
+            found.into_iter().map(|difference| difference.what).collect::<Vec<_>>()
         };
         let beyond = "X travels beyond the control's limits: max = 250, there 200";
         assert_eq!(told(|x| x.max = Some(200.0)), [beyond]);
@@ -118,6 +138,9 @@ mod tests {
         let found = differences(&machine, &less);
         let what =
             "the machine file has an axis B that the control does not drive: it has X, Y, Z, C";
-        assert_eq!(found.iter().map(|(what, _)| what.as_str()).collect::<Vec<_>>(), [what]);
+        assert_eq!(
+            found.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(),
+            [what]
+        );
     }
 }

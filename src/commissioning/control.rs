@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::words::position;
-use super::{Check, Ended, Part, compare::differences, links};
+use super::{Check, Ended, Part, compare::Difference, compare::differences, links};
 use devices::controllers::{ControllerError, Introduction, Look, describe_not_readable};
 use machine::Position;
 use machine::record::question::{Answer, Question};
@@ -45,7 +45,8 @@ fn compare(check: &mut Check<'_>, says: Introduction, since: Instant) -> bool {
         let what = format!("{}: {suits}", says.identity);
         check.well(Part::Control, since, what);
     }
-    for (what, remedy) in differs {
+    for Difference { beyond_limits, what, remedy } in differs {
+        check.beyond_limits.extend(beyond_limits);
         check.failed(Part::Control, since, what, remedy);
     }
     let may_move = !says.remarks.iter().any(|remark| remark.hinders);

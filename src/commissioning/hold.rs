@@ -50,7 +50,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Ok(());
     }
     let Some(jog) = longest(check) else {
-        check.not_looked_at(Part::Hold, format!("no linear axis has {BY} mm of free travel"));
+        check.not_looked_at(Part::Hold, format!("no linear axis can be shown to be free for {BY} mm: raise Z clear of the declared bodies"));
         return Ok(());
     };
     if check.ask(Question::MayHold(jog)).await? != Answer::Yes {
@@ -83,6 +83,9 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 fn longest(check: &Check<'_>) -> Option<Jog> {
     let stands = check.stands.as_ref()?;
     let room = |axis: Axis| {
+        if check.beyond_limits.contains(&axis) {
+            return None;
+        }
         let spec = check.file.machine.axes.get(&axis)?;
         let jog = jog::inwards(axis, BY, spec, stands)?;
         let here = axis.to_edge(stands.at(axis));

@@ -32,8 +32,8 @@ pub use words::of as words_of;
 use crate::setup::{Devices, MachineFile, Pace, SetupError, Site};
 use crate::store::Journal;
 use devices::controllers::Controller;
-use machine::Position;
 use machine::record::question::{Answer, Question};
+use machine::{Axis, Position};
 use planning::gcode::Transmission;
 
 /// Why the parts that follow are not looked at.
@@ -82,6 +82,8 @@ pub struct Check<'a> {
     probe_answers: bool,
     /// An axis did not go as it was told to.
     strays: bool,
+    /// Axes that the machine file lets travel beyond the control's limits: a jog may end in an alarm.
+    beyond_limits: Vec<Axis>,
     summary: Summary,
 }
 
@@ -111,6 +113,7 @@ impl<'a> Check<'a> {
             polarity,
             probe_answers,
             strays,
+            beyond_limits: Vec::new(),
             summary,
         }
     }

@@ -52,8 +52,9 @@ pub fn of(question: &Question) -> String {
             let not_yet =
                 not_yet.as_ref().map_or(String::new(), |why| format!("Not yet: {why}.\n"));
             format!(
-                "{not_yet}The control is held. Reset it there, and bring it to where it takes commands (do \
-                 not resume: it would go its way to the end). Is it ready? yes / no"
+                "{not_yet}The control was stopped on its way. Bring it to where it takes commands; is it in Hold, \
+                 reset it there (a resume would end the held move) and home it where a reset forgets that. Is \
+                 it ready? yes / no"
             )
         }
         Question::RetractDirection { position, look_for, last_result } => {

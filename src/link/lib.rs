@@ -83,8 +83,9 @@ impl LinkError {
                     .to_owned()
             }
             Self::Lost { .. } => {
-                "the state of the machine is unknown: look at it, then mend the link; a port that \
-                 comes back under another name is found by serial_id"
+                "the state of the machine is unknown: look at it, then mend the link (a server \
+                 that has ended: start it again; a serial port that comes back under another name is found \
+                 by serial_id)"
                     .to_owned()
             }
         }

@@ -144,7 +144,10 @@ impl ControllerError {
             | Self::StillTripped { .. }
             | Self::ProbeClosed => self.at_the_probe(),
             Self::Probe { fault } => fault.remedy(),
-            Self::Halted => "nothing moves until a person starts a run again",
+            Self::Halted => {
+                "nothing moves until a person starts a run again. A control that is still in Hold would end the \
+                 held move at Cycle Start: reset it instead, and home it where a reset forgets that"
+            }
             Self::Render { .. }
             | Self::Altered(_)
             | Self::Transmission { .. }
@@ -189,8 +192,8 @@ impl ControllerError {
             // Soft limits: the firmware accepts nothing before a reset.
             Self::Alarm { code: 2, .. } => {
                 "the control was asked beyond its soft limits: min and max of [axes] may be wider than its \
-                 travel (grblHAL: $130 to $132; `trued check` compares them). Reset the control (Ctrl-X), \
-                 home it ($H), start again"
+                 travel (grblHAL: $130 and following; `trued check` compares them). Reset the control \
+                 (Ctrl-X), home it, start again"
             }
             Self::Alarm { .. } => {
                 "look at the machine, clear the alarm there, home it if it asks, start again"

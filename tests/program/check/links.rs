@@ -118,6 +118,11 @@ fn silence() -> Summary {
     })
 }
 
+/// The control lets X travel less than the machine file.
+pub fn short_travel() -> Summary {
+    set("130 = 400")
+}
+
 fn set(settings: &str) -> Summary {
     reached(&format!("{PTY}\nsettings = {{ {settings} }}"), "", |served| served)
 }
@@ -217,7 +222,7 @@ pub const MISTAKES: &[Mistake] = &[
     row("reports without the probe", || set("10 = 495"), "its reports hide the probe"),
     row("homing off", || set("22 = 0"), "its homing is off"),
     row("soft limits off", || set("20 = 0"), "its soft limits are off"),
-    row("a travel that is shorter there", || set("130 = 400"), "X travels 500 in the machine file"),
+    row("a travel that is shorter there", short_travel, "X travels 500 in the machine file"),
     row(
         "a rapid that is slower there",
         || set("112 = 5000"),

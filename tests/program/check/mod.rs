@@ -71,6 +71,18 @@ fn each_planted_mistake_is_named_and_no_other() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n\n"));
 }
 
+/// A jog into the part of the travel that the control does not allow would end in an alarm.
+fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
+    let summary = links::short_travel();
+    let jogged = |axis: &str| {
+        let mut findings = summary.findings.iter();
+        findings.any(|finding| finding.what.starts_with(&format!("{axis} +1 mm")))
+    };
+    assert!(!jogged("X") && jogged("Y"), "{summary}");
+    let text = summary.to_string();
+    assert!(text.contains("X: its limits differ from the control's"), "{text}");
+}
+
 fn a_sound_machine_passes_whatever_it_speaks() {
     let controls = [
         "wire = \"memory\"",
@@ -165,6 +177,7 @@ fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 40;
         each_planted_mistake_is_named_and_no_other,
+        regress_an_axis_beyond_the_controls_limits_is_not_jogged,
     ]
     .and(trials![Pool::Waiting, 0;
         a_sound_machine_passes_whatever_it_speaks,

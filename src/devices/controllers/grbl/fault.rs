@@ -38,7 +38,10 @@ pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -
 pub(super) fn not_ready(status: &Status) -> ControllerError {
     // What is held would go on when it is released: only a reset forgets it.
     let remedy = match status.state.as_str() {
-        "Alarm" => "look at the machine, then home it ($H) or unlock it ($X) at the control",
+        "Alarm" => {
+            "look at the machine, unlock it ($X) and home it at the control; without homing switches jog each \
+             axis to its end before $H"
+        }
         "Hold" | "Tool" => "a move is held: reset the control, look at the machine, home it",
         "Run" | "Jog" | "Home" => "wait until the machine stands, then start again",
         "Door" => "close the door, reset the control, look at the machine, home it",

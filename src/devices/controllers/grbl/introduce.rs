@@ -3,7 +3,7 @@
 use super::built::Built;
 use super::driver::Grbl;
 use super::fault::not_ready;
-use super::homing::{homed_mask, is_homed_axis, travel_ends};
+use super::homing::{HomedBy, homed_by, homed_mask, is_homed_axis, travel_ends};
 use super::readiness;
 use super::settings::Settings;
 use crate::controllers::{AxisSays, ControllerError, Introduction};
@@ -66,6 +66,8 @@ fn axis_says(
     };
     let homes = match built.classic {
         true => None,
+        // By hand `$H` makes zero wherever the axis stands: the owner decides whether that is confirmed.
+        false if !axis.is_linear() && homed_by(settings, place) == HomedBy::Hand => None,
         false => is_homed_axis(settings, place, homed_mask),
     };
     AxisSays {

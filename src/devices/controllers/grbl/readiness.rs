@@ -178,7 +178,14 @@ pub(super) fn homed(
                 _ => format!("{} are", names(&lost)),
             }
         );
-        Remark::hinders(what, "look at the machine, home it ($H) at the control, start again")
+        let by_hand = lost.iter().any(|(_, place)| homed_by(settings, *place) == HomedBy::Hand);
+        let remedy = if by_hand {
+            "it is homed by hand: $H makes zero where the axes stand. Jog Z up, then each axis to its end, turn \
+             the rotary axes to their marks; then $H, and start again"
+        } else {
+            "look at the machine, home it ($H) at the control, start again"
+        };
+        Remark::hinders(what, remedy)
     })
 }
 
