@@ -6,6 +6,7 @@
 use serde::de::DeserializeOwned;
 
 mod asking;
+pub mod ball_measurement;
 pub mod decision;
 pub mod identification;
 pub mod laser_r_test;

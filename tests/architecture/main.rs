@@ -49,7 +49,7 @@ const SIBLINGS: [(&str, &[&str]); 3] =
     [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
 
 /// Folders of `methods` that all methods use. They import no method.
-const SHARED: [&str; 2] = ["decision", "identification"];
+const SHARED: [&str; 3] = ["ball_measurement", "decision", "identification"];
 
 /// Packages that do no IO and read no clock.
 const PURE: [&str; 4] = ["estimation", "machine", "planning", "methods"];

@@ -7,20 +7,20 @@ use machine::record::artefact::{Artefact, Balls};
 /// With fewer the machine's errors cannot be told from those of the places of the balls.
 const LEAST_BALLS: usize = 3;
 
-/// The balls of the artefact.
+/// The balls of the artefact, for `method`.
 ///
 /// # Errors
 /// No balls, fewer than three, balls or lengths that cannot be as they are stated ([`check`]).
-pub fn balls(artefact: &Artefact) -> Result<&Balls, Refused> {
+pub fn balls<'a>(method: &str, artefact: &'a Artefact) -> Result<&'a Balls, Refused> {
     let Artefact::Balls(set) = artefact else {
         return refuse(
-            "samba touches balls; [artefact] states a cylinder".to_owned(),
+            format!("{method} touches balls; [artefact] states a cylinder"),
             "describe the balls with kind = \"balls\", or measure the cylinder with self-calibration",
         );
     };
     if set.balls.len() < LEAST_BALLS {
         return refuse(
-            format!("{} ball(s): samba needs three or more", set.balls.len()),
+            format!("{} ball(s): {method} needs three or more", set.balls.len()),
             "set up and describe at least three balls that do not stand in one line",
         );
     }

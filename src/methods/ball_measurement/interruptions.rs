@@ -2,31 +2,32 @@
 
 use nalgebra::Vector3;
 
-use super::{Effect, drift_mm_per_s, nonzero_columns, repeatability_mm, shifts};
+use super::effects::{nonzero_columns, shifts};
+use super::observe::BallCentre;
 use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
-use crate::identification::declared::display_step_mm;
-use crate::samba::observe::Sight;
+use crate::identification::Effect;
+use crate::identification::declared::{display_step_mm, drift_mm_per_s, repeatability_mm};
 use machine::Axis;
 use machine::record::plan::Plan;
 
 /// All that was measured after an interruption may lie apart from what was measured before, in X, Y and
 /// Z, by as much as the references that were measured again are allowed to. That whole limit counts as standard
 /// uncertainty: nobody knows how steps spread, and one near the limit in all three axes is still covered.
-pub fn steps(plan: &Plan, sights: &[Sight]) -> Effect {
-    nonzero_columns(plan.gaps_s.iter().flat_map(|gap_s| at(plan, sights, *gap_s)))
+pub fn steps(plan: &Plan, centres: &[BallCentre]) -> Effect {
+    nonzero_columns(plan.gaps_s.iter().flat_map(|gap_s| at(plan, centres, *gap_s)))
 }
 
 /// None, unless something was measured on either side.
-fn at(plan: &Plan, sights: &[Sight], gap_s: f64) -> Vec<Vec<f64>> {
-    let times = || sights.iter().map(|sight| sight.t_s);
+fn at(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>> {
+    let times = || centres.iter().map(|centre| centre.t_s);
     let before = times().filter(|t_s| *t_s <= gap_s).reduce(f64::max);
     let after = times().filter(|t_s| *t_s > gap_s).reduce(f64::min);
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let step = |axis: Axis| {
         let u = limit(plan, axis, [before, after]);
         shifts(
-            sights,
-            |sight| if sight.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() },
+            centres,
+            |centre| if centre.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() },
         )
     };
     Axis::LINEAR.into_iter().map(step).collect()

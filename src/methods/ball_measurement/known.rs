@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::samba::design::Bench;
-use crate::samba::label::{Label, Pass};
+use super::label::{Label, Pass};
+use super::setup::MeasurementSetup;
 use machine::Position;
 use machine::record::plan::{REPEAT_AFTER_STOP, Step};
 use machine::record::reading::Reading;
@@ -28,22 +28,22 @@ pub struct Taken<'a> {
 
 impl Known {
     /// Of the plan's steps and their readings; incomplete measurements do not count.
-    pub fn of(bench: &Bench<'_>, readings: &[Reading]) -> Self {
-        Self::of_taken(bench, &taken(bench, readings))
+    pub fn of(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Self {
+        Self::of_taken(setup, &taken(setup, readings))
     }
 
     pub fn of_taken<'t, 'r: 't>(
-        bench: &Bench<'_>,
+        setup: &MeasurementSetup<'_>,
         all: impl IntoIterator<Item = &'t Taken<'r>>,
     ) -> Self {
-        let mut found = vec![Vec::new(); bench.balls.balls.len()];
+        let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for taken in all {
             // References repeat a visit; what was found at it stands already.
             if taken.label.pass == Pass::Reference {
                 continue;
             }
             if let (Some(centres), Some(Ok(measured))) =
-                (found.get_mut(taken.ball), taken.measured(bench))
+                (found.get_mut(taken.ball), taken.measured(setup))
             {
                 centres.push((taken.label.indexation as usize, measured.centre_mm));
             }
@@ -52,12 +52,12 @@ impl Known {
     }
 
     /// As if everything in the plan had been found where it is stated.
-    pub fn nominal(bench: &Bench<'_>) -> Self {
-        let mut found = vec![Vec::new(); bench.balls.balls.len()];
-        for label in bench.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
-            let ball = bench.balls.balls.iter().position(|ball| ball.id == label.ball);
+    pub fn nominal(setup: &MeasurementSetup<'_>) -> Self {
+        let mut found = vec![Vec::new(); setup.balls.balls.len()];
+        for label in setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
+            let ball = setup.balls.balls.iter().position(|ball| ball.id == label.ball);
             let Some(ball) = ball else { continue };
-            if let (Some(centres), Some(of)) = (found.get_mut(ball), bench.balls.balls.get(ball)) {
+            if let (Some(centres), Some(of)) = (found.get_mut(ball), setup.balls.balls.get(ball)) {
                 centres.push((label.indexation as usize, Vector3::from(of.centre_mm)));
             }
         }
@@ -71,11 +71,11 @@ impl Known {
 
     /// Where a ball is expected at a visit: as found there, as last found elsewhere. Until all are found,
     /// as stated: ways and proof can look at one artefact only, and that is the stated one then.
-    pub fn centre(&self, bench: &Bench<'_>, ball: usize, visit: usize) -> Vector3<f64> {
+    pub fn centre(&self, setup: &MeasurementSetup<'_>, ball: usize, visit: usize) -> Vector3<f64> {
         let found = self.found.get(ball).filter(|_| self.all());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
         let last = there.or_else(|| found.and_then(|all| all.last()));
-        let stated = bench.balls.balls.get(ball).map(|ball| Vector3::from(ball.centre_mm));
+        let stated = setup.balls.balls.get(ball).map(|ball| Vector3::from(ball.centre_mm));
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 
@@ -83,24 +83,27 @@ impl Known {
     /// are found. What was found elsewhere strays by what the nominal machine does not know: twice
     /// the offsets of the rotary axes, and nobody knows these before they are identified. As much
     /// is granted as a slow touch sets out away from the ball, and never more than what is stated.
-    pub fn uncertainty_mm(&self, bench: &Bench<'_>) -> f64 {
-        let stated = bench.balls.uncertainty_mm;
-        if self.all() { stated.min(bench.settings.standoff_mm) } else { stated }
+    pub fn uncertainty_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
+        let stated = setup.balls.uncertainty_mm;
+        if self.all() { stated.min(setup.touch.standoff_mm) } else { stated }
     }
 }
 
 impl Taken<'_> {
     /// By the nominal machine. `None`: touches are missing.
-    pub fn measured(&self, bench: &Bench<'_>) -> Option<Result<MeasuredBall, BallDoubt>> {
+    pub fn measured(
+        &self,
+        setup: &MeasurementSetup<'_>,
+    ) -> Option<Result<MeasuredBall, BallDoubt>> {
         let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
         let complete = self.steps.len() == touches.len();
-        let (machine, probe) = (&bench.plan.machine, &bench.plan.probe);
+        let (machine, probe) = (&setup.plan.machine, &setup.plan.probe);
         complete.then(|| measured_ball(&self.label.ball, &touches, machine, probe))
     }
 }
 
 /// All measurements that the plan's steps name, in their order.
-pub fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
+pub fn taken<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
         let of_step = newest.entry(reading.step).or_insert(reading);
@@ -109,9 +112,9 @@ pub fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
         }
     }
     let mut all: Vec<Taken<'_>> = Vec::new();
-    for step in &bench.plan.steps {
+    for step in &setup.plan.steps {
         let Ok(label) = step.label.parse::<Label>() else { continue };
-        let Some(ball) = bench.balls.balls.iter().position(|ball| ball.id == label.ball) else {
+        let Some(ball) = setup.balls.balls.iter().position(|ball| ball.id == label.ball) else {
             continue;
         };
         let same = |other: &Label| {

@@ -44,7 +44,7 @@ impl fmt::Display for Label {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no label of a samba plan: they read like slow/007/3/+45")]
+#[error("`{0}` is no label of a ball measurement: they read like slow/007/3/+45")]
 pub struct UnknownLabel(pub String);
 
 impl FromStr for Label {

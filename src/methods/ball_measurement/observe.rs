@@ -1,4 +1,4 @@
-//! Readings → measurements of balls: the axis positions at which the stylus-ball centre coincides with
+//! Readings to measurements of balls: the axis positions at which the stylus-ball centre coincides with
 //! the centre of the ball.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,7 +22,7 @@ const LEAST_TOUCHES: usize = 4;
 
 /// One measurement of one ball.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub struct BallCentre {
     /// Of one of its touches.
     pub label: Label,
     /// Index of the ball in the artefact.
@@ -60,7 +60,7 @@ pub struct Observed {
     /// Where they were sent: what people call an indexation's position. As many of `places` belong to
     /// each as the readings flicker.
     pub commanded: Vec<Position>,
-    pub sights: Vec<Sight>,
+    pub centres: Vec<BallCentre>,
     /// Measurements that could not be used, in words.
     pub left_out: Vec<String>,
 }
@@ -79,7 +79,7 @@ struct Visit {
 /// # Errors
 /// Readings that do not belong to the plan, an artefact without balls, labels that are none.
 pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyError> {
-    let balls = balls(plan)?;
+    let balls = stated_balls(plan)?;
     let steps: BTreeMap<u32, &Step> = plan.steps.iter().map(|step| (step.id, step)).collect();
     let mut seen = BTreeSet::new();
     let mut visits: BTreeMap<Visit, Vec<(&Step, &Reading, Label)>> = BTreeMap::new();
@@ -110,8 +110,8 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
         let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
         let ball =
             ball.ok_or_else(|| refused(format!("the artefact has no ball {}", visit.ball)))?;
-        match sight(&touches, ball, &mut observed) {
-            Ok(sight) => observed.sights.push(sight),
+        match centre_of(&touches, ball, &mut observed) {
+            Ok(centre) => observed.centres.push(centre),
             Err(why) => observed.left_out.push(format!(
                 "ball {} at indexation {} is left out: {why}",
                 visit.ball,
@@ -119,7 +119,7 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
             )),
         }
     }
-    observed.sights.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    observed.centres.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     Ok(observed)
 }
 
@@ -147,10 +147,12 @@ fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
     left_out
 }
 
-pub fn balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
+/// # Errors
+/// An artefact without balls.
+pub fn stated_balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
     match &plan.artefact {
         Artefact::Balls(balls) => Ok(balls),
-        Artefact::Cylinder(_) => Err(refused("samba measures balls, the artefact has none".into())),
+        Artefact::Cylinder(_) => Err(refused("the artefact has no balls".into())),
     }
 }
 
@@ -159,11 +161,11 @@ fn refused(why: String) -> IdentifyError {
     Refused { why, instead }.into()
 }
 
-fn sight(
+fn centre_of(
     touches: &[(&Step, &Reading, Label)],
     ball: usize,
     observed: &mut Observed,
-) -> Result<Sight, String> {
+) -> Result<BallCentre, String> {
     let [(step, _, label), ..] = touches else {
         return Err("all its touches are excluded".to_owned());
     };
@@ -181,7 +183,7 @@ fn sight(
             _ => None,
         })
         .collect();
-    let mut sight = Sight {
+    let mut centre = BallCentre {
         label: label.clone(),
         ball,
         place: 0,
@@ -192,11 +194,11 @@ fn sight(
         touches: points.ok_or("a reading lacks X, Y or Z")?,
         t_s: touches.iter().map(|(_, reading, _)| reading.t_s).sum::<f64>() / touches.len() as f64,
     };
-    sight.fit(Matrix3::identity()).map_err(|why| why.to_string())?;
-    sight.place = index_of(place, &mut observed.places);
+    centre.fit(Matrix3::identity()).map_err(|why| why.to_string())?;
+    centre.place = index_of(place, &mut observed.places);
     let commanded = step.from.only(|axis| !axis.is_linear());
-    sight.commanded = index_of(commanded, &mut observed.commanded);
-    Ok(sight)
+    centre.commanded = index_of(commanded, &mut observed.commanded);
+    Ok(centre)
 }
 
 /// Where the rotary axes stood on average; `None`: they moved between the touches.
@@ -229,11 +231,11 @@ impl Observed {
     /// # Errors
     /// Ways that make no sphere of the touches.
     pub fn fit_again(&mut self, ways: &[Matrix3<f64>]) -> Result<(), SphereError> {
-        self.sights.iter_mut().try_for_each(|sight| sight.fit(ways[sight.place]))
+        self.centres.iter_mut().try_for_each(|centre| centre.fit(ways[centre.place]))
     }
 }
 
-impl Sight {
+impl BallCentre {
     /// Gains and squareness make an ellipsoid of the ball in axis positions, and its pole has no
     /// opposite that would balance it: the sphere is fitted where it is one.
     fn fit(&mut self, way: Matrix3<f64>) -> Result<(), SphereError> {

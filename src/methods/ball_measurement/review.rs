@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::known::{Known, Taken, taken};
+use super::label::Pass;
+use super::setup::{MeasurementSetup, describe_position};
 use crate::Refused;
-use crate::samba::design::{Bench, in_words};
-use crate::samba::label::Pass;
 use machine::Axis;
 use machine::record::plan::{Stage, StepKind};
 use machine::record::reading::Reading;
@@ -18,22 +18,22 @@ use planning::{BallDoubt, BallLimits};
 /// A measurement that was outside the limits before already; a ball that is not where it can be. Both
 /// unless a person has looked since.
 pub fn review(
-    bench: &Bench<'_>,
+    setup: &MeasurementSetup<'_>,
     last: &Stage,
     readings: &[Reading],
 ) -> Result<Option<(Vec<u32>, u32)>, Refused> {
-    let all = taken(bench, readings);
+    let all = taken(setup, readings);
     let of_stage =
         |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for taken in all.iter().filter(of_stage) {
         // After a stop a person has looked, and perhaps cleaned.
         let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
-        let looked_after = bench.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
-        let doubt = match fault(bench, taken) {
-            Some(fault) if last.repeat > 0 => Some(outside(bench, &fault)),
+        let looked_after = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
+        let doubt = match fault(setup, taken) {
+            Some(fault) if last.repeat > 0 => Some(outside(setup, &fault)),
             Some(_) => None,
-            None => match check_place(bench, &all, taken) {
+            None => match check_place(setup, &all, taken) {
                 Ok(()) => continue,
                 Err(elsewhere) => Some(elsewhere),
             },
@@ -48,49 +48,54 @@ pub fn review(
 
 /// Why a measurement does not count. Fast touches come late, and the first do not come along the
 /// normals: of them it is enough that they lie on a sphere.
-fn fault(bench: &Bench<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
-    let measured = match taken.measured(bench)? {
+fn fault(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
+    let measured = match taken.measured(setup)? {
         Ok(measured) => measured,
         Err(doubt) => return Some(doubt),
     };
-    let stated_mm = 2.0 * bench.balls.balls.get(taken.ball)?.radius_mm;
+    let stated_mm = 2.0 * setup.balls.balls.get(taken.ball)?.radius_mm;
     let limits = BallLimits {
-        form_mm: bench.settings.form_limit_um * 1e-3,
-        diameter_mm: bench.settings.diameter_limit_um * 1e-3,
+        form_mm: setup.touch.form_limit_mm,
+        diameter_mm: setup.touch.diameter_limit_mm,
     };
     let slow = taken.label.pass != Pass::Find;
     slow.then(|| measured.check(&taken.label.ball, stated_mm, &limits).err()).flatten()
 }
 
-fn outside(bench: &Bench<'_>, fault: &BallDoubt) -> Refused {
+fn outside(setup: &MeasurementSetup<'_>, fault: &BallDoubt) -> Refused {
     Refused {
         why: format!("twice the same: {fault}"),
         instead: format!(
             "clean and tighten the ball and the stylus and compare both radii with the machine file, \
-             {}. form_limit_um and diameter_limit_um stand in [method.samba]",
-            way_on(bench)
+             {}. form_limit_um and diameter_limit_um stand in [method.{}]",
+            way_on(setup),
+            setup.method
         ),
     }
 }
 
 /// A run goes on by its references only, and the first searches come before them.
-fn way_on(bench: &Bench<'_>) -> &'static str {
-    match bench.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
+fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
+    match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
         true => "then resume the run: it measures the ball again",
         false => "then start a new run",
     }
 }
 
-fn name(bench: &Bench<'_>, taken: &Taken<'_>) -> String {
-    let ball = bench.balls.balls.get(taken.ball).map_or("", |ball| &ball.id);
+fn name(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> String {
+    let ball = setup.balls.balls.get(taken.ball).map_or("", |ball| &ball.id);
     let at = taken.steps.first().map(|step| step.from.only(|axis: Axis| !axis.is_linear()));
-    format!("ball {ball} at {}", in_words(&at.unwrap_or_default()))
+    format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
 }
 
 /// A ball may be no further from where it was expected than was granted.
-fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Result<(), Refused> {
+fn check_place(
+    setup: &MeasurementSetup<'_>,
+    all: &[Taken<'_>],
+    taken: &Taken<'_>,
+) -> Result<(), Refused> {
     let (Some(Ok(measured)), Some(ball)) =
-        (taken.measured(bench), bench.balls.balls.get(taken.ball))
+        (taken.measured(setup), setup.balls.balls.get(taken.ball))
     else {
         return Ok(());
     };
@@ -100,15 +105,15 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
     // What its own stage found was not known when it was planned.
     let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
     let before = all.iter().take_while(|other| stage(other) != stage(taken));
-    let known = Known::of_taken(bench, before);
+    let known = Known::of_taken(setup, before);
     let stated = Vector3::from(ball.centre_mm);
-    let expected = known.centre(bench, taken.ball, taken.label.indexation as usize);
+    let expected = known.centre(setup, taken.ball, taken.label.indexation as usize);
     let (away, limit) =
-        (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(bench));
+        (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(setup));
     if away <= limit {
         return Ok(());
     }
-    let place = name(bench, taken);
+    let place = name(setup, taken);
     if expected == stated {
         return Err(Refused {
             why: format!(
@@ -116,7 +121,7 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
             ),
             instead: format!(
                 "check centre_mm of the ball and how the artefact stands on the table, {}",
-                way_on(bench)
+                way_on(setup)
             ),
         });
     }
@@ -128,7 +133,7 @@ fn check_place(bench: &Bench<'_>, all: &[Taken<'_>], taken: &Taken<'_>) -> Resul
         instead: format!(
             "clean the ball and put it back if it has moved, {}. Where point_mm of the rotary axes, \
              standoff_mm or uncertainty_mm must be changed, start a new run",
-            way_on(bench)
+            way_on(setup)
         ),
     })
 }

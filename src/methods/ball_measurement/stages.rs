@@ -1,36 +1,70 @@
-//! Which stage comes next: the tasks of a design, one stage each.
+//! Which stage comes next: the tasks of a list of visits, one stage each.
 
-mod known;
-mod review;
-
-#[cfg(test)]
-mod tests;
-
-pub use self::known::Known;
-pub use self::review::review;
-
-use super::design::{Bench, Visit, in_words};
+use super::known::Known;
 use super::label::{Label, Pass};
-use super::settings::{Find, Settings};
-use crate::Refused;
+use super::review::review;
+use super::setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
+use crate::{Next, Refused, Source};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
+use machine::record::reading::Reading;
 use planning::{Approach, Unreachable, staged_blocks};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Task {
-    pub pass: Pass,
+struct Task {
+    pass: Pass,
     /// Number of the visit in the labels; of a reference its round.
-    pub number: usize,
+    number: usize,
     /// The visit whose indexation it is.
-    pub visit: usize,
-    pub balls: Vec<usize>,
+    visit: usize,
+    balls: Vec<usize>,
+}
+
+/// The next stage of a run that measures the `visits`: a stage of measurements that were outside the limits
+/// once more, or the next task.
+///
+/// # Errors
+/// A ball that cannot be touched, or was twice outside the limits.
+pub fn next(
+    setup: &MeasurementSetup<'_>,
+    visits: &[Visit],
+    done: &[Stage],
+    source: Source<'_>,
+) -> Result<Next, Refused> {
+    let id = done.last().map_or(0, |stage| stage.id + 1);
+    let known = match source {
+        Source::Nominal => Known::nominal(setup),
+        Source::Measured(readings) => {
+            if let Some(stage) = once_more(setup, done, readings, id)? {
+                return Ok(Next::Stage { stage, new_steps: Vec::new() });
+            }
+            Known::of(setup, readings)
+        }
+    };
+    let tasks = tasks(setup, visits);
+    let passed = done.iter().filter(|stage| stage.repeat == 0).count();
+    let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
+    let (stage, new_steps) = stage(setup, visits, task, &known, id)?;
+    Ok(Next::Stage { stage, new_steps })
+}
+
+/// The measurements of the last stage that were outside the limits, once more.
+fn once_more(
+    setup: &MeasurementSetup<'_>,
+    done: &[Stage],
+    readings: &[Reading],
+    id: u32,
+) -> Result<Option<Stage>, Refused> {
+    let Some(last) = done.last() else { return Ok(None) };
+    let Some((steps, repeat)) = review(setup, last, readings)? else { return Ok(None) };
+    let name = format!("{}, once more", last.name.trim_end_matches(", once more"));
+    Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }
 
 /// All tasks in measuring order. First every ball is searched for, at the indexation that shows most
 /// and, for those it does not show, at others; then follow the visits.
-pub fn tasks(bench: &Bench<'_>, visits: &[Visit]) -> Vec<Task> {
+fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Vec<Task> {
     let searches = searches(visits);
     let task = |pass, number: usize, balls: &[usize]| Task {
         pass,
@@ -38,7 +72,7 @@ pub fn tasks(bench: &Bench<'_>, visits: &[Visit]) -> Vec<Task> {
         visit: number,
         balls: balls.to_vec(),
     };
-    let every = bench.settings.find == Find::Every;
+    let every = setup.touch.find == Find::Every;
     let mut tasks: Vec<Task> = searches
         .iter()
         .map(|(visit, new)| {
@@ -48,7 +82,7 @@ pub fn tasks(bench: &Bench<'_>, visits: &[Visit]) -> Vec<Task> {
         })
         .collect();
     let reference = |round: usize| {
-        let (visit, balls) = searches.first().filter(|_| bench.settings.references)?;
+        let (visit, balls) = searches.first().filter(|_| setup.touch.has_references)?;
         let ball = *balls.first()?;
         Some(Task { pass: Pass::Reference, number: round, visit: *visit, balls: vec![ball] })
     };
@@ -93,11 +127,11 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
 ///
 /// # Errors
 /// What cannot be planned.
-pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refused> {
-    let mut plan = Plan { steps: Vec::new(), ..bench.plan.clone() };
+pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<f64, Refused> {
+    let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
-    for (id, task) in (0..).zip(tasks(bench, visits)) {
-        let grown = bench.with(&plan);
+    for (id, task) in (0..).zip(tasks(setup, visits)) {
+        let grown = setup.with(&plan);
         let (planned, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
@@ -109,60 +143,60 @@ pub fn machine_time_s(bench: &Bench<'_>, visits: &[Visit]) -> Result<f64, Refuse
 ///
 /// # Errors
 /// What cannot be touched.
-pub fn stage(
-    bench: &Bench<'_>,
+fn stage(
+    setup: &MeasurementSetup<'_>,
     visits: &[Visit],
     task: &Task,
     known: &Known,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
     let mut steps = match task.pass {
-        Pass::Reference if task.number > 0 => again(bench, task),
-        _ => new_steps(bench, visits, task, known)?,
+        Pass::Reference if task.number > 0 => again(setup, task),
+        _ => new_steps(setup, visits, task, known)?,
     };
-    let first = bench.plan.steps.len();
+    let first = setup.plan.steps.len();
     for (index, step) in steps.iter_mut().enumerate() {
         (step.id, step.stage) = ((first + index) as u32, id);
     }
     let stage = Stage {
         id,
-        name: name(bench, visits, task),
+        name: name(setup, visits, task),
         repeat: 0,
         steps: steps.iter().map(|step| step.id).collect(),
-        found: found(bench, task, known),
+        found: found(setup, task, known),
     };
     Ok((stage, steps))
 }
 
-fn name(bench: &Bench<'_>, visits: &[Visit], task: &Task) -> String {
-    let at = visits.get(task.visit).map_or(String::new(), |visit| in_words(&visit.at));
+fn name(setup: &MeasurementSetup<'_>, visits: &[Visit], task: &Task) -> String {
+    let at = visits.get(task.visit).map_or(String::new(), |visit| describe_position(&visit.at));
     match task.pass {
         Pass::Find => format!("find at {at} ({} of {})", task.number + 1, visits.len()),
         Pass::Slow => format!("measure at {at} ({} of {})", task.number + 1, visits.len()),
         Pass::Reference => {
-            let ball = task.balls.first().and_then(|ball| bench.balls.balls.get(*ball));
+            let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
             format!("reference: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
 }
 
 fn new_steps(
-    bench: &Bench<'_>,
+    setup: &MeasurementSetup<'_>,
     visits: &[Visit],
     task: &Task,
     known: &Known,
 ) -> Result<Vec<Step>, Refused> {
     let Some(visit) = visits.get(task.visit) else { return Ok(Vec::new()) };
-    let thought = found(bench, task, known);
-    let access = bench.access(thought.as_ref().unwrap_or(&bench.plan.artefact))?;
-    let Settings { standoff_mm, search_mm, .. } = *bench.settings;
+    let thought = found(setup, task, known);
+    let access = setup.access(thought.as_ref().unwrap_or(&setup.plan.artefact))?;
+    let TouchSettings { standoff_mm, search_mm, .. } = setup.touch;
     let mut steps: Vec<Step> = Vec::new();
     for index in &task.balls {
-        let Some(ball) = bench.balls.balls.get(*index) else { continue };
-        let centre_mm = known.centre(bench, *index, task.visit).into();
+        let Some(ball) = setup.balls.balls.get(*index) else { continue };
+        let centre_mm = known.centre(setup, *index, task.visit).into();
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
-            Pass::Find => bench.search(known.uncertainty_mm(bench)),
+            Pass::Find => setup.search(known.uncertainty_mm(setup)),
             Pass::Slow | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
         };
         let kind = if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
@@ -170,28 +204,28 @@ fn new_steps(
             let (pass, indexation, touch) = (task.pass, task.number as u32, touch.to_owned());
             Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
         };
-        let wanted = bench.task(&expected, &visit.at, approach);
-        let new = access.steps(&wanted, &bench.plan.probe, kind, (0, 0), label);
-        steps.extend(new.map_err(|why| refused(bench, visit, ball, &why))?);
+        let wanted = setup.task(&expected, &visit.at, approach);
+        let new = access.steps(&wanted, &setup.plan.probe, kind, (0, 0), label);
+        steps.extend(new.map_err(|why| refused(setup, visit, ball, &why))?);
     }
     Ok(steps)
 }
 
-fn refused(bench: &Bench<'_>, visit: &Visit, ball: &Ball, why: &Unreachable) -> Refused {
+fn refused(setup: &MeasurementSetup<'_>, visit: &Visit, ball: &Ball, why: &Unreachable) -> Refused {
     let instead = match why {
         Unreachable::TooLong { .. } => format!(
             "lower uncertainty_mm of [artefact] ({} mm): set the artefact up nearer to where the file \
              says, or take its place from a first probing by hand",
-            bench.balls.uncertainty_mm
+            setup.balls.uncertainty_mm
         ),
         _ => "take the position out of tilt_deg and turn_deg, or set the ball up elsewhere"
             .to_owned(),
     };
-    Refused { why: format!("ball {} at {}: {why}", ball.id, in_words(&visit.at)), instead }
+    Refused { why: format!("ball {} at {}: {why}", ball.id, describe_position(&visit.at)), instead }
 }
 
 /// The first round of the references once more: the very same places.
-fn again(bench: &Bench<'_>, task: &Task) -> Vec<Step> {
+fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
     let label = |step: &Step| step.label.parse::<Label>().ok();
     let of_first = |step: &&Step| {
         label(step).is_some_and(|label| label.pass == Pass::Reference && label.indexation == 0)
@@ -200,25 +234,25 @@ fn again(bench: &Bench<'_>, task: &Task) -> Vec<Step> {
         let label = Label { indexation: task.number as u32, ..label(step)? };
         Some(Step { label: label.to_string(), ..step.clone() })
     };
-    bench.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
+    setup.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
 }
 
 /// The balls where they were found. Slow touches set out from their standoff: half of it is granted to
 /// what the balls still stray from there. Before all of them are found nothing better is known than
 /// what is stated.
-fn found(bench: &Bench<'_>, task: &Task, known: &Known) -> Option<Artefact> {
+fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Artefact> {
     if !known.all() {
         return None;
     }
-    let settings = bench.settings;
+    let settings = setup.touch;
     let uncertainty_mm = match task.pass {
-        Pass::Find => known.uncertainty_mm(bench),
+        Pass::Find => known.uncertainty_mm(setup),
         _ => settings.standoff_mm.min(settings.search_mm) / 2.0,
     };
-    let balls = bench.balls.balls.iter().enumerate().map(|(index, ball)| {
-        let centre_mm = known.centre(bench, index, task.visit).into();
+    let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
+        let centre_mm = known.centre(setup, index, task.visit).into();
         Ball { centre_mm, ..ball.clone() }
     });
-    let lengths = bench.balls.lengths.clone();
+    let lengths = setup.balls.lengths.clone();
     Some(Artefact::Balls(Balls { balls: balls.collect(), lengths, uncertainty_mm }))
 }

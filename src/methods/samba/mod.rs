@@ -5,17 +5,14 @@ mod design;
 mod fit;
 mod harmonics;
 mod identify;
-mod label;
 mod left_out;
 mod model;
-mod observe;
 mod outputs;
 mod parameters;
 mod separable;
 mod settings;
 mod solution;
 mod sources;
-mod stages;
 mod suspects;
 #[cfg(test)]
 mod tests;
@@ -28,9 +25,9 @@ pub use settings::Settings;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use self::design::{Bench, Visit};
-use self::stages::Known;
+use self::design::Bench;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use crate::ball_measurement::{self, Visit};
 use machine::record::artefact::Artefact;
 use machine::record::estimate::Estimate;
 use machine::record::machine::{Machine, Probe};
@@ -62,8 +59,10 @@ impl Samba {
         if let Some(made) = made.as_ref().filter(fits) {
             return Ok(made.visits.clone());
         }
-        let visits: Arc<[Visit]> =
-            design::design(bench, |visits| stages::machine_time_s(bench, visits))?.into();
+        let visits: Arc<[Visit]> = design::design(bench, |visits| {
+            ball_measurement::machine_time_s(&bench.measurement(), visits)
+        })?
+        .into();
         let (machine, probe, artefact) = (machine.clone(), probe.clone(), artefact.clone());
         *made = Some(Made { machine, probe, artefact, visits: visits.clone() });
         Ok(visits)
@@ -93,21 +92,7 @@ impl Method for Samba {
     fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
         let bench = Bench::new(plan, &self.settings)?;
         let visits = self.visits(&bench)?;
-        let id = done.last().map_or(0, |stage| stage.id + 1);
-        let known = match source {
-            Source::Nominal => Known::nominal(&bench),
-            Source::Measured(readings) => {
-                if let Some(stage) = once_more(&bench, done, readings, id)? {
-                    return Ok(Next::Stage { stage, new_steps: Vec::new() });
-                }
-                Known::of(&bench, readings)
-            }
-        };
-        let tasks = stages::tasks(&bench, &visits);
-        let passed = done.iter().filter(|stage| stage.repeat == 0).count();
-        let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
-        let (stage, new_steps) = stages::stage(&bench, &visits, task, &known, id)?;
-        Ok(Next::Stage { stage, new_steps })
+        ball_measurement::next(&bench.measurement(), &visits, done, source)
     }
 
     fn identify(
@@ -119,17 +104,4 @@ impl Method for Samba {
         self.check_priors(priors)?;
         identify::identify(plan, &self.settings, readings)
     }
-}
-
-/// The measurements of the last stage that were outside the limits, once more.
-fn once_more(
-    bench: &Bench<'_>,
-    done: &[Stage],
-    readings: &[Reading],
-    id: u32,
-) -> Result<Option<Stage>, Refused> {
-    let Some(last) = done.last() else { return Ok(None) };
-    let Some((steps, repeat)) = stages::review(bench, last, readings)? else { return Ok(None) };
-    let name = format!("{}, once more", last.name.trim_end_matches(", once more"));
-    Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }

@@ -46,7 +46,7 @@ fn arrows(solved: &GeometrySolution<'_>, outliers: &[Outlier]) -> ArrowFigure {
     let misses = solved.misses();
     let flagged: BTreeSet<usize> = outliers.iter().map(|outlier| outlier.sight).collect();
     let arrow = |i: usize| {
-        let ball = observed.sights[i].ball;
+        let ball = observed.centres[i].ball;
         Arrow {
             label: balls.balls[ball].id.clone(),
             at_mm: vector(&minimum.x, problem.ball_at(ball)).into(),
@@ -56,7 +56,7 @@ fn arrows(solved: &GeometrySolution<'_>, outliers: &[Outlier]) -> ArrowFigure {
         }
     };
     let group = |(place, position): (usize, &Position)| {
-        let here = (0..misses.len()).filter(|i| observed.sights[*i].commanded == place);
+        let here = (0..misses.len()).filter(|i| observed.centres[*i].commanded == place);
         Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
     };
     let groups = observed.commanded.iter().enumerate().map(group).collect();

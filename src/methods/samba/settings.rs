@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Refused;
+use crate::ball_measurement::{Find, TouchSettings};
 
 /// How the indexations are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,17 +24,6 @@ pub enum Criterion {
     D,
     /// The mean variance of the machine's parameters, each against its requirement.
     A,
-}
-
-/// When a ball is searched for fast before it is measured slowly.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Find {
-    /// Once; afterwards it is expected where the nominal machine carries it.
-    Once,
-    /// At every indexation, as in paper 4, section 3.
-    #[default]
-    Every,
 }
 
 /// Whether the spindle turns with the design.
@@ -115,6 +105,18 @@ impl Default for Settings {
 const MOST_BALLS: usize = 2_000;
 
 impl Settings {
+    pub fn touch(&self) -> TouchSettings {
+        TouchSettings {
+            find: self.find,
+            touches: self.touches,
+            has_references: self.references,
+            standoff_mm: self.standoff_mm,
+            search_mm: self.search_mm,
+            form_limit_mm: self.form_limit_um * 1e-3,
+            diameter_limit_mm: self.diameter_limit_um * 1e-3,
+        }
+    }
+
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
         let must = |holds: bool, why: String, instead: &str| {

@@ -4,11 +4,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::fit::{Bar, Measured, Problem, Seen, vector};
 use super::model::{Model, length_mm, length_u_mm};
-use super::observe::{Observed, balls, observe};
 use super::parameters;
 use super::separable::{Way, directions};
 use super::settings::Settings;
 use super::sources::sources;
+use crate::ball_measurement::{Observed, observe, stated_balls};
 use crate::identification::{UncertaintySource, block_covariances};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
@@ -47,9 +47,9 @@ pub fn solve_geometry<'a>(
     settings: &'a Settings,
     readings: &[Reading],
 ) -> Result<GeometrySolution<'a>, IdentifyError> {
-    let stated = balls(plan)?;
+    let stated = stated_balls(plan)?;
     let mut observed = observe(plan, readings)?;
-    if observed.sights.is_empty() {
+    if observed.centres.is_empty() {
         return Err(nothing(&observed.left_out, readings).into());
     }
     let balls = seen_balls(stated, &mut observed);
@@ -89,13 +89,13 @@ impl GeometrySolution<'_> {
         let Self { problem, minimum, .. } = self;
         let tips = problem.tips(&minimum.x, &self.measured);
         let ball = |ball| vector(&minimum.x, problem.ball_at(ball));
-        self.observed.sights.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
+        self.observed.centres.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
     }
 }
 
 pub fn of_centres(observed: &Observed, lengths: &[Length]) -> Measured {
     Measured {
-        xyz: observed.sights.iter().map(|sight| sight.xyz).collect(),
+        xyz: observed.centres.iter().map(|sight| sight.xyz).collect(),
         lengths: lengths.iter().map(length_mm).collect(),
     }
 }
@@ -138,13 +138,13 @@ fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, Ident
 
 /// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
 fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
-    let seen = |ball: usize| observed.sights.iter().any(|sight| sight.ball == ball);
+    let seen = |ball: usize| observed.centres.iter().any(|sight| sight.ball == ball);
     let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| seen(*ball)).collect();
     let mut balls = stated.clone();
     balls.balls = kept.iter().map(|ball| stated.balls[*ball].clone()).collect();
     let known = |id: &str| balls.balls.iter().any(|ball| ball.id == id);
     balls.lengths.retain(|length| known(&length.from) && known(&length.to));
-    for sight in &mut observed.sights {
+    for sight in &mut observed.centres {
         sight.ball = kept.partition_point(|ball| *ball < sight.ball);
     }
     let missing = (0..stated.balls.len()).filter(|ball| !kept.contains(ball));
@@ -168,8 +168,8 @@ fn problem(
         Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: length_u_mm(length) })
     });
     let least = Matrix3::from_diagonal_element(MIN_U_MM.powi(2));
-    let covariances = block_covariances::<3>(sources, observed.sights.len());
-    let seen = observed.sights.iter().zip(covariances).map(|(sight, covariance)| Seen {
+    let covariances = block_covariances::<3>(sources, observed.centres.len());
+    let seen = observed.centres.iter().zip(covariances).map(|(sight, covariance)| Seen {
         place: sight.place,
         ball: sight.ball,
         whitening: whitening(least + covariance),

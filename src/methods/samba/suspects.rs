@@ -43,7 +43,7 @@ impl GeometrySolution<'_> {
             return Vec::new();
         }
         let leverage = self.minimum.factored.leverage();
-        let count = self.observed.sights.len();
+        let count = self.observed.centres.len();
         let probability = 1.0 - FALSE_ALARM / (3 * count) as f64;
         let limit = coverage::two_sided(probability, (dof - 1) as f64);
         let studentised = |row: usize| {
@@ -66,7 +66,7 @@ impl GeometrySolution<'_> {
     pub fn moved(&self) -> Option<String> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
-                let sights = &self.observed.sights;
+                let sights = &self.observed.centres;
                 let visits: Vec<usize> =
                     (0..sights.len()).filter(|i| sights[*i].ball == ball).collect();
                 (1..visits.len()).map(move |split| (visits.clone(), split))
@@ -88,7 +88,7 @@ impl GeometrySolution<'_> {
     /// With two measurements or more on either side nothing but a step looks like one. A single one at
     /// the end is off whether the ball has moved or something else is wrong with it.
     fn in_words(&self, visits: &[usize], split: usize, um: f64) -> String {
-        let sight = |visit: usize| &self.observed.sights[visits[visit]];
+        let sight = |visit: usize| &self.observed.centres[visits[visit]];
         let (ball, before) = (self.id(sight(split).ball), sight(split - 1).label.number());
         let after = sight(split).label.number();
         let single = match split {
@@ -168,7 +168,7 @@ impl GeometrySolution<'_> {
     /// Balls that too few indexations see: what they say goes into their own coordinates.
     pub fn thin(&self) -> Vec<String> {
         let told = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
-            let sights = self.observed.sights.iter().filter(|sight| sight.ball == ball);
+            let sights = self.observed.centres.iter().filter(|sight| sight.ball == ball);
             let places: std::collections::BTreeSet<usize> = sights.map(|s| s.commanded).collect();
             (places.len() < 3).then(|| {
                 format!(

@@ -59,7 +59,7 @@ fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
 
 fn far_off(solved: &GeometrySolution<'_>, outlier: &Outlier) -> String {
     let observed = &solved.observed;
-    let sight = &observed.sights[outlier.sight];
+    let sight = &observed.centres[outlier.sight];
     format!(
         "ball {} at indexation {} ({}) is {:.1} standard deviations off the rest: dirt, loose ball or \
          wrong stylus? It is kept; flag its readings `excluded` to leave it out",
@@ -73,7 +73,7 @@ fn far_off(solved: &GeometrySolution<'_>, outlier: &Outlier) -> String {
 /// Spheres that are none, and diameters that differ: from the stated ones, less what all have in
 /// common, which is pre-travel.
 fn unsound_balls(solved: &GeometrySolution<'_>) -> Vec<String> {
-    let sights = &solved.observed.sights;
+    let sights = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;
     let radius = |ball: usize| solved.balls.balls[ball].radius_mm + stylus;
     let short: Vec<f64> = sights.iter().map(|sight| sight.radius - radius(sight.ball)).collect();

@@ -3,20 +3,19 @@
 
 use nalgebra::Vector3;
 
-use super::artefact;
-use super::indexation::{in_words, oriented};
+use super::indexation::oriented;
 use super::information::{Bar, Information, Sight};
 use crate::Refused;
+use crate::ball_measurement::{MeasurementSetup, balls, describe_position};
 use crate::samba::model::{Model, length_u_mm};
 use crate::samba::parameters::{self, tilts_spindle};
 use crate::samba::separable::{Way, directions};
 use crate::samba::settings::Settings;
 use machine::frame::unit_vector;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
-use machine::record::artefact::{Artefact, Ball, Balls, Length};
+use machine::record::artefact::{Ball, Balls, Length};
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::Spindle};
-use planning::{Access, Approach, BallTask};
 
 /// What is asked of the machine's parameters at a noise of 1 um (METHODS section 4, G4): the units in
 /// which the criteria compare them. mm, rad, mm/mm.
@@ -40,50 +39,24 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// Settings, artefact or machine that cannot be measured with, each in words.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        let balls = artefact::balls(&plan.artefact)?;
+        let set = balls(crate::samba::NAME, &plan.artefact)?;
         settings.check()?;
         let chain = Chain::new(&plan.machine)?;
         let oriented = oriented(&plan.machine, settings)?.is_some();
         let stands = parameters::standing(plan, settings, &chain);
-        let lengths = directions(balls);
+        let lengths = directions(set);
         let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
         let chosen = parameters::chosen(&settings.parameters, way)?;
         check_standing(&chosen, way)?;
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let model = Model::of(chain, chosen, stands, lengths);
-        Ok(Self { plan, settings, balls, model, tip, oriented })
+        Ok(Self { plan, settings, balls: set, model, tip, oriented })
     }
 
-    /// The same for a plan that has grown.
-    pub fn with<'b>(&self, plan: &'b Plan) -> Bench<'b>
-    where
-        'a: 'b,
-    {
-        let Self { settings, balls, model, tip, oriented, .. } = self;
-        Bench { plan, settings, balls, model: model.clone(), tip: *tip, oriented: *oriented }
-    }
-
-    /// What is free beside the artefact, as it is thought to stand.
-    ///
-    /// # Errors
-    /// A machine without kinematics.
-    pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
-        Ok(Access::new(self.plan, artefact)?)
-    }
-
-    /// One measurement of a ball.
-    pub fn task<'t>(
-        &self,
-        ball: &'t Ball,
-        rotary: &'t Position,
-        approach: Approach,
-    ) -> BallTask<'t> {
-        BallTask { ball, rotary, approach, touches: self.settings.touches }
-    }
-
-    /// Fast, for a ball that may be so far from where it is expected.
-    pub fn search(&self, uncertainty_mm: f64) -> Approach {
-        Approach::Find { uncertainty_mm, standoff_mm: self.settings.standoff_mm }
+    /// How balls are measured.
+    pub fn measurement(&self) -> MeasurementSetup<'a> {
+        let Self { plan, settings, balls, .. } = *self;
+        MeasurementSetup { method: crate::samba::NAME, plan, balls, touch: settings.touch() }
     }
 
     /// Axis positions with the tip on the ball's stated centre.
@@ -91,7 +64,7 @@ impl<'a> Bench<'a> {
         let centre = Point::from_vec(Vector3::from(ball.centre_mm));
         let linear = self.model.chain().linear_axes_for(centre, self.tip, at, &[]);
         let linear = linear.map_err(|error| Refused {
-            why: format!("ball {} at {}: {error}", ball.id, in_words(at)),
+            why: format!("ball {} at {}: {error}", ball.id, describe_position(at)),
             instead: "correct the directions in [axes]".to_owned(),
         })?;
         Ok(at.updated_by(&linear.only(Axis::is_linear)))

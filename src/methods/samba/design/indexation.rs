@@ -175,11 +175,3 @@ pub fn is_same(one: f64, other: f64) -> bool {
     let turns = (one - other) / TAU;
     (turns - turns.round()).abs() * TAU < SAME_RAD
 }
-
-/// An indexation in words, degrees: `B30 C90 S0`.
-pub fn in_words(at: &Position) -> String {
-    let degree = |axis: Axis, value: f64| (axis.to_edge(value) * 1e3).round() / 1e3;
-    let words: Vec<String> =
-        at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
-    words.join(" ")
-}

@@ -1,6 +1,5 @@
 //! The measuring design: which balls at which indexations, in which order, and whether that is enough.
 
-mod artefact;
 mod bench;
 mod choose;
 mod indexation;
@@ -18,23 +17,16 @@ use std::collections::BTreeMap;
 
 pub use self::bench::Bench;
 use self::choose::{Budget, LEAST_VISITS, choose};
-pub use self::indexation::in_words;
 use self::information::Sight;
 use super::settings::Design as Kind;
 use crate::Refused;
+use crate::ball_measurement::{Visit, describe_position};
 use machine::record::artefact::Ball;
 use machine::{Axis, Position};
 use planning::Access;
 
 /// A stylus this near to the spindle's axis stands on it, as far as ways past obstacles go.
 const CENTRAL_MM: f64 = 0.1;
-
-/// One indexation and the balls measured there, as indices into the artefact's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Visit {
-    pub at: Position,
-    pub balls: Vec<usize>,
-}
 
 /// What can be measured.
 pub struct Candidates {
@@ -53,7 +45,7 @@ pub fn design(
     bench: &Bench<'_>,
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
-    let access = bench.access(&bench.plan.artefact)?;
+    let access = bench.measurement().access(&bench.plan.artefact)?;
     let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
@@ -155,7 +147,7 @@ fn free(
     at: &[Position],
     ball: &Ball,
 ) -> Vec<Result<(), String>> {
-    let approach = bench.search(bench.balls.uncertainty_mm);
+    let approach = bench.measurement().search(bench.balls.uncertainty_mm);
     // A stylus on the spindle's axis stands the same however the spindle is turned.
     let central = bench.tip.mm.xy().norm() < CENTRAL_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
@@ -164,7 +156,7 @@ fn free(
         let rotary = if central { place.only(|axis| axis != Axis::S) } else { place.clone() };
         let answer = match last.take().filter(|(before, _)| *before == rotary) {
             Some((_, answer)) => answer,
-            None => match access.accessible(&bench.task(ball, place, approach)) {
+            None => match access.accessible(&bench.measurement().task(ball, place, approach)) {
                 Ok(_) => Ok(()),
                 Err(why) => Err(why.to_string()),
             },
@@ -181,8 +173,11 @@ fn unreachable_ball(
     of: usize,
     why_not: &BTreeMap<String, &Position>,
 ) -> Refused {
-    let reasons: Vec<String> =
-        why_not.iter().take(2).map(|(why, at)| format!("at {} {why}", in_words(at))).collect();
+    let reasons: Vec<String> = why_not
+        .iter()
+        .take(2)
+        .map(|(why, at)| format!("at {} {why}", describe_position(at)))
+        .collect();
     let reached = match count {
         0 => "cannot be reached at any".to_owned(),
         some => format!("can be reached at {some} only"),

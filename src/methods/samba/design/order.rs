@@ -1,9 +1,9 @@
 //! In which order the indexations follow each other, and the balls at each.
 
+use super::Bench;
 use super::indexation::is_parallel;
-use super::{Bench, Visit};
 use crate::Refused;
-use crate::samba::settings::Find;
+use crate::ball_measurement::{Find, Visit};
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use planning::{Access, tour};

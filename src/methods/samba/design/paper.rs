@@ -10,8 +10,9 @@
 //! measured most often is left out.
 
 use super::indexation::{self, is_parallel, is_rotary, is_same};
-use super::{Bench, Candidates, Visit};
+use super::{Bench, Candidates};
 use crate::Refused;
+use crate::ball_measurement::Visit;
 use crate::samba::separable::Way;
 use crate::samba::settings::Settings;
 use machine::record::machine::Machine;

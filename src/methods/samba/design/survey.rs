@@ -3,9 +3,9 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::Visit;
 use super::bench::Bench;
 use crate::Refused;
+use crate::ball_measurement::Visit;
 use crate::samba::model::length_u_mm;
 use estimation::linear::{RANK_THRESHOLD, Survey, survey};
 use estimation::null_names::name_null_space;

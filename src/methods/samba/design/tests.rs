@@ -3,9 +3,9 @@
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
-use super::{Bench, Candidates, Visit, design, in_words, survey};
+use super::{Bench, Candidates, design, survey};
+use crate::ball_measurement::{Visit, describe_position, machine_time_s};
 use crate::samba::settings::{Criterion, Design as Kind, Settings};
-use crate::samba::stages::machine_time_s;
 use crate::samba::tests::{built_in, machine};
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
 use machine::record::artefact::{Artefact, Ball, Balls, Length};
@@ -70,7 +70,7 @@ fn check_g4(kind: (Kind, Criterion)) {
         assert!(shown >= 3, "ball {ball} is measured {shown} times");
     }
     for (index, visit) in visits.iter().enumerate() {
-        println!("{} {:?}", in_words(&visit.at), visit.balls);
+        println!("{} {:?}", describe_position(&visit.at), visit.balls);
         assert!(visits[..index].iter().all(|other| other.at != visit.at), "twice");
     }
     let (matrix, names) = survey::matrix(&bench, visits).unwrap();
@@ -109,7 +109,7 @@ fn the_budget_in_minutes_is_kept() {
     let settings = Settings { minutes: 25.0, ..Settings::default() };
     let plan = plan(&settings);
     let bench = Bench::new(&plan, &settings).unwrap();
-    let time_s = |visits: &[Visit]| machine_time_s(&bench, visits);
+    let time_s = |visits: &[Visit]| machine_time_s(&bench.measurement(), visits);
     let visits = design(&bench, time_s).unwrap();
     let minutes = time_s(&visits).unwrap() / 60.0;
     let balls: usize = visits.iter().map(|visit| visit.balls.len()).sum();
@@ -124,7 +124,7 @@ fn a_choice_by_chance_tells_less() {
     let settings = Settings::default();
     let plan = plan(&settings);
     let bench = Bench::new(&plan, &settings).unwrap();
-    let access = bench.access(&plan.artefact).unwrap();
+    let access = bench.measurement().access(&plan.artefact).unwrap();
     let candidates = Candidates::new(&bench, &access).unwrap();
     // log det of the covariance of the machine's parameters.
     let volume = |visits: &[Visit]| {

@@ -1,9 +1,9 @@
 //! Declared error motions of rotary axes.
 
-use super::{Effect, nonzero_columns, shifts};
+use crate::ball_measurement::{Observed, nonzero_columns, shifts};
+use crate::identification::Effect;
 use crate::identification::declared::{RotaryMotion, rotary_motions};
 use crate::samba::model::{Indexed, Model};
-use crate::samba::observe::Observed;
 use machine::kinematics::Chain;
 use machine::record::plan::Plan;
 use nalgebra::{Matrix3, Vector3};
@@ -23,9 +23,9 @@ pub fn error_motions(plan: &Plan, chain: &Chain, observed: &Observed) -> Effect 
     };
     let places: Vec<(Matrix3<f64>, Indexed)> = observed.places.iter().map(of_place).collect();
     let column = |(index, motion): (usize, &RotaryMotion)| {
-        shifts(&observed.sights, |sight| {
-            let (back, indexed) = &places[sight.place];
-            *back * indexed.machine(index, sight.xyz) * motion.size_mm
+        shifts(&observed.centres, |centre| {
+            let (back, indexed) = &places[centre.place];
+            *back * indexed.machine(index, centre.xyz) * motion.size_mm
         })
     };
     nonzero_columns(motions.iter().enumerate().map(column))

@@ -6,8 +6,9 @@ use std::sync::OnceLock;
 use serde::Deserialize;
 
 use super::htm::Triple;
+use crate::ball_measurement::Visit;
 use crate::samba::Settings;
-use crate::samba::design::{Bench, Visit, design};
+use crate::samba::design::{Bench, design};
 use crate::samba::settings::{Criterion, Design};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};

@@ -3,6 +3,7 @@ mod g4;
 mod htm;
 mod mended;
 mod other_machines;
+mod stages;
 mod touches;
 mod whole;
 

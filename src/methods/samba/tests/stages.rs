@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
+use crate::ball_measurement::{Find, Label, Pass};
 use crate::samba::design::tests::{plan, rumba};
-use crate::samba::label::{Label, Pass};
-use crate::samba::settings::{Find, Settings};
+use crate::samba::settings::Settings;
 use crate::samba::{Method, Next, Refused, Registered, Samba, Source};
 use machine::kinematics::{Chain, ErrorTerm};
 use machine::record::artefact::Artefact;

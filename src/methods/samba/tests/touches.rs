@@ -23,7 +23,7 @@ fn both(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
     let mut touched = solved.observed.clone();
     let equation = Measurement { problem, measured };
     let mut change = vec![0.0; equation.observations()];
-    for (i, sight) in touched.sights.iter_mut().enumerate() {
+    for (i, sight) in touched.centres.iter_mut().enumerate() {
         for touch in &mut sight.touches {
             let deviation: f64 = normal.next().unwrap();
             let shift = touch.gain * (deviation * NOISE_MM);

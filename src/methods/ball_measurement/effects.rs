@@ -1,0 +1,26 @@
+//! Changes of the observations X, Y, Z of each measurement (machine frame, mm) in the form of the core.
+
+use nalgebra::Vector3;
+
+use super::observe::BallCentre;
+use crate::identification::{Effect, ObservationRun};
+
+/// A column of a [`Effect::Joint`]: the `shift` of each measurement, machine frame, mm.
+pub fn shifts(centres: &[BallCentre], shift: impl FnMut(&BallCentre) -> Vector3<f64>) -> Vec<f64> {
+    let shifts: Vec<[f64; 3]> = centres.iter().map(shift).map(Into::into).collect();
+    shifts.into_flattened()
+}
+
+/// Joint draws, without those that change nothing.
+pub fn nonzero_columns(columns: impl IntoIterator<Item = Vec<f64>>) -> Effect {
+    Effect::Joint(columns.into_iter().filter(|column| !is_zero(column)).collect())
+}
+
+/// One draw a run, without those that change nothing.
+pub fn nonzero_runs(runs: impl Iterator<Item = ObservationRun>) -> Effect {
+    Effect::Runs(runs.filter(|run| !is_zero(&run.values)).collect())
+}
+
+fn is_zero(changes: &[f64]) -> bool {
+    changes.iter().all(|change| *change == 0.0)
+}

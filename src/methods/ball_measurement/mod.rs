@@ -1,0 +1,22 @@
+//! Measurements of balls by touches, as every method with master balls makes them: stages of a list of visits,
+//! what was found so far, what must be measured once more, readings to ball centres, and the uncertainty
+//! sources of the touches. Imports no method.
+
+mod artefact;
+mod effects;
+mod interruptions;
+mod known;
+mod label;
+mod observe;
+mod review;
+mod setup;
+mod sources;
+mod stages;
+
+pub use artefact::balls;
+pub use effects::{nonzero_columns, nonzero_runs, shifts};
+pub use label::{Label, Pass};
+pub use observe::{BallCentre, Observed, Touch, observe, stated_balls};
+pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
+pub use sources::touch_sources;
+pub use stages::{machine_time_s, next};

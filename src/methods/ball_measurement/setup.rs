@@ -1,0 +1,95 @@
+//! What a method measures with: plan, balls, and how each ball is touched.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Refused;
+use machine::record::artefact::{Artefact, Ball, Balls};
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+use planning::{Access, Approach, BallTask};
+
+/// When a ball is searched for fast before it is measured slowly.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Find {
+    /// Once; afterwards it is expected where the nominal machine carries it.
+    Once,
+    /// At every indexation, as in paper 4, section 3.
+    #[default]
+    Every,
+}
+
+/// One rotary position and the balls measured there, as indices into the artefact's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Visit {
+    pub at: Position,
+    pub balls: Vec<usize>,
+}
+
+/// How each ball is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TouchSettings {
+    pub find: Find,
+    /// Touches of one measurement: 5, or more for a form check.
+    pub touches: usize,
+    /// Whether one ball is measured again at the start, the middle and the end.
+    pub has_references: bool,
+    /// Clear distance before the expected contact of a slow touch, mm.
+    pub standoff_mm: f64,
+    /// How far beyond it a slow touch may go, mm.
+    pub search_mm: f64,
+    /// Form of one measurement (largest less smallest residual of its sphere) beyond which the run holds, mm.
+    pub form_limit_mm: f64,
+    /// Difference from the stated diameter, pre-travel with it, beyond which the run holds, mm.
+    pub diameter_limit_mm: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct MeasurementSetup<'a> {
+    /// Name of the method, for the table `[method.NAME]` in messages.
+    pub method: &'static str,
+    pub plan: &'a Plan,
+    pub balls: &'a Balls,
+    pub touch: TouchSettings,
+}
+
+impl<'a> MeasurementSetup<'a> {
+    /// The same for a plan that has grown.
+    pub fn with<'b>(&self, plan: &'b Plan) -> MeasurementSetup<'b>
+    where
+        'a: 'b,
+    {
+        MeasurementSetup { plan, ..*self }
+    }
+
+    /// What is free beside the artefact, as it is thought to stand.
+    ///
+    /// # Errors
+    /// A machine without kinematics.
+    pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
+        Ok(Access::new(self.plan, artefact)?)
+    }
+
+    /// One measurement of a ball.
+    pub fn task<'t>(
+        &self,
+        ball: &'t Ball,
+        rotary: &'t Position,
+        approach: Approach,
+    ) -> BallTask<'t> {
+        BallTask { ball, rotary, approach, touches: self.touch.touches }
+    }
+
+    /// Fast, for a ball that may be so far from where it is expected.
+    pub fn search(&self, uncertainty_mm: f64) -> Approach {
+        Approach::Find { uncertainty_mm, standoff_mm: self.touch.standoff_mm }
+    }
+}
+
+/// A rotary position in degrees: `B30 C90 S0`.
+pub fn describe_position(at: &Position) -> String {
+    let degree = |axis: Axis, value: f64| (axis.to_edge(value) * 1e3).round() / 1e3;
+    let words: Vec<String> =
+        at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
+    words.join(" ")
+}
