@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 
 mod asking;
 pub mod ball_measurement;
+pub mod ball_plate;
 pub mod decision;
 pub mod identification;
 pub mod laser_r_test;

@@ -30,6 +30,7 @@ registry! {
     crate::samba::Samba,
     crate::laser_r_test::LaserRTest,
     crate::latch_delay::LatchDelay,
+    crate::ball_plate::BallPlate,
 }
 
 pub fn names() -> Vec<&'static str> {

@@ -1,0 +1,60 @@
+//! The functions of the rotary angle of which each error motion is a sum.
+
+use std::f64::consts::TAU;
+
+/// The same functions serve all six error motions.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Basis {
+    /// cos kθ and sin kθ of k = 1..=`order`, then cos θ/n and sin θ/n of n = 2..=`sub_order` (paper 5,
+    /// Eq. (2); the constant that the equation lacks is gauge). θ is the commanded angle, not wrapped.
+    Fourier { order: usize, sub_order: usize },
+    /// A value of its own at each stop.
+    Stops(usize),
+}
+
+impl Basis {
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Fourier { order, sub_order } => 2 * (order + sub_order.saturating_sub(1)),
+            Self::Stops(count) => *count,
+        }
+    }
+
+    /// Values of the functions at the commanded `angle`, rad, of the stop `stop`.
+    pub fn values(&self, angle: f64, stop: usize) -> Vec<f64> {
+        match self {
+            Self::Fourier { .. } => {
+                let pairs = self.frequencies().map(|frequency| (frequency * angle).sin_cos());
+                pairs.flat_map(|(sin, cos)| [cos, sin]).collect()
+            }
+            Self::Stops(count) => (0..*count).map(|i| f64::from(u8::from(i == stop))).collect(),
+        }
+    }
+
+    /// Suffix of each function in the symbol of a parameter: `c2`, `s2`, `c1/2`, `s1/2`.
+    pub fn suffixes(&self) -> Vec<String> {
+        match self {
+            Self::Fourier { order, sub_order } => {
+                let harmonics = (1..=*order).map(|k| k.to_string());
+                let subs = (2..=*sub_order).map(|n| format!("1/{n}"));
+                harmonics.chain(subs).flat_map(|k| [format!("c{k}"), format!("s{k}")]).collect()
+            }
+            Self::Stops(count) => (1..=*count).map(|stop| format!("stop{stop}")).collect(),
+        }
+    }
+
+    /// Periods in one revolution.
+    fn frequencies(&self) -> impl Iterator<Item = f64> {
+        let (order, sub_order) = match self {
+            Self::Fourier { order, sub_order } => (*order, *sub_order),
+            Self::Stops(_) => (0, 0),
+        };
+        let subs = (2..=sub_order).map(|n| 1.0 / n as f64);
+        (1..=order).map(|k| k as f64).chain(subs)
+    }
+}
+
+/// Equal angles from 0 in one revolution, rad.
+pub fn equal_angles(count: usize) -> impl Iterator<Item = f64> {
+    (0..count).map(move |i| TAU * i as f64 / count as f64)
+}

@@ -1,0 +1,190 @@
+//! The stops of the table and the visits of the balls, and what they would lose.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::basis::Basis;
+use super::equations::{Sighting, survey};
+use super::layout::{Layout, Stop};
+use super::plate::Plate;
+use super::settings::Settings;
+use crate::Refused;
+use crate::ball_measurement::Visit;
+use machine::record::plan::Plan;
+
+pub struct Design {
+    pub stops: Vec<Stop>,
+    /// Of each stop: number of steps of 360°/M from zero.
+    pub numbers: Vec<i64>,
+    pub visits: Vec<Visit>,
+    pub layout: Layout,
+}
+
+impl Design {
+    /// # Errors
+    /// An axis that cannot turn so far.
+    pub fn new(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Self, Refused> {
+        let numbers = numbers(plan, settings, plate)?;
+        let step = TAU / settings.positions as f64;
+        let rising = settings.positions * settings.revolutions;
+        let stop = |(i, number): (usize, &i64)| Stop {
+            angle: step * *number as f64,
+            direction: if i < rising { 1.0 } else { -1.0 },
+        };
+        let stops: Vec<Stop> = numbers.iter().enumerate().map(stop).collect();
+        let visit = |stop: &Stop| Visit {
+            at: plate.still.clone().with(plate.axis, stop.angle),
+            balls: (0..plate.balls.balls.len()).collect(),
+        };
+        let layout = Layout {
+            basis: basis(settings, stops.len()),
+            has_reversal: settings.both_directions && !settings.values,
+            drift_order: settings.drift_order,
+            places: settings.positions,
+            radial: plate.radial.clone(),
+            turn: plate.turn,
+        };
+        let visits = stops.iter().map(visit).collect();
+        Ok(Self { stops, numbers, visits, layout })
+    }
+
+    /// Before anything moves: the rank of the nominal equations.
+    ///
+    /// # Errors
+    /// Visits that do not separate the error motions, with a better layout.
+    pub fn check(&self, settings: &Settings, plate: &Plate<'_>) -> Result<(), Refused> {
+        let sightings = self.nominal(settings, plate);
+        let numerical = |error: estimation::linear::LinearError| Refused {
+            why: error.to_string(),
+            instead: "correct [artefact] and [method.ball-plate]".to_owned(),
+        };
+        let survey = survey(&self.layout, &self.stops, &sightings, true).map_err(numerical)?;
+        if survey.nullity == 0 {
+            return Ok(());
+        }
+        let lost = lost_harmonics(&plate.steps, settings.positions, settings.harmonics);
+        let lost = lost.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let better = staggered(plate.steps.len(), settings.positions);
+        let degrees = better.iter().map(|step| 360.0 / settings.positions as f64 * *step as f64);
+        let degrees = degrees.map(|degrees| format!("{degrees:.1}")).collect::<Vec<_>>().join(", ");
+        Err(Refused {
+            why: format!(
+                "these visits do not separate {} combinations of the unknowns{}",
+                survey.nullity,
+                if lost.is_empty() {
+                    String::new()
+                } else {
+                    format!(
+                        ": the harmonics {lost} of the error motions are lost, because every ball comes to \
+                             each measuring position at the same phase of them"
+                    )
+                }
+            ),
+            instead: format!(
+                "stagger the balls: stand them at {degrees} degrees from the first; or measure fewer harmonics"
+            ),
+        })
+    }
+
+    /// As if every ball stood where it is stated; machine frame along the table frame.
+    fn nominal(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<Sighting> {
+        let count = self.stops.len().max(2) as f64;
+        let mut sightings = Vec::new();
+        for (i, (stop, number)) in self.stops.iter().zip(&self.numbers).enumerate() {
+            let turned = Matrix3::from(nalgebra::Rotation3::from_axis_angle(
+                &Vector3::z_axis(),
+                plate.turn * stop.angle,
+            ));
+            for (ball, radial) in plate.radial.iter().enumerate() {
+                let height = plate.height_mm();
+                let at = turned * radial * plate.radius_mm + Vector3::z() * height;
+                sightings.push(Sighting {
+                    stop: i,
+                    ball,
+                    place: plate.place(ball, *number, settings.positions),
+                    time: 2.0 * i as f64 / (count - 1.0) - 1.0,
+                    deviation: Vector3::zeros(),
+                    by_motion: rigid_motion(at),
+                    by_ball: turned,
+                });
+            }
+        }
+        sightings
+    }
+}
+
+fn basis(settings: &Settings, stops: usize) -> Basis {
+    match settings.values {
+        true => Basis::Stops(stops),
+        false => Basis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
+    }
+}
+
+/// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: from the point about which the
+/// table tilts, mm.
+pub fn rigid_motion(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
+    let unit = |axis: usize| Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
+    let turned = |axis: usize| unit(axis).cross(&from_axis);
+    [unit(0), unit(1), unit(2), turned(0), turned(1), turned(2)]
+}
+
+/// Steps of the stops from zero: rising, then back.
+fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, Refused> {
+    let (positions, revolutions) = (settings.positions as i64, settings.revolutions as i64);
+    let step_deg = 360.0 / positions as f64;
+    let span = positions * revolutions;
+    let limits = plan.machine.axes.get(&plate.axis).map_or((0.0, 0.0), |spec| (spec.min, spec.max));
+    let reaches = |first: i64| {
+        let ends = [first as f64 * step_deg, (first + span) as f64 * step_deg];
+        ends[0] >= limits.0 - 1e-9 && ends[1] <= limits.1 + 1e-9
+    };
+    let lowest = (limits.0 / step_deg).ceil() as i64;
+    let first =
+        [0, -span, lowest].into_iter().find(|first| reaches(*first)).ok_or_else(|| Refused {
+            why: format!(
+                "{} turns from {} to {} degrees: {revolutions} revolution(s) need {} degrees",
+                plate.axis,
+                limits.0,
+                limits.1,
+                360 * revolutions
+            ),
+            instead: "choose fewer revolutions, or state the true limits of the axis (min and max)"
+                .to_owned(),
+        })?;
+    let rising = first..first + span;
+    // The turn back begins one step beyond the last stop, and ends one step after the first.
+    let falling = (first + 1..=first + span).rev().filter(|_| settings.both_directions);
+    Ok(rising.chain(falling).collect())
+}
+
+/// Harmonics up to `order` at which all balls come to each place at the same phase.
+pub fn lost_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<usize> {
+    let first = steps.first().copied().unwrap_or(0);
+    let is_lost = |k: &usize| {
+        steps.iter().all(|step| (k * (step + positions - first)).is_multiple_of(positions))
+    };
+    (1..=order).filter(is_lost).collect()
+}
+
+/// Steps of `balls` balls, nearly even, that lose no harmonic, and none nearly: the worst is as good as can
+/// be had by shifting each ball the farther the later it comes.
+pub fn staggered(balls: usize, positions: usize) -> Vec<usize> {
+    let width = (positions / balls.max(1)).max(1);
+    let candidate = |shift: usize| -> Vec<usize> {
+        let place =
+            |j: usize| (j * positions / balls + (j * (j + 1) / 2 * shift) % width) % positions;
+        (0..balls).map(place).collect()
+    };
+    let worst = |steps: &Vec<usize>| -> f64 {
+        let phase = |k: usize, step: usize| (TAU * (k * step) as f64 / positions as f64).sin_cos();
+        let coherence = |k: usize| {
+            let sums = steps.iter().map(|step| phase(k, *step));
+            let (sin, cos) = sums.fold((0.0, 0.0), |sum, term| (sum.0 + term.0, sum.1 + term.1));
+            sin.hypot(cos) / balls.max(1) as f64
+        };
+        (1..=positions / 2).map(coherence).fold(0.0, f64::max)
+    };
+    let all = (0..width).map(candidate);
+    all.min_by(|a, b| worst(a).total_cmp(&worst(b))).unwrap_or_default()
+}

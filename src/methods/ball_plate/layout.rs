@@ -1,0 +1,139 @@
+//! The unknowns of the equations, their order, and the gauge.
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::basis::Basis;
+use machine::Axis;
+
+/// The six error motions in their order: X, Y, Z in mm, A, B, C in rad.
+pub const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+
+/// A direction at a ball, from its outward radial direction.
+pub type DirectionAtBall = fn(&Vector3<f64>) -> Vector3<f64>;
+
+/// A stop of the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stop {
+    /// Commanded, not wrapped, rad.
+    pub angle: f64,
+    /// +1 where the command rises towards it, −1 where it falls.
+    pub direction: f64,
+}
+
+/// Which unknowns there are. Order: error motions (component by component, function by function), reversal
+/// (a component each), drift (order by order, X, Y, Z), measuring positions (X, Y, Z each), balls (X, Y, Z
+/// each).
+#[derive(Debug, Clone)]
+pub struct Layout {
+    pub basis: Basis,
+    pub has_reversal: bool,
+    pub drift_order: usize,
+    /// Measuring positions.
+    pub places: usize,
+    /// Outward radial direction of each ball, table frame.
+    pub radial: Vec<Vector3<f64>>,
+    /// Sense in which a rising command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
+    pub turn: f64,
+}
+
+impl Layout {
+    pub fn motion(&self, component: usize, function: usize) -> usize {
+        component * self.basis.len() + function
+    }
+
+    pub fn reversal(&self, component: usize) -> usize {
+        COMPONENTS.len() * self.basis.len() + component
+    }
+
+    fn first_drift(&self) -> usize {
+        let reversal = if self.has_reversal { COMPONENTS.len() } else { 0 };
+        COMPONENTS.len() * self.basis.len() + reversal
+    }
+
+    /// `order` from 1 on.
+    pub fn drift(&self, order: usize, axis: usize) -> usize {
+        self.first_drift() + 3 * (order - 1) + axis
+    }
+
+    pub fn place(&self, place: usize, axis: usize) -> usize {
+        self.first_drift() + 3 * (self.drift_order + place) + axis
+    }
+
+    pub fn ball(&self, ball: usize, axis: usize) -> usize {
+        self.place(self.places, 0) + 3 * ball + axis
+    }
+
+    pub fn unknowns(&self) -> usize {
+        self.ball(self.radial.len(), 0)
+    }
+
+    /// Names of all unknowns, for an axis of this letter.
+    pub fn names(&self, axis: Axis) -> Vec<String> {
+        let suffixes = self.basis.suffixes();
+        let motions = COMPONENTS.iter().flat_map(|component| {
+            suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}"))
+        });
+        let mut names: Vec<String> = motions.collect();
+        if self.has_reversal {
+            names.extend(COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
+        }
+        let along = |name: String| Axis::LINEAR.map(|axis| format!("{name} {axis}"));
+        names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
+        names.extend((1..=self.places).flat_map(|place| along(format!("place {place}"))));
+        names.extend((1..=self.radial.len()).flat_map(|ball| along(format!("ball {ball}"))));
+        names
+    }
+
+    /// The gauge as rows C·x = 0 (METHODS section 5: thirteen rigid and scale combinations):
+    /// - with a value for each stop, the mean of each error motion (a Fourier basis has no constant);
+    /// - the co-rotating first order of (X, Y) and of (A, B): eccentricity and tilt of the plate;
+    /// - the plate's mean height, mean turn and mean radius, which the measuring positions take.
+    pub fn gauge(&self, stops: &[Stop]) -> Mat<f64> {
+        let mut rows = Vec::new();
+        if matches!(self.basis, Basis::Stops(_)) {
+            rows.extend((0..COMPONENTS.len()).map(|k| self.weighted_sum(stops, k, |_| 1.0)));
+        }
+        let turn = self.turn;
+        for [x, y] in [[0, 1], [3, 4]] {
+            let cos = |component| self.weighted_sum(stops, component, f64::cos);
+            let sin = |component| self.weighted_sum(stops, component, f64::sin);
+            rows.push(sum(&cos(x), &sin(y), turn));
+            rows.push(sum(&cos(y), &sin(x), -turn));
+        }
+        let directions: [DirectionAtBall; 3] =
+            [|_| Vector3::z(), |radial| Vector3::z().cross(radial), |radial| *radial];
+        rows.extend(directions.map(|direction| self.ball_sum(direction)));
+        Mat::from_fn(rows.len(), self.unknowns(), |i, j| rows[i][j])
+    }
+
+    /// Σ over the stops of an error motion times a weight of the angle, as coefficients of the unknowns.
+    fn weighted_sum(
+        &self,
+        stops: &[Stop],
+        component: usize,
+        weight: impl Fn(f64) -> f64,
+    ) -> Vec<f64> {
+        let mut row = vec![0.0; self.unknowns()];
+        for (i, stop) in stops.iter().enumerate() {
+            let values = self.basis.values(stop.angle, i);
+            for (function, value) in values.iter().enumerate() {
+                row[self.motion(component, function)] += weight(stop.angle) * value;
+            }
+        }
+        row
+    }
+
+    fn ball_sum(&self, direction: DirectionAtBall) -> Vec<f64> {
+        let mut row = vec![0.0; self.unknowns()];
+        for (ball, radial) in self.radial.iter().enumerate() {
+            let along = direction(radial);
+            (0..3).for_each(|axis| row[self.ball(ball, axis)] = along[axis]);
+        }
+        row
+    }
+}
+
+fn sum(one: &[f64], other: &[f64], factor: f64) -> Vec<f64> {
+    one.iter().zip(other).map(|(one, other)| one + factor * other).collect()
+}

@@ -1,0 +1,95 @@
+//! Six error motions of a rotary table from balls on a circle that nobody has calibrated, on a machine whose
+//! linear axes need not be known (paper 5; METHODS section 5). Every ball is measured at every stop of the
+//! table; least squares over all visits separates the table, the plate and the linear axes.
+
+mod basis;
+mod design;
+mod equations;
+mod identify;
+mod layout;
+mod observe;
+mod outputs;
+mod plate;
+mod settings;
+mod solved;
+#[cfg(test)]
+mod tests;
+mod warnings;
+
+pub use settings::Settings;
+
+use self::design::Design;
+use self::plate::Plate;
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use crate::ball_measurement::{self, MeasurementSetup};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+
+pub const NAME: &str = "ball-plate";
+/// A longer run needs `long = true`: drift decides what it is worth.
+const MAX_DURATION_S: f64 = 4.0 * 3600.0;
+
+pub struct BallPlate {
+    settings: Settings,
+}
+
+impl Registered for BallPlate {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "three or more uncalibrated balls on a circle about the rotary table",
+        finds: "six error motions of the rotary table over its angle, reversal, deviations of \
+                the linear axes along the circle, and of the plate",
+        machine_file: "ball-plate.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+}
+
+impl Method for BallPlate {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        self.settings.check()?;
+        let plate = Plate::new(plan, &self.settings)?;
+        let design = Design::new(plan, &self.settings, &plate)?;
+        let touch = self.settings.touch();
+        let setup = MeasurementSetup { method: NAME, plan, balls: plate.balls, touch };
+        if done.is_empty() {
+            design.check(&self.settings, &plate)?;
+            let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;
+            self.check_duration(time_s)?;
+        }
+        ball_measurement::next(&setup, &design.visits, done, source)
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.check_priors(priors)?;
+        identify::identify(plan, &self.settings, readings)
+    }
+}
+
+impl BallPlate {
+    fn check_duration(&self, time_s: f64) -> Result<(), Refused> {
+        if time_s <= MAX_DURATION_S || self.settings.long {
+            return Ok(());
+        }
+        Err(Refused {
+            why: format!("this plan takes {:.1} hours of machine time", time_s / 3600.0),
+            instead: format!(
+                "choose fewer positions or revolutions, or state long = true in [method.{NAME}]: drift then \
+                 stands in U"
+            ),
+        })
+    }
+}

@@ -1,0 +1,173 @@
+//! Reported quantities: harmonics, curves of the six error motions, the plate, the linear axes.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::basis::equal_angles;
+use super::layout::{COMPONENTS, DirectionAtBall};
+use super::solved::Solved;
+use crate::identification::{Curve, Output, Outputs};
+use machine::Axis;
+use machine::record::estimate::{FigureKind, Unit};
+
+/// Points of a curve over one revolution.
+const CURVE_POINTS: usize = 72;
+
+pub fn outputs(solved: &Solved<'_>) -> Outputs {
+    let curves = COMPONENTS.iter().enumerate().map(|(k, component)| motion(solved, k, *component));
+    let curves = curves.chain(plate_curves(solved)).chain(linear_axis_curves(solved));
+    Outputs { parameters: parameters(solved), curves: curves.collect(), nonlinear: None }
+}
+
+fn unit(component: Axis) -> Unit {
+    if component.is_linear() { Unit::Um } else { Unit::Urad }
+}
+
+/// Harmonics and reversal of each component, then eccentricity and tilt of the plate.
+fn parameters(solved: &Solved<'_>) -> Vec<Output> {
+    let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
+    // Values at the stops are the points of the curves.
+    let suffixes = if solved.settings.values { Vec::new() } else { layout.basis.suffixes() };
+    let mut parameters = Vec::new();
+    for (k, component) in COMPONENTS.into_iter().enumerate() {
+        for (function, suffix) in suffixes.iter().enumerate() {
+            let symbol = format!("E{component}{axis}_{suffix}");
+            let index = layout.motion(k, function);
+            parameters.push(Output::unknown(&symbol, unit(component), index, x));
+        }
+        if layout.has_reversal {
+            let symbol = format!("E{component}{axis}_reversal");
+            parameters.push(Output::unknown(&symbol, unit(component), layout.reversal(k), x));
+        }
+    }
+    parameters.extend(setting_up(solved));
+    parameters
+}
+
+/// Centre of the balls' circle from the axis, and the slope of their plane, table frame.
+fn setting_up(solved: &Solved<'_>) -> Vec<Output> {
+    let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
+    let circle = centring_weights(&plate.radial);
+    let plane = circle.iter().map(|row| row.map(|weight| weight / plate.radius_mm));
+    let plane: Vec<[f64; 2]> = plane.collect();
+    let from_axis: Vec<Vector3<f64>> =
+        solved.measured.expected.iter().map(|at| at - plate.point).collect();
+    let mut list = Vec::new();
+    for (axis, symbol) in ["e_x", "e_y"].into_iter().enumerate() {
+        let mut output = Output::linear(symbol, Unit::Um, vec![0.0; x.len()], x);
+        let mut slope = vec![0.0; x.len()];
+        for (ball, radial) in plate.radial.iter().enumerate() {
+            for k in 0..2 {
+                slope[layout.ball(ball, k)] = circle[ball][axis] * radial[k];
+            }
+            output.value += circle[ball][axis] * radial.dot(&from_axis[ball]);
+        }
+        output.value += slope.iter().zip(x).map(|(slope, x)| slope * x).sum::<f64>();
+        output.slope = Some(slope);
+        list.push(output);
+    }
+    for (axis, symbol) in ["dz_dx", "dz_dy"].into_iter().enumerate() {
+        let mut slope = vec![0.0; x.len()];
+        let mut value = 0.0;
+        for (ball, from_axis) in from_axis.iter().enumerate() {
+            slope[layout.ball(ball, 2)] = plane[ball][axis];
+            value += plane[ball][axis] * from_axis.z;
+        }
+        value += slope.iter().zip(x).map(|(slope, x)| slope * x).sum::<f64>();
+        let symbol = symbol.to_owned();
+        list.push(Output { symbol, unit: Unit::Urad, value, slope: Some(slope) });
+    }
+    list
+}
+
+/// Least squares of a quantity over the balls as a·cos + b·sin + constant of their azimuth: weights of the
+/// quantity at each ball in a and b.
+fn centring_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
+    let row = |r: &Vector3<f64>| Vector3::new(r.x, r.y, 1.0);
+    let normal: Matrix3<f64> = radial.iter().map(|r| row(r) * row(r).transpose()).sum();
+    let inverse = normal.try_inverse().unwrap_or(Matrix3::zeros());
+    let weights = |r: &Vector3<f64>| inverse * row(r);
+    radial.iter().map(weights).map(|w| [w.x, w.y]).collect()
+}
+
+fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
+    let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
+    let slope = |(stop, angle): (usize, &f64)| {
+        let mut slope = vec![0.0; x.len()];
+        for (function, value) in layout.basis.values(*angle, stop).into_iter().enumerate() {
+            slope[layout.motion(k, function)] = value;
+        }
+        slope
+    };
+    let angles: Vec<f64> = match solved.settings.values {
+        true => solved.design.stops.iter().map(|stop| stop.angle).collect(),
+        false => equal_angles(CURVE_POINTS).chain([TAU]).collect(),
+    };
+    let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
+    curve(
+        (format!("E{component}{axis}"), unit(component), FigureKind::Polar),
+        (axis_name(axis), "deg"),
+        angles.iter().map(|angle| angle.to_degrees()).collect(),
+        slopes,
+        x,
+    )
+}
+
+fn axis_name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::A => "A",
+        Axis::B => "B",
+        _ => "C",
+    }
+}
+
+fn curve(
+    (symbol, unit, figure): (String, Unit, FigureKind),
+    (argument, argument_unit): (&'static str, &'static str),
+    at: Vec<f64>,
+    slopes: Vec<Vec<f64>>,
+    x: &[f64],
+) -> Curve {
+    let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(slope, x)| slope * x).sum();
+    let y = slopes.iter().map(value).collect();
+    Curve { symbol, argument, argument_unit, x: at, y, unit, figure, slopes }
+}
+
+/// Each ball from where it stands in the first measurement by the nominal machine: outward, along the turn, up.
+fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
+    let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
+    let directions: [(&str, DirectionAtBall); 3] = [
+        ("plate_radial", |radial| *radial),
+        ("plate_tangential", |radial| Vector3::z().cross(radial)),
+        ("plate_axial", |_| Vector3::z()),
+    ];
+    directions.into_iter().map(move |(symbol, direction)| {
+        let slope = |(ball, radial): (usize, &Vector3<f64>)| {
+            let mut slope = vec![0.0; x.len()];
+            let along = direction(radial);
+            (0..3).for_each(|axis| slope[layout.ball(ball, axis)] = along[axis]);
+            slope
+        };
+        let slopes: Vec<Vec<f64>> = plate.radial.iter().enumerate().map(slope).collect();
+        let numbers = (1..=slopes.len()).map(|number| number as f64).collect();
+        let name = (symbol.to_owned(), Unit::Um, FigureKind::Points);
+        curve(name, ("ball", ""), numbers, slopes, x)
+    })
+}
+
+/// True less displayed position of each linear axis at the measuring positions, as far as the gauge leaves it.
+fn linear_axis_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
+    let (layout, x) = (&solved.design.layout, &solved.solution.x);
+    Axis::LINEAR.into_iter().enumerate().map(move |(k, axis)| {
+        let slope = |place: usize| {
+            let mut slope = vec![0.0; x.len()];
+            slope[layout.place(place, k)] = 1.0;
+            slope
+        };
+        let slopes: Vec<Vec<f64>> = (0..layout.places).map(slope).collect();
+        let at = equal_angles(layout.places).map(f64::to_degrees).collect();
+        let name = (format!("D{axis}"), Unit::Um, FigureKind::Points);
+        curve(name, ("position", "deg"), at, slopes, x)
+    })
+}

@@ -1,0 +1,155 @@
+//! The plate on its table: which axis turns it, and where its balls stand about that axis.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use super::settings::Settings;
+use crate::Refused;
+use crate::ball_measurement::balls;
+use machine::kinematics::Chain;
+use machine::record::artefact::Balls;
+use machine::record::plan::Plan;
+use machine::{Axis, Position};
+
+/// An axis is along Z where the cosine of its angle to Z is at least this.
+const MIN_COSINE_TO_Z: f64 = 0.999;
+/// A ball stands so near to its measuring position that the deviations of the linear axes are the same there
+/// (paper 5, section 2.2), mm.
+pub const MAX_OFF_PLACE_MM: f64 = 1.0;
+/// Smaller circles show no tilt worth measuring, mm.
+const MIN_RADIUS_MM: f64 = 10.0;
+
+pub struct Plate<'a> {
+    pub balls: &'a Balls,
+    /// The axis that turns the plate.
+    pub axis: Axis,
+    /// All other rotary axes, where they stand.
+    pub still: Position,
+    /// A point on the axis at the height of `point_mm`, table frame, mm.
+    pub point: Vector3<f64>,
+    /// +1: a rising command turns the table right-handed about +Z.
+    pub turn: f64,
+    /// Circle of the balls, mm.
+    pub radius_mm: f64,
+    pub radial: Vec<Vector3<f64>>,
+    /// Step of 360°/M at which each ball stands, counted from the first ball, counter-clockwise.
+    pub steps: Vec<usize>,
+}
+
+impl<'a> Plate<'a> {
+    /// # Errors
+    /// No rotary table along Z; balls that do not stand on one circle at multiples of 360°/M.
+    pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, Refused> {
+        let set = balls(super::NAME, &plan.artefact)?;
+        let chain = Chain::new(&plan.machine)?;
+        let (axis, still) = table_axis(plan, &chain)?;
+        let line = chain.axis_line(axis, &still).ok_or_else(no_table)?;
+        let spec = plan.machine.axes.get(&axis).ok_or_else(no_table)?;
+        let to_table = chain.machine_from_table(&still, &[]).inverse();
+        let point = to_table.transform_point(&line.point.into()).coords;
+        // What carries the workpiece turns against the sign of the command (ISO 841).
+        let turn = -spec.positive.sign() * line.direction.z.signum();
+        let seen = set.balls.iter().map(|ball| Vector3::from(ball.centre_mm) - point);
+        let radial: Vec<Vector3<f64>> = seen.map(|from_axis| from_axis.xy().push(0.0)).collect();
+        let radius_mm = radial.iter().map(|r| r.norm()).sum::<f64>() / radial.len() as f64;
+        let plate = Self {
+            balls: set,
+            axis,
+            still,
+            point,
+            turn,
+            radius_mm,
+            steps: steps(&radial, settings.positions),
+            radial: radial.iter().map(|r| r / r.norm().max(f64::MIN_POSITIVE)).collect(),
+        };
+        plate.check(settings)?;
+        Ok(plate)
+    }
+
+    /// One circle, one height, and each ball on its step.
+    fn check(&self, settings: &Settings) -> Result<(), Refused> {
+        if self.radius_mm < MIN_RADIUS_MM {
+            return Err(Refused {
+                why: format!(
+                    "the balls stand {:.1} mm from the axis {}",
+                    self.radius_mm, self.axis
+                ),
+                instead: format!(
+                    "set the plate up with its centre on the axis, and a radius over {MIN_RADIUS_MM} mm"
+                ),
+            });
+        }
+        let first = self.radial.first().copied().unwrap_or_default();
+        let height = self.balls.balls.first().map_or(0.0, |ball| ball.centre_mm[2]);
+        let limit = MAX_OFF_PLACE_MM + self.balls.uncertainty_mm;
+        for (ball, step) in self.balls.balls.iter().zip(&self.steps) {
+            let angle = TAU * *step as f64 / settings.positions as f64;
+            let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first;
+            let nominal = self.point.xy().push(height) + turned * self.radius_mm;
+            let off = Vector3::from(ball.centre_mm) - nominal;
+            if off.norm() > limit {
+                return Err(Refused {
+                    why: format!(
+                        "ball {} stands {:.2} mm beside its place: the balls must stand on one circle of one \
+                         height, at multiples of 360°/{} from the first, within {limit:.1} mm",
+                        ball.id,
+                        off.norm(),
+                        settings.positions
+                    ),
+                    instead: format!(
+                        "correct its centre_mm (here {:.2}, {:.2}, {:.2}), or choose other positions",
+                        nominal.x, nominal.y, nominal.z
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Of the balls above `point_mm` of the axis, mm.
+    pub fn height_mm(&self) -> f64 {
+        let heights = self.balls.balls.iter().map(|ball| ball.centre_mm[2] - self.point.z);
+        heights.sum::<f64>() / self.balls.balls.len().max(1) as f64
+    }
+
+    /// Measuring position of a ball at a stop `number` of steps from zero: a step of the machine's circle,
+    /// counted from the first ball's place at zero.
+    pub fn place(&self, ball: usize, number: i64, positions: usize) -> usize {
+        let turned = if self.turn > 0.0 { number } else { -number };
+        let step = self.steps.get(ball).copied().unwrap_or(0) as i64;
+        (step + turned).rem_euclid(positions as i64) as usize
+    }
+}
+
+/// The nearest multiples of 360°/M, from the first on.
+fn steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
+    let azimuth = |r: &Vector3<f64>| r.y.atan2(r.x);
+    let first = radial.first().map_or(0.0, azimuth);
+    let step = |r: &Vector3<f64>| {
+        let turns = (azimuth(r) - first).rem_euclid(TAU) / TAU;
+        (turns * positions as f64).round() as usize % positions.max(1)
+    };
+    radial.iter().map(step).collect()
+}
+
+/// The innermost rotary axis on the workpiece side that is along Z with all others at zero.
+fn table_axis(plan: &Plan, chain: &Chain) -> Result<(Axis, Position), Refused> {
+    let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear());
+    let still: Position = rotary.map(|axis| (*axis, 0.0)).collect();
+    let is_upright = |axis: &&Axis| {
+        let line = chain.axis_line(**axis, &still);
+        line.is_some_and(|line| line.direction.z.abs() >= MIN_COSINE_TO_Z)
+    };
+    let axis = chain.topology().workpiece().iter().rev().find(is_upright).ok_or_else(no_table)?;
+    Ok((*axis, still))
+}
+
+fn no_table() -> Refused {
+    Refused {
+        why: "no rotary axis that carries the workpiece is along Z with all others at zero"
+            .to_owned(),
+        instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
+            .to_owned(),
+    }
+}

@@ -1,0 +1,52 @@
+//! What one revolution of M = 48 positions cannot tell (METHODS section 5).
+
+use nalgebra::Vector3;
+
+use super::Setting;
+use crate::ball_plate::basis::Basis;
+use crate::ball_plate::design::{lost_harmonics, staggered};
+use crate::ball_plate::equations::survey;
+
+const POSITIONS: usize = 48;
+
+fn even(balls: usize) -> Vec<usize> {
+    (0..balls).map(|ball| ball * POSITIONS / balls).collect()
+}
+
+/// Nullity and condition (unscaled, of a plate of radius 1) with a value for each stop.
+fn surveyed(steps: Vec<usize>, with_gauge: bool) -> (usize, f64) {
+    let setting = Setting { positions: POSITIONS, revolutions: 1, radius_mm: 1.0, steps };
+    let layout = setting.layout(Basis::Stops(POSITIONS));
+    let sightings = setting.sightings(|_, _, _| Some(Vector3::zeros()));
+    let survey = survey(&layout, &setting.stops(), &sightings, with_gauge).unwrap();
+    (survey.nullity, survey.condition_unscaled)
+}
+
+#[test]
+fn even_balls_lose_the_multiples_of_their_number() {
+    assert_eq!(surveyed(even(12), false).0, 31);
+    assert_eq!(surveyed(even(6), false).0, 55);
+    assert_eq!(lost_harmonics(&even(12), POSITIONS, 24), [12, 24]);
+    assert_eq!(lost_harmonics(&even(6), POSITIONS, 24), [6, 12, 18, 24]);
+}
+
+#[test]
+fn staggered_balls_lose_the_gauge_alone() {
+    let (nullity, condition) = surveyed(vec![0, 5, 13, 22, 31, 41], false);
+    println!("METHODS' layout: condition {condition:.2}");
+    assert_eq!(nullity, 13);
+    assert!((condition - 11.0).abs() < 0.5, "{condition}");
+    for balls in [4, 6, 12] {
+        let steps = staggered(balls, POSITIONS);
+        let (nullity, condition) = surveyed(steps.clone(), false);
+        println!("{steps:?}: condition {condition:.2}");
+        assert_eq!(nullity, 13, "{steps:?}");
+        assert!(lost_harmonics(&steps, POSITIONS, POSITIONS / 2).is_empty());
+    }
+}
+
+#[test]
+fn the_gauge_takes_what_is_lost_and_no_more() {
+    assert_eq!(surveyed(staggered(6, POSITIONS), true).0, 0);
+    assert_eq!(surveyed(even(12), true).0, 31 - 13);
+}

@@ -1,0 +1,106 @@
+//! What a reader of the estimate must know beside its numbers.
+
+use nalgebra::Vector3;
+
+use super::solved::Solved;
+use crate::identification::{Identification, MisfitAdvice};
+
+const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
+    causes: "a loose ball, drift, error motions above the highest harmonic, or that do not repeat",
+    declared_by: "repeatability_um or error_motion_um",
+};
+/// Standard deviations from which a ball that stands elsewhere in one revolution is named.
+const LOOSE: f64 = 5.0;
+
+pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
+    let mut lines = solved.measured.observed.left_out.clone();
+    lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(loose_balls(solved));
+    lines.extend(identified.trials_warning());
+    lines
+}
+
+/// Stability watch: the mean residual of each ball in each revolution.
+fn loose_balls(solved: &Solved<'_>) -> Vec<String> {
+    let (turns, positions) = (solved.design.stops.len(), solved.settings.positions);
+    let mut lines = Vec::new();
+    for (ball, of) in solved.plate.balls.balls.iter().enumerate() {
+        for revolution in 0..turns.div_ceil(positions) {
+            let Some((mean, u_mm)) = mean_residual(solved, ball, revolution) else { continue };
+            if mean.amax() > LOOSE * u_mm {
+                lines.push(format!(
+                    "ball {} stands {:.1} µm beside its mean place in revolution {} of {} (scatter of such a \
+                     mean: {:.1} µm): is it loose? Tighten it and measure again, or take it out of [artefact]",
+                    of.id,
+                    mean.norm() * 1e3,
+                    revolution + 1,
+                    turns.div_ceil(positions),
+                    u_mm * 1e3
+                ));
+            }
+        }
+    }
+    lines
+}
+
+/// Table frame, mm, and the standard uncertainty of a coordinate of it.
+fn mean_residual(
+    solved: &Solved<'_>,
+    ball: usize,
+    revolution: usize,
+) -> Option<(Vector3<f64>, f64)> {
+    let positions = solved.settings.positions;
+    let sightings = solved.measured.sightings.iter().enumerate();
+    let here = sightings.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution).map(
+        |(i, sighting)| {
+            let residual = |axis: usize| solved.solution.residuals[3 * i + axis];
+            let in_axes = Vector3::new(residual(0), residual(1), residual(2));
+            let to_table = sighting.by_ball.try_inverse().unwrap_or_default();
+            (to_table * in_axes, solved.sigma[3 * i])
+        },
+    );
+    let all: Vec<(Vector3<f64>, f64)> = here.collect();
+    let count = all.len() as f64;
+    let sum: Vector3<f64> = all.iter().map(|(residual, _)| residual).sum();
+    let variance: f64 = all.iter().map(|(_, sigma)| sigma * sigma).sum();
+    (!all.is_empty()).then(|| (sum / count, variance.sqrt() / count))
+}
+
+pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
+    let (axis, plate) = (solved.plate.axis, solved.plate);
+    let point = plate.point;
+    let mut lines = vec![
+        format!(
+            "error motions have the mean zero over a revolution; E0 of {axis} stands in the measuring positions"
+        ),
+        format!(
+            "the co-rotating first harmonic of EX{axis} and EY{axis} is the eccentricity of the plate (e_x, e_y), \
+             that of EA{axis} and EB{axis} its tilt (dz_dx, dz_dy)"
+        ),
+        format!("EX{axis} and EY{axis} hold at Z = {:.3} mm (point_mm)", point.z),
+        "mean radius, mean height and mean turn of the plate: as in the first measurement"
+            .to_owned(),
+    ];
+    if solved.settings.drift_order > 0 {
+        lines.push(format!(
+            "drift of X, Y and Z fitted (order {}) and removed; values hold at the middle of the run",
+            solved.settings.drift_order
+        ));
+    }
+    lines
+}
+
+pub fn not_identifiable(solved: &Solved<'_>) -> Vec<String> {
+    let axis = solved.plate.axis;
+    let mut lines = vec![
+        format!(
+            "location of {axis}: inseparable from the deviations of X, Y and Z at the measuring positions"
+        ),
+        "scale of X and Y: inseparable from the radius of the plate".to_owned(),
+        format!("harmonics above {}: their size is in the residuals", solved.settings.harmonics),
+    ];
+    if !solved.settings.both_directions {
+        lines.push(format!("reversal of {axis}: needs both_directions = true"));
+    }
+    lines
+}
