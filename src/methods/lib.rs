@@ -12,6 +12,7 @@ pub mod decision;
 pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
+pub mod multiprobe;
 mod registry;
 pub mod samba;
 pub mod self_calibration;

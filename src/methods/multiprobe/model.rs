@@ -1,0 +1,170 @@
+//! Sensor layout and observation equation of one harmonic (paper 3, Eq. (1), for all sensors at once).
+//!
+//! Conventions. A sensor reads the distance from its zero point along its direction to the surface: a
+//! surface that comes nearer makes the value smaller. The *deviation* m = −value is therefore the
+//! displacement of the surface towards the sensor: outwards along n(γ) = (cos γ, sin γ) for a radial
+//! sensor at the angle γ, along +Z for an axial sensor above the face. γ counts counter-clockwise
+//! seen from +Z.
+//!
+//! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq.
+//! The table turns counter-clockwise by σq ([`TableSense`]), the artefact on it by the index angle φn
+//! (also counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the
+//! harmonic of w(−σq):
+//! - radial, section at height z: M = (X + (z−z0)B) cos γ + (Y − (z−z0)A) sin γ + R e^(−iσk(γ−φn));
+//! - axial, radius ρ: M = Z + ρ(A sin γ − B cos γ) + F e^(−iσk(γ−φn)).
+//!
+//! X and Y hold at the reference height z0. With X1, X2 of two sections at the distance d this is
+//! B = (X2−X1)/d, A = −(Y2−Y1)/d.
+
+use faer::{Mat, c64};
+
+/// Where a sensor measures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Surface {
+    /// Radially at a cross section, by its index in [`ProbeLayout::section_z_mm`].
+    Section(usize),
+    /// Axially at the face, at a distance from the axis.
+    Face { radius_mm: f64 },
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    pub name: String,
+    pub surface: Surface,
+    /// γ, rad.
+    pub angle_rad: f64,
+}
+
+/// Rotation of the table by a positive command, seen from +Z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableSense {
+    CounterClockwise,
+    /// C of a table by ISO 841: the tool moves counter-clockwise relative to the workpiece.
+    Clockwise,
+}
+
+impl TableSense {
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::CounterClockwise => 1.0,
+            Self::Clockwise => -1.0,
+        }
+    }
+}
+
+/// An unknown function of one revolution; each harmonic of it is one complex unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Component {
+    X,
+    Y,
+    A,
+    B,
+    Z,
+    /// Roundness of a section, by its index.
+    Roundness(usize),
+    /// Form of the face.
+    Face,
+}
+
+impl Component {
+    pub fn symbol(self) -> String {
+        match self {
+            Self::X => "EXC".to_owned(),
+            Self::Y => "EYC".to_owned(),
+            Self::A => "EAC".to_owned(),
+            Self::B => "EBC".to_owned(),
+            Self::Z => "EZC".to_owned(),
+            Self::Roundness(section) => format!("R{}", section + 1),
+            Self::Face => "F".to_owned(),
+        }
+    }
+}
+
+/// One channel at one index of the artefact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Row {
+    pub index: usize,
+    pub channel: usize,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProbeLayout {
+    pub channels: Vec<Channel>,
+    /// Heights of the cross sections: one, or two for the tilt error motions.
+    pub section_z_mm: Vec<f64>,
+    /// z0, where X and Y hold. With one section, its height.
+    pub reference_z_mm: f64,
+    /// φn, cumulative against the first mounting, rad.
+    pub index_angles_rad: Vec<f64>,
+    pub sense: TableSense,
+}
+
+impl ProbeLayout {
+    /// Unknown functions, in the order of the columns. One section shows no tilt.
+    pub fn components(&self) -> Vec<Component> {
+        let mut components = vec![Component::X, Component::Y];
+        if self.section_z_mm.len() > 1 {
+            components.extend([Component::A, Component::B]);
+        }
+        components.extend((0..self.section_z_mm.len()).map(Component::Roundness));
+        if self.channels.iter().any(|channel| matches!(channel.surface, Surface::Face { .. })) {
+            components.extend([Component::Z, Component::Face]);
+        }
+        components
+    }
+
+    /// Every channel at every index.
+    pub fn all_rows(&self) -> Vec<Row> {
+        let channels = 0..self.channels.len();
+        let indexes = 0..self.index_angles_rad.len();
+        indexes
+            .flat_map(|index| channels.clone().map(move |channel| Row { index, channel }))
+            .collect()
+    }
+
+    /// ∂M/∂(harmonic `order` of the component).
+    fn coefficient(&self, row: Row, order: usize, component: Component) -> c64 {
+        let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
+        let (sin, cos) = angle_rad.sin_cos();
+        let artefact_angle = angle_rad - self.index_angles_rad[row.index];
+        let form = c64::cis(-self.sense.sign() * order as f64 * artefact_angle);
+        let real = |value: f64| c64::new(value, 0.0);
+        let lever = |section: usize| self.section_z_mm[section] - self.reference_z_mm;
+        match (*surface, component) {
+            (Surface::Section(_), Component::X) => real(cos),
+            (Surface::Section(_), Component::Y) => real(sin),
+            (Surface::Section(section), Component::A) => real(-lever(section) * sin),
+            (Surface::Section(section), Component::B) => real(lever(section) * cos),
+            (Surface::Section(own), Component::Roundness(section)) if own == section => form,
+            (Surface::Face { radius_mm }, Component::A) => real(radius_mm * sin),
+            (Surface::Face { radius_mm }, Component::B) => real(-radius_mm * cos),
+            (Surface::Face { .. }, Component::Z) => real(1.0),
+            (Surface::Face { .. }, Component::Face) => form,
+            _ => c64::ZERO,
+        }
+    }
+
+    /// Design of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts.
+    /// Columns: cosine and sine part of component after component.
+    pub fn design(&self, rows: &[Row], order: usize) -> Mat<f64> {
+        let components = self.components();
+        let mut design = Mat::zeros(2 * rows.len(), 2 * components.len());
+        for (i, row) in rows.iter().enumerate() {
+            for (j, component) in components.iter().enumerate() {
+                // g·(c − i·s) = (re·c + im·s) − i·(re·s − im·c)
+                let g = self.coefficient(*row, order, *component);
+                design[(i, 2 * j)] = g.re;
+                design[(i, 2 * j + 1)] = g.im;
+                design[(rows.len() + i, 2 * j)] = -g.im;
+                design[(rows.len() + i, 2 * j + 1)] = g.re;
+            }
+        }
+        design
+    }
+
+    /// Names of the columns of [`design`](Self::design).
+    pub fn unknown_names(&self, order: usize) -> Vec<String> {
+        let name = |component: Component, part| format!("{}_{part}{order}", component.symbol());
+        self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
+    }
+}

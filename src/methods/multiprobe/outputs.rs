@@ -1,0 +1,198 @@
+//! Reported quantities: coefficients and curves of the error motions, eccentricity, roundness.
+
+use faer::Mat;
+use machine::record::estimate::{FigureKind, Unit};
+
+use super::fit::{SeparationFit, is_identifiable};
+use super::iso;
+use super::model::{Component, ProbeLayout};
+use super::sources::{StageEccentricity, co_rotating_directions};
+use crate::identification::{Curve, Output, Outputs};
+
+/// Points of a curve over one revolution.
+const CURVE_POINTS: usize = 120;
+
+/// The derivatives of all reported quantities by the unknowns.
+pub struct ReportedMotions<'a> {
+    layout: &'a ProbeLayout,
+    fit: &'a SeparationFit,
+    /// Orthonormal directions of the first harmonic that no motion contains: its co-rotating part.
+    removed: Vec<Vec<f64>>,
+    /// Symbols of coefficients that the rows do not determine.
+    pub not_identifiable: Vec<String>,
+    /// Why the first harmonic has no co-rotating part, where it has none.
+    pub gauge: Vec<String>,
+}
+
+impl<'a> ReportedMotions<'a> {
+    pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit, stage: StageEccentricity) -> Self {
+        let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
+        let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
+        let directions: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
+        let null_space = fit.harmonics.first().map(|first| &first.null_space);
+        let is_determined =
+            |d: &Vec<f64>| null_space.is_none_or(|null_space| is_identifiable(d, null_space));
+        let is_measured =
+            stage != StageEccentricity::NotDeclared && directions.iter().all(is_determined);
+        let removed = if is_measured { Vec::new() } else { directions };
+        let gauge = (!removed.is_empty()).then(|| {
+            "the co-rotating first harmonic of (EXC, EYC) and (EAC, EBC) is zero: inseparable from \
+             the eccentricity and tilt of the artefact and of the indexing stage"
+                .to_owned()
+        });
+        let mut motions = Self {
+            layout,
+            fit,
+            removed,
+            not_identifiable: Vec::new(),
+            gauge: Vec::from_iter(gauge),
+        };
+        motions.not_identifiable = motions.lost_coefficients();
+        motions
+    }
+
+    fn lost_coefficients(&self) -> Vec<String> {
+        let motions = self.layout.components().into_iter().flat_map(|component| {
+            (1..=self.fit.harmonics.len()).map(move |order| (component, order))
+        });
+        let lost = motions.filter(|(component, order)| self.parts(*component, *order).is_none());
+        lost.map(|(component, order)| format!("{} harmonic {order}", component.symbol())).collect()
+    }
+
+    /// Derivatives of the cosine and the sine part of a harmonic by all unknowns. `None`: not
+    /// identifiable.
+    pub fn parts(&self, component: Component, order: usize) -> Option<[Vec<f64>; 2]> {
+        let column = self.layout.components().iter().position(|c| *c == component)?;
+        let fit = self.fit.harmonics.get(order.checked_sub(1)?)?;
+        let part = |offset: usize| {
+            let mut slope = vec![0.0; fit.design.ncols()];
+            slope[2 * column + offset] = 1.0;
+            if order == 1 {
+                self.removed.iter().for_each(|direction| remove(&mut slope, direction));
+            }
+            is_identifiable(&slope, &fit.null_space).then(|| self.widened(order, &slope))
+        };
+        Some([part(0)?, part(1)?])
+    }
+
+    /// From the unknowns of one harmonic to all.
+    fn widened(&self, order: usize, slope: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.fit.x.len()];
+        all[self.fit.first_unknown(order)..][..slope.len()].copy_from_slice(slope);
+        all
+    }
+
+    /// Σ of the identifiable harmonics `orders` at the angle, rad: derivative by all unknowns.
+    pub fn slope_at(&self, component: Component, orders: &[usize], angle: f64) -> Vec<f64> {
+        let mut sum = vec![0.0; self.fit.x.len()];
+        for order in orders {
+            let Some(parts) = self.parts(component, *order) else { continue };
+            let (sin, cos) = (*order as f64 * angle).sin_cos();
+            for (part, factor) in parts.iter().zip([cos, sin]) {
+                sum.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
+            }
+        }
+        sum
+    }
+
+    fn curve(&self, component: Component) -> Curve {
+        let first = if matches!(component, Component::Roundness(_)) { 2 } else { 1 };
+        let orders: Vec<usize> = (first..=self.fit.harmonics.len()).collect();
+        let x: Vec<f64> =
+            (0..=CURVE_POINTS).map(|i| i as f64 * 360.0 / CURVE_POINTS as f64).collect();
+        let slope = |degrees: &f64| self.slope_at(component, &orders, degrees.to_radians());
+        let slopes: Vec<Vec<f64>> = x.iter().map(slope).collect();
+        let value = |slope: &Vec<f64>| slope.iter().zip(&self.fit.x).map(|(s, x)| s * x).sum();
+        Curve {
+            symbol: component.symbol(),
+            argument: "C",
+            argument_unit: "deg",
+            y: slopes.iter().map(value).collect(),
+            x,
+            unit: unit(component),
+            figure: FigureKind::Polar,
+            slopes,
+        }
+    }
+
+    fn coefficients(&self, component: Component) -> Vec<Output> {
+        let of = |order: usize| {
+            let parts = self.parts(component, order).into_iter().flatten().zip(["c", "s"]);
+            let symbol = |part| format!("{}_{part}{order}", component.symbol());
+            let output =
+                |(slope, part)| Output::linear(&symbol(part), unit(component), slope, &self.fit.x);
+            parts.map(output).collect::<Vec<_>>()
+        };
+        (1..=self.fit.harmonics.len()).flat_map(of).collect()
+    }
+
+    /// Centre of a section against the table's axis at the first index and q = 0. It contains the
+    /// co-rotating error motion.
+    fn eccentricity(&self, section: usize) -> Vec<Output> {
+        let (layout, sign) = (self.layout, self.layout.sense.sign());
+        let components = layout.components();
+        let column = |c: Component| components.iter().position(|own| *own == c);
+        let lever = layout.section_z_mm[section] - layout.reference_z_mm;
+        let mut slopes = [(); 2].map(|()| vec![0.0; 2 * components.len()]);
+        // ½(x + iσy) of the motion of the centre at the section, and e^(iσφ)·R of its form.
+        let index_angle = layout.index_angles_rad.first().copied().unwrap_or(0.0);
+        let (sin, cos) = index_angle.sin_cos();
+        let terms = [
+            (Component::X, [0.5, 0.0], [0.0, 0.5 * -sign]),
+            (Component::Y, [0.0, 0.5 * sign], [0.5, 0.0]),
+            (Component::B, [0.5 * lever, 0.0], [0.0, -0.5 * sign * lever]),
+            (Component::A, [0.0, -0.5 * sign * lever], [-0.5 * lever, 0.0]),
+            (Component::Roundness(section), [cos, sign * sin], [sin, -sign * cos]),
+        ];
+        for (component, along_x, along_y) in terms {
+            if let Some(j) = column(component) {
+                slopes[0][2 * j..2 * j + 2].copy_from_slice(&along_x);
+                slopes[1][2 * j..2 * j + 2].copy_from_slice(&along_y);
+            }
+        }
+        let outputs = slopes.into_iter().zip(["X", "Y"]);
+        let output = |(slope, axis): (Vec<f64>, &str)| {
+            let symbol = format!("ecc_{axis}{}", section + 1);
+            Output::linear(&symbol, Unit::Um, self.widened(1, &slope), &self.fit.x)
+        };
+        outputs.map(output).collect()
+    }
+
+    /// All outputs. The values by ISO 230-7 and the roundness have their uncertainty from trials.
+    pub fn outputs(&self) -> Outputs {
+        let components = self.layout.components();
+        let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
+        let motions = components.iter().filter(|c| !is_form(c));
+        let curves = components.iter().filter(|c| !matches!(c, Component::Face));
+        let sections = 0..self.layout.section_z_mm.len();
+        let mut parameters: Vec<Output> = motions.flat_map(|c| self.coefficients(*c)).collect();
+        parameters.extend(sections.flat_map(|section| self.eccentricity(section)));
+        Outputs {
+            parameters,
+            curves: curves.map(|component| self.curve(*component)).collect(),
+            nonlinear: Some(iso::nonlinear_outputs(self, &components)),
+        }
+    }
+
+    pub fn orders(&self) -> usize {
+        self.fit.harmonics.len()
+    }
+
+    pub fn solution(&self) -> Mat<f64> {
+        Mat::from_fn(1, self.fit.x.len(), |_, j| self.fit.x[j])
+    }
+}
+
+pub fn unit(component: Component) -> Unit {
+    match component {
+        Component::A | Component::B => Unit::Urad,
+        _ => Unit::Um,
+    }
+}
+
+/// Removes the part along `direction`.
+fn remove(slope: &mut [f64], direction: &[f64]) {
+    let square: f64 = direction.iter().map(|d| d * d).sum();
+    let along: f64 = slope.iter().zip(direction).map(|(s, d)| s * d).sum::<f64>() / square;
+    slope.iter_mut().zip(direction).for_each(|(s, d)| *s -= along * d);
+}

@@ -1,0 +1,221 @@
+//! Sources of uncertainty. The effect of a wrong layout is the difference of the observations that the
+//! solution gives with the layout changed by ±u.
+
+use std::f64::consts::PI;
+
+use estimation::linear::lower_root;
+use faer::Mat;
+
+use super::fit::SeparationFit;
+use super::harmonics::HarmonicData;
+use super::model::{Component, ProbeLayout, Surface};
+use crate::identification::{
+    Effect, EvaluationType, InResiduals, ObservationRun, UncertaintySource,
+};
+
+/// Whether the co-rotating first harmonic of the motions is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StageEccentricity {
+    /// The stage may be eccentric by any amount: the co-rotating part is reported as eccentricity.
+    NotDeclared,
+    /// Standard uncertainty, along X and Y, of the stage's axis against the table's axis.
+    Declared { u_mm: f64, u_tilt_rad: f64 },
+}
+
+/// Standard uncertainties of what the layout declares. Zero: exactly known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceSizes {
+    /// Relative, one a channel, as calibrated on the curved surface.
+    pub gain: f64,
+    pub channel_angle_rad: f64,
+    /// Of the distance d of the sections.
+    pub section_distance_mm: f64,
+    /// Of the radius ρ of the axial sensors.
+    pub face_radius_mm: f64,
+    pub index_angle_rad: f64,
+    pub stage: StageEccentricity,
+    /// Drift of the artefact against the sensors along X, Y and Z during one revolution, net of
+    /// revolutions in the other direction.
+    pub drift_mm_per_revolution: f64,
+}
+
+/// In the order of the budget, without those that change nothing.
+pub fn sources(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+    fit: &SeparationFit,
+    sizes: &SourceSizes,
+) -> Vec<UncertaintySource> {
+    let changed = |change: &dyn Fn(&mut ProbeLayout, f64)| layout_error(layout, data, fit, change);
+    let angle = |i: usize| {
+        changed(&|l: &mut ProbeLayout, sign| {
+            l.channels[i].angle_rad += sign * sizes.channel_angle_rad
+        })
+    };
+    // The first mounting defines the angle of the artefact.
+    let index = |n: usize| {
+        changed(&|l: &mut ProbeLayout, sign| l.index_angles_rad[n] += sign * sizes.index_angle_rad)
+    };
+    let channels = 0..layout.channels.len();
+    let mut all = vec![
+        noise(layout, data),
+        declared("gain", channels.clone().map(|i| gain_error(data, i, sizes.gain)).collect()),
+        declared("sensor angle", channels.map(angle).collect()),
+        declared("index angle", (1..layout.index_angles_rad.len()).map(index).collect()),
+        declared(
+            "face radius",
+            vec![changed(&|l, sign| move_face(l, sign * sizes.face_radius_mm))],
+        ),
+        declared("drift", drift(layout, data, sizes.drift_mm_per_revolution)),
+        stage_eccentricity(layout, fit, sizes.stage),
+    ];
+    if layout.section_z_mm.len() > 1 {
+        let distance = changed(&|l, sign| l.section_z_mm[1] += sign * sizes.section_distance_mm);
+        all.insert(4, declared("section distance", vec![distance]));
+    }
+    all.retain(|source| !source.is_zero());
+    all
+}
+
+/// A source that moves many observations together: no part of the weights; its size stays as declared.
+fn declared(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    UncertaintySource {
+        in_residuals: InResiduals::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new(name, Effect::Joint(columns))
+    }
+}
+
+fn layout_error(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+    fit: &SeparationFit,
+    change: &dyn Fn(&mut ProbeLayout, f64),
+) -> Vec<f64> {
+    let predicted = |sign: f64| {
+        let mut changed = layout.clone();
+        change(&mut changed, sign);
+        fit.predicted(&changed, &data.rows)
+    };
+    predicted(1.0).iter().zip(predicted(-1.0)).map(|(up, down)| (up - down) / 2.0).collect()
+}
+
+fn move_face(layout: &mut ProbeLayout, by_mm: f64) {
+    for channel in &mut layout.channels {
+        if let Surface::Face { radius_mm } = &mut channel.surface {
+            *radius_mm += by_mm;
+        }
+    }
+}
+
+/// Scatter of the mean over the revolutions. Channels of one index scatter together where the motion
+/// itself does (asynchronous part): one run holds them all.
+fn noise(layout: &ProbeLayout, data: &HarmonicData) -> UncertaintySource {
+    let (rows, mut runs) = (data.rows.len(), Vec::new());
+    for (k, scatter) in data.scatters.iter().enumerate() {
+        let root = lower_root(&scatter.covariance);
+        for part in 0..2 {
+            for index in 0..layout.index_angles_rad.len() {
+                let first = data.rows.partition_point(|row| row.index < index);
+                runs.extend(
+                    index_runs(data, &root, index).map(|values| ObservationRun {
+                        first: (2 * k + part) * rows + first,
+                        values,
+                    }),
+                );
+            }
+        }
+    }
+    let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
+    let evaluation = EvaluationType::A;
+    UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", Effect::Runs(runs)) }
+}
+
+/// One run a column of `root` (channels × channels).
+fn index_runs<'a>(
+    data: &'a HarmonicData,
+    root: &'a Mat<f64>,
+    index: usize,
+) -> impl Iterator<Item = Vec<f64>> + 'a {
+    let own = move || {
+        let all = data.rows.iter().zip(&data.revolutions);
+        all.filter(move |(row, _)| row.index == index)
+    };
+    let run = move |column: usize| -> Vec<f64> {
+        own().map(|(row, count)| root[(row.channel, column)] / (*count as f64).sqrt()).collect()
+    };
+    (0..root.ncols()).map(run).filter(|run| run.iter().any(|value| *value != 0.0))
+}
+
+fn gain_error(data: &HarmonicData, channel: usize, u: f64) -> Vec<f64> {
+    let of = |order: usize| {
+        let observed = data.observations(order).into_iter().enumerate();
+        let size = |i: usize| match data.rows[i % data.rows.len()].channel == channel {
+            true => u,
+            false => 0.0,
+        };
+        observed.map(move |(i, m)| m * size(i)).collect::<Vec<f64>>()
+    };
+    (1..=data.orders()).flat_map(of).collect()
+}
+
+/// A displacement that grows in proportion to the angle, along X, Y and Z: over one revolution
+/// v·(q/2π − ½) = −Σ v/(πk)·sin kq.
+fn drift(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64>> {
+    let components = layout.components();
+    let column = |j: usize| {
+        let of = |order: usize| {
+            let sine = -size_mm / (PI * order as f64);
+            let design = layout.design(&data.rows, order);
+            design.col_as_slice(2 * j + 1).iter().map(|d| d * sine).collect::<Vec<f64>>()
+        };
+        (1..=data.orders()).flat_map(of).collect()
+    };
+    let moved = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
+    (0..components.len()).filter(|j| moved(&components[*j])).map(column).collect()
+}
+
+/// The stage's axis turns with the table: its offset adds a co-rotating first harmonic to X and Y, its
+/// tilt one to A and B. Both pass into the unknowns.
+fn stage_eccentricity(
+    layout: &ProbeLayout,
+    fit: &SeparationFit,
+    stage: StageEccentricity,
+) -> UncertaintySource {
+    let mut direct_changes = Vec::new();
+    if let StageEccentricity::Declared { u_mm, u_tilt_rad } = stage {
+        let pairs = [(Component::X, Component::Y, u_mm), (Component::A, Component::B, u_tilt_rad)];
+        for (first, second, u) in pairs {
+            let directions = co_rotating_directions(layout, first, second);
+            let draw = |direction: Vec<f64>| {
+                let mut change = vec![0.0; fit.x.len()];
+                change.iter_mut().zip(direction).for_each(|(c, d)| *c = u * d);
+                change
+            };
+            direct_changes.extend(directions.into_iter().map(draw));
+        }
+    }
+    let no_observations = vec![Vec::new(); direct_changes.len()];
+    UncertaintySource { direct_changes, ..declared("stage eccentricity", no_observations) }
+}
+
+/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first
+/// harmonic. None where the layout shows no such pair.
+pub fn co_rotating_directions(
+    layout: &ProbeLayout,
+    first: Component,
+    second: Component,
+) -> Vec<Vec<f64>> {
+    let components = layout.components();
+    let position = |component| components.iter().position(|c| *c == component);
+    let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };
+    let sign = layout.sense.sign();
+    // (cosine part, sine part) of the first and of the second component.
+    let direction = |parts: [[f64; 2]; 2]| {
+        let mut direction = vec![0.0; 2 * components.len()];
+        direction[2 * i..2 * i + 2].copy_from_slice(&parts[0]);
+        direction[2 * j..2 * j + 2].copy_from_slice(&parts[1]);
+        direction
+    };
+    vec![direction([[1.0, 0.0], [0.0, sign]]), direction([[0.0, -sign], [1.0, 0.0]])]
+}

@@ -1,0 +1,115 @@
+//! METHODS gate G3.
+
+use super::super::fit::SeparationFit;
+use super::super::harmonics::{HarmonicBasis, HarmonicData};
+use super::super::layout::{
+    RANKED_ORDERS, RadialLayout, Separation, determinant, suppressed_orders, weak_orders,
+};
+use super::super::model::Row;
+use super::generator::World;
+
+const ANGLES: [f64; 3] = [0.0, 90.0, 230.0];
+const SAMPLES: usize = 360;
+const NOISE_MM: f64 = 0.05e-3;
+
+#[test]
+fn paper_determinant_and_noise_gain() {
+    assert!((determinant(ANGLES, 4) - 0.8158).abs() < 5e-5, "{}", determinant(ANGLES, 4));
+    assert_eq!(suppressed_orders(ANGLES, 40), [1, 35, 37]);
+    assert_eq!(weak_orders(ANGLES, 40), [4, 32, 40]);
+    for order in [4, 32, 40] {
+        assert!((determinant(ANGLES, order) - 0.8158).abs() < 5e-5);
+    }
+    for beta in [100.0, 130.0, 200.0, 250.0, 310.0] {
+        let zeros = suppressed_orders([0.0, 90.0, beta], 37);
+        assert!([1, 35, 37].iter().all(|order| zeros.contains(order)), "{beta}: {zeros:?}");
+    }
+    let zeros = suppressed_orders([0.0, 90.0, 240.0], 20);
+    assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
+    for (beta, expected) in [(220.0, 1.48), (230.0, 1.53), (250.0, 1.75), (260.0, 2.52)] {
+        let layout = RadialLayout::equal_steps(&[0.0, 90.0, beta], 1);
+        let gain = layout.noise_gain(Separation::Multiprobe, RANKED_ORDERS).unwrap();
+        assert!((gain.rms - expected).abs() < 0.0051, "{beta}: {}", gain.rms);
+    }
+}
+
+/// The paper's measurement: all three sensors at the first index, then the first two at ten indexes.
+fn paper_rows() -> Vec<Row> {
+    let mut rows: Vec<Row> = (0..3).map(|channel| Row { index: 0, channel }).collect();
+    rows.extend((0..10).flat_map(|n| [0, 1].map(|channel| Row { index: n + 1, channel })));
+    rows
+}
+
+fn paper_layout() -> super::super::model::ProbeLayout {
+    let mut layout = RadialLayout::equal_steps(&ANGLES, 10);
+    layout.index_angles_deg.insert(0, 0.0);
+    layout.probe_layout()
+}
+
+#[test]
+fn paper_monte_carlo_of_the_combined_separation() {
+    let (layout, rows) = (paper_layout(), paper_rows());
+    let basis = HarmonicBasis::new(SAMPLES, 20);
+    let (mut squares, mut predicted, mut trials) = (vec![0.0; 20], vec![0.0; 20], 0.0);
+    for seed in 0..200 {
+        let mut world = World::random(seed, 20, 1, NOISE_MM);
+        world.a.clear();
+        world.b.clear();
+        let measured = world.revolutions(&layout, &rows, (SAMPLES, 1), seed);
+        let of =
+            |k: usize| measured.iter().map(|row| basis.harmonics(&row.revolutions[0])[k]).collect();
+        let means = (0..20).map(of).collect();
+        let data = HarmonicData::declared(rows.clone(), means, NOISE_MM, SAMPLES);
+        let fit = SeparationFit::new(&layout, &data).unwrap();
+        trials += 1.0;
+        for (k, harmonic) in fit.harmonics.iter().enumerate() {
+            assert!(harmonic.lost.is_empty(), "{:?}", harmonic.lost);
+            let truth = [world.x[k].a, world.x[k].b, world.y[k].a, world.y[k].b];
+            let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| x - truth);
+            // Of the complex harmonic, mean of X and Y.
+            squares[k] += errors.map(|error| error * error).sum::<f64>() / 2.0;
+            let variance = |j| harmonic.solution.covariance[(j, j)];
+            predicted[k] = (0..4).map(variance).sum::<f64>() / 2.0;
+        }
+    }
+    let (mut observed_sum, mut predicted_sum) = (0.0, 0.0);
+    for k in 1..=20 {
+        let expected_um = match k {
+            1 | 4 => 0.0016,
+            10 => 0.0052,
+            20 => 0.0032,
+            _ => 0.0015,
+        };
+        let rms_um = (squares[k - 1] / trials).sqrt() * 1e3;
+        println!("k {k} rms {rms_um:.5} predicted {:.5}", predicted[k - 1].sqrt() * 1e3);
+        assert!((rms_um / expected_um - 1.0).abs() < 0.15, "{k}: {rms_um} {expected_um}");
+        observed_sum += squares[k - 1] / trials / predicted[k - 1];
+        predicted_sum += 1.0;
+    }
+    let ratio = (predicted_sum / observed_sum).sqrt();
+    println!("predicted/observed {ratio:.4}");
+    assert!((ratio - 1.0).abs() < 0.05, "predicted/observed {ratio}");
+}
+
+#[test]
+fn paper_noise_free_separation_is_exact() {
+    let (layout, rows) = (paper_layout(), paper_rows());
+    let mut world = World::random(7, 20, 1, 0.0);
+    world.a.clear();
+    world.b.clear();
+    let measured = world.revolutions(&layout, &rows, (SAMPLES, 2), 1);
+    let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
+    let fit = SeparationFit::new(&layout, &data).unwrap();
+    let mut worst: f64 = 0.0;
+    for (k, harmonic) in fit.harmonics.iter().enumerate() {
+        // Harmonic of w(−q): the sine changes its sign.
+        let form = world.sections[0][k];
+        let [x, y] = [world.x[k], world.y[k]];
+        let truth = [x.a, x.b, y.a, y.b, form.a, -form.b];
+        let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| (x - truth).abs());
+        worst = errors.fold(worst, f64::max);
+        assert!(harmonic.lost.is_empty());
+    }
+    println!("noise-free {worst:e} mm");
+    assert!(worst < 1e-9, "{worst}");
+}

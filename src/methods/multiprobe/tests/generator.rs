@@ -1,0 +1,106 @@
+//! A table and a cylinder as functions of the angle. No formula of the estimator: displacements of points in
+//! space and the form over the angle on the artefact.
+
+use std::f64::consts::TAU;
+
+use estimation::random::stream;
+use rand::RngExt;
+
+use super::super::harmonics::RowRevolutions;
+use super::super::model::{ProbeLayout, Row, Surface};
+
+/// a·cos kq + b·sin kq.
+#[derive(Debug, Clone, Copy)]
+pub struct Term {
+    pub order: f64,
+    pub a: f64,
+    pub b: f64,
+}
+
+pub fn sum(terms: &[Term], angle: f64) -> f64 {
+    terms.iter().map(|t| t.a * (t.order * angle).cos() + t.b * (t.order * angle).sin()).sum()
+}
+
+/// Error motions over the commanded angle (mm, rad), form over the angle on the artefact (mm).
+#[derive(Debug, Clone, Default)]
+pub struct World {
+    pub x: Vec<Term>,
+    pub y: Vec<Term>,
+    pub z: Vec<Term>,
+    pub a: Vec<Term>,
+    pub b: Vec<Term>,
+    pub sections: Vec<Vec<Term>>,
+    pub face: Vec<Term>,
+    /// Standard deviation of a sample, mm.
+    pub noise_mm: f64,
+}
+
+/// Terms of orders 1..=`orders` with amplitudes up to `size`.
+pub fn random_terms(seed: u64, key: u64, orders: usize, size: f64) -> Vec<Term> {
+    let mut random = stream(seed, &[key]);
+    let mut draw = || size * (2.0 * random.random::<f64>() - 1.0);
+    (1..=orders).map(|order| Term { order: order as f64, a: draw(), b: draw() }).collect()
+}
+
+impl World {
+    /// All five motions and all forms, `orders` harmonics.
+    pub fn random(seed: u64, orders: usize, sections: usize, noise_mm: f64) -> Self {
+        let terms = |key, size| random_terms(seed, key, orders, size);
+        Self {
+            x: terms(1, 1e-3),
+            y: terms(2, 1e-3),
+            z: terms(3, 1e-3),
+            a: terms(4, 1e-5),
+            b: terms(5, 1e-5),
+            sections: (0..sections).map(|i| terms(10 + i as u64, 2e-3)).collect(),
+            face: terms(6, 2e-3),
+            noise_mm,
+        }
+    }
+
+    /// Displacement of the surface towards the sensor at the table angle `q` without noise.
+    pub fn deviation(&self, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
+        let channel = &layout.channels[row.channel];
+        let gamma = channel.angle_rad;
+        let on_artefact = gamma - layout.sense.sign() * q - layout.index_angles_rad[row.index];
+        let (a, b) = (sum(&self.a, q), sum(&self.b, q));
+        match channel.surface {
+            Surface::Section(section) => {
+                // The rotation vector (a, b, 0) moves the centre of the section by (a, b, 0) × (0, 0, h).
+                let height = layout.section_z_mm[section] - layout.reference_z_mm;
+                let centre = [sum(&self.x, q) + b * height, sum(&self.y, q) - a * height];
+                let along = centre[0] * gamma.cos() + centre[1] * gamma.sin();
+                along + sum(&self.sections[section], on_artefact)
+            }
+            Surface::Face { radius_mm } => {
+                let point = [radius_mm * gamma.cos(), radius_mm * gamma.sin()];
+                let tilted = a * point[1] - b * point[0];
+                sum(&self.z, q) + tilted + sum(&self.face, on_artefact)
+            }
+        }
+    }
+
+    /// Sampled revolutions of the `rows`.
+    pub fn revolutions(
+        &self,
+        layout: &ProbeLayout,
+        rows: &[Row],
+        (samples, revolutions): (usize, usize),
+        seed: u64,
+    ) -> Vec<RowRevolutions> {
+        let mut noise = estimation::monte_carlo::Random::of(seed, &[77]);
+        let normal = [estimation::monte_carlo::Shape::Normal];
+        let of = |row: &Row| {
+            let clean: Vec<f64> = (0..samples)
+                .map(|i| self.deviation(layout, *row, i as f64 * TAU / samples as f64))
+                .collect();
+            let mut revolution = || {
+                let units = noise.units(samples, &normal);
+                clean.iter().zip(units).map(|(m, unit)| m + self.noise_mm * unit).collect()
+            };
+            let revolutions: Vec<Vec<f64>> = (0..revolutions).map(|_| revolution()).collect();
+            RowRevolutions { row: *row, revolutions }
+        };
+        rows.iter().map(of).collect()
+    }
+}

@@ -1,0 +1,47 @@
+//! Nullities of the architecture page: two sections with sensors at 0°, 90°, 230°, one axial sensor.
+
+use super::super::fit::survey;
+use super::super::model::{Channel, ProbeLayout, Row, Surface, TableSense};
+
+pub fn layout(indexes: usize, sense: TableSense) -> ProbeLayout {
+    let channel = |name: &str, surface, deg: f64| Channel {
+        name: name.to_owned(),
+        surface,
+        angle_rad: deg.to_radians(),
+    };
+    let section =
+        |i| [0.0, 90.0, 230.0].map(|deg| channel(&format!("r{i}-{deg}"), Surface::Section(i), deg));
+    let mut channels: Vec<Channel> = section(0).into_iter().chain(section(1)).collect();
+    channels.push(channel("axial", Surface::Face { radius_mm: 20.0 }, 45.0));
+    let step = 360.0 / indexes as f64;
+    ProbeLayout {
+        channels,
+        section_z_mm: vec![20.0, 120.0],
+        reference_z_mm: 0.0,
+        index_angles_rad: (0..indexes).map(|n| (n as f64 * step).to_radians()).collect(),
+        sense,
+    }
+}
+
+fn nullity(layout: &ProbeLayout, rows: &[Row], order: usize) -> usize {
+    survey(layout, rows, order).unwrap().nullity
+}
+
+#[test]
+fn paper_nullities_of_a_block() {
+    for sense in [TableSense::CounterClockwise, TableSense::Clockwise] {
+        let layout = layout(10, sense);
+        let all = layout.all_rows();
+        let multiprobe: Vec<Row> = all.iter().copied().filter(|row| row.index == 0).collect();
+        let is_of_pair = |row: &Row| ![2, 5].contains(&row.channel);
+        let multistep: Vec<Row> = all.iter().copied().filter(is_of_pair).collect();
+        for order in 1..=40 {
+            let expected = if [1, 35, 37].contains(&order) { 6 } else { 2 };
+            assert_eq!(nullity(&layout, &multiprobe, order), expected, "multiprobe {order}");
+            let expected = if order % 10 == 0 { 6 } else { 0 };
+            assert_eq!(nullity(&layout, &multistep, order), expected, "multistep {order}");
+            let expected = if order % 10 == 0 { 2 } else { 0 };
+            assert_eq!(nullity(&layout, &all, order), expected, "combined {order}");
+        }
+    }
+}
