@@ -104,6 +104,18 @@ impl HarmonicData {
         Self { revolutions: vec![1; rows.len()], rows, means, scatters }
     }
 
+    /// The rows that `is_selected` accepts.
+    pub fn selected(&self, is_selected: impl Fn(&Row) -> bool) -> Self {
+        let kept: Vec<usize> =
+            (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
+        Self {
+            rows: kept.iter().map(|i| self.rows[*i]).collect(),
+            revolutions: kept.iter().map(|i| self.revolutions[*i]).collect(),
+            means: self.means.iter().map(|m| kept.iter().map(|i| m[*i]).collect()).collect(),
+            scatters: self.scatters.clone(),
+        }
+    }
+
     /// Highest harmonic.
     pub fn orders(&self) -> usize {
         self.means.len()

@@ -20,6 +20,8 @@ const WEAK_DETERMINANT: f64 = 1.0;
 pub const RANKED_ORDERS: RangeInclusive<usize> = 2..=20;
 /// Sensors nearer than this to each other, or to the opposite side, do not separate X from Y.
 const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
+/// A suggested sensor has at least this distance to the others, for its housing.
+const HOUSING_ANGLE_DEG: f64 = 30.0;
 
 /// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`: infinite for coinciding or opposed second
 /// and third sensors.
@@ -214,7 +216,14 @@ fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refuse
         layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
     let others: Vec<f64> = others.map(|c| c.angle_rad.to_degrees().rem_euclid(360.0)).collect();
     let better = match others.as_slice() {
-        [one, two, ..] => third_angles([*one, *two], 10.0, &[]).first().map(|(deg, _)| *deg),
+        [one, two, ..] => {
+            let around = |deg: &f64| AngleRange {
+                from_deg: deg - HOUSING_ANGLE_DEG,
+                to_deg: deg + HOUSING_ANGLE_DEG,
+            };
+            let exclusions: Vec<AngleRange> = others.iter().map(around).collect();
+            third_angles([*one, *two], 10.0, &exclusions).first().map(|(deg, _)| *deg)
+        }
         _ => Some((a + 90.0).rem_euclid(360.0)),
     };
     let place =

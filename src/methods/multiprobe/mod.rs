@@ -6,12 +6,15 @@
 //! scatter, [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
 //! the measurement what a layout separates.
 
+pub mod diagnosis;
 pub mod fit;
 pub mod harmonics;
 pub mod iso;
 pub mod layout;
 pub mod model;
 pub mod outputs;
+pub mod resample;
+pub mod revolutions;
 pub mod sources;
 
 #[cfg(test)]
@@ -51,7 +54,7 @@ pub fn identify(
     let outputs = motions.outputs();
     let lost = fit.harmonics.iter().flat_map(|harmonic| harmonic.lost.clone());
     let not_identifiable: Vec<String> =
-        motions.not_identifiable.iter().cloned().chain(lost).collect();
+        motions.not_identifiable().into_iter().chain(lost).collect();
     let gauge = motions.gauge.clone();
     let sources = sources(layout, data, &fit, sizes);
     let identification =

@@ -3,7 +3,7 @@
 use faer::Mat;
 use machine::record::estimate::{FigureKind, Unit};
 
-use super::fit::{SeparationFit, is_identifiable};
+use super::fit::{HarmonicFit, SeparationFit, is_identifiable};
 use super::iso;
 use super::model::{Component, ProbeLayout};
 use super::sources::{StageEccentricity, co_rotating_directions};
@@ -12,67 +12,51 @@ use crate::identification::{Curve, Output, Outputs};
 /// Points of a curve over one revolution.
 const CURVE_POINTS: usize = 120;
 
+/// Derivatives of the cosine and the sine part of one harmonic by the unknowns of that harmonic.
+type Parts = [Vec<f64>; 2];
+
 /// The derivatives of all reported quantities by the unknowns.
 pub struct ReportedMotions<'a> {
     layout: &'a ProbeLayout,
     fit: &'a SeparationFit,
-    /// Orthonormal directions of the first harmonic that no motion contains: its co-rotating part.
-    removed: Vec<Vec<f64>>,
-    /// Symbols of coefficients that the rows do not determine.
-    pub not_identifiable: Vec<String>,
+    /// Components × harmonics from 1 on. `None`: not identifiable.
+    parts: Vec<(Component, Vec<Option<Parts>>)>,
     /// Why the first harmonic has no co-rotating part, where it has none.
     pub gauge: Vec<String>,
 }
 
 impl<'a> ReportedMotions<'a> {
     pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit, stage: StageEccentricity) -> Self {
-        let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
-        let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
-        let directions: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
-        let null_space = fit.harmonics.first().map(|first| &first.null_space);
-        let is_determined =
-            |d: &Vec<f64>| null_space.is_none_or(|null_space| is_identifiable(d, null_space));
-        let is_measured =
-            stage != StageEccentricity::NotDeclared && directions.iter().all(is_determined);
-        let removed = if is_measured { Vec::new() } else { directions };
+        let removed = removed_directions(layout, fit, stage);
         let gauge = (!removed.is_empty()).then(|| {
             "the co-rotating first harmonic of (EXC, EYC) and (EAC, EBC) is zero: inseparable from \
              the eccentricity and tilt of the artefact and of the indexing stage"
                 .to_owned()
         });
-        let mut motions = Self {
-            layout,
-            fit,
-            removed,
-            not_identifiable: Vec::new(),
-            gauge: Vec::from_iter(gauge),
+        let harmonics = |column| fit.harmonics.iter().map(move |h| (h, column));
+        let of = |(column, component)| {
+            let parts =
+                harmonics(column).map(|(h, column)| identifiable_parts(h, column, &removed));
+            (component, parts.collect())
         };
-        motions.not_identifiable = motions.lost_coefficients();
-        motions
+        let components = layout.components().into_iter().enumerate();
+        Self { layout, fit, parts: components.map(of).collect(), gauge: Vec::from_iter(gauge) }
     }
 
-    fn lost_coefficients(&self) -> Vec<String> {
-        let motions = self.layout.components().into_iter().flat_map(|component| {
-            (1..=self.fit.harmonics.len()).map(move |order| (component, order))
-        });
-        let lost = motions.filter(|(component, order)| self.parts(*component, *order).is_none());
-        lost.map(|(component, order)| format!("{} harmonic {order}", component.symbol())).collect()
+    /// Symbols and harmonics that the rows do not determine.
+    pub fn not_identifiable(&self) -> Vec<String> {
+        let of = |(component, parts): &(Component, Vec<Option<Parts>>)| {
+            let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
+            let name = |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol());
+            lost.map(name).collect::<Vec<String>>()
+        };
+        self.parts.iter().flat_map(of).collect()
     }
 
-    /// Derivatives of the cosine and the sine part of a harmonic by all unknowns. `None`: not
-    /// identifiable.
-    pub fn parts(&self, component: Component, order: usize) -> Option<[Vec<f64>; 2]> {
-        let column = self.layout.components().iter().position(|c| *c == component)?;
-        let fit = self.fit.harmonics.get(order.checked_sub(1)?)?;
-        let part = |offset: usize| {
-            let mut slope = vec![0.0; fit.design.ncols()];
-            slope[2 * column + offset] = 1.0;
-            if order == 1 {
-                self.removed.iter().for_each(|direction| remove(&mut slope, direction));
-            }
-            is_identifiable(&slope, &fit.null_space).then(|| self.widened(order, &slope))
-        };
-        Some([part(0)?, part(1)?])
+    /// Of a harmonic from 1 on. `None`: not identifiable.
+    pub fn parts(&self, component: Component, order: usize) -> Option<&Parts> {
+        let (_, parts) = self.parts.iter().find(|(own, _)| *own == component)?;
+        parts.get(order.checked_sub(1)?)?.as_ref()
     }
 
     /// From the unknowns of one harmonic to all.
@@ -87,12 +71,19 @@ impl<'a> ReportedMotions<'a> {
         let mut sum = vec![0.0; self.fit.x.len()];
         for order in orders {
             let Some(parts) = self.parts(component, *order) else { continue };
+            let own = &mut sum[self.fit.first_unknown(*order)..];
             let (sin, cos) = (*order as f64 * angle).sin_cos();
             for (part, factor) in parts.iter().zip([cos, sin]) {
-                sum.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
+                own.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
             }
         }
         sum
+    }
+
+    /// The motion at the angle, rad.
+    pub fn value_at(&self, component: Component, orders: &[usize], angle: f64) -> f64 {
+        let slope = self.slope_at(component, orders, angle);
+        slope.iter().zip(&self.fit.x).map(|(s, x)| s * x).sum()
     }
 
     fn curve(&self, component: Component) -> Curve {
@@ -101,26 +92,27 @@ impl<'a> ReportedMotions<'a> {
         let x: Vec<f64> =
             (0..=CURVE_POINTS).map(|i| i as f64 * 360.0 / CURVE_POINTS as f64).collect();
         let slope = |degrees: &f64| self.slope_at(component, &orders, degrees.to_radians());
-        let slopes: Vec<Vec<f64>> = x.iter().map(slope).collect();
-        let value = |slope: &Vec<f64>| slope.iter().zip(&self.fit.x).map(|(s, x)| s * x).sum();
+        let value = |degrees: &f64| self.value_at(component, &orders, degrees.to_radians());
         Curve {
             symbol: component.symbol(),
             argument: "C",
             argument_unit: "deg",
-            y: slopes.iter().map(value).collect(),
+            y: x.iter().map(value).collect(),
+            slopes: x.iter().map(slope).collect(),
             x,
             unit: unit(component),
             figure: FigureKind::Polar,
-            slopes,
         }
     }
 
     fn coefficients(&self, component: Component) -> Vec<Output> {
         let of = |order: usize| {
             let parts = self.parts(component, order).into_iter().flatten().zip(["c", "s"]);
-            let symbol = |part| format!("{}_{part}{order}", component.symbol());
-            let output =
-                |(slope, part)| Output::linear(&symbol(part), unit(component), slope, &self.fit.x);
+            let symbol = |part: &str| format!("{}_{part}{order}", component.symbol());
+            let output = |(slope, part): (&Vec<f64>, &str)| {
+                let slope = self.widened(order, slope);
+                Output::linear(&symbol(part), unit(component), slope, &self.fit.x)
+            };
             parts.map(output).collect::<Vec<_>>()
         };
         (1..=self.fit.harmonics.len()).flat_map(of).collect()
@@ -188,6 +180,35 @@ pub fn unit(component: Component) -> Unit {
         Component::A | Component::B => Unit::Urad,
         _ => Unit::Um,
     }
+}
+
+/// Orthogonal directions of the first harmonic that no motion contains: its co-rotating part, unless the
+/// rows determine it and the stage is declared.
+fn removed_directions(
+    layout: &ProbeLayout,
+    fit: &SeparationFit,
+    stage: StageEccentricity,
+) -> Vec<Vec<f64>> {
+    let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
+    let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
+    let directions: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
+    let is_determined = |direction: &Vec<f64>| {
+        fit.harmonics.first().is_none_or(|first| is_identifiable(direction, &first.null_space))
+    };
+    let is_declared = stage != StageEccentricity::NotDeclared;
+    if is_declared && directions.iter().all(is_determined) { Vec::new() } else { directions }
+}
+
+fn identifiable_parts(fit: &HarmonicFit, column: usize, removed: &[Vec<f64>]) -> Option<Parts> {
+    let part = |offset: usize| {
+        let mut slope = vec![0.0; fit.design.ncols()];
+        slope[2 * column + offset] = 1.0;
+        if fit.order == 1 {
+            removed.iter().for_each(|direction| remove(&mut slope, direction));
+        }
+        is_identifiable(&slope, &fit.null_space).then_some(slope)
+    };
+    Some([part(0)?, part(1)?])
 }
 
 /// Removes the part along `direction`.

@@ -1,5 +1,10 @@
 //! The separation against an independent generator, METHODS gate G3, nullities, refusals.
 
+mod coverage;
+mod faults;
 mod g3;
 mod generator;
+mod geometry;
 mod nullities;
+mod refusals;
+mod resampling;

@@ -1,0 +1,234 @@
+//! Faults of channels and mounting that the data show: swapped channels, a wrong index, a channel on a
+//! clock of its own, saturation.
+
+use std::f64::consts::TAU;
+
+use estimation::coverage::chi_square_bounds;
+use faer::c64;
+
+use super::fit::SeparationFit;
+use super::harmonics::{HarmonicBasis, HarmonicData, RowRevolutions};
+use super::layout::AngleRange;
+use super::model::{ProbeLayout, Row};
+use super::resample::Sample;
+use crate::IdentifyError;
+use crate::identification::multiply;
+
+/// A correction must reduce χ² to this part of the uncorrected value.
+const MAX_CORRECTED_SHARE: f64 = 0.1;
+/// A deviation of a clock must reduce the difference of revolutions to this part (of their squares).
+const MAX_SLIP_SHARE: f64 = 0.25;
+/// Probability that χ² of a right layout stays below the bound.
+const CREDIBLE: f64 = 0.998;
+/// A wrong index must change χ² by this much to be noticed.
+const MIN_CONFIRMING_CHI2: f64 = 25.0;
+/// Resolution of an index offset.
+const OFFSET_STEP_DEG: f64 = 0.1;
+/// A smaller deviation of a clock moves the twentieth harmonic by less than 15° in one revolution.
+const MIN_CLOCK_ERROR: f64 = 2e-3;
+/// Largest deviation of a clock that is sought.
+const MAX_CLOCK_ERROR: f64 = 0.05;
+/// Shortest saturation that counts.
+const MIN_SATURATED_DEG: f64 = 2.0;
+/// A peak falls by three display steps over half of its flat top; a saturated one by more.
+const MIN_CORNER_STEPS: f64 = 8.0;
+
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Diagnosis {
+    #[error("channels {0} and {1} are swapped: exchange their plugs or their names")]
+    SwappedChannels(String, String),
+    #[error(
+        "the artefact was mounted {offset_deg:.1}° from its planned angle at index {first}{}; correct \
+         turn_deg or measure {} again", if *.is_from_here_on { " and all later ones" } else { "" },
+        if *.is_from_here_on { "them" } else { "it" }
+    )]
+    WrongIndex { first: usize, is_from_here_on: bool, offset_deg: f64 },
+    #[error("the clock of channel {channel} runs {:.2} % fast: correct its stamps", .relative * 100.0)]
+    ClockError { channel: String, relative: f64 },
+}
+
+/// Whether the data confirm the indexes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum IndexCheck {
+    Confirmed,
+    /// The artefact is too round: a wrong index would not be noticed.
+    NotConfirmed,
+    Wrong(Diagnosis),
+}
+
+/// Σ(residual/σ)² and its degrees of freedom.
+fn chi2(fit: &SeparationFit) -> (f64, usize) {
+    let sum = fit.weighted_residuals.iter().map(|r| r * r).sum();
+    (sum, fit.solution().figures.dof)
+}
+
+fn is_credible((chi2, dof): (f64, usize)) -> bool {
+    chi_square_bounds(dof as f64, CREDIBLE).is_none_or(|(_, upper)| chi2 <= upper)
+}
+
+/// Two channels whose exchange explains residuals that the layout does not. Without redundancy (one index,
+/// three sensors a section) nothing is found.
+///
+/// # Errors
+/// As [`SeparationFit::new`].
+pub fn swapped_channels(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+) -> Result<Option<Diagnosis>, IdentifyError> {
+    let as_planned = chi2(&SeparationFit::new(layout, data)?);
+    if is_credible(as_planned) {
+        return Ok(None);
+    }
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, None);
+    for second in 1..layout.channels.len() {
+        for first in 0..second {
+            let mut swapped = layout.clone();
+            swapped.channels.swap(first, second);
+            let (sum, _) = chi2(&SeparationFit::new(&swapped, data)?);
+            if sum < best.0 {
+                best = (sum, Some((first, second)));
+            }
+        }
+    }
+    let name = |i: usize| layout.channels[i].name.clone();
+    Ok(best.1.map(|(a, b)| Diagnosis::SwappedChannels(name(a), name(b))))
+}
+
+/// The mounting angles against the form of the artefact. One index, or all from one on, may be wrong by
+/// the same angle.
+///
+/// # Errors
+/// As [`SeparationFit::new`].
+pub fn check_indexes(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+) -> Result<IndexCheck, IdentifyError> {
+    let fit = SeparationFit::new(layout, data)?;
+    let as_planned = chi2(&fit);
+    let indexes = layout.index_angles_rad.len();
+    if is_credible(as_planned) {
+        let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > MIN_CONFIRMING_CHI2);
+        return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
+    }
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::NotConfirmed);
+    for first in 0..indexes {
+        for is_from_here_on in [false, true] {
+            let is_moved = |row: &Row| match is_from_here_on {
+                true => row.index >= first,
+                false => row.index == first,
+            };
+            let Some((sum, offset_rad)) = best_offset(layout, data, is_moved)? else { continue };
+            if sum < best.0 {
+                let offset_deg = offset_rad.to_degrees();
+                let wrong = Diagnosis::WrongIndex { first, is_from_here_on, offset_deg };
+                best = (sum, IndexCheck::Wrong(wrong));
+            }
+        }
+    }
+    Ok(best.1)
+}
+
+/// χ² that a shift of one index by one step would add.
+fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
+    let mut shifted = layout.clone();
+    shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
+    let [before, after] = [layout, &shifted].map(|layout| fit.predicted(layout, &data.rows));
+    let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
+    before.iter().zip(after).zip(sigma).map(|((a, b), sigma)| ((a - b) / sigma).powi(2)).sum()
+}
+
+/// The offset of the moved rows that agrees best with the motions and the form that the other rows give,
+/// with χ² of all rows. `None`: fewer than two other indexes.
+fn best_offset(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+    is_moved: impl Fn(&Row) -> bool,
+) -> Result<Option<(f64, f64)>, IdentifyError> {
+    let kept = data.selected(|row| !is_moved(row));
+    let moved = data.selected(&is_moved);
+    let is_single = kept.rows.iter().all(|row| row.index == kept.rows[0].index);
+    if kept.rows.is_empty() || moved.rows.is_empty() || is_single {
+        return Ok(None);
+    }
+    let fit = SeparationFit::new(layout, &kept)?;
+    let (kept_chi2, _) = chi2(&fit);
+    let steps = (360.0 / OFFSET_STEP_DEG) as i32;
+    let offsets = (-steps / 2..steps / 2).map(|i| (f64::from(i) * OFFSET_STEP_DEG).to_radians());
+    let of = |offset: f64| (kept_chi2 + moved_chi2(layout, &moved, &fit, offset), offset);
+    Ok(offsets.map(of).min_by(|a, b| a.0.total_cmp(&b.0)))
+}
+
+fn moved_chi2(layout: &ProbeLayout, moved: &HarmonicData, fit: &SeparationFit, offset: f64) -> f64 {
+    let mut turned = layout.clone();
+    turned.index_angles_rad.iter_mut().for_each(|angle| *angle += offset);
+    let of = |harmonic: &super::fit::HarmonicFit| {
+        let design = turned.design(&moved.rows, harmonic.order);
+        let predicted = multiply(&design, &harmonic.solution.x);
+        let observed = moved.observations(harmonic.order);
+        let rows = predicted.iter().zip(observed).zip(moved.sigma_mm(harmonic.order));
+        rows.map(|((p, o), sigma)| ((o - p) / sigma).powi(2)).sum::<f64>()
+    };
+    fit.harmonics.iter().map(of).sum()
+}
+
+/// Channels whose pattern moves on from revolution to revolution. The revolutions of a row follow each
+/// other in time and direction.
+pub fn clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
+    let channels = layout.channels.iter().enumerate();
+    let relative = |(i, channel): (usize, &super::model::Channel)| {
+        let relative = clock_error(measured.iter().filter(|row| row.row.channel == i))?;
+        Some(Diagnosis::ClockError { channel: channel.name.clone(), relative })
+    };
+    channels.filter_map(relative).collect()
+}
+
+fn clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option<f64> {
+    let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
+    for row in rows {
+        let samples = row.revolutions.first()?.len();
+        let basis = HarmonicBasis::new(samples, (samples / 8).clamp(1, 20));
+        let harmonics: Vec<Vec<c64>> = row.revolutions.iter().map(|r| basis.harmonics(r)).collect();
+        for revolution in harmonics.windows(2) {
+            let orders = revolution[0].iter().zip(&revolution[1]).enumerate();
+            pairs.extend(orders.map(|(k, (before, after))| (k + 1, *before, *after)));
+        }
+    }
+    // A clock that is fast by ε gives M·e^(−ik·2πε) one revolution later.
+    let misfit = |relative: f64| -> f64 {
+        let of = |(order, before, after): &(usize, c64, c64)| {
+            (*after * c64::cis(*order as f64 * TAU * relative) - *before).norm_sqr()
+        };
+        pairs.iter().map(of).sum()
+    };
+    let candidates = (-500..=500).map(|i| f64::from(i) / 500.0 * MAX_CLOCK_ERROR);
+    let best = candidates.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)))?;
+    let is_clear = misfit(best) < MAX_SLIP_SHARE * misfit(0.0);
+    (is_clear && best.abs() >= MIN_CLOCK_ERROR).then_some(best)
+}
+
+/// Parts of a scan in which a channel stays at its largest or smallest value, and which end in a corner.
+pub fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
+    let values = || samples.iter().map(|sample| sample.value_mm);
+    let (low, high) =
+        values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+    let steps = samples.windows(2).map(|pair| (pair[1].value_mm - pair[0].value_mm).abs());
+    let step = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
+    let mut ranges = Vec::new();
+    let mut first = 0;
+    for run in samples.chunk_by(|a, b| a.value_mm == b.value_mm) {
+        let last = first + run.len() - 1;
+        let is_extreme = [low, high].contains(&run[0].value_mm) && step.is_finite();
+        let [a, b] = [first, last].map(|i| samples[i].angle_rad.to_degrees());
+        if is_extreme && (b - a).abs() >= MIN_SATURATED_DEG {
+            let reach = run.len() / 2;
+            let outside = [first.checked_sub(reach), Some(last + reach)];
+            let outside = outside.into_iter().flatten().filter_map(|i| samples.get(i));
+            let drop = |s: &Sample| (s.value_mm - run[0].value_mm).abs();
+            if outside.map(drop).fold(0.0, f64::max) > MIN_CORNER_STEPS * step {
+                ranges.push(AngleRange { from_deg: a.min(b), to_deg: a.max(b) });
+            }
+        }
+        first = last + 1;
+    }
+    ranges
+}

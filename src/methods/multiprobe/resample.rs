@@ -1,0 +1,285 @@
+//! Samples at any angles to equal angles. The low-pass is a sinc in the angle, cut off at half the output
+//! rate and bounded by a Kaiser window; its integral over the samples is the trapezoidal rule, so that
+//! uneven spacing, changes of speed, stops and small reversals of the encoder need no case of their own.
+
+use std::f64::consts::{PI, TAU};
+
+use super::harmonics::RowRevolutions;
+use super::layout::AngleRange;
+use super::model::Row;
+
+/// Half width of the kernel, output steps. It is also the run-in before the first revolution and the
+/// run-out after the last.
+pub const KERNEL_HALF_STEPS: usize = 6;
+/// Shape of the Kaiser window: −100 dB beyond [`ResampleFilter::stop_order`] (Kaiser's formula
+/// β = 0.1102·(A − 8.7)).
+const KAISER_BETA: f64 = 10.06;
+/// Half of the transition band over the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
+const HALF_TRANSITION: f64 = 0.267;
+/// Kernel values a step; linear interpolation between them is exact to 1e-7.
+const TABLE_DENSITY: usize = 2048;
+/// Longest distance of two samples, output steps: the images of sparser samples would pass the filter.
+const MAX_GAP_STEPS: f64 = 1.0;
+
+/// One sample of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Commanded angle, unwrapped: revolutions count on.
+    pub angle_rad: f64,
+    pub value_mm: f64,
+    /// Neither saturated nor flagged by the sensor.
+    pub is_valid: bool,
+}
+
+/// The antialiasing low-pass of `steps` equal angles a revolution. Orders in undulations a revolution.
+#[derive(Debug, Clone)]
+pub struct ResampleFilter {
+    steps: usize,
+    table: Vec<f64>,
+}
+
+impl ResampleFilter {
+    pub fn new(steps: usize) -> Self {
+        let half = KERNEL_HALF_STEPS as f64;
+        let value = |i: usize| {
+            let u = i as f64 / TABLE_DENSITY as f64;
+            let sinc = if i == 0 { 1.0 } else { (PI * u).sin() / (PI * u) };
+            let inside = (1.0 - (u / half).powi(2)).max(0.0).sqrt();
+            sinc * bessel_i0(KAISER_BETA * inside) / bessel_i0(KAISER_BETA)
+        };
+        Self { steps, table: (0..=KERNEL_HALF_STEPS * TABLE_DENSITY + 1).map(value).collect() }
+    }
+
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Orders up to here pass unchanged to 1e-5.
+    pub fn pass_order(&self) -> usize {
+        ((0.5 - HALF_TRANSITION) * self.steps as f64) as usize
+    }
+
+    /// −6 dB.
+    pub fn cutoff_order(&self) -> usize {
+        self.steps / 2
+    }
+
+    /// Orders from here on are suppressed by 100 dB. Only orders from `steps` − k on alias into the
+    /// harmonic k, so none does into a harmonic up to [`pass_order`](Self::pass_order).
+    pub fn stop_order(&self) -> usize {
+        ((0.5 + HALF_TRANSITION) * self.steps as f64).ceil() as usize
+    }
+
+    /// At the distance of `u` steps.
+    fn weight(&self, u: f64) -> f64 {
+        let position = u.abs() * TABLE_DENSITY as f64;
+        let i = position as usize;
+        match (self.table.get(i), self.table.get(i + 1)) {
+            (Some(low), Some(high)) => low + (high - low) * (position - i as f64),
+            _ => 0.0,
+        }
+    }
+}
+
+/// Modified Bessel function of order zero (Abramowitz & Stegun 9.6.12).
+fn bessel_i0(x: f64) -> f64 {
+    let quarter = x * x / 4.0;
+    let (mut term, mut sum, mut n) = (1.0, 1.0, 1.0);
+    while term > 1e-17 * sum {
+        term *= quarter / (n * n);
+        sum += term;
+        n += 1.0;
+    }
+    sum
+}
+
+/// Takes the samples of one channel over one scan, one at a time. Memory: the output angles.
+#[derive(Debug, Clone)]
+pub struct Resampler<'a> {
+    filter: &'a ResampleFilter,
+    /// Number of the first output angle; angle = number·2π/steps.
+    first: i64,
+    /// Σ weight·value and Σ weight.
+    sums: Vec<[f64; 2]>,
+    is_covered: Vec<bool>,
+    /// Angle, steps, and value, of the last two valid samples.
+    before: Option<f64>,
+    last: Option<(f64, f64)>,
+    direction: f64,
+    gaps: Vec<AngleRange>,
+}
+
+/// One channel of one scan at equal angles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resampled {
+    steps: usize,
+    first: i64,
+    /// `None`: too near a gap or an end.
+    values: Vec<Option<f64>>,
+    /// Parts without valid samples that are too long, unwrapped.
+    pub gaps: Vec<AngleRange>,
+}
+
+impl<'a> Resampler<'a> {
+    /// For a scan between two unwrapped angles, in either direction.
+    pub fn new(filter: &'a ResampleFilter, from_rad: f64, to_rad: f64) -> Self {
+        let step = TAU / filter.steps as f64;
+        let (low, high) = (from_rad.min(to_rad) / step, from_rad.max(to_rad) / step);
+        let first = low.ceil() as i64;
+        let count = (high.floor() as i64 - first + 1).max(0) as usize;
+        Self {
+            filter,
+            first,
+            sums: vec![[0.0; 2]; count],
+            is_covered: vec![false; count],
+            before: None,
+            last: None,
+            direction: if to_rad >= from_rad { 1.0 } else { -1.0 },
+            gaps: Vec::new(),
+        }
+    }
+
+    pub fn push(&mut self, sample: Sample) {
+        if !sample.is_valid || !sample.value_mm.is_finite() {
+            return;
+        }
+        let position = sample.angle_rad * self.filter.steps as f64 / TAU;
+        if let Some((last, value)) = self.last {
+            self.add(last, value, (position - self.before.unwrap_or(last)) / 2.0);
+            self.cover(last, position);
+            self.before = Some(last);
+        }
+        self.last = Some((position, sample.value_mm));
+    }
+
+    /// Adds a sample with the length of its part of the path.
+    fn add(&mut self, position: f64, value: f64, length: f64) {
+        let half = KERNEL_HALF_STEPS as f64;
+        let from = (position - half).ceil() as i64 - self.first;
+        let to = (position + half).floor() as i64 - self.first + 1;
+        let cell = |i: i64| (i.max(0) as usize).min(self.sums.len());
+        for i in cell(from)..cell(to) {
+            let distance = (self.first + i as i64) as f64 - position;
+            let weight = self.direction * length * self.filter.weight(distance);
+            self.sums[i][0] += weight * value;
+            self.sums[i][1] += weight;
+        }
+    }
+
+    /// Marks the output angles between two neighbouring samples, or the gap.
+    fn cover(&mut self, from: f64, to: f64) {
+        let (low, high) = (from.min(to), from.max(to));
+        if high - low > MAX_GAP_STEPS {
+            let deg = |steps: f64| steps * 360.0 / self.filter.steps as f64;
+            self.gaps.push(AngleRange { from_deg: deg(low), to_deg: deg(high) });
+            return;
+        }
+        for number in low.ceil() as i64..=high.floor() as i64 {
+            let cell = usize::try_from(number - self.first).ok();
+            if let Some(covered) = cell.and_then(|cell| self.is_covered.get_mut(cell)) {
+                *covered = true;
+            }
+        }
+    }
+
+    pub fn finish(mut self) -> Resampled {
+        if let (Some((last, value)), Some(before)) = (self.last, self.before) {
+            self.add(last, value, (last - before) / 2.0);
+        }
+        let half = KERNEL_HALF_STEPS;
+        let mut missing_before = vec![0_usize];
+        for covered in &self.is_covered {
+            missing_before.push(missing_before[missing_before.len() - 1] + usize::from(!covered));
+        }
+        let is_whole = |i: usize| {
+            i >= half
+                && i + half < self.sums.len()
+                && missing_before[i + half + 1] == missing_before[i - half]
+        };
+        let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
+        Resampled {
+            steps: self.filter.steps,
+            first: self.first,
+            values: self.sums.iter().enumerate().map(value).collect(),
+            gaps: self.gaps,
+        }
+    }
+}
+
+/// Revolutions of a channel that cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "channel {channel}, index {index}: {rejected} of {revolutions} revolutions lack samples ({}); measure \
+     this index again, or set the sensor back into its range", in_words(.gaps)
+)]
+pub struct RejectedRevolutions {
+    pub channel: usize,
+    pub index: usize,
+    pub rejected: usize,
+    pub revolutions: usize,
+    pub gaps: Vec<AngleRange>,
+}
+
+fn in_words(gaps: &[AngleRange]) -> String {
+    let one = |gap: &AngleRange| format!("{:.1}° to {:.1}°", gap.from_deg, gap.to_deg);
+    gaps.iter().map(one).collect::<Vec<String>>().join(", ")
+}
+
+impl Resampled {
+    /// The whole revolutions between two output angles, each from 0 on. `None`: with a gap.
+    fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
+        let value = |number: i64| {
+            let cell = usize::try_from(number - self.first).ok()?;
+            self.values.get(cell).copied().flatten()
+        };
+        let steps = self.steps as i64;
+        let revolution = |r: usize| {
+            let start = from + r as i64 * steps;
+            let angles = (0..steps).map(|angle| start + (angle - start).rem_euclid(steps));
+            // Sign: a surface that comes nearer makes the value smaller.
+            angles.map(|number| value(number).map(|value| -value)).collect()
+        };
+        (0..count).map(revolution).collect()
+    }
+
+    /// First and last output angle that is not too near an end.
+    fn ends(&self) -> (i64, i64) {
+        let half = KERNEL_HALF_STEPS as i64;
+        (self.first + half, self.first + self.values.len() as i64 - 1 - half)
+    }
+}
+
+/// The revolutions that all usable channels of one scan share, as deviations m = −value. A channel without
+/// a usable revolution is left out. `channels[i]`: channel i of the layout.
+pub fn common_revolutions(
+    index: usize,
+    channels: &[Resampled],
+) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
+    let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
+    let from = channels.iter().map(|c| c.ends().0).max().unwrap_or(0);
+    let to = channels.iter().map(|c| c.ends().1).min().unwrap_or(0);
+    let count = usize::try_from(to - from + 1).unwrap_or(0) / steps;
+    let all: Vec<_> = channels.iter().map(|channel| channel.revolutions(from, count)).collect();
+    let is_usable = |of: &&Vec<Option<Vec<f64>>>| of.iter().any(Option::is_some);
+    let is_common = |r: &usize| all.iter().filter(is_usable).all(|of| of[*r].is_some());
+    let common: Vec<usize> = (0..count).filter(is_common).collect();
+    let (mut rows, mut rejections) = (Vec::new(), Vec::new());
+    for (channel, of) in all.iter().enumerate() {
+        let rejected = of.iter().filter(|revolution| revolution.is_none()).count();
+        if rejected > 0 {
+            let gaps = channels[channel].gaps.clone();
+            rejections.push(RejectedRevolutions {
+                channel,
+                index,
+                rejected,
+                revolutions: count,
+                gaps,
+            });
+        }
+        let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
+        if !revolutions.is_empty() {
+            rows.push(RowRevolutions { row: Row { index, channel }, revolutions });
+        }
+    }
+    (rows, rejections)
+}

@@ -1,0 +1,291 @@
+//! Expanded uncertainties cover the truth: noise alone, with its size from the scatter between
+//! revolutions, and all sources at once.
+
+use std::f64::consts::TAU;
+
+use super::super::harmonics::{HarmonicData, RowRevolutions};
+use super::super::model::{ProbeLayout, Surface, TableSense};
+use super::super::sources::{SourceSizes, StageEccentricity};
+use super::super::{Separated, identify};
+use super::generator::{Term, World, sum};
+use super::nullities::layout;
+use crate::identification::TrialPlan;
+use estimation::coverage::coverage_factor;
+use estimation::monte_carlo::{Random, Shape, Trials};
+
+const ORDERS: usize = 4;
+const SAMPLES: usize = 24;
+
+fn exact() -> SourceSizes {
+    SourceSizes {
+        gain: 0.0,
+        channel_angle_rad: 0.0,
+        section_distance_mm: 0.0,
+        face_radius_mm: 0.0,
+        index_angle_rad: 0.0,
+        stage: StageEccentricity::Declared { u_mm: 0.0, u_tilt_rad: 0.0 },
+        drift_mm_per_revolution: 0.0,
+    }
+}
+
+fn identified(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> Separated {
+    let data = HarmonicData::from_revolutions(measured, ORDERS).unwrap();
+    identify(layout, &data, sizes, None).unwrap()
+}
+
+/// Truth of `EXC_c2` and the like, internal unit.
+fn truth(world: &World, symbol: &str) -> Option<f64> {
+    let (name, part) = symbol.split_once('_')?;
+    let terms = match name {
+        "EXC" => &world.x,
+        "EYC" => &world.y,
+        "EZC" => &world.z,
+        "EAC" => &world.a,
+        "EBC" => &world.b,
+        _ => return None,
+    };
+    let term = terms[part[1..].parse::<usize>().ok()? - 1];
+    Some(if part.starts_with('c') { term.a } else { term.b })
+}
+
+#[derive(Default)]
+struct Covered {
+    inside: usize,
+    all: usize,
+    /// Σ of (error/u)².
+    squares: f64,
+}
+
+impl Covered {
+    fn count(&mut self, separated: &Separated, world: &World, first_order: usize) {
+        let parameters = &separated.identification.outputs.parameters;
+        for (i, output) in parameters.iter().enumerate() {
+            let Some(truth) = truth(world, &output.symbol) else { continue };
+            if first_order > 1 && output.symbol.ends_with('1') {
+                continue;
+            }
+            let uncertainty = separated.identification.uncertainty(i).unwrap();
+            let k = coverage_factor(uncertainty.dof.unwrap_or(f64::INFINITY));
+            self.inside += usize::from((output.value - truth).abs() <= k * uncertainty.u);
+            self.squares += ((output.value - truth) / uncertainty.u).powi(2);
+            self.all += 1;
+        }
+    }
+
+    fn share(&self) -> f64 {
+        self.inside as f64 / self.all as f64
+    }
+}
+
+/// Noise of the sensors and an asynchronous motion along X that all radial sensors see together.
+#[test]
+fn regress_coverage_of_noise_and_asynchronous_motion() {
+    for asynchronous_mm in [0.0, 0.2e-3] {
+        let layout = layout(3, TableSense::Clockwise);
+        let rows = layout.all_rows();
+        let mut covered = Covered::default();
+        for seed in 0..300 {
+            let world = World::random(seed, ORDERS, 2, 0.1e-3);
+            let mut measured = world.revolutions(&layout, &rows, (SAMPLES, 4), seed);
+            let mut random = Random::of(seed, &[5]);
+            let count = layout.index_angles_rad.len() * 4 * SAMPLES;
+            let together = random.units(count, &[Shape::Normal]);
+            for row in &mut measured {
+                let channel = &layout.channels[row.row.channel];
+                let Surface::Section(_) = channel.surface else { continue };
+                let own = &together[row.row.index * 4 * SAMPLES..];
+                let values = row.revolutions.iter_mut().flatten().zip(own);
+                values.for_each(|(m, x)| *m += asynchronous_mm * x * channel.angle_rad.cos());
+            }
+            covered.count(&identified(&layout, &measured, &exact()), &world, 1);
+        }
+        let Covered { squares, all, .. } = covered;
+        println!("async {asynchronous_mm}: {:.4}, χ² {:.3}", covered.share(), squares / all as f64);
+        assert!(covered.share() > 0.93 && covered.share() < 0.975, "{}", covered.share());
+    }
+}
+
+/// All sources: the measurement is generated with a drawn layout and identified with the nominal one.
+#[test]
+fn regress_coverage_of_all_sources() {
+    let sizes = SourceSizes {
+        gain: 2e-3,
+        channel_angle_rad: 2e-3,
+        section_distance_mm: 0.1,
+        face_radius_mm: 0.1,
+        index_angle_rad: 2e-3,
+        stage: StageEccentricity::Declared { u_mm: 0.1e-3, u_tilt_rad: 1e-6 },
+        drift_mm_per_revolution: 0.02e-3,
+    };
+    let nominal = layout(3, TableSense::Clockwise);
+    let (mut covered, mut ratios) = (Covered::default(), Vec::new());
+    for seed in 0..300 {
+        let drawn = Drawn::new(&nominal, &sizes, seed);
+        let world = World::random(seed, ORDERS, 2, 0.01e-3);
+        let measured = drawn.measured(&world, seed);
+        let separated = identified(&nominal, &measured, &sizes);
+        let misfit = &separated.identification.propagation.misfit;
+        ratios.push(misfit.chi2 / misfit.expected);
+        covered.count(&separated, &world, 1);
+    }
+    let Covered { squares, all, .. } = covered;
+    let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    println!("all {:.4}, χ² {:.3}, misfit {mean:.3}", covered.share(), squares / all as f64);
+    assert!(covered.share() > 0.93 && covered.share() < 0.975, "{}", covered.share());
+    assert!((squares / all as f64 - 1.0).abs() < 0.1 && (mean - 1.0).abs() < 0.1);
+}
+
+struct Drawn {
+    layout: ProbeLayout,
+    gains: Vec<f64>,
+    stage: [f64; 4],
+    drift: [f64; 3],
+}
+
+impl Drawn {
+    fn new(nominal: &ProbeLayout, sizes: &SourceSizes, seed: u64) -> Self {
+        let mut units = Random::of(seed, &[9]).units(64, &[Shape::Normal]).into_iter();
+        let mut draw = |size: f64| size * units.next().unwrap();
+        let mut layout = nominal.clone();
+        layout.section_z_mm[1] += draw(sizes.section_distance_mm);
+        let face = draw(sizes.face_radius_mm);
+        for channel in &mut layout.channels {
+            channel.angle_rad += draw(sizes.channel_angle_rad);
+            if let Surface::Face { radius_mm } = &mut channel.surface {
+                *radius_mm += face;
+            }
+        }
+        for angle in &mut layout.index_angles_rad[1..] {
+            *angle += draw(sizes.index_angle_rad);
+        }
+        let gains = layout.channels.iter().map(|_| 1.0 + draw(sizes.gain)).collect();
+        let StageEccentricity::Declared { u_mm, u_tilt_rad } = sizes.stage else { panic!() };
+        let stage = [u_mm, u_mm, u_tilt_rad, u_tilt_rad].map(&mut draw);
+        let drift = [sizes.drift_mm_per_revolution; 3].map(draw);
+        Self { layout, gains, stage, drift }
+    }
+
+    /// The stage's offset and tilt turn with the table; each revolution drifts anew.
+    fn measured(&self, world: &World, seed: u64) -> Vec<RowRevolutions> {
+        let mut moved = world.clone();
+        let sign = self.layout.sense.sign();
+        let [x, y, a, b] = self.stage;
+        let turn = |terms: &mut Vec<Term>, cos: f64, sin: f64| {
+            terms.push(Term { order: 1.0, a: cos, b: sin });
+        };
+        turn(&mut moved.x, x, -sign * y);
+        turn(&mut moved.y, y, sign * x);
+        turn(&mut moved.a, a, -sign * b);
+        turn(&mut moved.b, b, sign * a);
+        let rows = self.layout.all_rows();
+        let mut measured = moved.revolutions(&self.layout, &rows, (SAMPLES, 4), seed);
+        for row in &mut measured {
+            let channel = &self.layout.channels[row.row.channel];
+            let (sin, cos) = channel.angle_rad.sin_cos();
+            let along = match channel.surface {
+                Surface::Section(_) => self.drift[0] * cos + self.drift[1] * sin,
+                Surface::Face { .. } => self.drift[2],
+            };
+            for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
+                let part = (i % SAMPLES) as f64 / SAMPLES as f64 - 0.5;
+                *value = self.gains[row.row.channel] * (*value + along * part);
+            }
+        }
+        measured
+    }
+}
+
+#[test]
+fn regress_an_undeclared_stage_gives_eccentricity() {
+    let layout = layout(3, TableSense::Clockwise);
+    let world = World::random(2, ORDERS, 2, 1e-7);
+    let measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 2), 1);
+    let sizes = SourceSizes { stage: StageEccentricity::NotDeclared, ..exact() };
+    let separated = identified(&layout, &measured, &sizes);
+    assert_eq!(separated.gauge.len(), 1);
+    assert_eq!(separated.not_identifiable[..2], ["EZC harmonic 3", "F harmonic 3"]);
+    let outputs = &separated.identification.outputs;
+    let value = |symbol: &str| {
+        outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
+    };
+    // The counter-rotating part remains: of x alone, half along X and half along Y.
+    let sign = layout.sense.sign();
+    let (x, y) = (world.x[0], world.y[0]);
+    let counter_rotating = [(x.a - sign * y.b) / 2.0, (x.b + sign * y.a) / 2.0];
+    assert!((value("EXC_c1").unwrap() - counter_rotating[0]).abs() < 1e-6);
+    assert!((value("EXC_s1").unwrap() - counter_rotating[1]).abs() < 1e-6);
+    assert_eq!(value("EZC_c3"), None);
+    let height = layout.section_z_mm[1];
+    let form = world.sections[1][0];
+    let co_x = (x.a + height * world.b[0].a + sign * (y.b - height * world.a[0].b)) / 2.0;
+    assert!((value("ecc_X2").unwrap() - co_x - form.a).abs() < 1e-6);
+    let exy =
+        |q: f64| sum(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin();
+    let values: Vec<f64> = (0..360).map(|i| exy(f64::from(i) * TAU / 360.0)).collect();
+    let range = super::super::iso::range(&values);
+    assert!((value("EZC_synchronous").unwrap() - range).abs() < 1e-6);
+    let amplitude = world.z[0].a.hypot(world.z[0].b);
+    assert!((value("EZC_fundamental").unwrap() - 2.0 * amplitude).abs() < 1e-6);
+}
+
+#[test]
+fn regress_trials_give_nonlinear_values_an_uncertainty() {
+    let layout = layout(3, TableSense::Clockwise);
+    let world = World::random(2, ORDERS, 2, 0.1e-3);
+    let measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 4), 1);
+    let data = HarmonicData::from_revolutions(&measured, ORDERS).unwrap();
+    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(20_000) };
+    let separated = identify(&layout, &data, &exact(), Some(plan)).unwrap();
+    let estimate = separated.identification.estimate("multiprobe");
+    for parameter in &estimate.parameters {
+        let trials = parameter.u_monte_carlo.unwrap();
+        assert!(trials.is_finite() && trials > 0.0);
+        if !parameter.budget.is_empty() {
+            assert!((trials / parameter.u - 1.0).abs() < 0.03, "{}", parameter.symbol);
+        }
+    }
+    let roundness = estimate.parameters.iter().find(|p| p.symbol == "RONt_1").unwrap();
+    assert!(roundness.u.is_finite() && roundness.value > 0.0);
+    assert_eq!(estimate.functions.len(), 7);
+}
+
+/// Full size: seven channels, ten indexes, twenty harmonics.
+#[test]
+fn temp_time() {
+    let start = std::time::Instant::now();
+    let filter = super::super::resample::ResampleFilter::new(360);
+    for _ in 0..8 {
+        let mut r = super::super::resample::Resampler::new(&filter, 0.0, 60.0 * TAU);
+        for i in 0..600_000 {
+            let angle_rad = f64::from(i) * TAU / 10_000.0;
+            r.push(super::super::resample::Sample { angle_rad, value_mm: 1.0, is_valid: true });
+        }
+        std::hint::black_box(r.finish());
+    }
+    println!("TIME resample {:?}", start.elapsed());
+    let layout = layout(10, TableSense::Clockwise);
+    let world = World::random(2, 20, 2, 0.1e-3);
+    let measured = world.revolutions(&layout, &layout.all_rows(), (360, 6), 1);
+    let start = std::time::Instant::now();
+    let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
+    println!("TIME harmonics {:?}", start.elapsed());
+    let start = std::time::Instant::now();
+    let separated = identify(&layout, &data, &exact(), None).unwrap();
+    println!("TIME identify {:?}", start.elapsed());
+    let start = std::time::Instant::now();
+    let e = separated.identification.estimate("m");
+    println!("TIME estimate {:?} {}", start.elapsed(), e.parameters.len());
+    let start = std::time::Instant::now();
+    let motions =
+        super::super::outputs::ReportedMotions::new(&layout, &separated.fit, exact().stage);
+    let v = super::super::revolutions::revolution_values(&layout, &motions, &measured);
+    println!(
+        "TIME revolutions {:?} {:?}",
+        start.elapsed(),
+        v.iter().map(|p| (p.symbol.clone(), p.value, p.u)).collect::<Vec<_>>()
+    );
+    let start = std::time::Instant::now();
+    let c = super::super::diagnosis::check_indexes(&layout, &data).unwrap();
+    let s = super::super::diagnosis::swapped_channels(&layout, &data).unwrap();
+    println!("TIME diag {:?} {c:?} {s:?}", start.elapsed());
+}

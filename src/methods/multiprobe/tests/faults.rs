@@ -1,0 +1,128 @@
+//! Faults of channels and mounting are named; sound data raise nothing.
+
+use std::f64::consts::TAU;
+
+use super::super::diagnosis::{
+    Diagnosis, IndexCheck, check_indexes, clock_errors, saturated_ranges, swapped_channels,
+};
+use super::super::harmonics::HarmonicData;
+use super::super::layout::AngleRange;
+use super::super::model::{ProbeLayout, TableSense};
+use super::super::resample::Sample;
+use super::generator::World;
+use super::nullities::layout;
+
+const NOISE_MM: f64 = 0.05e-3;
+
+fn data(world: &World, actual: &ProbeLayout, seed: u64) -> HarmonicData {
+    let measured = world.revolutions(actual, &actual.all_rows(), (72, 3), seed);
+    HarmonicData::from_revolutions(&measured, 8).unwrap()
+}
+
+#[test]
+fn regress_swapped_channels() {
+    let planned = layout(6, TableSense::Clockwise);
+    for (first, second) in [(0, 1), (1, 2), (0, 3), (2, 4), (5, 6)] {
+        let world = World::random(first as u64, 8, 2, NOISE_MM);
+        let mut actual = planned.clone();
+        actual.channels.swap(first, second);
+        let found = swapped_channels(&planned, &data(&world, &actual, 5)).unwrap();
+        let name = |i: usize| planned.channels[i].name.clone();
+        assert_eq!(found, Some(Diagnosis::SwappedChannels(name(first), name(second))));
+    }
+    let mut found = 0;
+    for seed in 0..50 {
+        let world = World::random(seed, 8, 2, NOISE_MM);
+        let sound = swapped_channels(&planned, &data(&world, &planned, seed)).unwrap();
+        found += usize::from(sound.is_some());
+    }
+    assert_eq!(found, 0);
+}
+
+#[test]
+fn regress_wrong_index_of_a_lobed_artefact() {
+    let planned = layout(6, TableSense::Clockwise);
+    for (wrong, is_from_here_on, by_deg) in
+        [(3, false, 60.0), (5, false, -12.3), (2, true, 60.0), (4, true, 1.0)]
+    {
+        let world = World::random(wrong as u64, 8, 2, NOISE_MM);
+        let mut actual = planned.clone();
+        for n in (wrong..6).filter(|n| *n == wrong || is_from_here_on) {
+            actual.index_angles_rad[n] += f64::to_radians(by_deg);
+        }
+        let check = check_indexes(&planned, &data(&world, &actual, 9)).unwrap();
+        let IndexCheck::Wrong(Diagnosis::WrongIndex { first, is_from_here_on: all, offset_deg }) =
+            check
+        else {
+            panic!("{check:?}")
+        };
+        println!("index {wrong}: {first} {all} {offset_deg:.2}°");
+        assert_eq!((first, all), (wrong, is_from_here_on));
+        assert!((offset_deg - by_deg).abs() < 0.11, "{offset_deg}");
+    }
+}
+
+#[test]
+fn regress_right_indexes_and_a_round_artefact() {
+    let planned = layout(6, TableSense::Clockwise);
+    let mut world = World::random(1, 8, 2, NOISE_MM);
+    let check = check_indexes(&planned, &data(&world, &planned, 2)).unwrap();
+    assert_eq!(check, IndexCheck::Confirmed);
+    world.sections.iter_mut().flatten().chain(&mut world.face).for_each(|t| {
+        (t.a, t.b) = (0.0, 0.0);
+    });
+    let check = check_indexes(&planned, &data(&world, &planned, 2)).unwrap();
+    assert_eq!(check, IndexCheck::NotConfirmed);
+}
+
+#[test]
+fn regress_a_clock_that_is_one_percent_fast() {
+    let layout = layout(3, TableSense::Clockwise);
+    let world = World::random(4, 8, 2, NOISE_MM);
+    let rows = layout.all_rows();
+    let mut measured = world.revolutions(&layout, &rows, (72, 4), 3);
+    assert!(clock_errors(&layout, &measured).is_empty());
+    for row in measured.iter_mut().filter(|row| row.row.channel == 4) {
+        for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
+            let stamped = i as f64 * TAU / 72.0;
+            *value += world.deviation(&layout, row.row, stamped / 1.01)
+                - world.deviation(&layout, row.row, stamped);
+        }
+    }
+    let found = clock_errors(&layout, &measured);
+    let [Diagnosis::ClockError { channel, relative }] = found.as_slice() else {
+        panic!("{found:?}")
+    };
+    println!("{}", found[0]);
+    assert_eq!(channel, &layout.channels[4].name);
+    assert!((relative - 0.01).abs() < 5e-4, "{relative}");
+}
+
+#[test]
+fn regress_saturation_over_ten_degrees() {
+    let scan = |limit: f64, noise_mm: f64, step_mm: f64| -> Vec<Sample> {
+        let mut random = estimation::monte_carlo::Random::of(1, &[1]);
+        let units = random.units(3000, &[estimation::monte_carlo::Shape::Normal]);
+        let sample = |(i, unit): (usize, f64)| {
+            let angle_rad = i as f64 * TAU / 1000.0;
+            let value = (0.1 * angle_rad.cos() + noise_mm * unit).min(limit);
+            let value_mm = (value / step_mm).round() * step_mm;
+            Sample { angle_rad, value_mm, is_valid: true }
+        };
+        units.into_iter().enumerate().map(sample).collect()
+    };
+    for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-6), (2e-5, 1e-5)] {
+        let limit = 0.1 * 5f64.to_radians().cos();
+        let found = saturated_ranges(&scan(limit, noise_mm, step_mm));
+        println!("{noise_mm} {step_mm}: {found:?}");
+        let is_near = |range: &AngleRange, middle: f64| {
+            (range.from_deg - middle + 5.0).abs() < 1.5 && (range.to_deg - middle - 5.0).abs() < 1.5
+        };
+        assert!(found.iter().any(|range| is_near(range, 360.0)), "{found:?}");
+        assert!(found.iter().any(|range| is_near(range, 720.0)), "{found:?}");
+    }
+    // A display step of 0.5 µm flattens the peak over 11° by itself.
+    for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-5), (0.0, 5e-4)] {
+        assert!(saturated_ranges(&scan(1.0, noise_mm, step_mm)).is_empty());
+    }
+}

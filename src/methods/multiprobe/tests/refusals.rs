@@ -1,0 +1,84 @@
+//! What is refused, and what is named instead.
+
+use super::super::harmonics::{HarmonicData, RowRevolutions};
+use super::super::layout::{
+    AngleRange, RANKED_ORDERS, RadialLayout, Separation, check_orders, check_sensor_angles,
+    third_angles,
+};
+use super::super::model::{Component, Row, TableSense};
+use super::nullities::layout;
+
+#[test]
+fn regress_coinciding_and_opposed_sensors() {
+    for (angles, instead) in [
+        ([0.0, 90.0, 270.0], "move 270°: 50° has"),
+        ([0.0, 90.0, 91.0], "move 91°: 50° has"),
+        ([0.0, 180.0, 90.0], "move 180°: "),
+    ] {
+        let layout = RadialLayout::equal_steps(&angles, 10).probe_layout();
+        let refused = check_sensor_angles(&layout).unwrap_err();
+        println!("{} | {}", refused.why, refused.instead);
+        assert!(refused.instead.starts_with(instead), "{}", refused.instead);
+        assert!(refused.why.contains("coincide or are opposed"));
+    }
+    assert!(check_sensor_angles(&layout(10, TableSense::Clockwise)).is_ok());
+}
+
+#[test]
+fn regress_a_step_that_suppresses_a_harmonic() {
+    let ten = layout(10, TableSense::Clockwise);
+    let radial = [Component::X, Component::Y, Component::A, Component::B];
+    assert!(check_orders(&ten, &radial, 1..=20).is_ok());
+    let refused = check_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
+    println!("{} | {}", refused.why, refused.instead);
+    assert!(
+        refused.why.contains("suppress 2 harmonics") && refused.why.contains("EZC harmonic 10")
+    );
+    assert!(refused.instead.starts_with("index the artefact in 21 steps"));
+    let better = layout(21, TableSense::Clockwise);
+    assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
+    // Two sensors and ten steps lose 10 and 20 of X; multiprobe alone loses nothing but the
+    // co-rotating first harmonic.
+    let pair = RadialLayout::equal_steps(&[0.0, 90.0], 10).probe_layout();
+    let refused = check_orders(&pair, &[Component::X], 2..=20).unwrap_err();
+    assert!(refused.why.contains("2 sensors with 10 indexes suppress 2 harmonics"));
+    let probes = RadialLayout::equal_steps(&[0.0, 90.0, 230.0], 1).probe_layout();
+    assert!(check_orders(&probes, &[Component::X, Component::Y], 1..=20).is_ok());
+}
+
+#[test]
+fn regress_best_third_angle_outside_exclusions() {
+    let free = third_angles([0.0, 90.0], 10.0, &[]);
+    println!("{:?}", free.iter().take(6).map(|(deg, g)| (*deg, g.rms)).collect::<Vec<_>>());
+    assert!(free.windows(2).all(|pair| pair[0].1.rms <= pair[1].1.rms));
+    assert!(free.iter().all(|(deg, _)| ![0.0, 90.0, 180.0, 270.0, 240.0].contains(deg)));
+    let exclusions = [
+        AngleRange { from_deg: 350.0, to_deg: 200.0 },
+        AngleRange { from_deg: 265.0, to_deg: 345.0 },
+    ];
+    let limited = third_angles([0.0, 90.0], 10.0, &exclusions);
+    let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
+    assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
+    let combined = RadialLayout::equal_steps(&[0.0, 90.0, 230.0], 10);
+    let gain = combined.noise_gain(Separation::Combined, RANKED_ORDERS).unwrap().rms;
+    let multistep = combined.noise_gain(Separation::Multistep, RANKED_ORDERS).unwrap();
+    let lost = multistep.orders.iter().zip(&multistep.gains).filter(|(_, gain)| gain.is_infinite());
+    assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), [10, 20]);
+    println!("combined {gain}");
+    assert!(gain < 0.4);
+}
+
+#[test]
+fn regress_too_few_revolutions_and_samples() {
+    let row = |channel, revolutions| RowRevolutions { row: Row { index: 0, channel }, revolutions };
+    let samples = vec![0.0; 32];
+    let one = HarmonicData::from_revolutions(&[row(0, vec![samples.clone()])], 8).unwrap_err();
+    assert!(one.remedy().contains("at least two revolutions"), "{one}");
+    let two = vec![samples.clone(), samples.clone()];
+    let short = HarmonicData::from_revolutions(&[row(0, two.clone())], 16).unwrap_err();
+    assert!(short.remedy().contains("more than 32 angles"), "{short}");
+    let three = vec![samples.clone(); 3];
+    let uneven = HarmonicData::from_revolutions(&[row(0, two), row(1, three)], 8).unwrap_err();
+    assert!(uneven.to_string().contains("other revolutions"), "{uneven}");
+    assert!(HarmonicData::from_revolutions(&[], 8).is_err());
+}
