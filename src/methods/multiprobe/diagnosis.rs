@@ -53,13 +53,9 @@ pub enum IndexCheck {
     Confirmed,
     /// The artefact is too round: a wrong index would not be noticed.
     NotConfirmed,
+    /// The residuals are too large, and no index explains them.
+    Unexplained,
     Wrong(Diagnosis),
-}
-
-/// Σ(residual/σ)² and its degrees of freedom.
-fn chi2(fit: &SeparationFit) -> (f64, usize) {
-    let sum = fit.weighted_residuals.iter().map(|r| r * r).sum();
-    (sum, fit.solution().figures.dof)
 }
 
 fn is_credible((chi2, dof): (f64, usize)) -> bool {
@@ -75,7 +71,7 @@ pub fn swapped_channels(
     layout: &ProbeLayout,
     data: &HarmonicData,
 ) -> Result<Option<Diagnosis>, IdentifyError> {
-    let as_planned = chi2(&SeparationFit::new(layout, data)?);
+    let as_planned = SeparationFit::new(layout, data)?.chi2();
     if is_credible(as_planned) {
         return Ok(None);
     }
@@ -84,7 +80,7 @@ pub fn swapped_channels(
         for first in 0..second {
             let mut swapped = layout.clone();
             swapped.channels.swap(first, second);
-            let (sum, _) = chi2(&SeparationFit::new(&swapped, data)?);
+            let (sum, _) = SeparationFit::new(&swapped, data)?.chi2();
             if sum < best.0 {
                 best = (sum, Some((first, second)));
             }
@@ -104,13 +100,13 @@ pub fn check_indexes(
     data: &HarmonicData,
 ) -> Result<IndexCheck, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
-    let as_planned = chi2(&fit);
+    let as_planned = fit.chi2();
     let indexes = layout.index_angles_rad.len();
     if is_credible(as_planned) {
         let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > MIN_CONFIRMING_CHI2);
         return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
     }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::NotConfirmed);
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Unexplained);
     for first in 0..indexes {
         for is_from_here_on in [false, true] {
             let is_moved = |row: &Row| match is_from_here_on {
@@ -151,7 +147,7 @@ fn best_offset(
         return Ok(None);
     }
     let fit = SeparationFit::new(layout, &kept)?;
-    let (kept_chi2, _) = chi2(&fit);
+    let (kept_chi2, _) = fit.chi2();
     let steps = (360.0 / OFFSET_STEP_DEG) as i32;
     let offsets = (-steps / 2..steps / 2).map(|i| (f64::from(i) * OFFSET_STEP_DEG).to_radians());
     let of = |offset: f64| (kept_chi2 + moved_chi2(layout, &moved, &fit, offset), offset);

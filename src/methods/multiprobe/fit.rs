@@ -12,17 +12,26 @@ use crate::identification::{FitFigures, ObservationModel, Response, Solution, mu
 /// An output that contains more than this part of a lost direction is not identifiable.
 const MAX_LOST_SHARE: f64 = 1e-7;
 
-/// One harmonic, solved in the directions that the rows determine.
+/// One harmonic, solved in the directions that the rows determine. The observations are reduced before:
+/// of each channel, the parts over the indexes that a motion or a form can take. What remains of the
+/// residuals is no effect of any unknown.
 pub struct HarmonicFit {
     pub order: usize,
+    /// Reduced observations (of standard uncertainty 1) × observations, 1/mm.
+    pub reduction: Mat<f64>,
+    /// Reduced observations × unknowns.
     pub design: Mat<f64>,
-    pub sigma_mm: Vec<f64>,
     pub solution: LinearSolution,
     /// Unknowns × nullity: the directions that the rows do not determine. The solution has no part in
     /// them.
     pub null_space: Mat<f64>,
     /// The same in words.
     pub lost: Vec<String>,
+    /// Of all observations, measured less model, mm.
+    pub residuals_mm: Vec<f64>,
+    /// Σ(residual/σ)² of all observations, and their degrees of freedom.
+    pub chi2: f64,
+    pub dof: usize,
 }
 
 /// Rank, condition and null space of the harmonic `order` with equal weights.
@@ -46,37 +55,67 @@ fn numerical(error: linear::LinearError) -> IdentifyError {
     IdentifyError::Numerical(error.to_string())
 }
 
+/// Of each channel, an orthonormal basis of its weighted rows of the design.
+fn reduction(design: &Mat<f64>, rows: &[Row], sigma_mm: &[f64]) -> Result<Mat<f64>, IdentifyError> {
+    let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    for channel in 0..channels {
+        let is_own = |i: &usize| rows[i % rows.len()].channel == channel;
+        let own: Vec<usize> = (0..design.nrows()).filter(is_own).collect();
+        let entry = |i: usize, j: usize| design[(own[i], j)] / sigma_mm[own[i]];
+        let svd = Mat::from_fn(own.len(), design.ncols(), entry)
+            .thin_svd()
+            .map_err(|_| numerical(linear::LinearError::NoConvergence))?;
+        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let is_kept = |j: &usize| values[*j] > RANK_THRESHOLD * values[0];
+        for j in (0..values.len()).filter(is_kept) {
+            let mut row = vec![0.0; design.nrows()];
+            own.iter().enumerate().for_each(|(i, at)| row[*at] = svd.U()[(i, j)] / sigma_mm[*at]);
+            basis.push(row);
+        }
+    }
+    Ok(Mat::from_fn(basis.len(), design.nrows(), |i, j| basis[i][j]))
+}
+
 impl HarmonicFit {
     fn new(layout: &ProbeLayout, data: &HarmonicData, order: usize) -> Result<Self, IdentifyError> {
-        let design = layout.design(&data.rows, order);
-        let null_space = survey(layout, &data.rows, order)?.null_space;
+        let (full, sigma_mm) = (layout.design(&data.rows, order), data.sigma_mm(order));
+        let Survey { null_space, rank, .. } = survey(layout, &data.rows, order)?;
         let constraints = null_space.transpose().to_owned();
-        let sigma_mm = data.sigma_mm(order);
+        let reduction = reduction(&full, &data.rows, &sigma_mm)?;
+        let design = &reduction * &full;
+        let observed = data.observations(order);
         let problem = LinearProblem {
             a: design.as_ref(),
-            y: &data.observations(order),
-            sigma: &sigma_mm,
+            y: &multiply(&reduction, &observed),
+            sigma: &vec![1.0; design.nrows()],
             constraints: (constraints.nrows() > 0).then_some(constraints.as_ref()),
             rank_threshold: RANK_THRESHOLD,
         };
         let solution = linear::solve(&problem).map_err(numerical)?;
-        let lost = name_null_space(null_space.as_ref(), &layout.unknown_names(order));
-        Ok(Self { order, design, sigma_mm, solution, null_space, lost })
-    }
-
-    fn weighted_residuals(&self, residuals: &[f64]) -> Vec<f64> {
-        residuals.iter().zip(&self.sigma_mm).map(|(r, sigma)| r / sigma).collect()
+        let explained = multiply(&full, &solution.x);
+        let residuals_mm: Vec<f64> = observed.iter().zip(explained).map(|(o, e)| o - e).collect();
+        Ok(Self {
+            order,
+            lost: name_null_space(null_space.as_ref(), &layout.unknown_names(order)),
+            chi2: residuals_mm.iter().zip(&sigma_mm).map(|(r, sigma)| (r / sigma).powi(2)).sum(),
+            dof: observed.len() - rank,
+            residuals_mm,
+            reduction,
+            design,
+            solution,
+            null_space,
+        })
     }
 }
 
-/// All harmonics from 1 on. Unknowns and observations: harmonic after harmonic.
+/// All harmonics from 1 on. Unknowns and reduced observations: harmonic after harmonic.
 pub struct SeparationFit {
     pub harmonics: Vec<HarmonicFit>,
     /// Of all harmonics.
     pub x: Vec<f64>,
+    /// Of the reduced observations.
     pub weighted_residuals: Vec<f64>,
-    /// Observations of one harmonic.
-    rows: usize,
     /// Unknowns of one harmonic.
     columns: usize,
 }
@@ -87,32 +126,47 @@ impl SeparationFit {
     pub fn new(layout: &ProbeLayout, data: &HarmonicData) -> Result<Self, IdentifyError> {
         let harmonics = (1..=data.orders()).map(|order| HarmonicFit::new(layout, data, order));
         let harmonics: Vec<HarmonicFit> = harmonics.collect::<Result<_, _>>()?;
-        let weighted = |fit: &HarmonicFit| fit.weighted_residuals(&fit.solution.residuals);
         Ok(Self {
             x: harmonics.iter().flat_map(|fit| fit.solution.x.clone()).collect(),
-            weighted_residuals: harmonics.iter().flat_map(weighted).collect(),
-            rows: 2 * data.rows.len(),
+            weighted_residuals: harmonics
+                .iter()
+                .flat_map(|fit| fit.solution.residuals.clone())
+                .collect(),
             columns: 2 * layout.components().len(),
             harmonics,
         })
     }
 
+    /// Degrees of freedom are those of the reduced observations.
     pub fn solution(&self) -> Solution<'_> {
         let solutions = || self.harmonics.iter().map(|fit| &fit.solution);
-        let residuals: Vec<f64> = solutions().flat_map(|s| s.residuals.clone()).collect();
+        let residuals = self.harmonics.iter().flat_map(|fit| fit.residuals_mm.clone());
         let figures = FitFigures {
             rank: solutions().map(|solution| solution.rank).sum(),
             unknowns: self.x.len(),
             condition: solutions().map(|solution| solution.condition).fold(1.0, f64::max),
             dof: solutions().map(|solution| solution.dof).sum(),
-            residual_rms_mm: rms(&residuals),
+            residual_rms_mm: rms(&residuals.collect::<Vec<f64>>()),
         };
         Solution { model: self, residuals: &self.weighted_residuals, is_declared: true, figures }
+    }
+
+    /// Σ(residual/σ)² of all observations and their degrees of freedom.
+    pub fn chi2(&self) -> (f64, usize) {
+        let of = |fit: &HarmonicFit| (fit.chi2, fit.dof);
+        self.harmonics.iter().map(of).fold((0.0, 0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
     }
 
     /// Index of the first unknown of the harmonic `order`.
     pub fn first_unknown(&self, order: usize) -> usize {
         (order - 1) * self.columns
+    }
+
+    /// A change of all observations, mm, as change of the reduced observations.
+    pub fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
+        let parts = change_mm.chunks(change_mm.len() / self.harmonics.len().max(1));
+        let of = |(fit, part): (&HarmonicFit, &[f64])| multiply(&fit.reduction, part);
+        self.harmonics.iter().zip(parts).flat_map(of).collect()
     }
 
     /// Observations that the solution gives with another layout: the effect of an error of it.
@@ -124,7 +178,7 @@ impl SeparationFit {
 
 impl ObservationModel for SeparationFit {
     fn observations(&self) -> usize {
-        self.rows * self.harmonics.len()
+        self.weighted_residuals.len()
     }
 
     fn unknowns(&self) -> usize {
@@ -132,23 +186,26 @@ impl ObservationModel for SeparationFit {
     }
 
     fn respond(&self, change: &[f64]) -> Response {
-        let (mut unknowns, mut residuals) = (Vec::new(), Vec::new());
-        for (fit, change) in self.harmonics.iter().zip(change.chunks(self.rows)) {
+        let (mut unknowns, mut residuals, mut rest) = (Vec::new(), Vec::new(), change);
+        for fit in &self.harmonics {
+            let (change, after) = rest.split_at(fit.design.nrows());
             let own = multiply(&fit.solution.gain, change);
             let explained = multiply(&fit.design, &own);
-            let rest: Vec<f64> = change.iter().zip(explained).map(|(c, e)| c - e).collect();
-            residuals.extend(fit.weighted_residuals(&rest));
+            residuals.extend(change.iter().zip(explained).map(|(c, e)| c - e));
             unknowns.extend(own);
+            rest = after;
         }
         Response { unknowns, residuals }
     }
 
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = Mat::from_fn(changes.nrows(), self.x.len(), |_, j| self.x[j]);
+        let mut first = 0;
         for (i, fit) in self.harmonics.iter().enumerate() {
-            let own = changes.subcols(i * self.rows, self.rows) * fit.solution.gain.transpose();
+            let change = changes.subcols(first, fit.design.nrows());
             let mut part = x.subcols_mut(i * self.columns, self.columns);
-            part += own;
+            part += change * fit.solution.gain.transpose();
+            first += fit.design.nrows();
         }
         x
     }

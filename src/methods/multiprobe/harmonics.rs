@@ -137,6 +137,19 @@ impl HarmonicData {
         let half: Vec<f64> = self.rows.iter().zip(&self.revolutions).map(sigma).collect();
         half.repeat(2)
     }
+
+    /// Covariance of the observations of the harmonic, mm²: channels of one index scatter together where
+    /// the motion itself does (asynchronous part).
+    pub fn covariance(&self, order: usize) -> Mat<f64> {
+        let (rows, scatter) = (self.rows.len(), &self.scatters[order - 1].covariance);
+        Mat::from_fn(2 * rows, 2 * rows, |i, j| {
+            let [a, b] = [self.rows[i % rows], self.rows[j % rows]];
+            let revolutions = self.revolutions[i % rows] * self.revolutions[j % rows];
+            let is_together = a.index == b.index && i / rows == j / rows;
+            let factor = if is_together { 1.0 / (revolutions as f64).sqrt() } else { 0.0 };
+            factor * scatter[(a.channel, b.channel)]
+        })
+    }
 }
 
 /// Of one harmonic, pooled over the indexes. Two real parts a difference.

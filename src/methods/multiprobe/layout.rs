@@ -19,10 +19,7 @@ const WEAK_DETERMINANT: f64 = 1.0;
 /// Harmonics that decide between layouts.
 pub const RANKED_ORDERS: RangeInclusive<usize> = 2..=20;
 /// Sensors nearer than this to each other, or to the opposite side, do not separate X from Y.
-const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
-/// A suggested sensor has at least this distance to the others, for its housing.
-const HOUSING_ANGLE_DEG: f64 = 30.0;
-
+pub const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
 /// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`: infinite for coinciding or opposed second
 /// and third sensors.
 pub fn determinant(angles_deg: [f64; 3], order: usize) -> f64 {
@@ -136,7 +133,7 @@ impl RadialLayout {
 const PERFECT_STAGE: StageEccentricity = StageEccentricity::Declared { u_mm: 0.0, u_tilt_rad: 0.0 };
 
 /// The fit of harmonics 1..=`orders` of zeros, each observation with a standard uncertainty of 1 mm.
-fn unit_noise_fit(
+pub fn unit_noise_fit(
     layout: &ProbeLayout,
     rows: Vec<Row>,
     orders: usize,
@@ -187,100 +184,7 @@ pub fn third_angles(
 }
 
 /// Angle between the lines of two sensors, 0 to 90°.
-fn sensor_angle_deg(a_deg: f64, b_deg: f64) -> f64 {
+pub fn sensor_angle_deg(a_deg: f64, b_deg: f64) -> f64 {
     let between = (a_deg - b_deg).rem_euclid(180.0);
     between.min(180.0 - between)
-}
-
-/// Refuses coinciding and opposed sensors of one section.
-///
-/// # Errors
-/// The two sensors, and the best angle for the second of them.
-pub fn check_sensor_angles(layout: &ProbeLayout) -> Result<(), Refused> {
-    for (i, first) in layout.channels.iter().enumerate() {
-        for second in &layout.channels[i + 1..] {
-            let is_radial = matches!(first.surface, Surface::Section(_));
-            let [a, b] = [first, second].map(|channel| channel.angle_rad.to_degrees());
-            let is_near = sensor_angle_deg(a, b) < MIN_SENSOR_ANGLE_DEG;
-            if is_radial && first.surface == second.surface && is_near {
-                return Err(coinciding(layout, first, second));
-            }
-        }
-    }
-    Ok(())
-}
-
-fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refused {
-    let [a, b] = [first, second].map(|c| c.angle_rad.to_degrees().rem_euclid(360.0));
-    let others =
-        layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
-    let others: Vec<f64> = others.map(|c| c.angle_rad.to_degrees().rem_euclid(360.0)).collect();
-    let better = match others.as_slice() {
-        [one, two, ..] => {
-            let around = |deg: &f64| AngleRange {
-                from_deg: deg - HOUSING_ANGLE_DEG,
-                to_deg: deg + HOUSING_ANGLE_DEG,
-            };
-            let exclusions: Vec<AngleRange> = others.iter().map(around).collect();
-            third_angles([*one, *two], 10.0, &exclusions).first().map(|(deg, _)| *deg)
-        }
-        _ => Some((a + 90.0).rem_euclid(360.0)),
-    };
-    let place =
-        better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the least noise gain"));
-    Refused {
-        why: format!(
-            "the sensors {} ({a:.1}°) and {} ({b:.1}°) coincide or are opposed: they do not \
-             separate the motion from the artefact",
-            first.name, second.name
-        ),
-        instead: format!("move {}{place}", second.name),
-    }
-}
-
-/// Refuses a layout that loses one of the `orders` of an error motion. The co-rotating first harmonic is
-/// lost by nature and no reason.
-///
-/// # Errors
-/// What is lost, and a number of indexes that loses nothing.
-pub fn check_orders(
-    layout: &ProbeLayout,
-    motions: &[Component],
-    orders: RangeInclusive<usize>,
-) -> Result<(), Refused> {
-    let lost = lost_orders(layout, motions, &orders)?;
-    let Some((component, order)) = lost.first() else { return Ok(()) };
-    let indexes = layout.index_angles_rad.len();
-    let is_better = |count: &usize| {
-        let step = std::f64::consts::TAU / *count as f64;
-        let index_angles_rad = (0..*count).map(|n| n as f64 * step).collect();
-        let changed = ProbeLayout { index_angles_rad, ..layout.clone() };
-        lost_orders(&changed, motions, &orders).is_ok_and(|lost| lost.is_empty())
-    };
-    let candidates = indexes + 1..=(2 * orders.end() + 1).max(indexes + 1);
-    let instead = candidates.into_iter().find(is_better).map_or_else(
-        || "add a sensor, or ask for fewer harmonics".to_owned(),
-        |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
-    );
-    Err(Refused {
-        why: format!(
-            "{} sensors with {indexes} indexes suppress {} harmonics of the error motions, first \
-             {} harmonic {order}",
-            layout.channels.len(),
-            lost.len(),
-            component.symbol()
-        ),
-        instead,
-    })
-}
-
-fn lost_orders(
-    layout: &ProbeLayout,
-    motions: &[Component],
-    orders: &RangeInclusive<usize>,
-) -> Result<Vec<(Component, usize)>, Refused> {
-    let fit = unit_noise_fit(layout, layout.all_rows(), *orders.end())?;
-    let reported = ReportedMotions::new(layout, &fit, StageEccentricity::NotDeclared);
-    let pairs = motions.iter().flat_map(|c| orders.clone().map(move |order| (*c, order)));
-    Ok(pairs.filter(|(component, order)| reported.parts(*component, *order).is_none()).collect())
 }

@@ -6,7 +6,9 @@
 //! scatter, [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
 //! the measurement what a layout separates.
 
+pub mod checks;
 pub mod diagnosis;
+pub mod filter;
 pub mod fit;
 pub mod harmonics;
 pub mod iso;

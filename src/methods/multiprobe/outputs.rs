@@ -122,32 +122,27 @@ impl<'a> ReportedMotions<'a> {
     /// co-rotating error motion.
     fn eccentricity(&self, section: usize) -> Vec<Output> {
         let (layout, sign) = (self.layout, self.layout.sense.sign());
-        let components = layout.components();
-        let column = |c: Component| components.iter().position(|own| *own == c);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
-        let mut slopes = [(); 2].map(|()| vec![0.0; 2 * components.len()]);
-        // ½(x + iσy) of the motion of the centre at the section, and e^(iσφ)·R of its form.
+        let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
         let index_angle = layout.index_angles_rad.first().copied().unwrap_or(0.0);
         let (sin, cos) = index_angle.sin_cos();
-        let terms = [
-            (Component::X, [0.5, 0.0], [0.0, 0.5 * -sign]),
-            (Component::Y, [0.0, 0.5 * sign], [0.5, 0.0]),
-            (Component::B, [0.5 * lever, 0.0], [0.0, -0.5 * sign * lever]),
-            (Component::A, [0.0, -0.5 * sign * lever], [-0.5 * lever, 0.0]),
-            (Component::Roundness(section), [cos, sign * sin], [sin, -sign * cos]),
-        ];
-        for (component, along_x, along_y) in terms {
-            if let Some(j) = column(component) {
-                slopes[0][2 * j..2 * j + 2].copy_from_slice(&along_x);
-                slopes[1][2 * j..2 * j + 2].copy_from_slice(&along_y);
-            }
-        }
-        let outputs = slopes.into_iter().zip(["X", "Y"]);
-        let output = |(slope, axis): (Vec<f64>, &str)| {
+        let offset = co_rotating_directions(layout, Component::X, Component::Y);
+        let tilt = co_rotating_directions(layout, Component::A, Component::B);
+        let slope = |axis: usize, lever: f64, of_form: [f64; 2]| {
+            let mut slope: Vec<f64> = offset[axis].iter().map(|d| d / 2.0).collect();
+            let tilt = tilt.get(1 - axis).into_iter().flatten();
+            slope.iter_mut().zip(tilt).for_each(|(slope, d)| *slope += lever * d / 2.0);
+            form.into_iter().for_each(|j| slope[2 * j..2 * j + 2].copy_from_slice(&of_form));
+            slope
+        };
+        let output = |axis: &str, slope: Vec<f64>| {
             let symbol = format!("ecc_{axis}{}", section + 1);
             Output::linear(&symbol, Unit::Um, self.widened(1, &slope), &self.fit.x)
         };
-        outputs.map(output).collect()
+        vec![
+            output("X", slope(0, lever, [cos, sign * sin])),
+            output("Y", slope(1, -lever, [sin, -sign * cos])),
+        ]
     }
 
     /// All outputs. The values by ISO 230-7 and the roundness have their uncertainty from trials.

@@ -1,23 +1,14 @@
-//! Samples at any angles to equal angles. The low-pass is a sinc in the angle, cut off at half the output
-//! rate and bounded by a Kaiser window; its integral over the samples is the trapezoidal rule, so that
-//! uneven spacing, changes of speed, stops and small reversals of the encoder need no case of their own.
+//! Samples at any angles to equal angles: the low-pass of `filter.rs`, integrated over the samples by the
+//! trapezoidal rule, so that uneven spacing, changes of speed, stops and small reversals of the encoder
+//! need no case of their own.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
+use super::filter::{KERNEL_HALF_STEPS, ResampleFilter};
 use super::harmonics::RowRevolutions;
 use super::layout::AngleRange;
 use super::model::Row;
 
-/// Half width of the kernel, output steps. It is also the run-in before the first revolution and the
-/// run-out after the last.
-pub const KERNEL_HALF_STEPS: usize = 6;
-/// Shape of the Kaiser window: −100 dB beyond [`ResampleFilter::stop_order`] (Kaiser's formula
-/// β = 0.1102·(A − 8.7)).
-const KAISER_BETA: f64 = 10.06;
-/// Half of the transition band over the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
-const HALF_TRANSITION: f64 = 0.267;
-/// Kernel values a step; linear interpolation between them is exact to 1e-7.
-const TABLE_DENSITY: usize = 2048;
 /// Longest distance of two samples, output steps: the images of sparser samples would pass the filter.
 const MAX_GAP_STEPS: f64 = 1.0;
 
@@ -29,68 +20,6 @@ pub struct Sample {
     pub value_mm: f64,
     /// Neither saturated nor flagged by the sensor.
     pub is_valid: bool,
-}
-
-/// The antialiasing low-pass of `steps` equal angles a revolution. Orders in undulations a revolution.
-#[derive(Debug, Clone)]
-pub struct ResampleFilter {
-    steps: usize,
-    table: Vec<f64>,
-}
-
-impl ResampleFilter {
-    pub fn new(steps: usize) -> Self {
-        let half = KERNEL_HALF_STEPS as f64;
-        let value = |i: usize| {
-            let u = i as f64 / TABLE_DENSITY as f64;
-            let sinc = if i == 0 { 1.0 } else { (PI * u).sin() / (PI * u) };
-            let inside = (1.0 - (u / half).powi(2)).max(0.0).sqrt();
-            sinc * bessel_i0(KAISER_BETA * inside) / bessel_i0(KAISER_BETA)
-        };
-        Self { steps, table: (0..=KERNEL_HALF_STEPS * TABLE_DENSITY + 1).map(value).collect() }
-    }
-
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Orders up to here pass unchanged to 1e-5.
-    pub fn pass_order(&self) -> usize {
-        ((0.5 - HALF_TRANSITION) * self.steps as f64) as usize
-    }
-
-    /// −6 dB.
-    pub fn cutoff_order(&self) -> usize {
-        self.steps / 2
-    }
-
-    /// Orders from here on are suppressed by 100 dB. Only orders from `steps` − k on alias into the
-    /// harmonic k, so none does into a harmonic up to [`pass_order`](Self::pass_order).
-    pub fn stop_order(&self) -> usize {
-        ((0.5 + HALF_TRANSITION) * self.steps as f64).ceil() as usize
-    }
-
-    /// At the distance of `u` steps.
-    fn weight(&self, u: f64) -> f64 {
-        let position = u.abs() * TABLE_DENSITY as f64;
-        let i = position as usize;
-        match (self.table.get(i), self.table.get(i + 1)) {
-            (Some(low), Some(high)) => low + (high - low) * (position - i as f64),
-            _ => 0.0,
-        }
-    }
-}
-
-/// Modified Bessel function of order zero (Abramowitz & Stegun 9.6.12).
-fn bessel_i0(x: f64) -> f64 {
-    let quarter = x * x / 4.0;
-    let (mut term, mut sum, mut n) = (1.0, 1.0, 1.0);
-    while term > 1e-17 * sum {
-        term *= quarter / (n * n);
-        sum += term;
-        n += 1.0;
-    }
-    sum
 }
 
 /// Takes the samples of one channel over one scan, one at a time. Memory: the output angles.
@@ -123,7 +52,7 @@ pub struct Resampled {
 impl<'a> Resampler<'a> {
     /// For a scan between two unwrapped angles, in either direction.
     pub fn new(filter: &'a ResampleFilter, from_rad: f64, to_rad: f64) -> Self {
-        let step = TAU / filter.steps as f64;
+        let step = TAU / filter.steps() as f64;
         let (low, high) = (from_rad.min(to_rad) / step, from_rad.max(to_rad) / step);
         let first = low.ceil() as i64;
         let count = (high.floor() as i64 - first + 1).max(0) as usize;
@@ -143,7 +72,7 @@ impl<'a> Resampler<'a> {
         if !sample.is_valid || !sample.value_mm.is_finite() {
             return;
         }
-        let position = sample.angle_rad * self.filter.steps as f64 / TAU;
+        let position = sample.angle_rad * self.filter.steps() as f64 / TAU;
         if let Some((last, value)) = self.last {
             self.add(last, value, (position - self.before.unwrap_or(last)) / 2.0);
             self.cover(last, position);
@@ -170,7 +99,7 @@ impl<'a> Resampler<'a> {
     fn cover(&mut self, from: f64, to: f64) {
         let (low, high) = (from.min(to), from.max(to));
         if high - low > MAX_GAP_STEPS {
-            let deg = |steps: f64| steps * 360.0 / self.filter.steps as f64;
+            let deg = |steps: f64| steps * 360.0 / self.filter.steps() as f64;
             self.gaps.push(AngleRange { from_deg: deg(low), to_deg: deg(high) });
             return;
         }
@@ -198,7 +127,7 @@ impl<'a> Resampler<'a> {
         };
         let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
         Resampled {
-            steps: self.filter.steps,
+            steps: self.filter.steps(),
             first: self.first,
             values: self.sums.iter().enumerate().map(value).collect(),
             gaps: self.gaps,

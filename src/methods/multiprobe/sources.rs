@@ -4,7 +4,6 @@
 use std::f64::consts::PI;
 
 use estimation::linear::lower_root;
-use faer::Mat;
 
 use super::fit::SeparationFit;
 use super::harmonics::HarmonicData;
@@ -57,22 +56,24 @@ pub fn sources(
         changed(&|l: &mut ProbeLayout, sign| l.index_angles_rad[n] += sign * sizes.index_angle_rad)
     };
     let channels = 0..layout.channels.len();
+    let distance = |l: &mut ProbeLayout, sign: f64| {
+        let second = l.section_z_mm.get_mut(1).into_iter();
+        second.for_each(|z_mm| *z_mm += sign * sizes.section_distance_mm);
+    };
+    let radius = |l: &mut ProbeLayout, sign: f64| move_face(l, sign * sizes.face_radius_mm);
+    let joint = |name, columns: Vec<Vec<f64>>| {
+        declared(name, columns.iter().map(|column| fit.reduce(column)).collect())
+    };
     let mut all = vec![
-        noise(layout, data),
-        declared("gain", channels.clone().map(|i| gain_error(data, i, sizes.gain)).collect()),
-        declared("sensor angle", channels.map(angle).collect()),
-        declared("index angle", (1..layout.index_angles_rad.len()).map(index).collect()),
-        declared(
-            "face radius",
-            vec![changed(&|l, sign| move_face(l, sign * sizes.face_radius_mm))],
-        ),
-        declared("drift", drift(layout, data, sizes.drift_mm_per_revolution)),
+        noise(data, fit),
+        joint("gain", channels.clone().map(|i| gain_error(data, i, sizes.gain)).collect()),
+        joint("sensor angle", channels.map(angle).collect()),
+        joint("index angle", (1..layout.index_angles_rad.len()).map(index).collect()),
+        joint("section distance", vec![changed(&distance)]),
+        joint("face radius", vec![changed(&radius)]),
+        joint("drift", drift(layout, data, sizes.drift_mm_per_revolution)),
         stage_eccentricity(layout, fit, sizes.stage),
     ];
-    if layout.section_z_mm.len() > 1 {
-        let distance = changed(&|l, sign| l.section_z_mm[1] += sign * sizes.section_distance_mm);
-        all.insert(4, declared("section distance", vec![distance]));
-    }
     all.retain(|source| !source.is_zero());
     all
 }
@@ -108,43 +109,20 @@ fn move_face(layout: &mut ProbeLayout, by_mm: f64) {
     }
 }
 
-/// Scatter of the mean over the revolutions. Channels of one index scatter together where the motion
-/// itself does (asynchronous part): one run holds them all.
-fn noise(layout: &ProbeLayout, data: &HarmonicData) -> UncertaintySource {
-    let (rows, mut runs) = (data.rows.len(), Vec::new());
-    for (k, scatter) in data.scatters.iter().enumerate() {
-        let root = lower_root(&scatter.covariance);
-        for part in 0..2 {
-            for index in 0..layout.index_angles_rad.len() {
-                let first = data.rows.partition_point(|row| row.index < index);
-                runs.extend(
-                    index_runs(data, &root, index).map(|values| ObservationRun {
-                        first: (2 * k + part) * rows + first,
-                        values,
-                    }),
-                );
-            }
-        }
+/// Scatter of the mean over the revolutions: independent harmonics.
+fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
+    let (mut runs, mut first) = (Vec::new(), 0);
+    for harmonic in &fit.harmonics {
+        let reduction = &harmonic.reduction;
+        let covariance = reduction * data.covariance(harmonic.order) * reduction.transpose();
+        let root = lower_root(&covariance);
+        let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
+        runs.extend(columns.map(|values| ObservationRun { first, values }));
+        first += root.nrows();
     }
     let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let evaluation = EvaluationType::A;
     UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", Effect::Runs(runs)) }
-}
-
-/// One run a column of `root` (channels × channels).
-fn index_runs<'a>(
-    data: &'a HarmonicData,
-    root: &'a Mat<f64>,
-    index: usize,
-) -> impl Iterator<Item = Vec<f64>> + 'a {
-    let own = move || {
-        let all = data.rows.iter().zip(&data.revolutions);
-        all.filter(move |(row, _)| row.index == index)
-    };
-    let run = move |column: usize| -> Vec<f64> {
-        own().map(|(row, count)| root[(row.channel, column)] / (*count as f64).sqrt()).collect()
-    };
-    (0..root.ncols()).map(run).filter(|run| run.iter().any(|value| *value != 0.0))
 }
 
 fn gain_error(data: &HarmonicData, channel: usize, u: f64) -> Vec<f64> {

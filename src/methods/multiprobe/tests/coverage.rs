@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 
 use super::super::harmonics::{HarmonicData, RowRevolutions};
 use super::super::model::{ProbeLayout, Surface, TableSense};
+use super::super::outputs::ReportedMotions;
+use super::super::revolutions::revolution_values;
 use super::super::sources::{SourceSizes, StageEccentricity};
 use super::super::{Separated, identify};
 use super::generator::{Term, World, sum};
@@ -249,43 +251,32 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
     assert_eq!(estimate.functions.len(), 7);
 }
 
-/// Full size: seven channels, ten indexes, twenty harmonics.
+/// Every other revolution is displaced by ±0.5 µm along X, every third sample of it alone.
 #[test]
-fn temp_time() {
-    let start = std::time::Instant::now();
-    let filter = super::super::resample::ResampleFilter::new(360);
-    for _ in 0..8 {
-        let mut r = super::super::resample::Resampler::new(&filter, 0.0, 60.0 * TAU);
-        for i in 0..600_000 {
-            let angle_rad = f64::from(i) * TAU / 10_000.0;
-            r.push(super::super::resample::Sample { angle_rad, value_mm: 1.0, is_valid: true });
+fn regress_asynchronous_and_total_values() {
+    let layout = layout(4, TableSense::Clockwise);
+    let world = World::random(2, ORDERS, 2, 0.0);
+    let mut measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 4), 1);
+    for row in &mut measured {
+        let channel = &layout.channels[row.row.channel];
+        let Surface::Section(_) = channel.surface else { continue };
+        for (r, revolution) in row.revolutions.iter_mut().enumerate() {
+            let by_mm = if r % 2 == 0 { 0.5e-3 } else { -0.5e-3 };
+            let moved = revolution.iter_mut().step_by(3);
+            moved.for_each(|m| *m += by_mm * channel.angle_rad.cos());
         }
-        std::hint::black_box(r.finish());
     }
-    println!("TIME resample {:?}", start.elapsed());
-    let layout = layout(10, TableSense::Clockwise);
-    let world = World::random(2, 20, 2, 0.1e-3);
-    let measured = world.revolutions(&layout, &layout.all_rows(), (360, 6), 1);
-    let start = std::time::Instant::now();
-    let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
-    println!("TIME harmonics {:?}", start.elapsed());
-    let start = std::time::Instant::now();
-    let separated = identify(&layout, &data, &exact(), None).unwrap();
-    println!("TIME identify {:?}", start.elapsed());
-    let start = std::time::Instant::now();
-    let e = separated.identification.estimate("m");
-    println!("TIME estimate {:?} {}", start.elapsed(), e.parameters.len());
-    let start = std::time::Instant::now();
-    let motions =
-        super::super::outputs::ReportedMotions::new(&layout, &separated.fit, exact().stage);
-    let v = super::super::revolutions::revolution_values(&layout, &motions, &measured);
-    println!(
-        "TIME revolutions {:?} {:?}",
-        start.elapsed(),
-        v.iter().map(|p| (p.symbol.clone(), p.value, p.u)).collect::<Vec<_>>()
-    );
-    let start = std::time::Instant::now();
-    let c = super::super::diagnosis::check_indexes(&layout, &data).unwrap();
-    let s = super::super::diagnosis::swapped_channels(&layout, &data).unwrap();
-    println!("TIME diag {:?} {c:?} {s:?}", start.elapsed());
+    let separated = identified(&layout, &measured, &exact());
+    let motions = ReportedMotions::new(&layout, &separated.fit, exact().stage);
+    let values = revolution_values(&layout, &motions, &measured);
+    let value = |symbol: &str| values.iter().find(|p| p.symbol == symbol).unwrap();
+    assert!((value("EXC_asynchronous").value - 1.0).abs() < 1e-9);
+    assert!(value("EYC_asynchronous").value < 1e-9 && value("EBC_asynchronous").value < 1e-6);
+    assert!(value("EXC_asynchronous").u < 1e-9 && value("EXC_total").dof == Some(3.0));
+    let angles = || (0..SAMPLES).map(|i| i as f64 * TAU / SAMPLES as f64);
+    let moved = angles().step_by(3).flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum(&world.x, q) + by));
+    let all: Vec<f64> = angles().map(|q| sum(&world.x, q)).chain(moved).collect();
+    let expected_um = super::super::iso::range(&all) * 1e3;
+    println!("total {} {expected_um}", value("EXC_total").value);
+    assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
 }

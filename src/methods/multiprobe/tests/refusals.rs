@@ -1,10 +1,8 @@
 //! What is refused, and what is named instead.
 
+use super::super::checks::{check_orders, check_sensor_angles};
 use super::super::harmonics::{HarmonicData, RowRevolutions};
-use super::super::layout::{
-    AngleRange, RANKED_ORDERS, RadialLayout, Separation, check_orders, check_sensor_angles,
-    third_angles,
-};
+use super::super::layout::{AngleRange, RANKED_ORDERS, RadialLayout, Separation, third_angles};
 use super::super::model::{Component, Row, TableSense};
 use super::nullities::layout;
 

@@ -2,10 +2,9 @@
 
 use std::f64::consts::TAU;
 
+use super::super::filter::{KERNEL_HALF_STEPS, ResampleFilter};
 use super::super::harmonics::HarmonicBasis;
-use super::super::resample::{
-    KERNEL_HALF_STEPS, ResampleFilter, Resampled, Resampler, Sample, common_revolutions,
-};
+use super::super::resample::{Resampled, Resampler, Sample, common_revolutions};
 
 const STEPS: usize = 360;
 
