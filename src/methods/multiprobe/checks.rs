@@ -5,13 +5,54 @@ use std::ops::RangeInclusive;
 use super::layout::{
     AngleRange, MIN_SENSOR_ANGLE_DEG, sensor_angle_deg, third_angles, unit_noise_fit,
 };
-use super::model::{Channel, Component, ProbeLayout, Surface};
+use super::model::{Channel, Component, ProbeLayout, Row, Surface};
 use super::outputs::ReportedMotions;
 use super::sources::StageEccentricity;
 use crate::Refused;
 
 /// A suggested sensor has at least this distance to the others, for its housing.
 const HOUSING_ANGLE_DEG: f64 = 30.0;
+
+/// Refuses rows and surfaces that the observation equation does not hold.
+///
+/// # Errors
+/// A row without channel or index; a section without height; a face without two sections, or with
+/// sensors on different radii.
+pub fn check_surfaces(layout: &ProbeLayout, rows: &[Row]) -> Result<(), Refused> {
+    let refuse = |why: &str, instead: &str| {
+        Err(Refused { why: why.to_owned(), instead: instead.to_owned() })
+    };
+    let (channels, indexes) = (layout.channels.len(), layout.index_angles_rad.len());
+    if rows.is_empty() || rows.iter().any(|row| row.channel >= channels || row.index >= indexes) {
+        return refuse(
+            "no measurements, or of channels or indexes that the layout lacks",
+            "correct them",
+        );
+    }
+    let sections = layout.section_z_mm.len();
+    let is_placed = |c: &Channel| !matches!(c.surface, Surface::Section(i) if i >= sections);
+    if !(1..=2).contains(&sections) || !layout.channels.iter().all(is_placed) {
+        return refuse("sensors measure at sections without height", "declare one or two sections");
+    }
+    let radius = |c: &Channel| match c.surface {
+        Surface::Face { radius_mm } => Some(radius_mm),
+        Surface::Section(_) => None,
+    };
+    let radii: Vec<f64> = layout.channels.iter().filter_map(radius).collect();
+    if !radii.is_empty() && sections < 2 {
+        return refuse(
+            "an axial sensor without two sections: axial motion and tilt are inseparable",
+            "add radial sensors at a second section, or leave the axial sensor out",
+        );
+    }
+    if radii.windows(2).any(|pair| pair[0] != pair[1]) {
+        return refuse(
+            "axial sensors on different radii do not see the same form of the face",
+            "move all axial sensors to one radius",
+        );
+    }
+    Ok(())
+}
 
 /// Refuses coinciding and opposed sensors of one section.
 ///

@@ -206,7 +206,7 @@ fn check(measured: &[RowRevolutions], orders: usize) -> Result<(), IdentifyError
         return Ok(());
     };
     let why = format!(
-        "channel {} at index {} has other revolutions than the channels beside it",
+        "channel {} at index {} has two sets of revolutions, or another number than the other channels",
         row.row.channel, row.row.index
     );
     Err(refuse(why, "give each row once, with the revolutions that all channels share").into())

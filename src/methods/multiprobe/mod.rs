@@ -44,13 +44,14 @@ pub struct Separated {
 /// `trials`.
 ///
 /// # Errors
-/// Values that are not finite; fewer than two trials.
+/// Rows or surfaces that the layout does not hold; values that are not finite; fewer than two trials.
 pub fn identify(
     layout: &ProbeLayout,
     data: &HarmonicData,
     sizes: &SourceSizes,
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
+    checks::check_surfaces(layout, &data.rows)?;
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
     let outputs = motions.outputs();

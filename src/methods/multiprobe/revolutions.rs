@@ -29,12 +29,17 @@ pub fn revolution_values(
             continue;
         }
         let indexes = 0..layout.index_angles_rad.len();
-        let of = |index| index_values(layout, motions, measured, (component, index));
-        let values: Vec<[f64; 2]> = indexes.filter_map(of).collect();
-        for (i, suffix) in ["total", "asynchronous"].into_iter().enumerate() {
-            let own: Vec<f64> = values.iter().map(|value| value[i]).collect();
+        let values: Vec<MotionRanges> = indexes
+            .filter_map(|index| {
+                let own = measured.iter().filter(|row| row.row.index == index).collect::<Vec<_>>();
+                MotionRanges::new(layout, motions, &own, component)
+            })
+            .collect();
+        let totals: Vec<f64> = values.iter().map(|value| value.total).collect();
+        let asynchronous: Vec<f64> = values.iter().map(|value| value.asynchronous).collect();
+        for (suffix, values) in [("total", totals), ("asynchronous", asynchronous)] {
             let symbol = format!("{}_{suffix}", component.symbol());
-            parameters.extend(mean_parameter(&symbol, component, &own));
+            parameters.extend(mean_parameter(&symbol, component, &values));
         }
     }
     parameters
@@ -49,32 +54,39 @@ fn mean_parameter(symbol: &str, component: Component, values: &[f64]) -> Option<
     (!values.is_empty()).then_some(parameter)
 }
 
-/// Total and asynchronous value at one index.
-fn index_values(
-    layout: &ProbeLayout,
-    motions: &ReportedMotions<'_>,
-    measured: &[RowRevolutions],
-    (component, index): (Component, usize),
-) -> Option<[f64; 2]> {
-    let own: Vec<&RowRevolutions> = measured.iter().filter(|row| row.row.index == index).collect();
-    let gain = motion_gain(layout, &own, component)?;
-    let (count, samples) = (own[0].revolutions.len(), own[0].revolutions[0].len());
-    let orders: Vec<usize> = (1..=motions.orders()).collect();
-    let (mut asynchronous, mut all) = (0.0_f64, Vec::new());
-    for i in 0..samples {
-        let mean = |row: &RowRevolutions| {
-            row.revolutions.iter().map(|revolution| revolution[i]).sum::<f64>() / count as f64
-        };
-        let deviation = |r: usize| -> f64 {
-            let rows = own.iter().zip(&gain);
-            rows.map(|(row, gain)| gain * (row.revolutions[r][i] - mean(row))).sum()
-        };
-        let deviations: Vec<f64> = (0..count).map(deviation).collect();
-        asynchronous = asynchronous.max(range(&deviations));
-        let synchronous = motions.value_at(component, &orders, i as f64 * TAU / samples as f64);
-        all.extend(deviations.iter().map(|deviation| synchronous + deviation));
+/// Values at one index.
+struct MotionRanges {
+    total: f64,
+    asynchronous: f64,
+}
+
+impl MotionRanges {
+    /// `own`: the rows of the index. `None`: their channels do not determine the motion.
+    fn new(
+        layout: &ProbeLayout,
+        motions: &ReportedMotions<'_>,
+        own: &[&RowRevolutions],
+        component: Component,
+    ) -> Option<Self> {
+        let gain = motion_gain(layout, own, component)?;
+        let (count, samples) = (own[0].revolutions.len(), own[0].revolutions[0].len());
+        let orders: Vec<usize> = (1..=motions.orders()).collect();
+        let (mut asynchronous, mut all) = (0.0_f64, Vec::new());
+        for i in 0..samples {
+            let mean = |row: &RowRevolutions| {
+                row.revolutions.iter().map(|revolution| revolution[i]).sum::<f64>() / count as f64
+            };
+            let deviation = |r: usize| -> f64 {
+                let rows = own.iter().zip(&gain);
+                rows.map(|(row, gain)| gain * (row.revolutions[r][i] - mean(row))).sum()
+            };
+            let deviations: Vec<f64> = (0..count).map(deviation).collect();
+            asynchronous = asynchronous.max(range(&deviations));
+            let synchronous = motions.value_at(component, &orders, i as f64 * TAU / samples as f64);
+            all.extend(deviations.iter().map(|deviation| synchronous + deviation));
+        }
+        Some(Self { total: range(&all), asynchronous })
     }
-    Some([range(&all), asynchronous])
 }
 
 /// One factor a row: the motion at one angle from the deviations of the channels. The artefact is the same

@@ -7,7 +7,7 @@ use estimation::linear::lower_root;
 
 use super::fit::SeparationFit;
 use super::harmonics::HarmonicData;
-use super::model::{Component, ProbeLayout, Surface};
+use super::model::{Component, ProbeLayout, Row, Surface};
 use crate::identification::{
     Effect, EvaluationType, InResiduals, ObservationRun, UncertaintySource,
 };
@@ -38,6 +38,45 @@ pub struct SourceSizes {
     pub drift_mm_per_revolution: f64,
 }
 
+/// A quantity of the layout that is not exactly known.
+#[derive(Debug, Clone, Copy)]
+enum LayoutError {
+    ChannelAngle(usize),
+    IndexAngle(usize),
+    SectionDistance,
+    FaceRadius,
+}
+
+impl LayoutError {
+    /// Changes the quantity by `change`, mm or rad.
+    fn apply(self, layout: &mut ProbeLayout, change: f64) {
+        match self {
+            Self::ChannelAngle(channel) => layout.channels[channel].angle_rad += change,
+            Self::IndexAngle(index) => layout.index_angles_rad[index] += change,
+            Self::SectionDistance => {
+                layout.section_z_mm.get_mut(1).into_iter().for_each(|z_mm| *z_mm += change);
+            }
+            Self::FaceRadius => {
+                for channel in &mut layout.channels {
+                    if let Surface::Face { radius_mm } = &mut channel.surface {
+                        *radius_mm += change;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Effect of the standard uncertainty `u` on all observations, mm.
+    fn column(self, u: f64, layout: &ProbeLayout, rows: &[Row], fit: &SeparationFit) -> Vec<f64> {
+        let predicted = |change: f64| {
+            let mut changed = layout.clone();
+            self.apply(&mut changed, change);
+            fit.predicted(&changed, rows)
+        };
+        predicted(u).iter().zip(predicted(-u)).map(|(up, down)| (up - down) / 2.0).collect()
+    }
+}
+
 /// In the order of the budget, without those that change nothing.
 pub fn sources(
     layout: &ProbeLayout,
@@ -45,67 +84,39 @@ pub fn sources(
     fit: &SeparationFit,
     sizes: &SourceSizes,
 ) -> Vec<UncertaintySource> {
-    let changed = |change: &dyn Fn(&mut ProbeLayout, f64)| layout_error(layout, data, fit, change);
-    let angle = |i: usize| {
-        changed(&|l: &mut ProbeLayout, sign| {
-            l.channels[i].angle_rad += sign * sizes.channel_angle_rad
-        })
-    };
+    let channels = || 0..layout.channels.len();
     // The first mounting defines the angle of the artefact.
-    let index = |n: usize| {
-        changed(&|l: &mut ProbeLayout, sign| l.index_angles_rad[n] += sign * sizes.index_angle_rad)
-    };
-    let channels = 0..layout.channels.len();
-    let distance = |l: &mut ProbeLayout, sign: f64| {
-        let second = l.section_z_mm.get_mut(1).into_iter();
-        second.for_each(|z_mm| *z_mm += sign * sizes.section_distance_mm);
-    };
-    let radius = |l: &mut ProbeLayout, sign: f64| move_face(l, sign * sizes.face_radius_mm);
-    let joint = |name, columns: Vec<Vec<f64>>| {
-        declared(name, columns.iter().map(|column| fit.reduce(column)).collect())
-    };
-    let mut all = vec![
-        noise(data, fit),
-        joint("gain", channels.clone().map(|i| gain_error(data, i, sizes.gain)).collect()),
-        joint("sensor angle", channels.map(angle).collect()),
-        joint("index angle", (1..layout.index_angles_rad.len()).map(index).collect()),
-        joint("section distance", vec![changed(&distance)]),
-        joint("face radius", vec![changed(&radius)]),
-        joint("drift", drift(layout, data, sizes.drift_mm_per_revolution)),
-        stage_eccentricity(layout, fit, sizes.stage),
+    let indexes = 1..layout.index_angles_rad.len();
+    let errors: [(&str, f64, Vec<LayoutError>); 4] = [
+        (
+            "sensor angle",
+            sizes.channel_angle_rad,
+            channels().map(LayoutError::ChannelAngle).collect(),
+        ),
+        ("index angle", sizes.index_angle_rad, indexes.map(LayoutError::IndexAngle).collect()),
+        ("section distance", sizes.section_distance_mm, vec![LayoutError::SectionDistance]),
+        ("face radius", sizes.face_radius_mm, vec![LayoutError::FaceRadius]),
     ];
+    let gains = channels().map(|channel| gain_error(data, channel, sizes.gain)).collect();
+    let mut all = vec![noise(data, fit), declared("gain", gains, fit)];
+    for (name, u, errors) in errors {
+        let columns = errors.iter().map(|error| error.column(u, layout, &data.rows, fit));
+        all.push(declared(name, columns.collect(), fit));
+    }
+    all.push(declared("drift", drift(layout, data, sizes.drift_mm_per_revolution), fit));
+    all.push(stage_eccentricity(layout, fit, sizes.stage));
     all.retain(|source| !source.is_zero());
     all
 }
 
-/// A source that moves many observations together: no part of the weights; its size stays as declared.
-fn declared(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+/// A source that moves many observations together, by its `columns` in mm: no part of the weights; its
+/// size stays as declared.
+fn declared(name: &str, columns: Vec<Vec<f64>>, fit: &SeparationFit) -> UncertaintySource {
+    let effect = Effect::Joint(columns.iter().map(|column| fit.reduce(column)).collect());
     UncertaintySource {
         in_residuals: InResiduals::Expected,
         is_in_weights: false,
-        ..UncertaintySource::new(name, Effect::Joint(columns))
-    }
-}
-
-fn layout_error(
-    layout: &ProbeLayout,
-    data: &HarmonicData,
-    fit: &SeparationFit,
-    change: &dyn Fn(&mut ProbeLayout, f64),
-) -> Vec<f64> {
-    let predicted = |sign: f64| {
-        let mut changed = layout.clone();
-        change(&mut changed, sign);
-        fit.predicted(&changed, &data.rows)
-    };
-    predicted(1.0).iter().zip(predicted(-1.0)).map(|(up, down)| (up - down) / 2.0).collect()
-}
-
-fn move_face(layout: &mut ProbeLayout, by_mm: f64) {
-    for channel in &mut layout.channels {
-        if let Surface::Face { radius_mm } = &mut channel.surface {
-            *radius_mm += by_mm;
-        }
+        ..UncertaintySource::new(name, effect)
     }
 }
 
@@ -173,8 +184,8 @@ fn stage_eccentricity(
             direct_changes.extend(directions.into_iter().map(draw));
         }
     }
-    let no_observations = vec![Vec::new(); direct_changes.len()];
-    UncertaintySource { direct_changes, ..declared("stage eccentricity", no_observations) }
+    let effect = Effect::Joint(vec![Vec::new(); direct_changes.len()]);
+    UncertaintySource { effect, direct_changes, ..declared("stage eccentricity", Vec::new(), fit) }
 }
 
 /// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first

@@ -9,7 +9,7 @@ use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
 use super::super::sources::{SourceSizes, StageEccentricity};
 use super::super::{Separated, identify};
-use super::generator::{Term, World, sum};
+use super::generator::{ScanSize, Term, World, sum};
 use super::nullities::layout;
 use crate::identification::TrialPlan;
 use estimation::coverage::coverage_factor;
@@ -89,7 +89,12 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
         let mut covered = Covered::default();
         for seed in 0..300 {
             let world = World::random(seed, ORDERS, 2, 0.1e-3);
-            let mut measured = world.revolutions(&layout, &rows, (SAMPLES, 4), seed);
+            let mut measured = world.revolutions(
+                &layout,
+                &rows,
+                ScanSize { samples: SAMPLES, revolutions: 4 },
+                seed,
+            );
             let mut random = Random::of(seed, &[5]);
             let count = layout.index_angles_rad.len() * 4 * SAMPLES;
             let together = random.units(count, &[Shape::Normal]);
@@ -182,7 +187,12 @@ impl Drawn {
         turn(&mut moved.a, a, -sign * b);
         turn(&mut moved.b, b, sign * a);
         let rows = self.layout.all_rows();
-        let mut measured = moved.revolutions(&self.layout, &rows, (SAMPLES, 4), seed);
+        let mut measured = moved.revolutions(
+            &self.layout,
+            &rows,
+            ScanSize { samples: SAMPLES, revolutions: 4 },
+            seed,
+        );
         for row in &mut measured {
             let channel = &self.layout.channels[row.row.channel];
             let (sin, cos) = channel.angle_rad.sin_cos();
@@ -203,7 +213,12 @@ impl Drawn {
 fn regress_an_undeclared_stage_gives_eccentricity() {
     let layout = layout(3, TableSense::Clockwise);
     let world = World::random(2, ORDERS, 2, 1e-7);
-    let measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 2), 1);
+    let measured = world.revolutions(
+        &layout,
+        &layout.all_rows(),
+        ScanSize { samples: SAMPLES, revolutions: 2 },
+        1,
+    );
     let sizes = SourceSizes { stage: StageEccentricity::NotDeclared, ..exact() };
     let separated = identified(&layout, &measured, &sizes);
     assert_eq!(separated.gauge.len(), 1);
@@ -236,7 +251,12 @@ fn regress_an_undeclared_stage_gives_eccentricity() {
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
     let layout = layout(3, TableSense::Clockwise);
     let world = World::random(2, ORDERS, 2, 0.1e-3);
-    let measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 4), 1);
+    let measured = world.revolutions(
+        &layout,
+        &layout.all_rows(),
+        ScanSize { samples: SAMPLES, revolutions: 4 },
+        1,
+    );
     let data = HarmonicData::from_revolutions(&measured, ORDERS).unwrap();
     let plan = TrialPlan { seed: 1, trials: Trials::Fixed(20_000) };
     let separated = identify(&layout, &data, &exact(), Some(plan)).unwrap();
@@ -258,7 +278,12 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 fn regress_asynchronous_and_total_values() {
     let layout = layout(4, TableSense::Clockwise);
     let world = World::random(2, ORDERS, 2, 0.0);
-    let mut measured = world.revolutions(&layout, &layout.all_rows(), (SAMPLES, 4), 1);
+    let mut measured = world.revolutions(
+        &layout,
+        &layout.all_rows(),
+        ScanSize { samples: SAMPLES, revolutions: 4 },
+        1,
+    );
     for row in &mut measured {
         let channel = &layout.channels[row.row.channel];
         let Surface::Section(_) = channel.surface else { continue };

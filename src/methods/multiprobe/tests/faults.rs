@@ -9,13 +9,18 @@ use super::super::harmonics::HarmonicData;
 use super::super::layout::AngleRange;
 use super::super::model::{ProbeLayout, TableSense};
 use super::super::resample::Sample;
-use super::generator::World;
+use super::generator::{ScanSize, World};
 use super::nullities::layout;
 
 const NOISE_MM: f64 = 0.05e-3;
 
 fn data(world: &World, actual: &ProbeLayout, seed: u64) -> HarmonicData {
-    let measured = world.revolutions(actual, &actual.all_rows(), (72, 3), seed);
+    let measured = world.revolutions(
+        actual,
+        &actual.all_rows(),
+        ScanSize { samples: 72, revolutions: 3 },
+        seed,
+    );
     HarmonicData::from_revolutions(&measured, 8).unwrap()
 }
 
@@ -80,7 +85,8 @@ fn regress_a_clock_that_is_one_percent_fast() {
     let layout = layout(3, TableSense::Clockwise);
     let world = World::random(4, 8, 2, NOISE_MM);
     let rows = layout.all_rows();
-    let mut measured = world.revolutions(&layout, &rows, (72, 4), 3);
+    let mut measured =
+        world.revolutions(&layout, &rows, ScanSize { samples: 72, revolutions: 4 }, 3);
     assert!(clock_errors(&layout, &measured).is_empty());
     for row in measured.iter_mut().filter(|row| row.row.channel == 4) {
         for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {

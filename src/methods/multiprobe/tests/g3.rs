@@ -6,7 +6,7 @@ use super::super::layout::{
     RANKED_ORDERS, RadialLayout, Separation, determinant, suppressed_orders, weak_orders,
 };
 use super::super::model::Row;
-use super::generator::World;
+use super::generator::{ScanSize, World};
 
 const ANGLES: [f64; 3] = [0.0, 90.0, 230.0];
 const SAMPLES: usize = 360;
@@ -55,7 +55,8 @@ fn paper_monte_carlo_of_the_combined_separation() {
         let mut world = World::random(seed, 20, 1, NOISE_MM);
         world.a.clear();
         world.b.clear();
-        let measured = world.revolutions(&layout, &rows, (SAMPLES, 1), seed);
+        let measured =
+            world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES, revolutions: 1 }, seed);
         let of =
             |k: usize| measured.iter().map(|row| basis.harmonics(&row.revolutions[0])[k]).collect();
         let means = (0..20).map(of).collect();
@@ -97,7 +98,8 @@ fn paper_noise_free_separation_is_exact() {
     let mut world = World::random(7, 20, 1, 0.0);
     world.a.clear();
     world.b.clear();
-    let measured = world.revolutions(&layout, &rows, (SAMPLES, 2), 1);
+    let measured =
+        world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES, revolutions: 2 }, 1);
     let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
     let fit = SeparationFit::new(&layout, &data).unwrap();
     let mut worst: f64 = 0.0;

@@ -35,6 +35,13 @@ pub struct World {
     pub noise_mm: f64,
 }
 
+/// Samples a revolution, and revolutions, of a scan.
+#[derive(Debug, Clone, Copy)]
+pub struct ScanSize {
+    pub samples: usize,
+    pub revolutions: usize,
+}
+
 /// Terms of orders 1..=`orders` with amplitudes up to `size`.
 pub fn random_terms(seed: u64, key: u64, orders: usize, size: f64) -> Vec<Term> {
     let mut random = stream(seed, &[key]);
@@ -85,9 +92,10 @@ impl World {
         &self,
         layout: &ProbeLayout,
         rows: &[Row],
-        (samples, revolutions): (usize, usize),
+        size: ScanSize,
         seed: u64,
     ) -> Vec<RowRevolutions> {
+        let ScanSize { samples, revolutions } = size;
         let mut noise = estimation::monte_carlo::Random::of(seed, &[77]);
         let normal = [estimation::monte_carlo::Shape::Normal];
         let of = |row: &Row| {

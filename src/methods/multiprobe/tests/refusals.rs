@@ -1,9 +1,9 @@
 //! What is refused, and what is named instead.
 
-use super::super::checks::{check_orders, check_sensor_angles};
+use super::super::checks::{check_orders, check_sensor_angles, check_surfaces};
 use super::super::harmonics::{HarmonicData, RowRevolutions};
 use super::super::layout::{AngleRange, RANKED_ORDERS, RadialLayout, Separation, third_angles};
-use super::super::model::{Component, Row, TableSense};
+use super::super::model::{Component, Row, Surface, TableSense};
 use super::nullities::layout;
 
 #[test]
@@ -77,6 +77,31 @@ fn regress_too_few_revolutions_and_samples() {
     assert!(short.remedy().contains("more than 32 angles"), "{short}");
     let three = vec![samples.clone(); 3];
     let uneven = HarmonicData::from_revolutions(&[row(0, two), row(1, three)], 8).unwrap_err();
-    assert!(uneven.to_string().contains("other revolutions"), "{uneven}");
+    assert!(uneven.to_string().contains("another number"), "{uneven}");
     assert!(HarmonicData::from_revolutions(&[], 8).is_err());
+}
+
+#[test]
+fn regress_surfaces_that_the_equation_does_not_hold() {
+    let whole = layout(3, TableSense::Clockwise);
+    assert!(check_surfaces(&whole, &whole.all_rows()).is_ok());
+    let why = |layout: &super::super::model::ProbeLayout| {
+        check_surfaces(layout, &whole.all_rows()).unwrap_err().why
+    };
+    let mut one_section = whole.clone();
+    one_section.section_z_mm.pop();
+    assert!(why(&one_section).contains("sections without height"));
+    one_section.channels.drain(3..6);
+    let rows = one_section.all_rows();
+    assert!(check_surfaces(&one_section, &rows).unwrap_err().instead.contains("second section"));
+    let mut radii = whole.clone();
+    let axial = super::super::model::Channel {
+        surface: Surface::Face { radius_mm: 30.0 },
+        ..radii.channels[6].clone()
+    };
+    radii.channels.push(axial);
+    assert!(why(&radii).contains("different radii"));
+    let mut fewer = whole.clone();
+    fewer.index_angles_rad.pop();
+    assert!(why(&fewer).contains("channels or indexes"));
 }
