@@ -48,30 +48,29 @@ pub fn range(values: &[f64]) -> f64 {
 
 /// Synchronous error motion values in the fixed sensitive direction of each motion, fundamental (axial
 /// alone: the first harmonic of the others is eccentricity or tilt) and residual synchronous axial
-/// values; roundness (peak to valley about the least-squares circle).
+/// values; roundness (peak to valley about the least-squares circle). Only identifiable harmonics take
+/// part; a motion without one has no value.
 pub fn nonlinear_outputs(
     motions: &ReportedMotions<'_>,
     components: &[Component],
 ) -> NonlinearOutputs {
-    let all: Vec<usize> = (1..=motions.orders()).collect();
     let mut ranges = Vec::new();
-    for component in components {
+    for component in components.iter().filter(|c| !matches!(c, Component::Face)) {
+        let all = motions.identifiable_orders(*component);
+        let higher: Vec<usize> = all.iter().copied().filter(|order| *order > 1).collect();
         let symbol = component.symbol();
-        let of = |suffix: &str, orders: &[usize]| {
-            Range::new(motions, format!("{symbol}_{suffix}"), *component, orders)
+        let mut add = |symbol: String, orders: &[usize]| {
+            if !orders.is_empty() {
+                ranges.push(Range::new(motions, symbol, *component, orders));
+            }
         };
         match component {
-            Component::Face => {}
-            Component::Roundness(section) => {
-                let symbol = format!("RONt_{}", section + 1);
-                ranges.push(Range::new(motions, symbol, *component, &all[1..]));
-            }
-            Component::Z => {
-                ranges.push(of("synchronous", &all));
-                ranges.push(of("fundamental", &[1]));
-                ranges.push(of("residual_synchronous", &all[1..]));
-            }
-            _ => ranges.push(of("synchronous", &all)),
+            Component::Roundness(section) => add(format!("RONt_{}", section + 1), &higher),
+            _ => add(format!("{symbol}_synchronous"), &all),
+        }
+        if *component == Component::Z && all.first() == Some(&1) {
+            add(format!("{symbol}_fundamental"), &[1]);
+            add(format!("{symbol}_residual_synchronous"), &higher);
         }
     }
     let solution = motions.solution();

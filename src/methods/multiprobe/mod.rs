@@ -27,8 +27,8 @@ use self::harmonics::HarmonicData;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
 use self::sources::{SourceSizes, sources};
-use crate::IdentifyError;
 use crate::identification::{Identification, TrialPlan};
+use crate::{IdentifyError, Refused};
 
 /// The identified error motions.
 pub struct Separated {
@@ -52,6 +52,10 @@ pub fn identify(
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
     checks::check_surfaces(layout, &data.rows)?;
+    if data.orders() == 0 {
+        let instead = "ask for at least one harmonic".to_owned();
+        return Err(Refused { why: "no harmonics to separate".to_owned(), instead }.into());
+    }
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
     let outputs = motions.outputs();

@@ -59,6 +59,11 @@ impl<'a> ReportedMotions<'a> {
         parts.get(order.checked_sub(1)?)?.as_ref()
     }
 
+    pub fn identifiable_orders(&self, component: Component) -> Vec<usize> {
+        let orders = 1..=self.fit.harmonics.len();
+        orders.filter(|order| self.parts(component, *order).is_some()).collect()
+    }
+
     /// From the unknowns of one harmonic to all.
     fn widened(&self, order: usize, slope: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.fit.x.len()];
@@ -87,8 +92,8 @@ impl<'a> ReportedMotions<'a> {
     }
 
     fn curve(&self, component: Component) -> Curve {
-        let first = if matches!(component, Component::Roundness(_)) { 2 } else { 1 };
-        let orders: Vec<usize> = (first..=self.fit.harmonics.len()).collect();
+        let mut orders = self.identifiable_orders(component);
+        orders.retain(|order| *order > 1 || !matches!(component, Component::Roundness(_)));
         let x: Vec<f64> =
             (0..=CURVE_POINTS).map(|i| i as f64 * 360.0 / CURVE_POINTS as f64).collect();
         let slope = |degrees: &f64| self.slope_at(component, &orders, degrees.to_radians());
@@ -150,7 +155,9 @@ impl<'a> ReportedMotions<'a> {
         let components = self.layout.components();
         let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
         let motions = components.iter().filter(|c| !is_form(c));
-        let curves = components.iter().filter(|c| !matches!(c, Component::Face));
+        let has_curve =
+            |c: &&Component| **c != Component::Face && !self.identifiable_orders(**c).is_empty();
+        let curves = components.iter().filter(has_curve);
         let sections = 0..self.layout.section_z_mm.len();
         let mut parameters: Vec<Output> = motions.flat_map(|c| self.coefficients(*c)).collect();
         parameters.extend(sections.flat_map(|section| self.eccentricity(section)));
@@ -159,10 +166,6 @@ impl<'a> ReportedMotions<'a> {
             curves: curves.map(|component| self.curve(*component)).collect(),
             nonlinear: Some(iso::nonlinear_outputs(self, &components)),
         }
-    }
-
-    pub fn orders(&self) -> usize {
-        self.fit.harmonics.len()
     }
 
     pub fn solution(&self) -> Mat<f64> {

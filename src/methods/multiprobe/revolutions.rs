@@ -70,7 +70,7 @@ impl MotionRanges {
     ) -> Option<Self> {
         let gain = motion_gain(layout, own, component)?;
         let (count, samples) = (own[0].revolutions.len(), own[0].revolutions[0].len());
-        let orders: Vec<usize> = (1..=motions.orders()).collect();
+        let orders = motions.identifiable_orders(component);
         let (mut asynchronous, mut all) = (0.0_f64, Vec::new());
         for i in 0..samples {
             let mean = |row: &RowRevolutions| {

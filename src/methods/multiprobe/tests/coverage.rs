@@ -307,3 +307,28 @@ fn regress_asynchronous_and_total_values() {
     println!("total {} {expected_um}", value("EXC_total").value);
     assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
 }
+
+/// One mounting: axial motion and form of the face are inseparable, and nothing of EZC is reported.
+#[test]
+fn regress_multiprobe_alone_reports_four_motions() {
+    let layout = layout(1, TableSense::Clockwise);
+    let world = World::random(2, ORDERS, 2, 1e-7);
+    let size = ScanSize { samples: SAMPLES, revolutions: 3 };
+    let measured = world.revolutions(&layout, &layout.all_rows(), size, 1);
+    let separated = identified(&layout, &measured, &exact());
+    let outputs = &separated.identification.outputs;
+    assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));
+    assert!(outputs.curves.iter().all(|curve| curve.symbol != "EZC"));
+    assert_eq!(outputs.curves.len(), 6);
+    let lost = &separated.not_identifiable;
+    println!("{lost:?}");
+    assert!(
+        lost.contains(&"EZC harmonic 2".to_owned()) && lost.contains(&"R1 harmonic 1".to_owned())
+    );
+    assert_eq!(separated.gauge.len(), 1);
+    let all = outputs.all_parameters();
+    let of_x: Vec<f64> = all.filter(|o| o.symbol == "EXC_c2").map(|o| o.value).collect();
+    assert!((of_x[0] - world.x[1].a).abs() < 1e-6);
+    let none = HarmonicData::declared(layout.all_rows(), Vec::new(), 1.0, 24);
+    assert!(identify(&layout, &none, &exact(), None).is_err());
+}
