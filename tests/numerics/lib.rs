@@ -4,6 +4,7 @@
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
 mod ball_motions;
+mod ball_plate;
 mod five_axes;
 mod kinematics_g0;
 mod laser;

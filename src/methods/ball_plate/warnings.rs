@@ -15,32 +15,34 @@ const LOOSE: f64 = 5.0;
 pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.measured.observed.left_out.clone();
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(loose_balls(solved));
+    lines.extend(loose_ball(solved));
     lines.extend(identified.trials_warning());
     lines
 }
 
-/// Stability watch: the mean residual of each ball in each revolution.
-fn loose_balls(solved: &Solved<'_>) -> Vec<String> {
-    let (turns, positions) = (solved.design.stops.len(), solved.settings.positions);
-    let mut lines = Vec::new();
-    for (ball, of) in solved.plate.balls.balls.iter().enumerate() {
-        for revolution in 0..turns.div_ceil(positions) {
-            let Some((mean, u_mm)) = mean_residual(solved, ball, revolution) else { continue };
-            if mean.amax() > LOOSE * u_mm {
-                lines.push(format!(
-                    "ball {} stands {:.1} µm beside its mean place in revolution {} of {} (scatter of such a \
-                     mean: {:.1} µm): is it loose? Tighten it and measure again, or take it out of [artefact]",
-                    of.id,
-                    mean.norm() * 1e3,
-                    revolution + 1,
-                    turns.div_ceil(positions),
-                    u_mm * 1e3
-                ));
-            }
-        }
-    }
-    lines
+/// Stability watch: the largest mean residual of a ball in one revolution. Only that ball is named: its
+/// displacement leaves smaller residuals at all others.
+fn loose_ball(solved: &Solved<'_>) -> Option<String> {
+    let turns = solved.design.stops.len().div_ceil(solved.settings.positions);
+    let all = solved.plate.balls.balls.iter().enumerate();
+    let means = all.flat_map(|(ball, of)| {
+        let mean = move |revolution: usize| {
+            let (mean, u_mm) = mean_residual(solved, ball, revolution)?;
+            Some((of, revolution, mean.norm(), u_mm))
+        };
+        (0..turns).filter_map(mean)
+    });
+    let (ball, revolution, off_mm, u_mm) = means.max_by(|a, b| a.2.total_cmp(&b.2))?;
+    (off_mm > LOOSE * u_mm).then(|| {
+        format!(
+            "ball {} stands {:.1} µm beside its mean place in revolution {} of {turns} (scatter of such a \
+             mean: {:.1} µm): is it loose? Tighten it and measure again, or take it out of [artefact]",
+            ball.id,
+            off_mm * 1e3,
+            revolution + 1,
+            u_mm * 1e3
+        )
+    })
 }
 
 /// Table frame, mm, and the standard uncertainty of a coordinate of it.
