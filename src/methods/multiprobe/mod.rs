@@ -27,7 +27,7 @@ use self::harmonics::HarmonicData;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
 use self::sources::{SourceSizes, sources};
-use crate::identification::{Identification, TrialPlan};
+use crate::identification::{Identification, Outputs, TrialPlan};
 use crate::{IdentifyError, Refused};
 
 /// The identified error motions.
@@ -58,7 +58,9 @@ pub fn identify(
     }
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
-    let outputs = motions.outputs();
+    // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
+    let nonlinear = iso::nonlinear_outputs(&motions, &layout.components());
+    let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let lost = fit.harmonics.iter().flat_map(|harmonic| harmonic.lost.clone());
     let not_identifiable: Vec<String> =
         motions.not_identifiable().into_iter().chain(lost).collect();

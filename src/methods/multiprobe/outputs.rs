@@ -4,7 +4,6 @@ use faer::Mat;
 use machine::record::estimate::{FigureKind, Unit};
 
 use super::fit::{HarmonicFit, SeparationFit, is_identifiable};
-use super::iso;
 use super::model::{Component, ProbeLayout};
 use super::sources::{StageEccentricity, co_rotating_directions};
 use crate::identification::{Curve, Output, Outputs};
@@ -150,8 +149,8 @@ impl<'a> ReportedMotions<'a> {
         ]
     }
 
-    /// All outputs. The values by ISO 230-7 and the roundness have their uncertainty from trials.
-    pub fn outputs(&self) -> Outputs {
+    /// Coefficients, eccentricities and curves: what is linear in the unknowns.
+    pub fn linear_outputs(&self) -> Outputs {
         let components = self.layout.components();
         let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
         let motions = components.iter().filter(|c| !is_form(c));
@@ -164,7 +163,7 @@ impl<'a> ReportedMotions<'a> {
         Outputs {
             parameters,
             curves: curves.map(|component| self.curve(*component)).collect(),
-            nonlinear: Some(iso::nonlinear_outputs(self, &components)),
+            nonlinear: None,
         }
     }
 
