@@ -166,3 +166,39 @@ fn balls_at_equal_angles_are_refused_with_a_better_layout() {
     );
     assert!(refused.instead.contains("degrees from the first"), "{}", refused.instead);
 }
+
+fn refused(changes: &[(&str, Value)]) -> String {
+    let file = machine(1, changes);
+    let (method, header) = setup::header(&file, "ball-plate", None).unwrap();
+    let refused = methods::nominal(method.as_ref(), header).unwrap_err();
+    format!("{}; {}", refused.why, refused.instead)
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_before_motion() {
+    let integer = |path, value| (path, Value::Integer(value));
+    let cases = [
+        (vec![integer("method.ball-plate.sub_harmonics", 3)], "choose revolutions = 3"),
+        (vec![integer("method.ball-plate.harmonics", 20)], "more than twice as many"),
+        (vec![integer("method.ball-plate.revolutions", 3)], "need 1080 degrees"),
+        (vec![integer("method.ball-plate.positions", 24)], "multiples of 360°/24"),
+    ];
+    for (changes, expected) in cases {
+        let refused = refused(&changes);
+        assert!(refused.contains(expected), "{refused}");
+    }
+}
+
+#[test]
+fn a_plan_of_more_than_four_hours_asks_for_long() {
+    let changes = [
+        ("axes.C.max", Value::Float(720.0)),
+        ("method.ball-plate.revolutions", Value::Integer(2)),
+        ("method.ball-plate.touches", Value::Integer(15)),
+    ];
+    let refused = refused(&changes);
+    assert!(
+        refused.contains("hours of machine time") && refused.contains("long = true"),
+        "{refused}"
+    );
+}

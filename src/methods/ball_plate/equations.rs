@@ -18,6 +18,8 @@ pub struct Sighting {
     pub place: usize,
     /// Time over half the duration of the run, from its middle: −1 to 1.
     pub time: f64,
+    /// Number of interruptions before it.
+    pub segment: usize,
     /// X, Y, Z at which the stylus ball coincides with the ball, less those of the nominal machine for the ball's
     /// expected place, mm.
     pub deviation: Vector3<f64>,
@@ -49,6 +51,9 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
             let along = Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
             for order in 1..=layout.drift_order {
                 set(layout.drift(order, axis), along * sighting.time.powi(order as i32));
+            }
+            for interruption in 0..sighting.segment {
+                set(layout.step(interruption, axis), along);
             }
             // A linear axis that stands too far shows too little.
             set(layout.place(sighting.place, axis), -along);

@@ -45,8 +45,9 @@ pub fn identify(
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let plate = Plate::new(plan, settings)?;
-    let design = Design::new(plan, settings, &plate)?;
+    let mut design = Design::new(plan, settings, &plate)?;
     let measured = measured(plan, settings, &plate, &design, readings)?;
+    design.layout.interruptions = measured.sightings.iter().map(|s| s.segment).max().unwrap_or(0);
     let sources = sources(plan, &measured);
     let sigma = sigma(&sources, measured.sightings.len());
     let names = design.layout.names(plate.axis);

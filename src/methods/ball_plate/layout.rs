@@ -22,13 +22,15 @@ pub struct Stop {
 }
 
 /// Which unknowns there are. Order: error motions (component by component, function by function), reversal
-/// (a component each), drift (order by order, X, Y, Z), measuring positions (X, Y, Z each), balls (X, Y, Z
+/// (a component each), drift (order by order, X, Y, Z), steps at interruptions (X, Y, Z each), measuring positions (X, Y, Z each), balls (X, Y, Z
 /// each).
 #[derive(Debug, Clone)]
 pub struct Layout {
     pub basis: Basis,
     pub has_reversal: bool,
     pub drift_order: usize,
+    /// Interruptions of the run: the table may stand elsewhere after each.
+    pub interruptions: usize,
     /// Measuring positions.
     pub places: usize,
     /// Outward radial direction of each ball, table frame.
@@ -56,8 +58,13 @@ impl Layout {
         self.first_drift() + 3 * (order - 1) + axis
     }
 
+    /// Step of the table at an interruption, from 0 on.
+    pub fn step(&self, interruption: usize, axis: usize) -> usize {
+        self.first_drift() + 3 * (self.drift_order + interruption) + axis
+    }
+
     pub fn place(&self, place: usize, axis: usize) -> usize {
-        self.first_drift() + 3 * (self.drift_order + place) + axis
+        self.step(self.interruptions + place, axis)
     }
 
     pub fn ball(&self, ball: usize, axis: usize) -> usize {
@@ -80,6 +87,7 @@ impl Layout {
         }
         let along = |name: String| Axis::LINEAR.map(|axis| format!("{name} {axis}"));
         names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
+        names.extend((1..=self.interruptions).flat_map(|gap| along(format!("step {gap}"))));
         names.extend((1..=self.places).flat_map(|place| along(format!("place {place}"))));
         names.extend((1..=self.radial.len()).flat_map(|ball| along(format!("ball {ball}"))));
         names

@@ -1,5 +1,7 @@
 //! Readings to sightings.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 
 use super::design::Design;
@@ -54,7 +56,8 @@ pub fn measured(
     let times = || observed.centres.iter().map(|centre| centre.t_s);
     let (begin, end) = times().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
     let (middle, half) = ((begin + end) / 2.0, ((end - begin) / 2.0).max(f64::MIN_POSITIVE));
-    let sighting = |centre: &BallCentre| -> Result<Sighting, KinematicsError> {
+    let segments = segments(plan, &observed.centres);
+    let sighting = |(i, centre): (usize, &BallCentre)| -> Result<Sighting, KinematicsError> {
         let stop = centre.label.indexation as usize;
         let position =
             observed.places[centre.place].updated_by(&machine::Position::from_xyz(centre.xyz));
@@ -69,14 +72,24 @@ pub fn measured(
             ball: centre.ball,
             place: plate.place(centre.ball, number, settings.positions),
             time: (centre.t_s - middle) / half,
+            segment: segments.get(i).copied().unwrap_or(0),
             deviation: axes_from_table * (at_table(centre) - expected[centre.ball]),
             by_motion: std::array::from_fn(by),
             by_ball: axes_from_table,
         })
     };
-    let sightings = observed.centres.iter().map(sighting).collect::<Result<Vec<_>, _>>();
+    let sightings =
+        observed.centres.iter().enumerate().map(sighting).collect::<Result<Vec<_>, _>>();
     let sightings = sightings.map_err(Refused::from)?;
     Ok(Measured { observed, sightings, expected })
+}
+
+/// Of each measurement: how many interruptions, with measurements on either side, lie before it.
+fn segments(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
+    let gaps = |centre: &BallCentre| plan.gaps_s.iter().filter(|gap| centre.t_s > **gap).count();
+    let counts: Vec<usize> = centres.iter().map(gaps).collect();
+    let distinct: BTreeSet<usize> = counts.iter().copied().collect();
+    counts.iter().map(|count| distinct.range(..count).count()).collect()
 }
 
 fn never_measured(plate: &Plate<'_>, ball: usize) -> IdentifyError {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::basis::equal_angles;
 use super::layout::{COMPONENTS, DirectionAtBall};
 use super::solved::Solved;
-use crate::identification::{Curve, Output, Outputs};
+use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
@@ -15,9 +15,20 @@ use machine::record::estimate::{FigureKind, Unit};
 const CURVE_POINTS: usize = 72;
 
 pub fn outputs(solved: &Solved<'_>) -> Outputs {
-    let curves = COMPONENTS.iter().enumerate().map(|(k, component)| motion(solved, k, *component));
-    let curves = curves.chain(plate_curves(solved)).chain(linear_axis_curves(solved));
-    Outputs { parameters: parameters(solved), curves: curves.collect(), nonlinear: None }
+    let motions = COMPONENTS.iter().enumerate().map(|(k, component)| motion(solved, k, *component));
+    let motions: Vec<Curve> = motions.collect();
+    let range = |motion: &Curve| Range {
+        symbol: format!("{}_range", motion.symbol),
+        unit: motion.unit,
+        slopes: motion.slopes.clone(),
+    };
+    let ranges = motions.iter().map(range).collect();
+    let curves = motions.into_iter().chain(plate_curves(solved)).chain(linear_axis_curves(solved));
+    Outputs {
+        parameters: parameters(solved),
+        curves: curves.collect(),
+        nonlinear: Some(range_outputs(ranges, &solved.solution.x)),
+    }
 }
 
 fn unit(component: Axis) -> Unit {

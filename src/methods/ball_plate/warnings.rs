@@ -83,6 +83,12 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
         "mean radius, mean height and mean turn of the plate: as in the first measurement"
             .to_owned(),
     ];
+    if solved.design.layout.interruptions > 0 {
+        lines.push(format!(
+            "a step of X, Y and Z fitted at each of {} interruption(s)",
+            solved.design.layout.interruptions
+        ));
+    }
     if solved.settings.drift_order > 0 {
         lines.push(format!(
             "drift of X, Y and Z fitted (order {}) and removed; values hold at the middle of the run",

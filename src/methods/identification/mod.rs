@@ -12,6 +12,7 @@ mod estimate;
 mod model;
 mod outputs;
 mod propagation;
+mod range;
 mod source;
 mod trials;
 mod warnings;
@@ -25,6 +26,7 @@ pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
 pub use propagation::{Propagation, Uncertainty};
+pub use range::{Range, range, range_outputs};
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances,

@@ -1,49 +1,25 @@
 //! Values of error motions as ISO 230-7 names them: synchronous, fundamental, residual synchronous from
 //! the harmonics; total and asynchronous from the single revolutions.
 
-use faer::{Mat, MatRef};
+use std::f64::consts::TAU;
 
 use super::model::Component;
 use super::outputs::{ReportedMotions, unit};
-use crate::identification::{NonlinearOutputs, Output};
+use crate::identification::{NonlinearOutputs, Range, range_outputs};
 
 /// Angles at which the largest and the least value of a motion are sought.
 const ANGLES: usize = 360;
 
-/// Largest less least value of a linear function of the unknowns over one revolution.
-struct Range {
+/// The motion of these orders, at equal angles.
+fn range(
+    motions: &ReportedMotions<'_>,
     symbol: String,
     component: Component,
-    /// Angles × unknowns.
-    slopes: Mat<f64>,
-}
-
-impl Range {
-    fn new(
-        motions: &ReportedMotions<'_>,
-        symbol: String,
-        component: Component,
-        orders: &[usize],
-    ) -> Self {
-        let angle = |i: usize| i as f64 / ANGLES as f64 * std::f64::consts::TAU;
-        let rows: Vec<Vec<f64>> =
-            (0..ANGLES).map(|i| motions.slope_at(component, orders, angle(i))).collect();
-        let slopes = Mat::from_fn(ANGLES, rows[0].len(), |i, j| rows[i][j]);
-        Self { symbol, component, slopes }
-    }
-
-    /// One value a trial of `unknowns` (trials × unknowns).
-    fn values(&self, unknowns: MatRef<'_, f64>) -> Vec<f64> {
-        let curves = &self.slopes * unknowns.transpose();
-        (0..curves.ncols()).map(|trial| range(curves.col_as_slice(trial))).collect()
-    }
-}
-
-/// Largest less least value.
-pub fn range(values: &[f64]) -> f64 {
-    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-    largest - least
+    orders: &[usize],
+) -> Range {
+    let angle = |i: usize| i as f64 / ANGLES as f64 * TAU;
+    let slopes = (0..ANGLES).map(|i| motions.slope_at(component, orders, angle(i))).collect();
+    Range { symbol, unit: unit(component), slopes }
 }
 
 /// Synchronous error motion values in the fixed sensitive direction of each motion, fundamental (axial
@@ -61,7 +37,7 @@ pub fn nonlinear_outputs(
         let symbol = component.symbol();
         let mut add = |symbol: String, orders: &[usize]| {
             if !orders.is_empty() {
-                ranges.push(Range::new(motions, symbol, *component, orders));
+                ranges.push(range(motions, symbol, *component, orders));
             }
         };
         match component {
@@ -73,17 +49,5 @@ pub fn nonlinear_outputs(
             add(format!("{symbol}_residual_synchronous"), &higher);
         }
     }
-    let solution = motions.solution();
-    let output = |range: &Range| Output {
-        symbol: range.symbol.clone(),
-        unit: unit(range.component),
-        value: range.values(solution.as_ref())[0],
-        slope: None,
-    };
-    let outputs: Vec<Output> = ranges.iter().map(output).collect();
-    let values = move |unknowns: MatRef<'_, f64>| {
-        let columns: Vec<Vec<f64>> = ranges.iter().map(|range| range.values(unknowns)).collect();
-        Mat::from_fn(unknowns.nrows(), columns.len(), |trial, j| columns[j][trial])
-    };
-    NonlinearOutputs { outputs, values: Box::new(values) }
+    range_outputs(ranges, motions.solution())
 }

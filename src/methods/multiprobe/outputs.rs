@@ -1,6 +1,5 @@
 //! Reported quantities: coefficients and curves of the error motions, eccentricity, roundness.
 
-use faer::Mat;
 use machine::record::estimate::{FigureKind, Unit};
 
 use super::fit::{HarmonicFit, SeparationFit, is_identifiable};
@@ -167,8 +166,8 @@ impl<'a> ReportedMotions<'a> {
         }
     }
 
-    pub fn solution(&self) -> Mat<f64> {
-        Mat::from_fn(1, self.fit.x.len(), |_, j| self.fit.x[j])
+    pub fn solution(&self) -> &[f64] {
+        &self.fit.x
     }
 }
 

@@ -7,10 +7,9 @@ use faer::Mat;
 use machine::record::estimate::Parameter;
 
 use super::harmonics::RowRevolutions;
-use super::iso::range;
 use super::model::{Component, ProbeLayout, Row};
 use super::outputs::{ReportedMotions, unit};
-use crate::identification::reported_parameter;
+use crate::identification::{range, reported_parameter};
 
 /// Total and asynchronous value of each error motion, mean over the indexes with the standard uncertainty
 /// of that mean (type A; NaN for one index). Both contain the noise of the sensors. A motion that the

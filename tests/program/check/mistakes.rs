@@ -124,7 +124,7 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "the hold has no effect",
     ),
-    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "or unlock it ($X)"),
+    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "unlock it ($X) and home it"),
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "close the door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "a move is held"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),

@@ -4,6 +4,7 @@ use std::process::Output;
 
 use serde_json::Value;
 
+mod ball_plate;
 mod captures;
 mod faults;
 mod firmware;
@@ -60,6 +61,7 @@ pub fn trials() -> Trials {
         stops::regress_sigint_holds_and_keeps,
         wires::regress_memory_pty_and_another_process_give_the_same_bytes,
         samba::a_run_over_balls_survives_kills_and_stops,
+        ball_plate::a_run_that_is_killed_and_stopped_goes_on,
     ]
     .and(trials![Pool::Waiting, 0;
         stops::regress_a_stop_is_heard_while_the_identification_computes,

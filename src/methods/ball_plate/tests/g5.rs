@@ -14,7 +14,7 @@ use crate::identification::multiply;
 use estimation::random::stream;
 
 const ARCSECOND: f64 = TAU / (360.0 * 3600.0);
-const ORDER: usize = 8;
+pub const ORDER: usize = 8;
 /// Sections 3.1 and 4.1 of the paper, mm: radius of the circle, and 0.5·(E_L,MPE − R_0,MPL).
 const RADIUS_MM: f64 = 200.0;
 const SYSTEMATIC_MM: f64 = 0.5 * (1.8 + 200.0 / 500.0 - 0.6) * 1e-3;
@@ -25,13 +25,13 @@ const TILT: [f64; 2] = [1.023 * ARCSECOND, 6.460 * ARCSECOND];
 /// Sizes of the harmonics 1 to 8 of each motion, mm or rad.
 const SIZES: [f64; 6] = [0.1e-3, 0.1e-3, 0.1e-3, 0.1 * ARCSECOND, 0.1 * ARCSECOND, 0.1 * ARCSECOND];
 
-fn setting() -> Setting {
+pub fn setting() -> Setting {
     let steps = (0..12).map(|ball| ball * 4).collect();
     Setting { positions: 48, revolutions: 3, radius_mm: RADIUS_MM, steps }
 }
 
 /// What is true in one draw.
-struct Truth {
+pub struct Truth {
     /// Cosine and sine of each order of each motion; the co-rotating first order is left out.
     harmonics: [Vec<[f64; 2]>; 6],
     places: Vec<Vector3<f64>>,
@@ -39,7 +39,7 @@ struct Truth {
 }
 
 impl Truth {
-    fn draw(seed: u64, setting: &Setting) -> Self {
+    pub fn draw(seed: u64, setting: &Setting) -> Self {
         let mut random = stream(seed, &[1]);
         let normal = Normal::new(0.0, 1.0).unwrap();
         let mut harmonics = SIZES.map(|size| -> Vec<[f64; 2]> {
@@ -90,7 +90,7 @@ impl Truth {
 }
 
 /// 3σ = 0.3 µm, and ± 0.15 µm evenly.
-fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
+pub fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
     let mut random = stream(seed, &[2]);
     let normal = Normal::new(0.0, 0.1e-3).unwrap();
     move || {
@@ -98,7 +98,7 @@ fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
     }
 }
 
-fn measured(
+pub fn measured(
     setting: &Setting,
     truth: &Truth,
     mut noise: impl FnMut() -> Vector3<f64>,
@@ -110,7 +110,7 @@ fn measured(
 }
 
 /// Largest error of each motion over the positions, mm or rad.
-fn errors(setting: &Setting, truth: &Truth, basis: &Basis, x: &[f64]) -> [f64; 6] {
+pub fn errors(setting: &Setting, truth: &Truth, basis: &Basis, x: &[f64]) -> [f64; 6] {
     let stops = setting.stops();
     let turn = stops.iter().take(setting.positions);
     let at = turn.map(|stop| (stop.angle, basis.values(stop.angle, 0)));
@@ -130,6 +130,12 @@ fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
     [0.5, 0.95].map(|share| values[(share * (values.len() - 1) as f64) as usize])
 }
 
+/// All visits but a share of them, the same for every seed.
+pub fn kept_visits(sightings: Vec<Sighting>, missing: f64) -> Vec<Sighting> {
+    let mut random = stream(1, &[3]);
+    sightings.into_iter().filter(|_| random.random::<f64>() >= missing).collect()
+}
+
 /// The balls' circle of equal angles: the mean of its balls is its centre.
 fn eccentricity_error_mm(layout: &Layout, truth: &Truth, x: &[f64]) -> f64 {
     let balls = truth.balls.len();
@@ -146,19 +152,13 @@ fn population(seeds: u64, missing: f64) -> [[f64; 2]; 3] {
     let setting = setting();
     let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
     let (layout, stops) = (setting.layout(basis.clone()), setting.stops());
-    let mut random = stream(1, &[3]);
-    let keep: Vec<bool> =
-        (0..stops.len() * setting.steps.len()).map(|_| random.random::<f64>() >= missing).collect();
-    let kept = |sightings: Vec<Sighting>| -> Vec<Sighting> {
-        sightings.into_iter().zip(&keep).filter(|(_, keep)| **keep).map(|(s, _)| s).collect()
-    };
-    let design = kept(setting.sightings(|_, _, _| Some(Vector3::zeros())));
+    let design = kept_visits(setting.sightings(|_, _, _| Some(Vector3::zeros())), missing);
     let sigma = vec![1.0; 3 * design.len()];
     let (_, solution) = solve(&layout, &stops, &design, &sigma).unwrap();
     let (mut translations, mut angles, mut centres) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 0..seeds {
         let truth = Truth::draw(seed, &setting);
-        let sightings = kept(measured(&setting, &truth, scatter(seed)));
+        let sightings = kept_visits(measured(&setting, &truth, scatter(seed)), missing);
         let y: Vec<f64> = sightings.iter().flat_map(|s| s.deviation.iter().copied()).collect();
         let x = multiply(&solution.gain, &y);
         centres.push(eccentricity_error_mm(&layout, &truth, &x) * 1e3);

@@ -2,6 +2,7 @@
 //!
 //! The measurements come from rotation matrices written here, not from the equations that are tested.
 
+mod four_step;
 mod g5;
 mod nullities;
 
@@ -38,6 +39,7 @@ impl Setting {
             basis,
             has_reversal: false,
             drift_order: 0,
+            interruptions: 0,
             places: self.positions,
             radial: self.radial(),
             turn: 1.0,
@@ -60,6 +62,7 @@ impl Setting {
                     ball,
                     place,
                     time: 0.0,
+                    segment: 0,
                     deviation,
                     by_motion: rigid_motion(turned * radial * self.radius_mm),
                     by_ball: *turned.matrix(),

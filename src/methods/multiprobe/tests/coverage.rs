@@ -241,7 +241,7 @@ fn regress_an_undeclared_stage_gives_eccentricity() {
     let exy =
         |q: f64| sum(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin();
     let values: Vec<f64> = (0..360).map(|i| exy(f64::from(i) * TAU / 360.0)).collect();
-    let range = super::super::iso::range(&values);
+    let range = crate::identification::range(&values);
     assert!((value("EZC_synchronous").unwrap() - range).abs() < 1e-6);
     let amplitude = world.z[0].a.hypot(world.z[0].b);
     assert!((value("EZC_fundamental").unwrap() - 2.0 * amplitude).abs() < 1e-6);
@@ -303,7 +303,7 @@ fn regress_asynchronous_and_total_values() {
     let angles = || (0..SAMPLES).map(|i| i as f64 * TAU / SAMPLES as f64);
     let moved = angles().step_by(3).flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum(&world.x, q) + by));
     let all: Vec<f64> = angles().map(|q| sum(&world.x, q)).chain(moved).collect();
-    let expected_um = super::super::iso::range(&all) * 1e3;
+    let expected_um = crate::identification::range(&all) * 1e3;
     println!("total {} {expected_um}", value("EXC_total").value);
     assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
 }

@@ -1,0 +1,47 @@
+//! Largest less smallest value of a function whose points are linear in the unknowns: a total error motion.
+
+use faer::{Mat, MatRef};
+use machine::record::estimate::Unit;
+
+use super::outputs::{NonlinearOutputs, Output};
+
+pub struct Range {
+    pub symbol: String,
+    /// In which the estimate reports it.
+    pub unit: Unit,
+    /// Points × unknowns: derivative of each point by each unknown, internal units.
+    pub slopes: Vec<Vec<f64>>,
+}
+
+/// Largest less smallest value; −∞ of none.
+pub fn range(values: &[f64]) -> f64 {
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);
+    largest - smallest
+}
+
+/// The ranges at the solution `x`. Their uncertainty comes from the trials.
+pub fn range_outputs(ranges: Vec<Range>, x: &[f64]) -> NonlinearOutputs {
+    let matrix =
+        |range: &Range| Mat::from_fn(range.slopes.len(), x.len(), |i, j| range.slopes[i][j]);
+    let slopes: Vec<Mat<f64>> = ranges.iter().map(matrix).collect();
+    let solution = Mat::from_fn(1, x.len(), |_, j| x[j]);
+    let outputs = ranges.into_iter().zip(&slopes).map(|(range, slopes)| Output {
+        symbol: range.symbol,
+        unit: range.unit,
+        value: of_trials(slopes, solution.as_ref())[0],
+        slope: None,
+    });
+    let outputs = outputs.collect();
+    let values = move |trials: MatRef<'_, f64>| {
+        let columns: Vec<Vec<f64>> = slopes.iter().map(|s| of_trials(s, trials)).collect();
+        Mat::from_fn(trials.nrows(), columns.len(), |trial, j| columns[j][trial])
+    };
+    NonlinearOutputs { outputs, values: Box::new(values) }
+}
+
+/// One range a trial; `trials`: trials × unknowns.
+fn of_trials(slopes: &Mat<f64>, trials: MatRef<'_, f64>) -> Vec<f64> {
+    let points = slopes * trials.transpose();
+    (0..points.ncols()).map(|trial| range(points.col_as_slice(trial))).collect()
+}

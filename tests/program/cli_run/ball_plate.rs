@@ -1,0 +1,43 @@
+//! A run of `ball-plate` that is killed and stopped goes on to error motions that hold the truth.
+
+use super::resume::{ended, found, resume, resume_command};
+use super::{MachineShop, changed, estimate, stderr, tells, with_control};
+use crate::support::grbl_control::GrblControl;
+
+/// Error motions of `config/ball-plate.toml`, µm and µrad.
+const TRUTH: [(&str, f64); 5] =
+    [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
+
+/// One revolution, of fewer harmonics than the built-in machine has.
+fn machine() -> String {
+    let file = include_str!("../../../config/ball-plate.toml");
+    let short = [
+        ("both_directions = true", "both_directions = false\nmonte_carlo_trials = 100"),
+        ("drift_um_per_h = 5.0", "drift_um_per_h = 0.5"),
+    ];
+    changed(file, &short)
+}
+
+/// µm and µrad: a step at an interruption is fitted, and costs little.
+const MAX_EXPANDED: f64 = 3.0;
+
+pub fn a_run_that_is_killed_and_stopped_goes_on() {
+    let bench = GrblControl::start(&machine());
+    let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
+    let shop = MachineShop::new(&with_control(&machine(), &control));
+    let run = shop.command(&["run", "ball-plate", "--json", "--machine", &shop.machine()]);
+    // The search has 30 touches, the reference 5, each stop 30.
+    ended(&bench, run, "N210 G38.3", "KILL");
+    let (held, _) = ended(&bench, resume_command(&shop), "N700 G38.3", "INT");
+    assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
+    tells(&held, &["held on request", " resume 1` goes on from here"]);
+    let estimate = estimate(&resume(&shop));
+    for (symbol, truth) in TRUTH {
+        let (value, expanded) = found(&estimate, symbol);
+        println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
+        // One draw of five: within three standard uncertainties.
+        assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
+        assert!(expanded < MAX_EXPANDED, "{symbol} {value} ± {expanded}");
+    }
+    assert_eq!(shop.states(), ["finished"]);
+}
