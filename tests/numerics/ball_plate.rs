@@ -126,6 +126,34 @@ fn u_is_true_on_a_poor_machine_with_a_twentieth_of_the_visits_missing() {
     covers("poor, 5 % missing", &changes, 0.05);
 }
 
+/// A value for each stop, in place of harmonics.
+#[test]
+fn values_at_the_stops_hold_the_truth() {
+    let changes = [("method.ball-plate.values", Value::Boolean(true))];
+    let file = machine(1, &changes);
+    let estimate = estimate(&file, 1, 0.0);
+    let share = covered(&file, &estimate);
+    println!("{share:.3} of the values within U");
+    assert!(share > 0.9, "{share}");
+}
+
+#[test]
+fn sub_harmonics_are_drawn_over_all_revolutions() {
+    let changes = [
+        ("axes.C.max", Value::Float(720.0)),
+        ("method.ball-plate.revolutions", Value::Integer(2)),
+        ("method.ball-plate.sub_harmonics", Value::Integer(2)),
+        ("method.ball-plate.both_directions", Value::Boolean(false)),
+    ];
+    let file = machine(1, &changes);
+    let estimate = estimate(&file, 1, 0.0);
+    let curve = estimate.functions.iter().find(|function| function.symbol == "EXC").unwrap();
+    assert_eq!(curve.x.last(), Some(&720.0));
+    let half = estimate.parameters.iter().find(|parameter| parameter.symbol == "EXC_c1/2").unwrap();
+    assert!(half.value.abs() < 1.5 * half.expanded, "{half:?}");
+    assert!(covered(&file, &estimate) > 0.9);
+}
+
 /// 20 µm between the first revolution and the second.
 #[test]
 fn a_ball_that_comes_loose_is_named() {

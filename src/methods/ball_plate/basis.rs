@@ -20,6 +20,10 @@ impl Basis {
         }
     }
 
+    pub fn has_sub_harmonics(&self) -> bool {
+        matches!(self, Self::Fourier { sub_order, .. } if *sub_order > 1)
+    }
+
     /// Values of the functions at the commanded `angle`, rad, of the stop `stop`.
     pub fn values(&self, angle: f64, stop: usize) -> Vec<f64> {
         match self {

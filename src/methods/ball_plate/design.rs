@@ -40,7 +40,8 @@ impl Design {
         let layout = Layout {
             basis: basis(settings, stops.len()),
             has_reversal: settings.both_directions && !settings.values,
-            drift_order: settings.drift_order,
+            // The values of a stop take the drift up to that stop.
+            drift_order: if settings.values { 0 } else { settings.drift_order },
             interruptions: 0,
             places: settings.positions,
             radial: plate.radial.clone(),

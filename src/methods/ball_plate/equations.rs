@@ -52,7 +52,7 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
             for order in 1..=layout.drift_order {
                 set(layout.drift(order, axis), along * sighting.time.powi(order as i32));
             }
-            for interruption in 0..sighting.segment {
+            for interruption in 0..sighting.segment.min(layout.interruptions) {
                 set(layout.step(interruption, axis), along);
             }
             // A linear axis that stands too far shows too little.

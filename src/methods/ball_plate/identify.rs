@@ -47,7 +47,8 @@ pub fn identify(
     let plate = Plate::new(plan, settings)?;
     let mut design = Design::new(plan, settings, &plate)?;
     let measured = measured(plan, settings, &plate, &design, readings)?;
-    design.layout.interruptions = measured.sightings.iter().map(|s| s.segment).max().unwrap_or(0);
+    let interruptions = measured.sightings.iter().map(|sighting| sighting.segment).max();
+    design.layout.interruptions = interruptions.filter(|_| !settings.values).unwrap_or(0);
     let sources = sources(plan, &measured);
     let sigma = sigma(&sources, measured.sightings.len());
     let names = design.layout.names(plate.axis);

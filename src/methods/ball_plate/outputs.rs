@@ -11,7 +11,7 @@ use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
-/// Points of a curve over one revolution.
+/// Points of a curve in one revolution.
 const CURVE_POINTS: usize = 72;
 
 pub fn outputs(solved: &Solved<'_>) -> Outputs {
@@ -113,7 +113,13 @@ fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
     };
     let angles: Vec<f64> = match solved.settings.values {
         true => solved.design.stops.iter().map(|stop| stop.angle).collect(),
-        false => equal_angles(CURVE_POINTS).chain([TAU]).collect(),
+        false => {
+            // A sub-harmonic repeats after several revolutions.
+            let turns =
+                if layout.basis.has_sub_harmonics() { solved.settings.revolutions } else { 1 };
+            let points = 0..=CURVE_POINTS * turns;
+            points.map(|i| TAU * i as f64 / CURVE_POINTS as f64).collect()
+        }
     };
     let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
     curve(

@@ -19,7 +19,8 @@ pub struct Settings {
     pub harmonics: usize,
     /// Sub-harmonics θ/2 to θ/n of bearings and drives that repeat after n revolutions; 0: none.
     pub sub_harmonics: usize,
-    /// Whether each error motion gets a value of its own at each stop, in place of harmonics.
+    /// Whether each error motion gets a value of its own at each stop, in place of harmonics. Drift and reversal
+    /// are then not fitted: they are part of the values, and drift stands in their U.
     pub values: bool,
     /// Order of the polynomial in time that takes the drift of X, Y and Z; 0: none is fitted.
     pub drift_order: usize,

@@ -73,7 +73,7 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
     let point = plate.point;
     let mut lines = vec![
         format!(
-            "error motions have the mean zero over a revolution; E0 of {axis} stands in the measuring positions"
+            "the mean of each error motion is zero; the location of {axis} is part of DX, DY and DZ"
         ),
         format!(
             "the co-rotating first harmonic of EX{axis} and EY{axis} is the eccentricity of the plate (e_x, e_y), \
@@ -89,10 +89,10 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
             solved.design.layout.interruptions
         ));
     }
-    if solved.settings.drift_order > 0 {
+    if solved.design.layout.drift_order > 0 {
         lines.push(format!(
             "drift of X, Y and Z fitted (order {}) and removed; values hold at the middle of the run",
-            solved.settings.drift_order
+            solved.design.layout.drift_order
         ));
     }
     lines

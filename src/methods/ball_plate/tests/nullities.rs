@@ -1,5 +1,7 @@
 //! What one revolution of M = 48 positions cannot tell (METHODS section 5).
 
+use estimation::linear::RANK_THRESHOLD;
+use faer::Mat;
 use nalgebra::Vector3;
 
 use super::Setting;
@@ -49,4 +51,23 @@ fn staggered_balls_lose_the_gauge_alone() {
 fn the_gauge_takes_what_is_lost_and_no_more() {
     assert_eq!(surveyed(staggered(6, POSITIONS), true).0, 0);
     assert_eq!(surveyed(even(12), true).0, 31 - 13);
+}
+
+/// METHODS section 5: condition (unscaled) of Eq. (2) with a constant, over three revolutions.
+#[test]
+fn sub_harmonics_need_as_many_revolutions() {
+    let setting = Setting { positions: POSITIONS, revolutions: 3, radius_mm: 1.0, steps: even(12) };
+    let condition = |sub_order: usize| {
+        let basis = Basis::Fourier { order: 8, sub_order };
+        let rows: Vec<Vec<f64>> = setting
+            .stops()
+            .iter()
+            .map(|stop| [vec![1.0], basis.values(stop.angle, 0)].concat())
+            .collect();
+        let a = Mat::from_fn(rows.len(), basis.len() + 1, |i, j| rows[i][j]);
+        estimation::linear::survey(a.as_ref(), None, RANK_THRESHOLD).unwrap().condition_unscaled
+    };
+    let (enough, too_many) = (condition(3), condition(4));
+    println!("condition {enough:.2} up to θ/3, {too_many:.1} up to θ/4");
+    assert!((enough - 3.6).abs() < 0.05 && (too_many - 175.0).abs() < 0.5, "{enough} {too_many}");
 }
