@@ -40,6 +40,7 @@ impl Asking {
             normal: [0.0; 3],
             scan: None,
             text: Some(text.clone()),
+            mount: None,
         })
     }
 

@@ -108,6 +108,7 @@ impl Access {
                     normal: contact.normal.into(),
                     scan: None,
                     text: None,
+                    mount: None,
                 })
             })
             .collect()

@@ -51,6 +51,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
         normal: [phi.cos(), phi.sin(), 0.0],
         scan: None,
         text: None,
+        mount: None,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::number;
 use super::rows::Rows;
-use machine::record::artefact::{Artefact, Balls, Cylinder};
+use machine::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder, Section};
 use machine::record::plan::{Plan, StepKind};
 use machine::record::sensor::Sensor;
 
@@ -64,7 +64,16 @@ fn artefact(artefact: &Artefact) -> String {
             vector(*centre_mm)
         ),
         Artefact::Balls(artefact) => balls(artefact),
+        Artefact::DatumCylinder(artefact) => datum_cylinder(artefact),
     }
+}
+
+fn datum_cylinder(artefact: &DatumCylinder) -> String {
+    let section =
+        |section: &Section| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
+    let mut sections: Vec<String> = artefact.sections.iter().map(section).collect();
+    sections.extend(artefact.face.iter().map(|face| format!("face at {} mm", face.z_mm)));
+    format!("datum cylinder, foot {}; {}", vector(artefact.centre_mm), sections.join(", "))
 }
 
 fn balls(Balls { balls, lengths, .. }: &Balls) -> String {

@@ -76,6 +76,7 @@ impl Method for Turning {
                 from: Position::new(),
                 to: Position::new(),
                 text: Some("turn the part".to_owned()),
+                mount: None,
                 ..last
             };
             let place = if self.late { stage.steps.len() } else { 0 };

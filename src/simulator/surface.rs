@@ -28,6 +28,7 @@ impl Surface {
                 truth.of_balls(balls)?;
                 Balls::new(balls, truth).map(Self::Balls)
             }
+            Artefact::DatumCylinder(_) => Err(WorldError::Artefact),
         }
     }
 

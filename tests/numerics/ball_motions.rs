@@ -57,7 +57,7 @@ const BALLS: [[f64; 3]; 6] = [
 fn balls(plan: &Plan) -> &Balls {
     match &plan.artefact {
         Artefact::Balls(balls) => balls,
-        Artefact::Cylinder(_) => panic!("balls"),
+        _ => panic!("balls"),
     }
 }
 

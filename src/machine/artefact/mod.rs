@@ -7,12 +7,13 @@ mod part;
 pub use check::{Entry, Flaw, check};
 pub use part::{Part, Shape, parts};
 
-use crate::record::artefact::{Artefact, Balls, Cylinder};
+use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};
 
 /// How far the true artefact may stand from the stated one, mm.
 pub fn uncertainty_mm(artefact: &Artefact) -> f64 {
     match artefact {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })
-        | Artefact::Balls(Balls { uncertainty_mm, .. }) => *uncertainty_mm,
+        | Artefact::Balls(Balls { uncertainty_mm, .. })
+        | Artefact::DatumCylinder(DatumCylinder { uncertainty_mm, .. }) => *uncertainty_mm,
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::frame::unit_vector;
-use crate::record::artefact::{Artefact, Ball, Balls, Cylinder};
+use crate::record::artefact::{Artefact, Ball, Balls, Cylinder, DatumCylinder};
 
 /// One body of an artefact.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +51,7 @@ pub fn parts(artefact: &Artefact) -> Vec<Part> {
         Artefact::Balls(Balls { balls, .. }) => {
             balls.iter().map(ball).chain(balls.iter().filter_map(stem)).collect()
         }
+        Artefact::DatumCylinder(cylinder) => vec![datum(cylinder)],
     }
 }
 
@@ -59,6 +60,17 @@ fn round(cylinder: &Cylinder) -> Part {
     let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
     let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
     Part { name: "artefact".to_owned(), shape: Shape::Cylinder { from, to, radius }, touched: true }
+}
+
+/// One cylinder about all sections and the face.
+fn datum(cylinder: &DatumCylinder) -> Part {
+    let foot = Vector3::from(cylinder.centre_mm);
+    let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
+    let sections = || cylinder.sections.iter().chain(&cylinder.face);
+    let height = sections().map(|section| section.z_mm).fold(0.0, f64::max);
+    let radius = sections().map(|section| section.radius_mm).fold(0.0, f64::max);
+    let shape = Shape::Cylinder { from: foot, to: foot + axis * height, radius };
+    Part { name: "artefact".to_owned(), shape, touched: false }
 }
 
 fn ball(ball: &Ball) -> Part {

@@ -4,10 +4,37 @@
 use serde::{Deserialize, Serialize};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase")]
+#[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Artefact {
     Cylinder(Cylinder),
     Balls(Balls),
+    DatumCylinder(DatumCylinder),
+}
+
+/// A cylinder that displacement sensors look at: radially at its sections, axially at its face. Nothing
+/// touches it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DatumCylinder {
+    /// Foot of its axis.
+    pub centre_mm: [f64; 3],
+    pub axis: [f64; 3],
+    pub sections: Vec<Section>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub face: Option<Section>,
+    /// How far the true centre may lie from the stated one.
+    #[serde(default = "default_uncertainty")]
+    pub uncertainty_mm: f64,
+}
+
+/// A cross section of a datum cylinder, or its face.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Section {
+    /// From the foot along the axis.
+    pub z_mm: f64,
+    /// Of the cylinder there; of the face: how far it reaches from the axis.
+    pub radius_mm: f64,
 }
 
 /// A round part: foot of its axis, direction, radius, height of the touchable flank.

@@ -23,7 +23,7 @@ pub struct Plan {
     pub settings: serde_json::Value,
     pub machine: Machine,
     pub probe: Probe,
-    /// What sits in the spindle in place of the probe, if anything does.
+    /// What measures besides the probe, or in its place.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensors: Vec<Sensor>,
     #[serde(default)]
@@ -76,6 +76,16 @@ pub struct Step {
     /// What a prompt asks a person to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
+    /// Of a prompt: how the artefact is mounted from here on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<ArtefactMount>,
+}
+
+/// How the artefact is mounted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ArtefactMount {
+    /// Against its first mounting, counter-clockwise seen from the tip of its axis.
+    pub turn_deg: f64,
 }
 
 impl Step {

@@ -1,5 +1,5 @@
-//! A sensor that measures a distance without touching: how it sits in the spindle, and what is
-//! declared about it. How it is reached is `sensors/`'s matter.
+//! A sensor that measures a distance without touching: where it is mounted, and what is declared about
+//! it. How it is reached is `sensors/`'s matter.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,13 +11,34 @@ pub enum SensorKind {
     Displacement,
 }
 
-/// One sensor as mounted, spindle at S = 0.
+/// What carries a sensor, and with it the frame of its zero point and direction.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mount {
+    /// From the spindle datum, spindle at S = 0.
+    #[default]
+    Spindle,
+    /// Table frame: the machine frame when all axes stand at zero.
+    Table,
+    /// Machine frame.
+    Bed,
+}
+
+impl Mount {
+    pub fn is_spindle(&self) -> bool {
+        *self == Self::Spindle
+    }
+}
+
+/// One sensor as mounted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sensor {
     pub name: String,
     #[serde(default)]
     pub kind: SensorKind,
-    /// Its zero point, from the spindle datum: nominal, it is found by measurement.
+    #[serde(default, skip_serializing_if = "Mount::is_spindle")]
+    pub mount: Mount,
+    /// Its zero point in the frame of its mount: nominal, it is found by measurement.
     pub zero_mm: [f64; 3],
     /// Unit vector along which its reading grows, away from it: nominal as well. The reading is the
     /// distance from the zero point to the surface along it.

@@ -152,7 +152,9 @@ fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
 pub fn stated_balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
     match &plan.artefact {
         Artefact::Balls(balls) => Ok(balls),
-        Artefact::Cylinder(_) => Err(refused("the artefact has no balls".into())),
+        Artefact::Cylinder(_) | Artefact::DatumCylinder(_) => {
+            Err(refused("the artefact has no balls".into()))
+        }
     }
 }
 

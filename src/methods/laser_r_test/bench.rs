@@ -9,7 +9,7 @@ use machine::frame::unit_vector;
 use machine::kinematics::Chain;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
-use machine::record::sensor::{Sensor, SensorKind};
+use machine::record::sensor::{Mount, Sensor, SensorKind};
 use machine::{Axis, Position};
 
 const TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
@@ -179,6 +179,7 @@ fn stylus(plan: &Plan) -> Sensor {
     Sensor {
         name: "probe".to_owned(),
         kind: SensorKind::Displacement,
+        mount: Mount::Spindle,
         zero_mm: plan.machine.tool_mm,
         direction: [0.0, 0.0, -1.0],
         range_mm: [-1.0, 1.0],

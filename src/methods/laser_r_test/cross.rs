@@ -69,6 +69,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
         normal: (-beam).into(),
         scan: Some(Scan { path, sampling }),
         text: None,
+        mount: None,
     })
 }
 

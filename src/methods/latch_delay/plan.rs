@@ -48,6 +48,10 @@ impl Place {
         match &plan.artefact {
             Artefact::Cylinder(part) => on_flank(plan, settings, part, within_mm),
             Artefact::Balls(balls) => on_ball(plan, settings, balls, within_mm),
+            Artefact::DatumCylinder(_) => Err(Refused {
+                why: "this method touches the artefact; a datum cylinder is not touched".to_owned(),
+                instead: "describe the part with kind = \"cylinder\"".to_owned(),
+            }),
         }
     }
 
@@ -64,6 +68,7 @@ impl Place {
             normal: self.normal,
             scan: None,
             text: None,
+            mount: None,
         }
     }
 

@@ -237,6 +237,7 @@ impl<'a> Planner<'a> {
             normal: normal.into(),
             scan: None,
             text: None,
+            mount: None,
         })
     }
 
@@ -268,8 +269,8 @@ impl<'a> Planner<'a> {
 fn cylinder(artefact: &Artefact) -> Result<&Cylinder, Refused> {
     match artefact {
         Artefact::Cylinder(cylinder) => Ok(cylinder),
-        Artefact::Balls(_) => Err(Refused {
-            why: "this method touches a round part; [artefact] states balls".to_owned(),
+        Artefact::Balls(_) | Artefact::DatumCylinder(_) => Err(Refused {
+            why: "this method touches a round part; [artefact] states another kind".to_owned(),
             instead: "describe the part with kind = \"cylinder\"".to_owned(),
         }),
     }

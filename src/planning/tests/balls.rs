@@ -49,7 +49,7 @@ fn indexed(b: f64, c: f64) -> Position {
 fn first(plan: &Plan) -> Ball {
     match &plan.artefact {
         Artefact::Balls(balls) => balls.balls[0].clone(),
-        Artefact::Cylinder(_) => unreachable!(),
+        _ => unreachable!(),
     }
 }
 

@@ -36,9 +36,10 @@ pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, Machine
     match kind.as_str() {
         "cylinder" => fields(document, &["kind"]).map(Artefact::Cylinder),
         "balls" => balls(document, beside).map(Artefact::Balls),
+        "datum_cylinder" => fields(document, &["kind"]).map(Artefact::DatumCylinder),
         _ => {
             let key = ["artefact", "kind"];
-            let why = format!("is `{kind}`; known: cylinder, balls");
+            let why = format!("is `{kind}`; known: cylinder, balls, datum_cylinder");
             Err(document.error_at(&key, value_problem(&key, why)))
         }
     }

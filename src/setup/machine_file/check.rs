@@ -4,7 +4,7 @@
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use machine::Axis;
-use machine::record::artefact::{Artefact, Cylinder};
+use machine::record::artefact::{Artefact, Cylinder, DatumCylinder};
 use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Probe, Solid};
 
 type Checked = Result<(), MachineFileError>;
@@ -50,14 +50,27 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
 
 pub fn artefact(document: &Document, artefact: &Artefact) -> Checked {
     let check = Check(document);
-    let Artefact::Cylinder(Cylinder { axis, radius_mm, height_mm, uncertainty_mm, .. }) = artefact
-    else {
-        return Ok(());
+    let has_direction = |axis: &[f64; 3]| {
+        check.that(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")
     };
-    check.that(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")?;
-    check.positive(&["artefact", "radius_mm"], *radius_mm)?;
-    check.positive(&["artefact", "height_mm"], *height_mm)?;
-    check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+    match artefact {
+        Artefact::Cylinder(Cylinder { axis, radius_mm, height_mm, uncertainty_mm, .. }) => {
+            has_direction(axis)?;
+            check.positive(&["artefact", "radius_mm"], *radius_mm)?;
+            check.positive(&["artefact", "height_mm"], *height_mm)?;
+            check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+        }
+        Artefact::DatumCylinder(DatumCylinder { axis, sections, face, uncertainty_mm, .. }) => {
+            has_direction(axis)?;
+            check.that(!sections.is_empty(), &["artefact", "sections"], "must not be empty")?;
+            for section in sections.iter().chain(face) {
+                check.positive(&["artefact", "radius_mm"], section.radius_mm)?;
+                check.positive(&["artefact", "z_mm"], section.z_mm)?;
+            }
+            check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
+        }
+        Artefact::Balls(_) => Ok(()),
+    }
 }
 
 pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {

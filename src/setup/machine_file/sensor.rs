@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use devices::sensors::{Named, can, modbus, serial};
-use machine::record::sensor::{self, SensorKind};
+use machine::record::sensor::{self, Mount, SensorKind};
 
 use crate::setup::simulated::SimulatedSensor;
 
@@ -44,6 +44,8 @@ struct Keys {
     name: String,
     #[serde(default)]
     kind: SensorKind,
+    #[serde(default)]
+    mount: Mount,
     zero_mm: [f64; 3],
     direction: [f64; 3],
     range_mm: [f64; 2],
@@ -98,6 +100,7 @@ impl TryFrom<Keys> for SensorEntry {
         let sensor = sensor::Sensor {
             name: keys.name,
             kind: keys.kind,
+            mount: keys.mount,
             zero_mm: keys.zero_mm,
             direction: keys.direction,
             range_mm: keys.range_mm,

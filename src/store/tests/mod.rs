@@ -44,6 +44,7 @@ fn step(id: u32) -> Step {
         normal: [angle.cos(), angle.sin(), 0.0],
         scan: None,
         text: None,
+        mount: None,
     }
 }
 

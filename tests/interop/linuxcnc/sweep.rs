@@ -85,6 +85,7 @@ impl Passes {
                     normal: [0.0, 0.0, 1.0],
                     scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0 } }),
                     text: None,
+                    mount: None,
                 });
             }
         }

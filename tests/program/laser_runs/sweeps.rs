@@ -61,6 +61,7 @@ fn step(id: u32) -> Step {
         normal: [0.0, 0.0, 1.0],
         scan: Some(Scan { path, sampling }),
         text: None,
+        mount: None,
     }
 }
 

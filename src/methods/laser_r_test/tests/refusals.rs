@@ -19,7 +19,7 @@ fn refused(plan: &Plan, settings: Settings) -> (String, String) {
 fn balls(plan: &mut Plan) -> &mut Balls {
     match &mut plan.artefact {
         Artefact::Balls(balls) => balls,
-        Artefact::Cylinder(_) => panic!("balls"),
+        _ => panic!("balls"),
     }
 }
 

@@ -84,6 +84,7 @@ impl World {
                     normal: n.into(),
                     scan: None,
                     text: None,
+                    mount: None,
                 });
                 readings.push(Reading {
                     step: id,
