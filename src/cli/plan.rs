@@ -99,7 +99,7 @@ fn at_dwells(plan: &Plan) -> Option<String> {
         Sampling::Continuous { .. } => None,
     });
     let (step, samples) = dwells.next()?;
-    Some(format!("at each G4 trued takes {samples} samples of {}", step.sensor()))
+    Some(format!("at each G4 trued takes {samples} samples of {}", step.sensors.join(", ")))
 }
 
 /// What was found, for a person.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use machine::Position;
-use machine::record::plan::{Step, StepKind};
+use machine::record::plan::{Scan, Step, StepKind};
 
 /// Determinant of the sum of the normals' dyads (1 for three at right angles) from which on they
 /// count as independent: two at right angles and a third that leaves their plane by 18 degrees.
@@ -50,11 +50,13 @@ impl Confirmed {
 
     /// After `step` was measured. A sensor that has seen the artefact within its range at all points
     /// of a scan has confirmed it in all directions: its method refuses an artefact that is found elsewhere than
-    /// stated. A person at the machine may have moved it.
+    /// stated. Where only rotary axes turn nothing is confirmed of the linear ones. A person at the machine may
+    /// have moved it.
     pub fn after(self, step: &Step) -> Self {
         let normal = Vector3::from(step.normal);
         match step.kind {
             StepKind::Prompt => Self::default(),
+            _ if step.scan.as_ref().is_some_and(Scan::turns_only) => self,
             _ if step.scan.is_some() => Self::all(),
             _ => Self { dyads: self.dyads + normal * normal.transpose() },
         }

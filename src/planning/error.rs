@@ -26,8 +26,6 @@ pub enum PlanningError {
     LatePrompt { step: u32 },
     #[error("step {step} is no prompt that can be asked: {why}")]
     NotAPrompt { step: u32, why: &'static str },
-    #[error("step {step} has several sensors; a run reads one at a time")]
-    SeveralSensors { step: u32 },
     #[error(
         "step {step}: with Z at its upper end `{body}` is within the range of `{sensor}`, so an early \
          distance would not show that the machine stands elsewhere"
@@ -62,7 +60,6 @@ impl PlanningError {
                 "move the part nearer to the middle, or correct the limits in [axes]"
             }
             Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
-            Self::SeveralSensors { .. } => "give each sensor a step of its own",
             Self::InRangeAtTop { .. } => {
                 "lower the artefact, or take the body away; or correct [axes.Z] max, zero_mm and range_mm of \
                  the [[sensor]]"

@@ -27,9 +27,6 @@ pub fn step_blocks(
     start: Start<'_>,
     clearance: &Clearance,
 ) -> Result<Vec<Block>, PlanningError> {
-    if step.sensors.len() > 1 {
-        return Err(PlanningError::SeveralSensors { step: step.id });
-    }
     match &step.scan {
         None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
         Some(scan) => scan_blocks(plan, (step, scan), repeat, start, clearance),
@@ -52,7 +49,9 @@ fn scan_blocks(
     let mut path = Path::from(start.stands, approach_feed);
     let top_z = clearance.top_z;
     let mut blocks = Vec::new();
-    if start.confirmed.is_all() {
+    if scan.turns_only() && linear_axes_stand_at(&path, &step.from) {
+        // The way to its first point is a turn as well.
+    } else if start.confirmed.is_all() {
         approach(&mut path, &step.from, top_z);
     } else {
         let low_z = low_z(step, &path, clearance)?;
@@ -80,6 +79,10 @@ fn scan_blocks(
     let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
     blocks.iter().try_for_each(|block| limits::check(block, &plan.machine))?;
     Ok(blocks)
+}
+
+fn linear_axes_stand_at(path: &Path, from: &Position) -> bool {
+    from.iter().filter(|(axis, _)| axis.is_linear()).all(|(axis, at)| path.stands_at(axis, at))
 }
 
 /// How many of the `count` blocks of a scan lead to where nothing declared is within the range of its
@@ -147,7 +150,8 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     if !(step.feed_mm_min.is_finite() && step.feed_mm_min > 0.0) {
         return wrong("its feed is no speed");
     }
-    if !plan.sensors.iter().any(|sensor| sensor.name == step.sensor()) {
+    let is_planned = |name: &String| plan.sensors.iter().any(|sensor| sensor.name == *name);
+    if step.sensors.is_empty() || !step.sensors.iter().all(is_planned) {
         return wrong("the plan has no sensor of that name");
     }
     match scan.sampling {

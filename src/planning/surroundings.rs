@@ -94,7 +94,8 @@ impl Surroundings {
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let max_z = plan.machine.axes.get(&Axis::Z).map_or(f64::INFINITY, |spec| spec.max);
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
-        let ranges = plan.sensors.iter().map(|sensor| range(sensor, &tip.mm)).collect();
+        let in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
+        let ranges = in_spindle.map(|sensor| range(sensor, &tip.mm)).collect();
         Ok(Self { chain, tip, tool, ranges, obstacles, ball_radius, loose, max_z })
     }
 

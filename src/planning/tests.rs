@@ -392,7 +392,7 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     let mut several = plan.clone();
     several.steps[0].sensors.push("probe".into());
     let refused = super::blocks(&several, &clearance).unwrap_err();
-    assert!(refused.to_string().contains("several sensors"), "{refused}");
+    assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
     plan.sensors.clear();
     let refused = super::blocks(&plan, &clearance).unwrap_err();
     assert!(refused.to_string().contains("no sensor of that name"), "{refused}");

@@ -4,7 +4,7 @@ use super::number;
 use super::rows::Rows;
 use machine::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder, Section};
 use machine::record::plan::{Plan, StepKind};
-use machine::record::sensor::Sensor;
+use machine::record::sensor::{Mount, Sensor};
 
 pub fn rows(plan: &Plan) -> Rows {
     let mut rows = vec![("Topology".to_owned(), plan.machine.topology.clone())];
@@ -26,9 +26,14 @@ fn in_spindle(plan: &Plan) -> Rows {
         let ([least, most], [i, j, k]) = (sensor.range_mm, sensor.direction);
         let noise = sensor.noise_um.map_or(String::new(), |um| format!(", noise {um} µm declared"));
         let text = format!(
-            "zero point {} from the spindle datum, readings grow along ({i}, {j}, {k}) (both nominal), \
+            "zero point {} {}, readings grow along ({i}, {j}, {k}) (both nominal), \
              range {least} to {most} mm{noise}",
-            vector(sensor.zero_mm)
+            vector(sensor.zero_mm),
+            match sensor.mount {
+                Mount::Spindle => "from the spindle datum",
+                Mount::Table => "in the table frame",
+                Mount::Bed => "in the machine frame",
+            }
         );
         (format!("Sensor {}", sensor.name), text)
     };

@@ -13,6 +13,7 @@ use crate::setup::{Devices, MachineFile, Past, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
+use machine::record::plan::ArtefactMount;
 use methods::Method;
 
 /// An unfinished run with what it was begun with.
@@ -20,6 +21,9 @@ pub struct Again {
     pub machine: MachineFile,
     method: Arc<dyn Method>,
     stored: StoredRun,
+    /// Steps that somebody has answered, each in its pass, and how the artefact was mounted by them.
+    answered: Vec<(u32, u32)>,
+    mounts: Vec<ArtefactMount>,
     /// Wall time since the last reading, s.
     elapsed_s: f64,
 }
@@ -57,7 +61,10 @@ impl Again {
         let since = stored.measured_until.or(stored.summary.ended);
         let elapsed_s =
             since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
-        Ok(Self { machine, method, stored, elapsed_s })
+        let answered = answered(&stored.events);
+        let mount = |(id, _): &(u32, u32)| stored.plan.steps.iter().find(|s| s.id == *id)?.mount;
+        let mounts = answered.iter().filter_map(mount).collect();
+        Ok(Self { machine, method, stored, answered, mounts, elapsed_s })
     }
 
     pub fn stored(&self) -> &StoredRun {
@@ -70,7 +77,8 @@ impl Again {
 
     /// A simulated machine lives on from there.
     pub fn past(&self) -> Past<'_> {
-        Past { readings: &self.stored.readings, elapsed_s: self.elapsed_s }
+        let Self { stored, mounts, elapsed_s, .. } = self;
+        Past { readings: &stored.readings, mounts, elapsed_s: *elapsed_s }
     }
 
     /// A person's word that the machine may move; for the journal, before anything does.
@@ -102,11 +110,10 @@ impl Again {
         answers: Answers,
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self { machine, method, stored, elapsed_s } = self;
-        let StoredRun { summary, plan, stages, readings, events, .. } = stored;
+        let Self { machine, method, stored, answered, elapsed_s, .. } = self;
+        let StoredRun { summary, plan, stages, readings, .. } = stored;
         let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, tell);
         let mut run = run.asking(answers);
-        let answered = answered(&events);
         let ended = run.resume(Interrupted { stages, readings, answered, elapsed_s }).await;
         let estimate = conclude(run, ended, &method, Vec::new(), &machine.tolerance).await?;
         Ok((summary.id, estimate))

@@ -100,7 +100,10 @@ impl Run<'_> {
             return Ok(stands);
         }
         for asked in open {
+            let step = self.plan.steps.iter().find(|step| step.id == asked.step);
+            let mount = step.and_then(|step| step.mount);
             self.ask(asked).await?;
+            mount.into_iter().for_each(|mount| self.devices.artefact_mounted(mount));
         }
         // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
         self.confirmed = Confirmed::default();

@@ -148,7 +148,7 @@ impl Shop {
         tell: impl Fn(&Event, &Halt),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
-        let past = Past { readings: &stored.readings, elapsed_s: 60.0 };
+        let past = Past { readings: &stored.readings, elapsed_s: 60.0, ..Past::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let answered = asking::answered(&stored.events);

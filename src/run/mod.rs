@@ -20,6 +20,7 @@ mod stands;
 mod sweep;
 mod timeline;
 mod warmth;
+mod watched_sensors;
 
 pub use again::{Again, AgainError, Question, question};
 pub use asking::{Answers, Asked};

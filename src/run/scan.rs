@@ -5,55 +5,28 @@ use tokio::sync::mpsc;
 
 use super::stands::unrounded;
 use super::sweep::{self, Placed};
+use super::watched_sensors::{Accepts, is_alive, is_distance, is_out_of_range};
 use super::{Run, RunError};
-use crate::setup::Mounted;
-use devices::controllers::ControllerError;
-use devices::sensors::{Sample, SensorError};
+use devices::sensors::Sample;
 use machine::Position;
 use machine::record::event::Event;
-use machine::record::motion::Outcome;
 use machine::record::plan::{Sampling, Scan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::Reading;
 use planning::proof::ProvenBlock;
 use planning::{blocks_out_of_range, end_of};
 
-/// Samples of one scan in motion that are kept: a quarter of an hour at 1 kHz.
-const MOST_SAMPLES: usize = 1_000_000;
+/// Samples of one sensor that are kept of one scan in motion: a quarter of an hour at 1 kHz.
+const MAX_SAMPLES: usize = 1_000_000;
 
-/// A distance, or out of range, as on the way to the first point.
-fn is_alive(sample: &Sample) -> bool {
-    !matches!(sample.flag, Flag::Saturated | Flag::Stale)
-}
-
-fn is_out_of_range(sample: &Sample) -> bool {
-    sample.flag == Flag::Range
-}
-
-fn in_sight(sample: &Sample) -> bool {
-    matches!(sample.flag, Flag::None | Flag::Gap)
-}
-
-/// What has come by now.
-fn taken(mut told: mpsc::Receiver<Sample>) -> Vec<Sample> {
-    std::iter::from_fn(|| told.try_recv().ok()).collect()
+/// A sample of a sensor, and where the machine stood.
+struct Sampled<'a> {
+    sensor: &'a str,
+    sample: Sample,
+    t_s: f64,
+    position: Position,
 }
 
 impl Run<'_> {
-    /// The sensors that the plan looks with live and say something, before anything moves.
-    pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
-        self.looking.clear();
-        for wanted in self.plan.sensors.clone() {
-            let fault = |source| RunError::Sensor { name: wanted.name.clone(), source };
-            let sensor = self.devices.sensors.open(&wanted.name).await.map_err(fault)?;
-            let prepared = sensor.prepare().await.map_err(fault)?;
-            self.looking.push(sensor);
-            let text = format!("{}: {}", wanted.name, prepared.identity);
-            self.note(Event::Announced { text }).await?;
-        }
-        self.probe_lives = true;
-        Ok(())
-    }
-
     /// Known before anything moves: a scan in motion needs a control that stamps positions.
     pub(super) fn can_sweep(&self, steps: &[Step]) -> Result<(), RunError> {
         let in_motion = |step: &&Step| {
@@ -66,11 +39,6 @@ impl Run<'_> {
             }
             _ => Ok(()),
         }
-    }
-
-    fn sensor(&self, step: &Step) -> Result<&Mounted, RunError> {
-        let named = self.looking.iter().find(|sensor| sensor.name() == step.sensor());
-        named.ok_or_else(|| faulty(step)(SensorError::Unknown { name: step.sensor().to_owned() }))
     }
 
     /// The blocks of a scan; every sample that was taken along it.
@@ -92,32 +60,32 @@ impl Run<'_> {
     }
 
     /// Until a scan has confirmed where the machine stands: up from where it stands, then to where nothing
-    /// declared is within the range of the sensor. A distance on that last way, or at its end, is that
-    /// of a body that is not where it is stated, and holds the machine.
+    /// declared is within the range of a sensor in the spindle. A distance on that last way, or at its end, is
+    /// that of a body that is not where it is stated, and holds the machine.
     async fn out_of_range(
         &mut self,
         step: &Step,
         blocks: Vec<ProvenBlock>,
     ) -> Result<(), RunError> {
+        let moving: Vec<String> = self.spindle_sensors(step);
+        let accepts = |name: &String, is_last: bool| -> Accepts {
+            Box::new(if is_last && moving.contains(name) { is_out_of_range } else { is_alive })
+        };
         let count = blocks.len();
         for (number, block) in (1..).zip(blocks) {
-            let good = if number == count { is_out_of_range } else { is_alive };
-            self.watched(step, block, good).await?;
+            let all = step.sensors.iter().map(|name| accepts(name, number == count)).collect();
+            self.watched(step, block, all).await?;
         }
         if count > 0 {
             // A simulated sensor without a wire is not watched: it reports only when it is polled.
-            let taken = self.sensor(step)?.take(1).await.map_err(faulty(step));
-            let seen =
-                taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
-                    Some(sample) => Err(self.blind(step, Some(sample))),
-                    None => Ok(()),
-                });
-            return seen.inspect_err(|_| self.devices.controller.halt().now());
+            for name in &moving {
+                self.reports_nothing(step, name).await?;
+            }
         }
         Ok(())
     }
 
-    /// A block for each point, and `count` samples at each of them.
+    /// A block for each point, and `count` samples of each sensor at each of them.
     async fn dwells(
         &mut self,
         step: &Step,
@@ -129,59 +97,16 @@ impl Run<'_> {
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
-            let good = if number == 0 { is_alive } else { in_sight };
+            let accepts = if number == 0 { is_alive } else { is_distance };
             commanded = end_of(block.motions(), &commanded);
-            let outcome = self.watched(step, block, good).await?;
+            let outcome = self.watched(step, block, each(step, accepts)).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
             let stands = unrounded(&stands, &commanded);
-            let samples = self.seen(step, count).await?;
+            let samples = self.samples_at_rest(step, count).await?;
             readings.extend(self.at_point(step, repeat, (own_s, &stands), &samples));
         }
         Ok(readings)
-    }
-
-    /// As long as the machine moves all that the sensor says is `good`: otherwise the machine is held.
-    async fn watched(
-        &self,
-        step: &Step,
-        block: ProvenBlock,
-        good: impl Fn(&Sample) -> bool + Send + 'static,
-    ) -> Result<Outcome, RunError> {
-        let (sensor, halt) = (self.sensor(step)?, self.devices.controller.halt());
-        let watched = sensor.watch(good, move || halt.now()).await.map_err(faulty(step));
-        watched.inspect_err(|_| self.devices.controller.halt().now())?;
-        let executed = self.devices.controller.execute(block).await;
-        let watched = sensor.rest().await;
-        match executed {
-            // What the control says of itself comes first, but for the hold that the sensor has asked for.
-            Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
-            executed => match watched.map_err(faulty(step))? {
-                Some(sample) => Err(self.blind(step, Some(&sample))),
-                None => Ok(executed?),
-            },
-        }
-    }
-
-    /// `count` samples from where the machine stands. It stays there if the sensor fails.
-    async fn seen(&self, step: &Step, count: u32) -> Result<Vec<Sample>, RunError> {
-        let taken = self.sensor(step)?.take(count).await.map_err(faulty(step));
-        let seen = taken.and_then(|samples| match samples.iter().find(|s| s.value_mm.is_some()) {
-            _ if samples.len() < count as usize => Err(self.blind(step, samples.last())),
-            None => Err(self.blind(step, samples.first())),
-            Some(_) => Ok(samples),
-        });
-        seen.inspect_err(|_| self.devices.controller.halt().now())
-    }
-
-    /// The error for a sample with an unexpected flag or distance.
-    fn blind(&self, step: &Step, seen: Option<&Sample>) -> RunError {
-        if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
-            let sensor = step.sensor().to_owned();
-            return RunError::EarlyDistance { step: step.id, sensor, value_mm };
-        }
-        let flag = seen.map_or(Flag::Stale, |sample| sample.flag);
-        RunError::Blind { step: step.id, sensor: step.sensor().to_owned(), flag }
     }
 
     /// All samples of the way from the first point to the last, each where its own time says.
@@ -195,15 +120,17 @@ impl Run<'_> {
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
         let Some(sweep) = blocks.pop() else { return Err(unswept("it has no motion")) };
         for way in blocks {
-            self.watched(step, way, is_alive).await?;
+            self.watched(step, way, each(step, is_alive)).await?;
         }
-        let (tell, told) = mpsc::channel(MOST_SAMPLES);
-        let keep = move |sample: &Sample| in_sight(sample) && tell.try_send(*sample).is_ok();
-        let outcome = self.watched(step, sweep, keep).await;
-        let samples = taken(told);
+        let (accepts, kept): (Vec<Accepts>, Vec<mpsc::Receiver<Sample>>) =
+            step.sensors.iter().map(|_| keeping(MAX_SAMPLES)).unzip();
+        let outcome = self.watched(step, sweep, accepts).await;
+        let samples: Vec<Vec<Sample>> = kept.into_iter().map(received).collect();
         let outcome = match outcome {
-            Err(RunError::EarlyDistance { .. }) if samples.len() == MOST_SAMPLES => {
-                return Err(unswept("the sensor said more on the way than is kept"));
+            Err(RunError::EarlyDistance { .. })
+                if samples.iter().any(|samples| samples.len() == MAX_SAMPLES) =>
+            {
+                return Err(unswept("a sensor reported more samples on the way than are kept"));
             }
             outcome => outcome?,
         };
@@ -211,28 +138,34 @@ impl Run<'_> {
         if let Some(why) = sweep::unstamped(&track, &scan.path) {
             return Err(unswept(&why));
         }
-        let placed = sweep::placed(&samples, &track, rate_hz);
-        if placed.samples.is_empty() {
-            return Err(unswept(if samples.is_empty() {
-                "the sensor said nothing on the way; a simulated one behind no wire speaks only when it is asked"
-            } else {
-                "no sample was taken at a time at which the control says where the axes stood"
-            }));
+        let mut readings = Vec::new();
+        for (sensor, samples) in step.sensors.iter().zip(samples) {
+            let placed = sweep::placed(&samples, &track, rate_hz);
+            if placed.samples.is_empty() {
+                return Err(unswept(&nothing_placed(sensor, samples.is_empty())));
+            }
+            self.tell_of((step, sensor), &placed, track.gaps()).await?;
+            readings.extend(self.along(step, sensor, repeat, placed));
         }
-        self.tell_of(step, &placed, track.gaps()).await?;
-        Ok(self.along(step, repeat, placed))
+        Ok(readings)
     }
 
     /// What was left out is told, not passed over.
-    async fn tell_of(&mut self, step: &Step, placed: &Placed, gaps: usize) -> Result<(), RunError> {
+    async fn tell_of(
+        &mut self,
+        (step, sensor): (&Step, &str),
+        placed: &Placed,
+        gaps: usize,
+    ) -> Result<(), RunError> {
         let Placed { samples, nowhere, thinned } = placed;
         let (label, all) = (&step.label, samples.len() + nowhere + thinned);
         let by_gaps = format!(
-            "{label}: {nowhere} of {all} samples are left out: in {gaps} places the control's positions \
-             have a gap"
+            "{label}: {nowhere} of {all} samples of {sensor} are left out: in {gaps} places the control's \
+             positions have a gap"
         );
         let by_rate = format!(
-            "{label}: {thinned} of {all} samples are left out: the sensor is faster than rate_hz of the plan"
+            "{label}: {thinned} of {all} samples of {sensor} are left out: the sensor is faster than rate_hz \
+             of the plan"
         );
         for (count, text) in [(nowhere, by_gaps), (thinned, by_rate)] {
             if *count > 0 {
@@ -242,48 +175,82 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn along(&mut self, step: &Step, repeat: u32, placed: Placed) -> Vec<Reading> {
+    fn along(&mut self, step: &Step, sensor: &str, repeat: u32, placed: Placed) -> Vec<Reading> {
         let now_s = self.devices.clock.now_s();
         let shift_s = self.timeline.at(now_s) - now_s;
-        let reading = |(sample, position): (Sample, Position)| Reading {
-            step: step.id,
-            repeat,
-            position,
-            value_mm: sample.value_mm,
-            sensor: step.sensor().to_owned(),
+        let placed = placed.samples.into_iter().map(|(sample, position)| Sampled {
+            sensor,
+            sample,
             t_s: sample.t_s + shift_s,
-            flag: sample.flag,
-            temperatures_c: Default::default(),
-        };
-        placed.samples.into_iter().map(reading).collect()
+            position,
+        });
+        placed.map(|sampled| reading(step, repeat, sampled)).collect()
     }
 
-    /// The axes stood still all the while; the samples lie in time as the sensor's clock says.
+    /// The axes stood still all the while; the samples lie in time as the clock of the first sensor says.
     fn at_point(
         &mut self,
         step: &Step,
         repeat: u32,
         (own_s, stands): (f64, &Position),
-        samples: &[Sample],
+        samples: &[Vec<Sample>],
     ) -> Vec<Reading> {
         let began = self.timeline.at(own_s);
-        let first = samples.first().map_or(0.0, |sample| sample.t_s);
-        let reading = |sample: &Sample| Reading {
-            step: step.id,
-            repeat,
-            position: stands.clone(),
-            value_mm: sample.value_mm,
-            sensor: step.sensor().to_owned(),
-            t_s: began + (sample.t_s - first),
-            flag: sample.flag,
-            temperatures_c: Default::default(),
+        let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.t_s).collect();
+        let after_s =
+            |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
+        let of_sensor = |(sensor, samples): (&String, &Vec<Sample>)| -> Vec<Reading> {
+            let sampled = samples.iter().enumerate().map(|(k, sample)| Sampled {
+                sensor,
+                sample: *sample,
+                t_s: began + after_s(k),
+                position: stands.clone(),
+            });
+            sampled.map(|sampled| reading(step, repeat, sampled)).collect()
         };
-        samples.iter().map(reading).collect()
+        step.sensors.iter().zip(samples).flat_map(of_sensor).collect()
     }
 }
 
-/// What the sensor that `step` looks with has met.
-fn faulty(step: &Step) -> impl Fn(SensorError) -> RunError {
-    let name = step.sensor().to_owned();
-    move |source| RunError::Sensor { name: name.clone(), source }
+fn reading(step: &Step, repeat: u32, sampled: Sampled<'_>) -> Reading {
+    let Sampled { sensor, sample, t_s, position } = sampled;
+    Reading {
+        step: step.id,
+        repeat,
+        position,
+        value_mm: sample.value_mm,
+        sensor: sensor.to_owned(),
+        t_s,
+        flag: sample.flag,
+        temperatures_c: Default::default(),
+    }
+}
+
+/// The same for each sensor of `step`.
+fn each(step: &Step, accepts: fn(&Sample) -> bool) -> Vec<Accepts> {
+    step.sensors.iter().map(|_| Box::new(accepts) as Accepts).collect()
+}
+
+/// Distances, which come out of the channel, at most `count`.
+fn keeping(count: usize) -> (Accepts, mpsc::Receiver<Sample>) {
+    let (sender, receiver) = mpsc::channel(count);
+    let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();
+    (Box::new(keep), receiver)
+}
+
+/// What has come by now.
+fn received(mut samples: mpsc::Receiver<Sample>) -> Vec<Sample> {
+    std::iter::from_fn(|| samples.try_recv().ok()).collect()
+}
+
+fn nothing_placed(sensor: &str, is_silent: bool) -> String {
+    match is_silent {
+        true => format!(
+            "{sensor} reported nothing on the way; a simulated sensor without a wire reports only when it is \
+             polled"
+        ),
+        false => format!(
+            "no sample of {sensor} was taken at a time at which the control reports where the axes stood"
+        ),
+    }
 }

@@ -1,7 +1,7 @@
 //! Opens what the machine file names and puts it together. One simulated world is shared by
 //! everything that is simulated.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::MachineFile;
 use super::simulated::Served;
@@ -10,6 +10,7 @@ use devices::controllers::Controller;
 use link::Clock;
 use link::clock::HostClock;
 use machine::record::machine::Machine;
+use machine::record::plan::ArtefactMount;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use planning::proof::{ProvenModes, prove_modes};
@@ -26,6 +27,8 @@ pub struct Devices {
     pub dialect: Dialect,
     /// Used where the control does not stamp its readings.
     pub clock: Arc<dyn Clock>,
+    /// The simulated machine, if it is one.
+    world: Option<Arc<Mutex<World>>>,
     /// The other end of the wire, if this program serves it; dropped after the controller.
     _served: Option<Served>,
 }
@@ -40,18 +43,25 @@ impl Devices {
     pub(super) fn timed(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::none(clock.clone());
         let thermometers = Thermometers::of(&[], None);
-        Self { controller, sensors, thermometers, dialect, clock, _served: None }
+        Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
     }
 
     /// With what the machine file names; simulated ones see and feel `world`.
     pub(super) fn of(self, file: &MachineFile, world: Option<Arc<Mutex<World>>>) -> Self {
         let thermometers = Thermometers::of(&file.thermometers, world.clone());
         let sensors = self.sensors.of(&file.sensors);
-        let sensors = match world {
+        let sensors = match world.clone() {
             Some(world) => sensors.looking_at(world),
             None => sensors,
         };
-        Self { sensors, thermometers, ..self }
+        Self { sensors, thermometers, world, ..self }
+    }
+
+    /// A person has mounted the artefact anew: of a simulated machine the one that stands there.
+    pub fn artefact_mounted(&self, mount: ArtefactMount) {
+        if let Some(world) = &self.world {
+            world.lock().unwrap_or_else(PoisonError::into_inner).mount(mount.turn_deg);
+        }
     }
 
     /// With the other end of its wire.
@@ -64,6 +74,8 @@ impl Devices {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Past<'a> {
     pub readings: &'a [Reading],
+    /// How the artefact was mounted, one after the other.
+    pub mounts: &'a [ArtefactMount],
     /// Since the last of them.
     pub elapsed_s: f64,
 }

@@ -32,9 +32,10 @@ impl<'a> Rehearsal<'a> {
 
     /// Later than it was, as a run has seen it.
     pub(super) fn after(&self, past: Past<'_>) {
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        past.mounts.iter().for_each(|mount| world.mount(mount.turn_deg));
         if let Some(last) = past.readings.last() {
             let probed = past.readings.iter().map(|reading| reading.step);
-            let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
             world.pass(last.t_s + past.elapsed_s, probed);
         }
     }

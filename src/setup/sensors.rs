@@ -52,14 +52,16 @@ impl Sensors {
         Self { world: Some(world), ..self }
     }
 
-    /// Open the one of this name: it sits in the spindle in place of the probe until dropped. Call
+    /// Open the one of this name. One in the spindle is there in place of the probe until dropped. Call
     /// inside a tokio runtime.
     ///
     /// # Errors
     /// There is none; what opening says.
     pub async fn open(&self, name: &str) -> Result<Mounted, SensorError> {
         let sensor = self.opened(name).await?;
-        let world = self.world.clone();
+        let named = self.entries.iter().find(|entry| entry.sensor.name == name);
+        let in_spindle = named.is_some_and(|entry| entry.sensor.mount.is_spindle());
+        let world = self.world.clone().filter(|_| in_spindle);
         if let Some(world) = &world {
             without_probe(world, true);
         }

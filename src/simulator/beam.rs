@@ -1,4 +1,4 @@
-//! The beam of a displacement sensor in the spindle, and what its electronics say.
+//! The beam of a displacement sensor, and what its electronics say.
 
 use std::f64::consts::TAU;
 
@@ -96,6 +96,7 @@ impl Beam {
             + self.curve_at(hit.distance)
             + self.slanted(hit.normal, facing)
             + self.noise_mm * deviate;
+        let said = self.truth.clips_mm.map_or(said, |[low, high]| said.clamp(low, high));
         let [least, greatest] = self.range;
         let within = said >= least && said <= greatest;
         if within { Sensed::Distance(said) } else { Sensed::OutOfRange(said) }

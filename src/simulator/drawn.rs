@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::flank::FormHarmonic;
+use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::Wave;
 use estimation::random;
 use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
@@ -31,6 +32,10 @@ enum Source {
     Squareness,
     Incidence,
     Thermometer,
+    SectionForm,
+    Mounting,
+    DeclaredMotion,
+    Asynchronous,
 }
 
 /// Standard normal numbers of one source.
@@ -100,6 +105,23 @@ pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
     let each = sigma_um / (ORDERS.count() as f64).sqrt();
     let draw = |n, part| each * first_normal(seed, Source::Roughness, &[u64::from(n), part]);
     ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
+}
+
+/// Harmonics 2 to 20 of one section of a datum cylinder, together of standard deviation `sigma_um`.
+pub(super) fn section_form(seed: u64, section: u64, sigma_um: f64) -> Vec<FormHarmonic> {
+    const ORDERS: std::ops::RangeInclusive<u32> = 2..=20;
+    if sigma_um == 0.0 {
+        return Vec::new();
+    }
+    let each = sigma_um / (ORDERS.count() as f64).sqrt();
+    let draw =
+        |n, part| each * first_normal(seed, Source::SectionForm, &[section, u64::from(n), part]);
+    ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
+}
+
+/// What sets one mounting of an artefact apart, in standard deviations.
+pub(super) fn mounting(seed: u64, number: u32, part: u64) -> f64 {
+    first_normal(seed, Source::Mounting, &[u64::from(number), part])
 }
 
 /// What sets one ball of an artefact apart from the stated one, in standard deviations.
@@ -299,7 +321,10 @@ pub(super) struct RotaryErrors {
     motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
 }
 
-/// Number, cosine and sine, mm.
+/// Waves of an asynchronous motion.
+const ASYNCHRONOUS_TERMS: usize = 24;
+
+/// Number, cosine and sine, mm or rad.
 type Harmonic = (f64, f64, f64);
 
 impl RotaryErrors {
@@ -316,6 +341,41 @@ impl RotaryErrors {
             Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
+        Ok(Self { axis, motions: motions? })
+    }
+
+    /// As declared.
+    pub fn declared(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
+        const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
+        let axis = motion.axis;
+        let along = |component: Axis| {
+            let draw = |source, number: usize, part| {
+                let key = [axis as u64, component as u64, number as u64, part];
+                first_normal(seed, source, &key)
+            };
+            let sigma = match component.is_linear() {
+                true => motion.linear_um * 1e-3,
+                false => motion.angular_urad * 1e-6,
+            };
+            let orders = motion.orders();
+            let each = sigma / (orders.len().max(1) as f64).sqrt();
+            let mut terms: Vec<Harmonic> = Vec::new();
+            for (number, order) in orders.iter().enumerate() {
+                let draw = |part| each * draw(Source::DeclaredMotion, number, part);
+                terms.push((*order, draw(0), draw(1)));
+            }
+            if component.is_linear() && motion.asynchronous_um > 0.0 {
+                let each = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERMS as f64).sqrt();
+                for number in 0..ASYNCHRONOUS_TERMS {
+                    let draw = |part| draw(Source::Asynchronous, number, part);
+                    // Orders without a common period.
+                    let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
+                    terms.push((order, each * draw(0), each * draw(1)));
+                }
+            }
+            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+        };
+        let motions: Result<_, ParameterError> = COMPONENTS.into_iter().map(along).collect();
         Ok(Self { axis, motions: motions? })
     }
 

@@ -17,6 +17,14 @@ pub enum WorldError {
     )]
     Artefact,
     #[error(
+        "[artefact]: a datum cylinder needs an axis and sections of positive radius; check also radius_offset_mm, form and section_form in [simulated] (sections are counted from 1)"
+    )]
+    DatumCylinder,
+    #[error(
+        "[[sensor]] `{name}`: a sensor on the table is not simulated; mount it on the bed or the spindle"
+    )]
+    OnTable { name: String },
+    #[error(
         "[artefact]: there must be balls, each of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
     )]
     Balls,

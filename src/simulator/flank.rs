@@ -36,6 +36,23 @@ impl Flank {
         Self { foot, frame, height, profile }
     }
 
+    /// Turned about its own axis, rad.
+    pub fn turned(self, angle: f64) -> Self {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
+        Self { frame: self.frame * turn, ..self }
+    }
+
+    /// Columns: the artefact's own x, y and axis.
+    pub fn frame(&self) -> &Rotation3<f64> {
+        &self.frame
+    }
+
+    /// No point of it is nearer than this to `point`.
+    pub fn at_least(&self, point: Vector3<f64>) -> f64 {
+        let own = self.frame.inverse() * (point - self.foot);
+        (own.z - self.height / 2.0).abs() - self.height / 2.0
+    }
+
     /// From `point` in the table frame, the radius grown by `growth`.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> Nearest {
         let own = self.frame.inverse() * (point - self.foot);

@@ -12,6 +12,7 @@ mod beam;
 mod bystander;
 mod check;
 pub mod controls;
+mod datum;
 mod drawn;
 mod error;
 pub mod faulty_wire;
@@ -20,6 +21,7 @@ pub mod interpreter;
 mod nearest;
 mod path;
 mod ramp;
+mod rotary_motion;
 mod sag;
 mod scene;
 mod sensing;
@@ -37,9 +39,11 @@ use std::collections::BTreeMap;
 
 pub use beam::Sensed;
 pub use bystander::Bystander;
+pub use datum::{DatumTruth, IndexFault, SectionForm, StageTruth};
 pub use error::WorldError;
 pub use flank::FormHarmonic;
 pub use ramp::Speed;
+pub use rotary_motion::RotaryMotion;
 pub use sensing::Passing;
 pub use sensor_truth::{SensorTruth, Wave};
 pub use truth::{ErrorMotion, Latch, Truth};
@@ -197,6 +201,18 @@ impl World {
     /// nothing of it breaks.
     pub fn without_probe(&mut self, away: bool) {
         self.probe_away = away;
+    }
+
+    /// A person mounts the artefact anew on its indexing stage, turned by this against its first mounting,
+    /// counter-clockwise seen from its tip.
+    pub fn mount(&mut self, turn_deg: f64) {
+        self.scene.mount(turn_deg);
+    }
+
+    /// For tests alone: error motion of the rotary axis along or about the axis `component` at the unwrapped
+    /// angle, rad; mm or rad.
+    pub fn true_rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
+        self.scene.rotary_motion(axis, component, angle)
     }
 
     /// Somebody deflects the stylus by hand, or lets it go.

@@ -15,7 +15,7 @@ use super::truth::Truth;
 use machine::kinematics::{Chain, ErrorTerm, Shape};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
-use machine::{Axis, Position, frame::Point};
+use machine::{Axis, Position, frame::Point, frame::Pose};
 
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
@@ -59,12 +59,22 @@ impl Scene {
             .filter(|(_, spec)| spec.error_motion_um != 0.0)
             .map(|(axis, spec)| Ok(RotaryErrors::draw(seed, *axis, spec.error_motion_um * 1e-3)?))
             .collect();
+        let declared = truth.rotary_motion.iter().map(|motion| {
+            let known = motion.is_sound() && machine.axes.contains_key(&motion.axis);
+            if known {
+                Ok(RotaryErrors::declared(seed, motion)?)
+            } else {
+                Err(WorldError::Magnitude)
+            }
+        });
+        let mut rotary_errors: Vec<RotaryErrors> = rotary_errors?;
+        rotary_errors.extend(declared.collect::<Result<Vec<_>, WorldError>>()?);
         let tool = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
             errors,
             linear_errors,
-            rotary_errors: rotary_errors?,
+            rotary_errors,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
             tip: tool
@@ -86,6 +96,25 @@ impl Scene {
     /// Displacement of the table, machine frame, mm.
     pub fn drift_at(&self, t_s: f64) -> Vector3<f64> {
         self.drift.table(t_s)
+    }
+
+    /// The artefact is mounted anew.
+    pub fn mount(&mut self, turn_deg: f64) {
+        self.surface.mount(turn_deg);
+    }
+
+    /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
+    pub fn rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
+        let at = Position::new().with(axis, angle);
+        let errors = self.errors_at(&at);
+        let own = errors.iter().filter(|term| {
+            (term.parameter.axis(), term.parameter.component()) == (axis, component)
+        });
+        // What was drawn is a location error at this angle; a stated one is no motion.
+        let stated = |term: &&ErrorTerm| {
+            term.parameter.shape() == Shape::Location && self.errors.contains(term)
+        };
+        own.filter(|term| !stated(term)).map(|term| term.value * term.parameter.factor(angle)).sum()
     }
 
     /// The true stylus-ball centre, spindle frame, mm.
@@ -125,10 +154,28 @@ impl Scene {
     /// [`Scene::clearance`].
     pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
         let errors = self.errors_at(axes);
+        let spindle = self.chain.machine_from_spindle(axes, &errors);
+        let shift = self.linear_errors.at(command.xyz().into());
+        self.sight_from(spindle, shift, axes, t_s)
+    }
+
+    /// The same as the bed has it: errors of the linear axes are those of the spindle against it.
+    pub fn sight_from_bed(&self, axes: &Position, t_s: f64) -> Sight<'_> {
+        self.sight_from(Pose::identity(), Vector3::zeros(), axes, t_s)
+    }
+
+    fn sight_from(
+        &self,
+        carrier: Pose,
+        shift: Vector3<f64>,
+        axes: &Position,
+        t_s: f64,
+    ) -> Sight<'_> {
+        let errors = self.errors_at(axes);
         let stand = Stand {
             table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
-            spindle: self.chain.machine_from_spindle(axes, &errors),
-            shift: self.linear_errors.at(command.xyz().into()) - self.drift.table(t_s),
+            spindle: carrier,
+            shift: shift - self.drift.table(t_s),
         };
         Sight { stand, surface: &self.surface, growth: self.drift.radius(t_s), t_s }
     }

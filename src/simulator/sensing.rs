@@ -1,15 +1,16 @@
-//! The displacement sensors in the spindle.
+//! The displacement sensors, in the spindle or on the bed.
 
 use super::beam::{Beam, Sensed};
 use super::sensor_truth::SensorTruth;
 use super::{Speed, World, WorldError, drawn};
 use machine::Position;
-use machine::record::sensor::Sensor;
+use machine::record::sensor::{Mount, Sensor};
 
 /// One sensor, and how often it has been asked.
 #[derive(Debug, Clone)]
 pub(super) struct Eye {
     name: String,
+    mount: Mount,
     beam: Beam,
     clock: Ticks,
     taken: u64,
@@ -62,7 +63,7 @@ pub struct Passing {
 const MOST_HZ: f64 = 1e6;
 
 impl World {
-    /// With these sensors in the spindle, each as its `[[simulated.sensor]]` says, an ideal one where
+    /// With these sensors, each as its `[[simulated.sensor]]` says, an ideal one where
     /// there is none.
     ///
     /// # Errors
@@ -81,9 +82,12 @@ impl World {
             if truths.next().is_some() {
                 return Err(WorldError::TwoSensors { name: sensor.name.clone() });
             }
+            if sensor.mount == Mount::Table {
+                return Err(WorldError::OnTable { name: sensor.name.clone() });
+            }
             let clock = Ticks::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
-            Ok(Eye { name: sensor.name.clone(), beam, clock, taken: 0 })
+            Ok(Eye { name: sensor.name.clone(), mount: sensor.mount, beam, clock, taken: 0 })
         };
         self.eyes = sensors.iter().enumerate().map(eye).collect::<Result<_, _>>()?;
         Ok(self)
@@ -139,7 +143,10 @@ impl World {
             Some((path, along)) => self.true_on(path, along),
             None => (self.true_axes(), self.wired.truly(self.command.clone())),
         };
-        let sight = self.scene.sight(&axes, &command, saw_s);
+        let sight = match self.eyes.get(number)?.mount {
+            Mount::Bed => self.scene.sight_from_bed(&axes, saw_s),
+            Mount::Spindle | Mount::Table => self.scene.sight(&axes, &command, saw_s),
+        };
         let eye = self.eyes.get_mut(number)?;
         let deviate = drawn::sample_deviate(self.seed, number, eye.taken);
         eye.taken += 1;

@@ -33,6 +33,9 @@ pub struct SensorTruth {
     pub echo_limit_deg: f64,
     /// At a smaller one the receiver is dazzled.
     pub dazzled_deg: f64,
+    /// Distances beyond are reported as the nearer of these two, mm: its electronics are saturated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clips_mm: Option<[f64; 2]>,
     /// By how much its clock is slow: a second of its own lasts so much longer.
     pub clock_slow_ppm: f64,
     /// Standard deviation of the moment of one sample about what its clock says.
@@ -66,6 +69,7 @@ impl Default for SensorTruth {
             lean_um: [0.0; 2],
             echo_limit_deg: 40.0,
             dazzled_deg: 0.0,
+            clips_mm: None,
             clock_slow_ppm: 0.0,
             clock_jitter_us: 0.0,
             clock_late_ms: 0.0,
@@ -93,6 +97,7 @@ impl SensorTruth {
             ("clock_slow_ppm", self.clock_slow_ppm.abs() < MOST_PPM),
             ("clock_jitter_us", sound(self.clock_jitter_us)),
             ("clock_late_ms", (0.0..=MOST_LATE_MS).contains(&self.clock_late_ms)),
+            ("clips_mm", self.clips_mm.is_none_or(|[low, high]| low < high)),
             ("dazzled_deg", sound(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::WorldError;
 use super::balls::Balls;
+use super::datum::Datum;
 use super::drawn;
 use super::flank::{Flank, Profile};
 use super::nearest::Nearest;
@@ -15,6 +16,7 @@ use machine::record::artefact::{Artefact, Cylinder};
 pub(super) enum Surface {
     Flank(Flank),
     Balls(Balls),
+    Datum(Box<Datum>),
 }
 
 impl Surface {
@@ -28,7 +30,18 @@ impl Surface {
                 truth.of_balls(balls)?;
                 Balls::new(balls, truth).map(Self::Balls)
             }
-            Artefact::DatumCylinder(_) => Err(WorldError::Artefact),
+            Artefact::DatumCylinder(cylinder) => {
+                truth.of_a_round_part()?;
+                Datum::new(cylinder, truth).map(|datum| Self::Datum(Box::new(datum)))
+            }
+        }
+    }
+
+    /// A person has mounted the artefact anew, turned by this against its first mounting. Only a datum cylinder
+    /// stands on an indexing stage.
+    pub fn mount(&mut self, turn_deg: f64) {
+        if let Self::Datum(datum) = self {
+            datum.mount(turn_deg);
         }
     }
 
@@ -38,6 +51,7 @@ impl Surface {
         match self {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
+            Self::Datum(datum) => datum.nearest(point, growth),
         }
     }
 }

@@ -7,7 +7,9 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
+use super::datum::{DatumTruth, StageTruth};
 use super::flank::FormHarmonic;
+use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;
 use super::warmth::Warmth;
 use super::wiring::Wiring;
@@ -26,6 +28,12 @@ pub struct Truth {
     pub errors: BTreeMap<String, f64>,
     /// Error motions of rotary axes, one harmonic each.
     pub error_motion: Vec<ErrorMotion>,
+    /// The same, declared by magnitude.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rotary_motion: Vec<RotaryMotion>,
+    /// Form and tilt of a datum cylinder, and the stage that indexes it.
+    pub datum_cylinder: DatumTruth,
+    pub stage: StageTruth,
     /// True centre of the artefact minus the stated one, table frame X and Y.
     pub centre_offset_mm: [f64; 2],
     /// True mean radius of the artefact minus the stated one.

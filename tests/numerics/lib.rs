@@ -9,6 +9,7 @@ mod five_axes;
 mod kinematics_g0;
 mod laser;
 mod latch_delay;
+mod multiprobe;
 mod nist_strd;
 mod proof_sabotage;
 mod proof_sweep;

@@ -1,6 +1,6 @@
 //! Somebody else's program: plays a plan on a simulated machine, knowing only the plan.
 
-use machine::record::plan::{Plan, Sampling, Scan, Stage, Step};
+use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
 use methods::{Method, Next, Source};
@@ -31,15 +31,15 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     }
 }
 
-/// Look along the path of a step, sample by sample, 1000 in a second.
+/// Look along the path of a step, sample by sample.
 fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
-    let reading = |position: Position, t_s: f64, sensed: Sensed| {
+    let reading = |sensor: &str, position: Position, t_s: f64, sensed: Sensed| {
         let (value_mm, flag) = match sensed {
             Sensed::Distance(mm) => (Some(mm), Flag::None),
             Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
             Sensed::Saturated => (None, Flag::Saturated),
         };
-        let (sensor, temperatures_c) = (step.sensor().to_owned(), Default::default());
+        let (sensor, temperatures_c) = (sensor.to_owned(), Default::default());
         Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }
     };
     let speed = Speed::Feed { mm_min: step.feed_mm_min };
@@ -47,8 +47,17 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
     for (number, point) in scan.path.iter().enumerate() {
         match scan.sampling {
             Sampling::Continuous { rate_hz } if number > 0 => {
-                let passing = world.sense_on_the_way(step.sensor(), point, speed, 1.0 / rate_hz);
-                readings.extend(passing.into_iter().map(|p| reading(p.position, p.t_s, p.sensed)));
+                let start = world.clone();
+                for name in &step.sensors {
+                    // Each sensor sees the same motion.
+                    *world = start.clone();
+                    let passing = world.sense_on_the_way(name, point, speed, 1.0 / rate_hz);
+                    let of_sensor =
+                        passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.sensed));
+                    readings.extend(of_sensor);
+                }
+                // No noise of this way comes again.
+                world.pass(0.0, []);
             }
             Sampling::Continuous { .. } => {
                 world.travel(point, speed);
@@ -56,9 +65,11 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
             Sampling::Dwell { dwell_s, samples } => {
                 world.travel(point, speed);
                 world.dwell(dwell_s);
-                for _ in 0..samples {
-                    let sensed = world.sense(step.sensor(), 1e-3).expect("a sensor");
-                    readings.push(reading(world.position(), world.time_s(), sensed));
+                for name in &step.sensors {
+                    for _ in 0..samples {
+                        let sensed = world.sense(name, 1e-3).expect("a sensor");
+                        readings.push(reading(name, world.position(), world.time_s(), sensed));
+                    }
                 }
             }
         }
@@ -74,7 +85,11 @@ pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan,
         let Next::Stage { stage, new_steps } = next else { return (plan, readings) };
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
+            if let Some(mount) = step.mount {
+                world.mount(mount.turn_deg);
+            }
             match &step.scan {
+                _ if step.kind == StepKind::Prompt => {}
                 None => readings.push(play(world, step, stage.repeat)),
                 Some(scan) => readings.extend(look(world, step, scan, stage.repeat)),
             }

@@ -13,12 +13,14 @@ mod chain;
 mod jacobian;
 mod joint;
 mod parameter;
+mod table_axis;
 mod topology;
 
 pub use axis_line::AxisLine;
 pub use carrier::{Carried, Commands, Going, Side};
 pub use chain::Chain;
 pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
+pub use table_axis::TableAxis;
 pub use topology::{Topology, TopologyError};
 
 use crate::Axis;

@@ -96,12 +96,25 @@ impl Step {
 }
 
 /// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of
-/// the step is the first point, `to` the last.
+/// the step is the first point, `to` the last. Angles of rotary axes are unwrapped: from 0 to 1080° are
+/// three revolutions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scan {
     pub path: Vec<Position>,
     #[serde(flatten)]
     pub sampling: Sampling,
+}
+
+impl Scan {
+    /// Whether its linear axes stand still and others turn: its feed is in degrees a minute then.
+    pub fn turns_only(&self) -> bool {
+        let Some(first) = self.path.first() else { return false };
+        let moves = |is_linear: bool| {
+            let axes = || first.iter().filter(move |(axis, _)| axis.is_linear() == is_linear);
+            self.path.iter().any(|point| axes().any(|(axis, at)| point.at(axis) != at))
+        };
+        moves(false) && !moves(true)
+    }
 }
 
 /// When samples are taken.

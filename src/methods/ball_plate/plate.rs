@@ -7,13 +7,11 @@ use nalgebra::Vector3;
 use super::settings::Settings;
 use crate::Refused;
 use crate::ball_measurement::balls;
-use machine::kinematics::Chain;
+use machine::kinematics::{Chain, TableAxis};
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// An axis is along Z where the cosine of its angle to Z is at least this.
-const MIN_COSINE_TO_Z: f64 = 0.999;
 /// A ball stands so near to its measuring position that the deviations of the linear axes are the same there
 /// (paper 5, section 2.2), mm.
 pub const MAX_OFF_PLACE_MM: f64 = 1.0;
@@ -43,13 +41,11 @@ impl<'a> Plate<'a> {
     pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, Refused> {
         let set = balls(super::NAME, &plan.artefact)?;
         let chain = Chain::new(&plan.machine)?;
-        let (axis, still) = table_axis(plan, &chain)?;
+        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(no_table)?;
+        let TableAxis { axis, zero: still, turn } = table;
         let line = chain.axis_line(axis, &still).ok_or_else(no_table)?;
-        let spec = plan.machine.axes.get(&axis).ok_or_else(no_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
-        // What carries the workpiece turns against the sign of the command (ISO 841).
-        let turn = -spec.positive.sign() * line.direction.z.signum();
         let seen = set.balls.iter().map(|ball| Vector3::from(ball.centre_mm) - point);
         let radial: Vec<Vector3<f64>> = seen.map(|from_axis| from_axis.xy().push(0.0)).collect();
         let radius_mm = radial.iter().map(|r| r.norm()).sum::<f64>() / radial.len() as f64;
@@ -131,18 +127,6 @@ fn steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
         (turns * positions as f64).round() as usize % positions.max(1)
     };
     radial.iter().map(step).collect()
-}
-
-/// The innermost rotary axis on the workpiece side that is along Z with all others at zero.
-fn table_axis(plan: &Plan, chain: &Chain) -> Result<(Axis, Position), Refused> {
-    let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear());
-    let still: Position = rotary.map(|axis| (*axis, 0.0)).collect();
-    let is_upright = |axis: &&Axis| {
-        let line = chain.axis_line(**axis, &still);
-        line.is_some_and(|line| line.direction.z.abs() >= MIN_COSINE_TO_Z)
-    };
-    let axis = chain.topology().workpiece().iter().rev().find(is_upright).ok_or_else(no_table)?;
-    Ok((*axis, still))
 }
 
 fn no_table() -> Refused {

@@ -25,7 +25,7 @@ struct Place<'a> {
 #[derive(Clone, Copy)]
 struct Visit<'a> {
     step: &'a Step,
-    /// Number of the point within the scan.
+    /// Number within the scan: point after point, and at each of them sensor after sensor.
     point: usize,
     repeat: u32,
     /// Where the surface was found, against the direction of the touch or along the scan's normal, mm.
@@ -39,7 +39,9 @@ fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
     let good = |reading: &&Reading| matches!(reading.flag, Flag::None | Flag::Gap);
     let same =
         |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
-    let stands = |one: &Reading, other: &Reading| one.position == other.position;
+    let stands = |one: &Reading, other: &Reading| {
+        one.position == other.position && one.sensor == other.sensor
+    };
     let visit = |(point, readings): (usize, &[Reading])| {
         let (first, count) = (readings.iter().find(good)?, readings.iter().filter(good).count());
         let is_read = |step: &&Step| step.id == first.step && step.kind == StepKind::Reference;
@@ -48,8 +50,18 @@ fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
         let outward_mm = found.sum::<f64>() / count as f64;
         Some(Visit { step, point, repeat: first.repeat, outward_mm, t_s: first.t_s })
     };
+    let readings = since_last_mount(plan, readings);
     let steps = readings.chunk_by(same);
     steps.flat_map(|step| step.chunk_by(stands).enumerate().filter_map(visit)).collect()
+}
+
+/// What was read since the artefact was mounted anew for the last time: only that can be compared.
+fn since_last_mount<'r>(plan: &Plan, readings: &'r [Reading]) -> &'r [Reading] {
+    let last_read = readings.iter().map(|reading| reading.step).max();
+    let mounts = plan.steps.iter().filter(|step| step.mount.is_some() && Some(step.id) < last_read);
+    let mounted = mounts.map(|step| step.id).max();
+    let first = readings.iter().position(|reading| Some(reading.step) > mounted);
+    first.and_then(|first| readings.get(first..)).unwrap_or_default()
 }
 
 /// The places that can be compared.
@@ -177,7 +189,14 @@ impl Place<'_> {
     fn label(&self) -> String {
         match self.step.scan {
             None => self.step.label.clone(),
-            Some(_) => format!("{}, point {}", self.step.label, self.point + 1),
+            Some(_) => {
+                let sensors = self.step.sensors.len().max(1);
+                let point = format!("{}, point {}", self.step.label, self.point / sensors + 1);
+                match self.step.sensors.get(self.point % sensors) {
+                    Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
+                    _ => point,
+                }
+            }
         }
     }
 

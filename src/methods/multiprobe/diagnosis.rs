@@ -22,7 +22,8 @@ const MAX_SLIP_SHARE: f64 = 0.25;
 const CREDIBLE: f64 = 0.998;
 /// A wrong index must change χ² by this much to be noticed.
 const MIN_CONFIRMING_CHI2: f64 = 25.0;
-/// Resolution of an index offset.
+/// An index offset is sought in steps of a quarter of the period of the highest harmonic, then about the best
+/// of them in these.
 const OFFSET_STEP_DEG: f64 = 0.1;
 /// A smaller deviation of a clock moves the twentieth harmonic by less than 15° in one revolution.
 const MIN_CLOCK_ERROR: f64 = 2e-3;
@@ -58,21 +59,25 @@ pub enum IndexCheck {
     Wrong(Diagnosis),
 }
 
-fn is_credible((chi2, dof): (f64, usize)) -> bool {
-    chi_square_bounds(dof as f64, CREDIBLE).is_none_or(|(_, upper)| chi2 <= upper)
+/// `expected`: χ² over its degrees of freedom where all is as declared, 1 for noise alone.
+fn is_credible((chi2, dof): (f64, usize), expected: f64) -> bool {
+    chi_square_bounds(dof as f64, CREDIBLE)
+        .is_none_or(|(_, upper)| chi2 <= upper * expected.max(1.0))
 }
 
 /// Two channels whose exchange explains residuals that the layout does not. Without redundancy (one index,
-/// three sensors a section) nothing is found.
+/// three sensors a section) nothing is found. `expected`: χ² over its degrees of freedom where all is as
+/// declared.
 ///
 /// # Errors
 /// As [`SeparationFit::new`].
 pub fn swapped_channels(
     layout: &ProbeLayout,
     data: &HarmonicData,
+    expected: f64,
 ) -> Result<Option<Diagnosis>, IdentifyError> {
     let as_planned = SeparationFit::new(layout, data)?.chi2();
-    if is_credible(as_planned) {
+    if is_credible(as_planned, expected) {
         return Ok(None);
     }
     let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, None);
@@ -91,19 +96,21 @@ pub fn swapped_channels(
 }
 
 /// The mounting angles against the form of the artefact. One index, or all from one on, may be wrong by
-/// the same angle.
+/// the same angle. `expected` as for [`swapped_channels`].
 ///
 /// # Errors
 /// As [`SeparationFit::new`].
 pub fn check_indexes(
     layout: &ProbeLayout,
     data: &HarmonicData,
+    expected: f64,
 ) -> Result<IndexCheck, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let as_planned = fit.chi2();
     let indexes = layout.index_angles_rad.len();
-    if is_credible(as_planned) {
-        let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > MIN_CONFIRMING_CHI2);
+    if is_credible(as_planned, expected) {
+        let least = MIN_CONFIRMING_CHI2 * expected.max(1.0);
+        let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > least);
         return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
     }
     let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Unexplained);
@@ -129,7 +136,10 @@ fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, in
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
     let [before, after] = [layout, &shifted].map(|layout| fit.predicted(layout, &data.rows));
-    let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
+    let sigma = (1..=data.orders()).flat_map(|order| {
+        let sigma = data.sigma_mm(order);
+        if order > 1 { sigma } else { vec![f64::INFINITY; sigma.len()] }
+    });
     before.iter().zip(after).zip(sigma).map(|((a, b), sigma)| ((a - b) / sigma).powi(2)).sum()
 }
 
@@ -148,10 +158,18 @@ fn best_offset(
     }
     let fit = SeparationFit::new(layout, &kept)?;
     let (kept_chi2, _) = fit.chi2();
-    let steps = (360.0 / OFFSET_STEP_DEG) as i32;
-    let offsets = (-steps / 2..steps / 2).map(|i| (f64::from(i) * OFFSET_STEP_DEG).to_radians());
-    let of = |offset: f64| (kept_chi2 + moved_chi2(layout, &moved, &fit, offset), offset);
-    Ok(offsets.map(of).min_by(|a, b| a.0.total_cmp(&b.0)))
+    let coarse = 4 * data.orders() as i32;
+    let coarse_deg = 360.0 / f64::from(coarse);
+    let of = |deg: f64| {
+        let offset = deg.to_radians();
+        (kept_chi2 + moved_chi2(layout, &moved, &fit, offset), offset)
+    };
+    let least = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);
+    let offsets = (-coarse / 2..coarse / 2).map(|i| f64::from(i) * coarse_deg);
+    let Some((_, near)) = offsets.map(of).min_by(least) else { return Ok(None) };
+    let fine = (coarse_deg / OFFSET_STEP_DEG).ceil() as i32;
+    let offsets = (-fine..=fine).map(|i| near.to_degrees() + f64::from(i) * OFFSET_STEP_DEG);
+    Ok(offsets.map(of).min_by(least))
 }
 
 fn moved_chi2(layout: &ProbeLayout, moved: &HarmonicData, fit: &SeparationFit, offset: f64) -> f64 {
@@ -164,7 +182,7 @@ fn moved_chi2(layout: &ProbeLayout, moved: &HarmonicData, fit: &SeparationFit, o
         let rows = predicted.iter().zip(observed).zip(moved.sigma_mm(harmonic.order));
         rows.map(|((p, o), sigma)| ((o - p) / sigma).powi(2)).sum::<f64>()
     };
-    fit.harmonics.iter().map(of).sum()
+    fit.harmonics.iter().filter(|harmonic| harmonic.order > 1).map(of).sum()
 }
 
 /// Channels whose pattern moves on from revolution to revolution. The revolutions of a row follow each

@@ -151,10 +151,15 @@ impl SeparationFit {
         Solution { model: self, residuals: &self.weighted_residuals, is_declared: true, figures }
     }
 
-    /// Σ(residual/σ)² of all observations and their degrees of freedom.
+    /// Σ(residual/σ)² of all observations and their degrees of freedom, without the first harmonic: it holds the
+    /// eccentricity of each mounting, which the model does not.
     pub fn chi2(&self) -> (f64, usize) {
         let of = |fit: &HarmonicFit| (fit.chi2, fit.dof);
-        self.harmonics.iter().map(of).fold((0.0, 0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
+        self.harmonics
+            .iter()
+            .filter(|fit| fit.order > 1)
+            .map(of)
+            .fold((0.0, 0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
     }
 
     /// Index of the first unknown of the harmonic `order`.

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use super::model::Component;
 use super::outputs::{ReportedMotions, unit};
+use super::settings::TurnSampling;
 use crate::identification::{NonlinearOutputs, Range, range_outputs};
 
 /// Angles at which the largest and the least value of a motion are sought.
@@ -25,11 +26,14 @@ fn range(
 /// Synchronous error motion values in the fixed sensitive direction of each motion, fundamental (axial
 /// alone: the first harmonic of the others is eccentricity or tilt) and residual synchronous axial
 /// values; roundness (peak to valley about the least-squares circle). Only identifiable harmonics take
-/// part; a motion without one has no value.
+/// part; a motion without one has no value. ISO 230-7 speaks of a turning axis: at dwell points the same range
+/// is `EXC_range`.
 pub fn nonlinear_outputs(
     motions: &ReportedMotions<'_>,
     components: &[Component],
+    sampling: TurnSampling,
 ) -> NonlinearOutputs {
+    let turns = sampling == TurnSampling::Continuous;
     let mut ranges = Vec::new();
     for component in components.iter().filter(|c| !matches!(c, Component::Face)) {
         let all = motions.identifiable_orders(*component);
@@ -42,9 +46,10 @@ pub fn nonlinear_outputs(
         };
         match component {
             Component::Roundness(section) => add(format!("RONt_{}", section + 1), &higher),
-            _ => add(format!("{symbol}_synchronous"), &all),
+            _ if turns => add(format!("{symbol}_synchronous"), &all),
+            _ => add(format!("{symbol}_range"), &all),
         }
-        if *component == Component::Z && all.first() == Some(&1) {
+        if turns && *component == Component::Z && all.first() == Some(&1) {
             add(format!("{symbol}_fundamental"), &[1]);
             add(format!("{symbol}_residual_synchronous"), &higher);
         }

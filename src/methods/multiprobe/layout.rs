@@ -1,5 +1,5 @@
-//! What a layout of radial sensors and indexes separates, before anything is measured: determinant
-//! (paper 3, Eq. (11)), lost and weak harmonics, noise gain, the best third angle.
+//! What a layout of radial sensors and indexes separates, before anything is measured: noise gain, the best
+//! third angle.
 
 use std::ops::RangeInclusive;
 
@@ -12,38 +12,10 @@ use super::outputs::ReportedMotions;
 use super::sources::StageEccentricity;
 use crate::Refused;
 
-/// Determinants below this one are zeros.
-const ZERO_DETERMINANT: f64 = 1e-20;
-/// A harmonic with a smaller determinant is weak: its noise is larger than that of a single sensor.
-const WEAK_DETERMINANT: f64 = 1.0;
 /// Harmonics that decide between layouts.
 pub const RANKED_ORDERS: RangeInclusive<usize> = 2..=20;
 /// Sensors nearer than this to each other, or to the opposite side, do not separate X from Y.
 pub const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
-/// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`: infinite for coinciding or opposed second
-/// and third sensors.
-pub fn determinant(angles_deg: [f64; 3], order: usize) -> f64 {
-    let [alpha, beta] = [1, 2].map(|i| (angles_deg[i] - angles_deg[0]).to_radians());
-    let a = beta.sin() / (alpha - beta).sin();
-    let b = alpha.sin() / (beta - alpha).sin();
-    let turn = |angle: f64| c64::cis(order as f64 * angle);
-    (c64::new(1.0, 0.0) + turn(alpha) * a + turn(beta) * b).norm_sqr()
-}
-
-/// Harmonics of 1..=`max_order` that the three sensors alone lose.
-pub fn suppressed_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
-    let is_zero = |order: &usize| determinant(angles_deg, *order) < ZERO_DETERMINANT;
-    (1..=max_order).filter(is_zero).collect()
-}
-
-/// Harmonics of 1..=`max_order` with a small determinant other than zero.
-pub fn weak_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
-    let is_weak = |order: &usize| {
-        (ZERO_DETERMINANT..WEAK_DETERMINANT).contains(&determinant(angles_deg, *order))
-    };
-    (1..=max_order).filter(is_weak).collect()
-}
-
 /// Which measurements of a layout take part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Separation {

@@ -6,32 +6,106 @@
 //! scatter, [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
 //! the measurement what a layout separates.
 
-pub mod checks;
-pub mod diagnosis;
-pub mod filter;
-pub mod fit;
-pub mod harmonics;
-pub mod iso;
-pub mod layout;
-pub mod model;
-pub mod outputs;
-pub mod resample;
-pub mod revolutions;
-pub mod sources;
+mod centring;
+mod checks;
+mod diagnosis;
+mod estimate;
+mod filter;
+mod fit;
+mod harmonics;
+mod iso;
+mod label;
+mod layout;
+mod model;
+mod observe;
+mod outputs;
+mod resample;
+mod revolutions;
+mod settings;
+mod setup;
+mod sources;
+mod stages;
 
 #[cfg(test)]
 mod tests;
+
+pub use settings::Settings;
 
 use self::fit::SeparationFit;
 use self::harmonics::HarmonicData;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
+use self::settings::TurnSampling;
+use self::setup::Setup;
 use self::sources::{SourceSizes, sources};
 use crate::identification::{Identification, Outputs, TrialPlan};
-use crate::{IdentifyError, Refused};
+use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+use machine::record::sensor::Sensor;
+
+pub const NAME: &str = "multiprobe";
+
+pub struct Multiprobe {
+    settings: Settings,
+}
+
+impl Registered for Multiprobe {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "a datum cylinder on an indexing stage on the rotary table, three or more displacement sensors",
+        finds: "five error motions of the rotary table over its angle (all but EC), form of the cylinder, \
+                eccentricity",
+        machine_file: "multiprobe.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+}
+
+impl Method for Multiprobe {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        self.settings.check()?;
+        let setup = Setup::new(plan, &self.settings)?;
+        if done.is_empty() {
+            setup.check()?;
+        }
+        stages::next(&setup, done, source)
+    }
+
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
+        let named = &self.settings.sensors;
+        let missing = named.iter().find(|name| sensors.iter().all(|s| s.name != **name));
+        if let Some(name) = missing {
+            return Err(Refused {
+                why: format!("there is no [[sensor]] `{name}`"),
+                instead: format!("correct sensors in [method.{NAME}], or describe it"),
+            });
+        }
+        let is_named = |sensor: &&Sensor| named.is_empty() || named.contains(&sensor.name);
+        Ok(sensors.iter().filter(is_named).collect())
+    }
+
+    fn identify(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+        priors: &[Estimate],
+    ) -> Result<Estimate, IdentifyError> {
+        self.check_priors(priors)?;
+        estimate::estimate(plan, &self.settings, readings)
+    }
+}
 
 /// The identified error motions.
-pub struct Separated {
+struct Separated {
     pub identification: Identification,
     pub fit: SeparationFit,
     /// Fixed by convention.
@@ -45,10 +119,11 @@ pub struct Separated {
 ///
 /// # Errors
 /// Rows or surfaces that the layout does not hold; values that are not finite; fewer than two trials.
-pub fn identify(
+fn identify(
     layout: &ProbeLayout,
     data: &HarmonicData,
     sizes: &SourceSizes,
+    sampling: TurnSampling,
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
     checks::check_surfaces(layout, &data.rows)?;
@@ -59,7 +134,7 @@ pub fn identify(
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
-    let nonlinear = iso::nonlinear_outputs(&motions, &layout.components());
+    let nonlinear = iso::nonlinear_outputs(&motions, &layout.components(), sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let lost = fit.harmonics.iter().flat_map(|harmonic| harmonic.lost.clone());
     let not_identifiable: Vec<String> =

@@ -155,6 +155,15 @@ fn in_words(gaps: &[AngleRange]) -> String {
 }
 
 impl Resampled {
+    /// Of a turn with stops at `steps` equal angles a revolution; `values` from the angle of number `first` on.
+    pub fn of_stops(steps: usize, first: i64, values: Vec<Option<f64>>) -> Self {
+        let deg = |number: i64| number as f64 * 360.0 / steps as f64;
+        let missing = (first..).zip(&values).filter(|(_, value)| value.is_none());
+        let gaps = missing.map(|(n, _)| AngleRange { from_deg: deg(n - 1), to_deg: deg(n + 1) });
+        let gaps = gaps.collect();
+        Self { steps, first, values, gaps }
+    }
+
     /// The whole revolutions between two output angles, each from 0 on. `None`: with a gap.
     fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
         let value = |number: i64| {
@@ -171,10 +180,11 @@ impl Resampled {
         (0..count).map(revolution).collect()
     }
 
-    /// First and last output angle that is not too near an end.
+    /// First and last angle with a value.
     fn ends(&self) -> (i64, i64) {
-        let half = KERNEL_HALF_STEPS as i64;
-        (self.first + half, self.first + self.values.len() as i64 - 1 - half)
+        let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
+        let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);
+        (self.first + first as i64, self.first + last)
     }
 }
 

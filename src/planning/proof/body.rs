@@ -152,6 +152,10 @@ pub enum Role {
     StemOf(usize),
     /// Of the artefact, neither touched nor the stem of one.
     Frame,
+    /// A datum cylinder.
+    Datum,
+    /// The body of a displacement sensor.
+    Sensor,
     StylusBall,
     /// It bends the stylus as well: the probe feels it.
     StylusStem,

@@ -36,6 +36,12 @@ impl Pair {
         self.one.carried.side() == self.other.carried.side()
     }
 
+    /// A displacement sensor and the cylinder that it measures.
+    fn is_measured(&self) -> bool {
+        let roles = [self.one.role, self.other.role];
+        roles.contains(&Role::Sensor) && roles.contains(&Role::Datum)
+    }
+
     /// Nearer than the margin with all axes at zero: joined, or built close.
     fn neighbours(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
@@ -51,22 +57,26 @@ impl Pair {
     }
 }
 
-/// All pairs that some axis moves against each other; but for neighbours on one side, which are
-/// told in words unless the one holds the other.
+/// All pairs that some axis moves against each other, and in words those that are not checked: neighbours on
+/// one side, unless the one holds the other, and a sensor beside a datum cylinder. The gap of these two is the
+/// sensor's range: its samples are watched while an axis moves.
 pub fn pairs(bodies: &[Body], uncertainty: f64) -> (Vec<Pair>, Vec<String>) {
-    let (mut pairs, mut neighbours) = (Vec::new(), Vec::new());
+    let (mut pairs, mut unchecked) = (Vec::new(), Vec::new());
     let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
     for (one, other) in all {
         let Some(pair) = pair(bodies, one, other, uncertainty) else { continue };
-        if !(pair.one_side() && pair.neighbours()) {
+        if pair.is_measured() {
+            let (one, other) = (&pair.one.name, &pair.other.name);
+            unchecked.push(format!("{one} against {other}: the gap that the sensor measures"));
+        } else if !(pair.one_side() && pair.neighbours()) {
             pairs.push(pair);
         } else if !pair.held() {
             let (one, other) = (&pair.one.name, &pair.other.name);
             let why = format!("they stand nearer than {MARGIN_MM} mm with all axes at zero");
-            neighbours.push(format!("{one} against {other}: {why}"));
+            unchecked.push(format!("{one} against {other}: {why}"));
         }
     }
-    (pairs, neighbours)
+    (pairs, unchecked)
 }
 
 /// Each pair once: of two sides the tool's first, the bed's last.
@@ -80,8 +90,9 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
         return None;
     }
     let meets = meets(a, b, bodies);
-    let of_artefact =
-        |body: &Body| matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame);
+    let of_artefact = |body: &Body| {
+        matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame | Role::Datum)
+    };
     let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
     let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = Carried::between(&a.carried, &b.carried);

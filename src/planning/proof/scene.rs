@@ -15,6 +15,7 @@ use machine::kinematics::{Carried, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
+use machine::record::sensor::Mount;
 
 /// What a probing move keeps from all that it is not there to touch, mm: the probe does not feel a
 /// nose on a clamp, its own body on a stem or a table on a column, so nothing would stop there, and
@@ -74,8 +75,8 @@ impl Scene {
         for solid in &plan.solids {
             builder.add(&solid.name, Role::Other, solid.on, Shape::solid(solid))?;
         }
-        let (pairs, neighbours) = pairs(&builder.bodies, uncertainty);
-        not_looked_at.extend(neighbours);
+        let (pairs, unchecked) = pairs(&builder.bodies, uncertainty);
+        not_looked_at.extend(unchecked);
         Ok(Self { bodies: builder.bodies, pairs, uncertainty, not_looked_at })
     }
 
@@ -218,6 +219,10 @@ impl Builder {
     /// A stem begins within the ball that it carries. Returns what is not declared.
     fn artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, Reason> {
         let parts = artefact::parts(artefact);
+        let frame = match artefact {
+            Artefact::DatumCylinder(_) => Role::Datum,
+            _ => Role::Frame,
+        };
         let touched: Vec<&Part> = parts.iter().filter(|part| part.touched).collect();
         let mut bare: Vec<usize> = (0..touched.len()).collect();
         for part in &parts {
@@ -232,7 +237,7 @@ impl Builder {
             let role = if let Some(number) = number(&own) {
                 Role::Touched(number)
             } else {
-                number(&carries).map_or(Role::Frame, Role::StemOf)
+                number(&carries).map_or(frame, Role::StemOf)
             };
             bare.retain(|number| role != Role::StemOf(*number));
             self.add(&part.name, role, Carrier::Table, Shape::part(part))?;
@@ -242,21 +247,28 @@ impl Builder {
         Ok(bare.map(|part| format!("stem of {}", part.name)).collect())
     }
 
-    /// What sits in the spindle and turns with it. Returns what is not declared.
+    /// What sits in the spindle and turns with it, and the sensors wherever they are mounted. Returns what
+    /// is not declared.
     fn tool(&mut self, plan: &Plan) -> Result<Vec<String>, Reason> {
         let turns = self.chain.topology().contains(Axis::S);
-        let on = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
-        if plan.sensors.is_empty() {
-            return self.probe(plan, on);
-        }
+        let spindle = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
         let mut missing = Vec::new();
+        // A sensor in the spindle takes the place of the probe.
+        if !plan.sensors.iter().any(|sensor| sensor.mount.is_spindle()) {
+            missing.extend(self.probe(plan, spindle)?);
+        }
         for sensor in &plan.sensors {
+            let on = match sensor.mount {
+                Mount::Spindle => spindle,
+                Mount::Table => Carrier::Table,
+                Mount::Bed => Carrier::Bed,
+            };
             let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
             let front = zero - along * sensor.stand_off_mm;
             let back = front - along * sensor.body_length_mm;
             if sensor.body_radius_mm > 0.0 && front != back {
                 let body = Shape::cylinder(front, back, sensor.body_radius_mm);
-                self.add(&sensor.name, Role::Other, on, body)?;
+                self.add(&sensor.name, Role::Sensor, on, body)?;
             } else {
                 missing.push(format!("body of {}", sensor.name));
             }

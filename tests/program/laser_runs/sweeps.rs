@@ -250,11 +250,15 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
         ((BACK, Event::StampsJump, Over), &[on_step, "2 of the 3 points", resume]),
         (
             (FIRST, Event::OtherClock, Over),
-            &["pass/1, step 1", "no sample was taken at a time at which the control says", resume],
+            &[
+                "pass/1, step 1",
+                "no sample of laser was taken at a time at which the control reports",
+                resume,
+            ],
         ),
         (
             (FIRST, Event::Mute, Over),
-            &["pass/1, step 1", "the sensor said nothing on the way", resume],
+            &["pass/1, step 1", "laser reported nothing on the way", resume],
         ),
     ];
     std::thread::scope(|scope| {
@@ -294,7 +298,10 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
 
     let (scan, told) = measured(BACK, Event::TrackGap);
     assert_eq!(scan.len(), 2 * WAY - 50, "{told}");
-    assert!(told.contains("pass/2: 50 of 1600 samples are left out: in 1 places"), "{told}");
+    assert!(
+        told.contains("pass/2: 50 of 1600 samples of laser are left out: in 1 places"),
+        "{told}"
+    );
     assert!((longest(&scan) - 51.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
 }
 

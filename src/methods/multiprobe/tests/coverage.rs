@@ -7,6 +7,7 @@ use super::super::harmonics::{HarmonicData, RowRevolutions};
 use super::super::model::{ProbeLayout, Surface, TableSense};
 use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
+use super::super::settings::TurnSampling;
 use super::super::sources::{SourceSizes, StageEccentricity};
 use super::super::{Separated, identify};
 use super::generator::{ScanSize, Term, World, sum};
@@ -32,7 +33,7 @@ fn exact() -> SourceSizes {
 
 fn identified(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> Separated {
     let data = HarmonicData::from_revolutions(measured, ORDERS).unwrap();
-    identify(layout, &data, sizes, None).unwrap()
+    identify(layout, &data, sizes, TurnSampling::Continuous, None).unwrap()
 }
 
 /// Truth of `EXC_c2` and the like, internal unit.
@@ -259,7 +260,8 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
     );
     let data = HarmonicData::from_revolutions(&measured, ORDERS).unwrap();
     let plan = TrialPlan { seed: 1, trials: Trials::Fixed(20_000) };
-    let separated = identify(&layout, &data, &exact(), Some(plan)).unwrap();
+    let separated =
+        identify(&layout, &data, &exact(), TurnSampling::Continuous, Some(plan)).unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {
         let trials = parameter.u_monte_carlo.unwrap();
@@ -330,5 +332,5 @@ fn regress_multiprobe_alone_reports_four_motions() {
     let of_x: Vec<f64> = all.filter(|o| o.symbol == "EXC_c2").map(|o| o.value).collect();
     assert!((of_x[0] - world.x[1].a).abs() < 1e-6);
     let none = HarmonicData::declared(layout.all_rows(), Vec::new(), 1.0, 24);
-    assert!(identify(&layout, &none, &exact(), None).is_err());
+    assert!(identify(&layout, &none, &exact(), TurnSampling::Continuous, None).is_err());
 }

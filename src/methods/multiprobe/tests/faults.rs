@@ -31,14 +31,14 @@ fn regress_swapped_channels() {
         let world = World::random(first as u64, 8, 2, NOISE_MM);
         let mut actual = planned.clone();
         actual.channels.swap(first, second);
-        let found = swapped_channels(&planned, &data(&world, &actual, 5)).unwrap();
+        let found = swapped_channels(&planned, &data(&world, &actual, 5), 1.0).unwrap();
         let name = |i: usize| planned.channels[i].name.clone();
         assert_eq!(found, Some(Diagnosis::SwappedChannels(name(first), name(second))));
     }
     let mut found = 0;
     for seed in 0..50 {
         let world = World::random(seed, 8, 2, NOISE_MM);
-        let sound = swapped_channels(&planned, &data(&world, &planned, seed)).unwrap();
+        let sound = swapped_channels(&planned, &data(&world, &planned, seed), 1.0).unwrap();
         found += usize::from(sound.is_some());
     }
     assert_eq!(found, 0);
@@ -55,7 +55,7 @@ fn regress_wrong_index_of_a_lobed_artefact() {
         for n in (wrong..6).filter(|n| *n == wrong || is_from_here_on) {
             actual.index_angles_rad[n] += f64::to_radians(by_deg);
         }
-        let check = check_indexes(&planned, &data(&world, &actual, 9)).unwrap();
+        let check = check_indexes(&planned, &data(&world, &actual, 9), 1.0).unwrap();
         let IndexCheck::Wrong(Diagnosis::WrongIndex { first, is_from_here_on: all, offset_deg }) =
             check
         else {
@@ -71,12 +71,12 @@ fn regress_wrong_index_of_a_lobed_artefact() {
 fn regress_right_indexes_and_a_round_artefact() {
     let planned = layout(6, TableSense::Clockwise);
     let mut world = World::random(1, 8, 2, NOISE_MM);
-    let check = check_indexes(&planned, &data(&world, &planned, 2)).unwrap();
+    let check = check_indexes(&planned, &data(&world, &planned, 2), 1.0).unwrap();
     assert_eq!(check, IndexCheck::Confirmed);
     world.sections.iter_mut().flatten().chain(&mut world.face).for_each(|t| {
         (t.a, t.b) = (0.0, 0.0);
     });
-    let check = check_indexes(&planned, &data(&world, &planned, 2)).unwrap();
+    let check = check_indexes(&planned, &data(&world, &planned, 2), 1.0).unwrap();
     assert_eq!(check, IndexCheck::NotConfirmed);
 }
 

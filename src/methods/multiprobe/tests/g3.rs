@@ -2,10 +2,9 @@
 
 use super::super::fit::SeparationFit;
 use super::super::harmonics::{HarmonicBasis, HarmonicData};
-use super::super::layout::{
-    RANKED_ORDERS, RadialLayout, Separation, determinant, suppressed_orders, weak_orders,
-};
+use super::super::layout::{RANKED_ORDERS, RadialLayout, Separation};
 use super::super::model::Row;
+use super::determinant::{determinant, suppressed_orders, weak_orders};
 use super::generator::{ScanSize, World};
 
 const ANGLES: [f64; 3] = [0.0, 90.0, 230.0];
@@ -26,6 +25,15 @@ fn paper_determinant_and_noise_gain() {
     }
     let zeros = suppressed_orders([0.0, 90.0, 240.0], 20);
     assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
+    // The least squares lose what the determinant loses.
+    for angles in [ANGLES, [0.0, 90.0, 240.0]] {
+        let layout = RadialLayout::equal_steps(&angles, 1);
+        let gain = layout.noise_gain(Separation::Multiprobe, 2..=40).unwrap();
+        let lost = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_infinite());
+        let mut zeros = suppressed_orders(angles, 40);
+        zeros.retain(|order| *order > 1);
+        assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), zeros);
+    }
     for (beta, expected) in [(220.0, 1.48), (230.0, 1.53), (250.0, 1.75), (260.0, 2.52)] {
         let layout = RadialLayout::equal_steps(&[0.0, 90.0, beta], 1);
         let gain = layout.noise_gain(Separation::Multiprobe, RANKED_ORDERS).unwrap();

@@ -1,6 +1,7 @@
 //! The separation against an independent generator, METHODS gate G3, nullities, refusals.
 
 mod coverage;
+mod determinant;
 mod faults;
 mod g3;
 mod generator;

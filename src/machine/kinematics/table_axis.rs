@@ -1,0 +1,32 @@
+//! The rotary axis that turns the workpiece about Z.
+
+use super::Chain;
+use crate::record::machine::Machine;
+use crate::{Axis, Position};
+
+/// An axis is along Z where the cosine of its angle to Z is at least this.
+const MIN_COSINE_TO_Z: f64 = 0.999;
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableAxis {
+    pub axis: Axis,
+    /// All rotary axes at zero.
+    pub zero: Position,
+    /// Sense in which a rising command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
+    pub turn: f64,
+}
+
+impl TableAxis {
+    /// The innermost rotary axis on the workpiece side that is along Z with all others at zero.
+    pub fn of(machine: &Machine, chain: &Chain) -> Option<Self> {
+        let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());
+        let zero: Position = rotary.map(|axis| (*axis, 0.0)).collect();
+        let direction_z = |axis: Axis| Some(chain.axis_line(axis, &zero)?.direction.z);
+        let is_upright =
+            |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
+        let axis = *chain.topology().workpiece().iter().rev().find(is_upright)?;
+        // What carries the workpiece turns against the sign of the command (ISO 841).
+        let turn = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();
+        Some(Self { axis, zero, turn })
+    }
+}

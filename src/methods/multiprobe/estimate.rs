@@ -1,0 +1,161 @@
+//! Plan + readings → estimate.
+
+use super::diagnosis::{Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels};
+use super::filter::ResampleFilter;
+use super::harmonics::HarmonicData;
+use super::layout::{RadialLayout, Separation};
+use super::model::Surface;
+use super::observe::{Observed, observed};
+use super::outputs::ReportedMotions;
+use super::revolutions::revolution_values;
+use super::settings::{Settings, TurnSampling};
+use super::setup::Setup;
+use super::sources::SourceSizes;
+use super::{Separated, identify};
+use crate::identification::declared::drift_mm_per_s;
+use crate::identification::{MisfitAdvice, TrialPlan};
+use crate::{IdentifyError, Refused};
+use estimation::monte_carlo::Trials;
+use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+
+/// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
+const MONTE_CARLO_SEED: u64 = 0x6d75_6c74;
+/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+const STABLE_DIGITS: u32 = 1;
+const MAX_TRIALS: usize = 20_000;
+
+const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
+    causes: "wrong angles, gains or heights of the sensors, a wrong index, a loose sensor, harmonics above the \
+             highest",
+    declared_by: "u_gain, u_sensor_angle_deg or u_index_angle_deg",
+};
+
+/// # Errors
+/// Readings that do not belong to the plan or do not separate motion and artefact; channels that are swapped or
+/// have a clock of their own; indexes that are wrong from one on.
+pub fn estimate(
+    plan: &Plan,
+    settings: &Settings,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let setup = Setup::new(plan, settings)?;
+    let mut observed = observed(&setup, readings)?;
+    if settings.sampling == TurnSampling::Continuous
+        && let Some(fault) = clock_errors(&setup.layout, &observed.forward).into_iter().next()
+    {
+        return Err(refused(&fault));
+    }
+    let sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
+    let index_warning = check_rows(&setup, &sizes, &mut observed)?;
+    let data = HarmonicData::from_revolutions(&observed.rows, settings.harmonics)?;
+    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
+    let separated = identify(&setup.layout, &data, &sizes, settings.sampling, Some(trials))?;
+    let mut estimate = separated.identification.estimate(super::NAME);
+    if settings.sampling == TurnSampling::Continuous {
+        let motions = ReportedMotions::new(&setup.layout, &separated.fit, sizes.stage);
+        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.rows));
+    }
+    estimate.functions.extend(noise_gains(&setup));
+    let mut gauge = separated.gauge.clone();
+    gauge.extend(resampling(settings));
+    Ok(Estimate {
+        warnings: warnings(&observed, index_warning, &separated),
+        gauge,
+        not_identifiable: separated.not_identifiable,
+        ..estimate
+    })
+}
+
+/// What the antialiasing filter lets pass.
+fn resampling(settings: &Settings) -> Option<String> {
+    let filter = ResampleFilter::new(settings.positions);
+    (settings.sampling == TurnSampling::Continuous).then(|| {
+        format!(
+            "samples are resampled to {} equal angles: orders up to {} pass, {} is halved, those from {} on are \
+             suppressed by 100 dB",
+            settings.positions,
+            filter.pass_order(),
+            filter.cutoff_order(),
+            filter.stop_order()
+        )
+    })
+}
+
+/// Of the sensors of the first section, for each separation: standard uncertainty of a coefficient of EXC where
+/// those of one sensor have 1 µm. Orders that it loses are left out.
+fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
+    let of_section = setup.layout.channels.iter().filter(|c| c.surface == Surface::Section(0));
+    let deg = |rad: &f64| rad.to_degrees();
+    let layout = RadialLayout {
+        angles_deg: of_section.map(|channel| channel.angle_rad.to_degrees()).collect(),
+        index_angles_deg: setup.layout.index_angles_rad.iter().map(deg).collect(),
+    };
+    let separations = [
+        ("gain_multiprobe", Separation::Multiprobe),
+        ("gain_multistep", Separation::Multistep),
+        ("gain_combined", Separation::Combined),
+    ];
+    let function = |(symbol, separation): (&str, Separation)| {
+        let gain = layout.noise_gain(separation, 2..=setup.settings.harmonics).ok()?;
+        let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
+        let (x, y): (Vec<f64>, Vec<f64>) = kept.map(|(order, gain)| (*order as f64, *gain)).unzip();
+        (!x.is_empty()).then(|| Function {
+            symbol: symbol.to_owned(),
+            argument: "order".to_owned(),
+            argument_unit: String::new(),
+            u: vec![0.0; x.len()],
+            x,
+            unit: Unit::Um,
+            y,
+            figure: FigureKind::Points,
+        })
+    };
+    separations.into_iter().filter_map(function).collect()
+}
+
+fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated) -> Vec<String> {
+    let identification = &separated.identification;
+    let mut lines = observed.left_out.clone();
+    lines.extend(of_index);
+    lines.extend(identification.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(identification.trials_warning());
+    lines
+}
+
+/// Takes a single wrong index out of the rows; what else the form of the artefact says of the indexes.
+fn check_rows(
+    setup: &Setup<'_>,
+    sizes: &SourceSizes,
+    observed: &mut Observed,
+) -> Result<Option<String>, IdentifyError> {
+    let data = HarmonicData::from_revolutions(&observed.rows, setup.settings.harmonics)?;
+    let first = identify(&setup.layout, &data, sizes, setup.settings.sampling, None)?;
+    let dof = first.identification.figures.dof.max(1) as f64;
+    let expected = first.identification.propagation.misfit.expected / dof;
+    if let Some(fault) = swapped_channels(&setup.layout, &data, expected)? {
+        return Err(refused(&fault));
+    }
+    if setup.settings.indexes < 2 {
+        return Ok(None);
+    }
+    Ok(match check_indexes(&setup.layout, &data, expected)? {
+        IndexCheck::Confirmed | IndexCheck::Unexplained => None,
+        IndexCheck::NotConfirmed => Some(
+            "the mountings are not confirmed: the artefact is too round for a wrong index to show"
+                .to_owned(),
+        ),
+        IndexCheck::Wrong(fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. }) => {
+            observed.rows.retain(|row| row.row.index != first);
+            Some(format!("mounting {} is left out: {fault}", first + 1))
+        }
+        IndexCheck::Wrong(fault) => return Err(refused(&fault)),
+    })
+}
+
+fn refused(fault: &Diagnosis) -> IdentifyError {
+    let instead = "correct the plan as named (trued identify --plan), or measure again".to_owned();
+    Refused { why: fault.to_string(), instead }.into()
+}

@@ -1,0 +1,166 @@
+//! Settings of the method, the table `[method.multiprobe]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+use super::filter::ResampleFilter;
+use super::sources::{SourceSizes, StageEccentricity};
+use crate::Refused;
+use machine::Position;
+
+/// How samples are taken while the table turns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TurnSampling {
+    /// The table stops at each of `positions` angles.
+    #[default]
+    Dwell,
+    /// It turns without a stop; the control must stamp positions.
+    Continuous,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Names of the sensors; empty: all of the machine file.
+    pub sensors: Vec<String>,
+    /// Where the linear axes are during the measurement, machine coordinates, mm. Each must be named.
+    pub at: Position,
+    /// Mountings of the artefact, equal steps of 360°/N apart. 1: it is not turned.
+    pub indexes: usize,
+    /// Revolutions in each direction at one mounting.
+    pub revolutions: usize,
+    pub both_directions: bool,
+    /// Equal angles in one revolution: stops, or results of the resampling.
+    pub positions: usize,
+    /// Highest harmonic of the error motions.
+    pub harmonics: usize,
+    pub sampling: TurnSampling,
+    /// Rest at a stop before its samples, and how many are taken there of each sensor.
+    pub dwell_s: f64,
+    pub samples: u32,
+    /// Samples a second of a continuous turn.
+    pub rate_hz: f64,
+    /// Degrees a minute.
+    pub feed_deg_min: f64,
+    /// The artefact is centred until its sections are nearer to the axis than this.
+    pub eccentricity_limit_um: f64,
+    /// Standard uncertainties of what the machine file declares. Of a sensor's gain: relative.
+    pub u_gain: f64,
+    pub u_sensor_angle_deg: f64,
+    pub u_section_distance_mm: f64,
+    pub u_face_radius_mm: f64,
+    /// Of the angle of one mounting.
+    pub u_index_angle_deg: f64,
+    /// Eccentricity of the indexing stage against the table, along X and Y, and its tilt. Absent: it may be
+    /// any, and the co-rotating first harmonic is reported as eccentricity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub u_stage_um: Option<f64>,
+    pub u_stage_tilt_urad: f64,
+    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    pub monte_carlo_trials: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            sensors: Vec::new(),
+            at: Position::new(),
+            indexes: 10,
+            revolutions: 2,
+            both_directions: true,
+            positions: 90,
+            harmonics: 20,
+            sampling: TurnSampling::Dwell,
+            dwell_s: 0.3,
+            samples: 4,
+            rate_hz: 1000.0,
+            feed_deg_min: 1080.0,
+            eccentricity_limit_um: 20.0,
+            u_gain: 1e-3,
+            u_sensor_angle_deg: 0.1,
+            u_section_distance_mm: 0.05,
+            u_face_radius_mm: 0.1,
+            u_index_angle_deg: 0.02,
+            u_stage_um: None,
+            u_stage_tilt_urad: 0.0,
+            monte_carlo_trials: 0,
+        }
+    }
+}
+
+impl Settings {
+    /// # Errors
+    /// Numbers that make no measurement.
+    pub fn check(&self) -> Result<(), Refused> {
+        let must = |holds: bool, why: String, instead: String| {
+            if holds { Ok(()) } else { Err(Refused { why, instead }) }
+        };
+        let (positions, harmonics) = (self.positions, self.harmonics);
+        must(
+            harmonics > 0 && self.highest_order() >= harmonics,
+            format!("{positions} positions a revolution do not show {harmonics} harmonics"),
+            format!(
+                "choose positions = {}, or fewer harmonics",
+                (harmonics.max(1) * 9).div_ceil(2)
+            ),
+        )?;
+        must(
+            self.indexes > 0 && self.revolutions > 0,
+            "indexes and revolutions must be 1 or more".to_owned(),
+            "correct them".to_owned(),
+        )?;
+        must(
+            self.revolutions > 1 || self.both_directions,
+            "one revolution shows no scatter, and its uncertainty is not known".to_owned(),
+            "choose revolutions = 2, or both_directions = true".to_owned(),
+        )?;
+        let lengths = [self.feed_deg_min, self.rate_hz, self.eccentricity_limit_um];
+        must(
+            lengths.iter().all(|length| *length > 0.0) && self.dwell_s >= 0.0 && self.samples > 0,
+            "feed_deg_min, rate_hz, eccentricity_limit_um and samples must be greater than 0"
+                .to_owned(),
+            "correct them".to_owned(),
+        )?;
+        self.check_rate()
+    }
+
+    /// Highest harmonic that the positions of one revolution show.
+    fn highest_order(&self) -> usize {
+        match self.sampling {
+            TurnSampling::Dwell => self.positions.saturating_sub(1) / 2,
+            TurnSampling::Continuous => ResampleFilter::new(self.positions).pass_order(),
+        }
+    }
+
+    /// Samples must not be farther apart than the angles that they are resampled to.
+    fn check_rate(&self) -> Result<(), Refused> {
+        let spacing_deg = self.feed_deg_min / 60.0 / self.rate_hz;
+        let step_deg = 360.0 / self.positions.max(1) as f64;
+        if self.sampling == TurnSampling::Dwell || spacing_deg <= step_deg / 2.0 {
+            return Ok(());
+        }
+        Err(Refused {
+            why: format!("samples are {spacing_deg:.2}° apart, positions {step_deg:.2}°"),
+            instead: format!("choose feed_deg_min = {:.0} or less", step_deg * self.rate_hz * 30.0),
+        })
+    }
+
+    /// `drift_mm_per_s`: of the artefact against the sensors.
+    pub fn source_sizes(&self, drift_mm_per_s: f64, revolution_s: f64) -> SourceSizes {
+        let stage = |u_um: f64| StageEccentricity::Declared {
+            u_mm: u_um * 1e-3,
+            u_tilt_rad: self.u_stage_tilt_urad * 1e-6,
+        };
+        // Turns in both directions cancel a constant rate; what is left is in their scatter.
+        let net = if self.both_directions { 0.0 } else { drift_mm_per_s * revolution_s };
+        SourceSizes {
+            gain: self.u_gain,
+            channel_angle_rad: self.u_sensor_angle_deg.to_radians(),
+            section_distance_mm: self.u_section_distance_mm,
+            face_radius_mm: self.u_face_radius_mm,
+            index_angle_rad: self.u_index_angle_deg.to_radians(),
+            stage: self.u_stage_um.map_or(StageEccentricity::NotDeclared, stage),
+            drift_mm_per_revolution: net,
+        }
+    }
+}

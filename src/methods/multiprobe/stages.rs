@@ -1,0 +1,224 @@
+//! Which stage comes next: centring of the artefact, then one stage a mounting: the prompt, a reference, turns
+//! forward and backward.
+
+use super::centring::{CENTRING_POINTS, Centring};
+use super::filter::KERNEL_HALF_STEPS;
+use super::label::Label;
+use super::settings::TurnSampling;
+use super::setup::Setup;
+use crate::{Next, Refused, Source};
+use machine::Position;
+use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
+
+/// Rounds of centring after which the method gives up.
+const MAX_CENTRING_ROUNDS: usize = 20;
+
+/// The next stage after the `done` ones.
+///
+/// # Errors
+/// A turn that does not fit the axis limits; an artefact that is still not centred.
+pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    let id = done.last().map_or(0, |stage| stage.id + 1);
+    let labels: Vec<Label> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
+    let count = |is: fn(&Label) -> bool| labels.iter().filter(|label| is(label)).count();
+    let rounds = count(|label| matches!(label, Label::Centring(_)));
+    let mounted = count(|label| matches!(label, Label::Mount(_)));
+    let measured = match source {
+        Source::Nominal => None,
+        Source::Measured(readings) => Centring::of(setup, readings),
+    };
+    let off = measured.filter(|centring| !centring.is_within(setup));
+    let turn = Turn::new(setup)?;
+    let (name, steps) = match (rounds, mounted, &off) {
+        (0, _, _) => ("centring".to_owned(), centring(setup, &turn, 1, first_text(setup))?),
+        (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
+            ("centring, once more".to_owned(), centring(setup, &turn, rounds + 1, off.text(setup))?)
+        }
+        (_, 0, Some(off)) => {
+            return Err(Refused {
+                why: format!("the artefact is still not centred: {}", off.text(setup)),
+                instead: "use a finer centring stage, or raise eccentricity_limit_um".to_owned(),
+            });
+        }
+        (_, mounted, _) if mounted < setup.settings.indexes => {
+            let count = setup.settings.indexes;
+            (format!("mounting {} of {count}", mounted + 1), mounting(setup, &turn, mounted + 1)?)
+        }
+        _ => return Ok(Next::Done),
+    };
+    let first = setup.plan.steps.len() as u32;
+    let numbered = (first..).zip(steps);
+    let new_steps: Vec<Step> =
+        numbered.map(|(number, step)| Step { id: number, stage: id, ..step }).collect();
+    let ids = new_steps.iter().map(|step| step.id).collect();
+    Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps: ids, found: None }, new_steps })
+}
+
+fn first_text(setup: &Setup<'_>) -> String {
+    let names: Vec<&str> = setup.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    format!(
+        "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
+         middle of their ranges. The table will turn once",
+        names.join(", ")
+    )
+}
+
+/// The prompt and one revolution in few stops.
+fn centring(
+    setup: &Setup<'_>,
+    turn: &Turn,
+    round: usize,
+    text: String,
+) -> Result<Vec<Step>, Refused> {
+    let step_deg = 360.0 / CENTRING_POINTS as f64;
+    let angles = (0..=CENTRING_POINTS).map(|k| turn.start_deg(setup) + k as f64 * step_deg);
+    let scan = scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup));
+    let prompt = prompt(format!("centre/{round}"), text, None);
+    Ok(vec![prompt, scan])
+}
+
+/// Of one mounting, counted from 1.
+fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, Refused> {
+    let turn_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
+    let text = match number {
+        1 => format!(
+            "The artefact is centred. Keep clear: the table will turn {} times",
+            setup.settings.revolutions
+        ),
+        _ => format!(
+            "Turn the artefact on its indexing stage to {turn_deg:.3}° against its first mounting, counter-clockwise \
+             seen from its tip, and clamp it. Do not touch sensors and table"
+        ),
+    };
+    // The first mounting is what all others are counted from.
+    let mount = (number > 1).then_some(ArtefactMount { turn_deg });
+    let prompt = prompt(Label::Mount(number).to_string(), text, mount);
+    let forward = turn.angles_deg(setup);
+    let backward: Vec<f64> = forward.iter().rev().copied().collect();
+    let start = turn.start_deg(setup);
+    let sampling = match setup.settings.sampling {
+        TurnSampling::Dwell => rests(setup),
+        TurnSampling::Continuous => Sampling::Continuous { rate_hz: setup.settings.rate_hz },
+    };
+    let turns = |label, angles| scan(setup, label, StepKind::Scan, angles, sampling);
+    // A stop is followed by the reference of the same mounting: two stops, so that the scan is a turn.
+    let reference = vec![start, start + 90.0];
+    let reference =
+        scan(setup, Label::Reference(number), StepKind::Reference, reference, rests(setup));
+    let mut steps = vec![prompt, reference, turns(Label::Forward(number), forward)];
+    if setup.settings.both_directions {
+        steps.push(turns(Label::Backward(number), backward));
+    }
+    Ok(steps)
+}
+
+fn rests(setup: &Setup<'_>) -> Sampling {
+    Sampling::Dwell { dwell_s: setup.settings.dwell_s, samples: setup.settings.samples }
+}
+
+fn prompt(label: String, text: String, mount: Option<ArtefactMount>) -> Step {
+    Step {
+        id: 0,
+        stage: 0,
+        kind: StepKind::Prompt,
+        label,
+        from: Position::new(),
+        to: Position::new(),
+        feed_mm_min: 0.0,
+        sensors: Vec::new(),
+        normal: [0.0; 3],
+        scan: None,
+        text: Some(text),
+        mount,
+    }
+}
+
+fn scan(
+    setup: &Setup<'_>,
+    label: Label,
+    kind: StepKind,
+    angles_deg: Vec<f64>,
+    sampling: Sampling,
+) -> Step {
+    let at = |deg: &f64| setup.at.clone().with(setup.axis, setup.axis.from_edge(*deg));
+    let path: Vec<Position> = angles_deg.iter().map(at).collect();
+    let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
+    Step {
+        id: 0,
+        stage: 0,
+        kind,
+        label: label.to_string(),
+        from: end(path.first()),
+        to: end(path.last()),
+        feed_mm_min: setup.settings.feed_deg_min,
+        sensors: setup.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+        normal: setup.sensors.first().map_or([0.0; 3], |sensor| sensor.direction.map(|part| -part)),
+        scan: Some(Scan { path, sampling }),
+        text: None,
+        mount: None,
+    }
+}
+
+/// The turn forward, in steps of 360°/positions.
+struct Turn {
+    first: i64,
+    last: i64,
+}
+
+impl Turn {
+    /// From zero where the limits of the axis have room for it, otherwise from the lower limit on.
+    ///
+    /// # Errors
+    /// The axis does not turn so often.
+    fn new(setup: &Setup<'_>) -> Result<Self, Refused> {
+        let settings = setup.settings;
+        // The filter needs samples before the first revolution and after the last; the first and the last
+        // step are incomplete, as the axis starts and stops there.
+        let lead = match settings.sampling {
+            TurnSampling::Dwell => 0,
+            TurnSampling::Continuous => KERNEL_HALF_STEPS as i64 + 1,
+        };
+        let whole = (settings.positions * settings.revolutions) as i64;
+        let step_deg = 360.0 / settings.positions as f64;
+        let limits = setup.plan.machine.axes.get(&setup.axis).map_or([0.0; 2], |s| [s.min, s.max]);
+        let [low, high] = [
+            (limits[0] / step_deg - 1e-9).ceil() as i64,
+            (limits[1] / step_deg + 1e-9).floor() as i64,
+        ];
+        let first = if low <= -lead && whole + lead <= high { -lead } else { low };
+        let last = first + whole + 2 * lead;
+        if last <= high {
+            return Ok(Self { first, last });
+        }
+        let most = (high - low - 2 * lead).max(0) / settings.positions as i64;
+        Err(Refused {
+            why: format!(
+                "{} revolutions of {} and {:.0}° before and after them do not fit its limits, {}° to {}°",
+                settings.revolutions,
+                setup.axis,
+                lead as f64 * step_deg,
+                limits[0],
+                limits[1]
+            ),
+            instead: match most {
+                0 => {
+                    format!("widen the limits in [axes.{}], if the axis turns farther", setup.axis)
+                }
+                most => format!("choose revolutions = {most}"),
+            },
+        })
+    }
+
+    fn start_deg(&self, setup: &Setup<'_>) -> f64 {
+        self.first as f64 * 360.0 / setup.settings.positions as f64
+    }
+
+    /// Points of the path.
+    fn angles_deg(&self, setup: &Setup<'_>) -> Vec<f64> {
+        let degrees = |number: i64| number as f64 * 360.0 / setup.settings.positions as f64;
+        match setup.settings.sampling {
+            TurnSampling::Dwell => (self.first..=self.last).map(degrees).collect(),
+            TurnSampling::Continuous => [self.first, self.last].map(degrees).to_vec(),
+        }
+    }
+}

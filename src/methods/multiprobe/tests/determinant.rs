@@ -1,0 +1,32 @@
+//! Determinant of three sensors (paper 3, Eq. (11)).
+
+use faer::c64;
+
+/// Determinants below this one are zeros.
+const ZERO_DETERMINANT: f64 = 1e-20;
+/// A harmonic with a smaller determinant is weak: its noise is larger than that of a single sensor.
+const WEAK_DETERMINANT: f64 = 1.0;
+
+/// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`: infinite for coinciding or opposed second
+/// and third sensors.
+pub fn determinant(angles_deg: [f64; 3], order: usize) -> f64 {
+    let [alpha, beta] = [1, 2].map(|i| (angles_deg[i] - angles_deg[0]).to_radians());
+    let a = beta.sin() / (alpha - beta).sin();
+    let b = alpha.sin() / (beta - alpha).sin();
+    let turn = |angle: f64| c64::cis(order as f64 * angle);
+    (c64::new(1.0, 0.0) + turn(alpha) * a + turn(beta) * b).norm_sqr()
+}
+
+/// Harmonics of 1..=`max_order` that the three sensors alone lose.
+pub fn suppressed_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
+    let is_zero = |order: &usize| determinant(angles_deg, *order) < ZERO_DETERMINANT;
+    (1..=max_order).filter(is_zero).collect()
+}
+
+/// Harmonics of 1..=`max_order` with a small determinant other than zero.
+pub fn weak_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
+    let is_weak = |order: &usize| {
+        (ZERO_DETERMINANT..WEAK_DETERMINANT).contains(&determinant(angles_deg, *order))
+    };
+    (1..=max_order).filter(is_weak).collect()
+}

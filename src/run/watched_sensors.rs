@@ -1,0 +1,145 @@
+//! The sensors of a run: opened before anything moves, and watched while it moves. A sample that is not
+//! accepted holds the machine.
+
+use futures_util::future::try_join_all;
+
+use super::{Run, RunError};
+use crate::setup::Mounted;
+use devices::controllers::ControllerError;
+use devices::sensors::{Sample, SensorError};
+use machine::record::event::Event;
+use machine::record::motion::Outcome;
+use machine::record::plan::Step;
+use machine::record::reading::Flag;
+use planning::proof::ProvenBlock;
+
+/// Whether a sample lets the machine go on.
+pub(super) type Accepts = Box<dyn Fn(&Sample) -> bool + Send>;
+
+/// A distance, or out of range, as on the way to the first point.
+pub(super) fn is_alive(sample: &Sample) -> bool {
+    !matches!(sample.flag, Flag::Saturated | Flag::Stale)
+}
+
+pub(super) fn is_out_of_range(sample: &Sample) -> bool {
+    sample.flag == Flag::Range
+}
+
+pub(super) fn is_distance(sample: &Sample) -> bool {
+    matches!(sample.flag, Flag::None | Flag::Gap)
+}
+
+impl Run<'_> {
+    /// The sensors that the plan looks with live and say something, before anything moves.
+    pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
+        self.looking.clear();
+        for wanted in self.plan.sensors.clone() {
+            let fault = faulty(&wanted.name);
+            let sensor = self.devices.sensors.open(&wanted.name).await.map_err(&fault)?;
+            let prepared = sensor.prepare().await.map_err(&fault)?;
+            self.looking.push(sensor);
+            let text = format!("{}: {}", wanted.name, prepared.identity);
+            self.note(Event::Announced { text }).await?;
+        }
+        self.probe_lives = true;
+        Ok(())
+    }
+
+    /// Names of those of `step` that the spindle carries.
+    pub(super) fn spindle_sensors(&self, step: &Step) -> Vec<String> {
+        let sensors = self.plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
+        sensors
+            .map(|sensor| sensor.name.clone())
+            .filter(|name| step.sensors.contains(name))
+            .collect()
+    }
+
+    fn sensor(&self, name: &str) -> Result<&Mounted, RunError> {
+        let named = self.looking.iter().find(|sensor| sensor.name() == name);
+        named.ok_or_else(|| faulty(name)(SensorError::Unknown { name: name.to_owned() }))
+    }
+
+    fn sensors_of(&self, step: &Step) -> Result<Vec<&Mounted>, RunError> {
+        step.sensors.iter().map(|name| self.sensor(name)).collect()
+    }
+
+    /// As long as the machine moves each sensor of `step` reports what its entry of `accepts` accepts:
+    /// otherwise the machine is held.
+    pub(super) async fn watched(
+        &self,
+        step: &Step,
+        block: ProvenBlock,
+        accepts: Vec<Accepts>,
+    ) -> Result<Outcome, RunError> {
+        let sensors = self.sensors_of(step)?;
+        for (sensor, accepts) in sensors.iter().zip(accepts) {
+            let halt = self.devices.controller.halt();
+            let watched = sensor.watch(accepts, move || halt.now()).await;
+            let watched = watched.map_err(faulty(sensor.name()));
+            watched.inspect_err(|_| self.devices.controller.halt().now())?;
+        }
+        let executed = self.devices.controller.execute(block).await;
+        let mut accepted = Ok(());
+        for sensor in sensors {
+            accepted = accepted.and(self.end_watch(step, sensor).await);
+        }
+        match executed {
+            // What the control says of itself comes first, but for the hold that a sensor has asked for.
+            Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
+            executed => accepted.and(executed.map_err(RunError::from)),
+        }
+    }
+
+    async fn end_watch(&self, step: &Step, sensor: &Mounted) -> Result<(), RunError> {
+        match sensor.rest().await.map_err(faulty(sensor.name()))? {
+            Some(sample) => Err(blind(step, sensor.name(), Some(&sample))),
+            None => Ok(()),
+        }
+    }
+
+    /// One sample of a sensor, which must be out of range. The machine is held if it is not.
+    pub(super) async fn reports_nothing(&self, step: &Step, name: &str) -> Result<(), RunError> {
+        let taken = self.sensor(name)?.take(1).await.map_err(faulty(name));
+        let seen = taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
+            Some(sample) => Err(blind(step, name, Some(sample))),
+            None => Ok(()),
+        });
+        seen.inspect_err(|_| self.devices.controller.halt().now())
+    }
+
+    /// `count` samples of each sensor of `step`, all at once, from where the machine stands. It stays there
+    /// if a sensor fails.
+    pub(super) async fn samples_at_rest(
+        &self,
+        step: &Step,
+        count: u32,
+    ) -> Result<Vec<Vec<Sample>>, RunError> {
+        let sensors = self.sensors_of(step)?;
+        let taken = try_join_all(sensors.iter().map(|sensor| take(step, sensor, count))).await;
+        taken.inspect_err(|_| self.devices.controller.halt().now())
+    }
+}
+
+async fn take(step: &Step, sensor: &Mounted, count: u32) -> Result<Vec<Sample>, RunError> {
+    let name = sensor.name();
+    let samples = sensor.take(count).await.map_err(faulty(name))?;
+    match samples.iter().find(|sample| sample.value_mm.is_some()) {
+        _ if samples.len() < count as usize => Err(blind(step, name, samples.last())),
+        None => Err(blind(step, name, samples.first())),
+        Some(_) => Ok(samples),
+    }
+}
+
+/// The error for a sample with an unexpected flag or distance.
+fn blind(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
+    let (step, sensor) = (step.id, sensor.to_owned());
+    if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
+        return RunError::EarlyDistance { step, sensor, value_mm };
+    }
+    RunError::Blind { step, sensor, flag: seen.map_or(Flag::Stale, |sample| sample.flag) }
+}
+
+fn faulty(name: &str) -> impl Fn(SensorError) -> RunError {
+    let name = name.to_owned();
+    move |source| RunError::Sensor { name: name.clone(), source }
+}

@@ -1,0 +1,40 @@
+//! Error motions of a rotary axis that are declared by magnitude.
+
+use serde::{Deserialize, Serialize};
+
+use machine::Axis;
+
+/// `[[simulated.rotary_motion]]`: drawn from the seed, each component with these standard deviations at every
+/// angle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RotaryMotion {
+    pub axis: Axis,
+    /// Of EX., EY., EZ. and of EA., EB.
+    #[serde(default)]
+    pub linear_um: f64,
+    #[serde(default)]
+    pub angular_urad: f64,
+    /// Harmonics 1 to this one.
+    #[serde(default)]
+    pub max_order: u32,
+    /// Orders 1/2 to 1/n besides; 0: none.
+    #[serde(default)]
+    pub sub_harmonics: u32,
+    /// Of a part of EX., EY. and EZ. that does not repeat.
+    #[serde(default)]
+    pub asynchronous_um: f64,
+}
+
+impl RotaryMotion {
+    /// Orders of the part that repeats.
+    pub(super) fn orders(&self) -> Vec<f64> {
+        let whole = (1..=self.max_order).map(f64::from);
+        whole.chain((2..=self.sub_harmonics).map(|n| 1.0 / f64::from(n))).collect()
+    }
+
+    pub(super) fn is_sound(&self) -> bool {
+        let sizes = [self.linear_um, self.angular_urad, self.asynchronous_um];
+        !self.axis.is_linear() && sizes.iter().all(|size| size.is_finite() && *size >= 0.0)
+    }
+}

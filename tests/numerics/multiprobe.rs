@@ -1,0 +1,385 @@
+//! Multiprobe and multistep (METHODS sections 3 and 6) through the simulated machine: the plan is played on
+//! worlds that differ in their seed. The world turns motions, form, tilt and eccentricity into distances by its
+//! own chain and its own surfaces.
+
+use std::ops::RangeInclusive;
+
+use machine::Axis;
+use machine::record::estimate::{Estimate, Unit};
+use machine::record::plan::Plan;
+use machine::record::reading::{Flag, Reading};
+use methods::IdentifyError;
+use rand::RngExt;
+use rayon::prelude::*;
+use simulator::World;
+use toml::{Table, Value};
+use trued::setup::{self, MachineFile};
+
+use crate::support::plan_player;
+use estimation::monte_carlo::{Random, Shape};
+use estimation::random::stream;
+use testing::population::{is_full, population};
+
+/// Key of the stream that chooses the missing samples.
+const MISSING: u64 = 0x6d70;
+const SENSORS: usize = 7;
+
+/// The built-in machine with motions, forms and errors that are drawn; `path`: keys with dots between.
+fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
+    let mut table: Table = include_str!("../../config/multiprobe.toml").parse().unwrap();
+    let motion: Table =
+        "axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 20".parse().unwrap();
+    let fixed = [
+        ("simulated.seed", Value::Integer(seed as i64)),
+        ("simulated.rotary_motion", Value::Array(vec![motion.into()])),
+        ("simulated.error_motion", Value::Array(Vec::new())),
+        ("simulated.datum_cylinder.form_um", Value::Float(1.0)),
+        ("simulated.datum_cylinder.tilt_urad", vec![40.0, -25.0].into()),
+        ("simulated.stage.index_error_urad", Value::Float(349.0)),
+        ("simulated.stage.eccentricity_um", Value::Float(2.0)),
+        ("simulated.stage.tilt_urad", Value::Float(10.0)),
+        ("method.multiprobe.samples", Value::Integer(1)),
+        ("method.multiprobe.revolutions", Value::Integer(1)),
+        ("method.multiprobe.monte_carlo_trials", Value::Integer(100)),
+    ];
+    for (path, value) in fixed.iter().chain(changes) {
+        set(&mut table, path, value.clone());
+    }
+    MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
+}
+
+/// The same machine as it truly is: angles, gains and places of its sensors as far off as the settings declare.
+fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
+    let mut table: Table = file.text().parse().unwrap();
+    let mut random = Random::of(seed, &[0x7365_6e73]);
+    let drawn = random.units(2 + 2 * SENSORS, &[Shape::Normal]);
+    let sensors = table["sensor"].as_array_mut().unwrap();
+    let mut truths = Vec::new();
+    for (sensor, drawn_of) in sensors.iter_mut().zip(drawn[2..].chunks(2)) {
+        let name = sensor["name"].as_str().unwrap().to_owned();
+        let [mut zero, mut direction] = ["zero_mm", "direction"]
+            .map(|key| -> Vec<f64> { sensor[key].clone().try_into().unwrap() });
+        if name == "z1" {
+            zero[0] += 0.1 * drawn[0];
+        } else {
+            let (sin, cos) = (0.1 * drawn_of[0]).to_radians().sin_cos();
+            for vector in [&mut zero, &mut direction] {
+                let [x, y] = [vector[0], vector[1]];
+                (vector[0], vector[1]) = (x * cos - y * sin, x * sin + y * cos);
+            }
+            zero[2] += if name.ends_with('2') { 0.05 * drawn[1] } else { 0.0 };
+        }
+        let table = sensor.as_table_mut().unwrap();
+        table.insert("zero_mm".to_owned(), zero.into());
+        table.insert("direction".to_owned(), direction.into());
+        let truth = [("name", name.into()), ("gain", (1.0 + 1e-3 * drawn_of[1]).into())];
+        truths.push(Value::Table(
+            truth.map(|(key, value): (&str, Value)| (key.to_owned(), value)).into_iter().collect(),
+        ));
+    }
+    set(&mut table, "simulated.sensor", truths.into());
+    MachineFile::parse("truth.toml", toml::to_string(&table).unwrap()).unwrap()
+}
+
+fn set(table: &mut Table, path: &str, value: Value) {
+    let (tables, key) = path.rsplit_once('.').unwrap();
+    let inner = tables.split('.').fold(table, |table, key| {
+        table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
+    });
+    inner.insert(key.to_owned(), value);
+}
+
+struct Played {
+    file: MachineFile,
+    plan: Plan,
+    method: Box<dyn methods::Method>,
+    readings: Vec<Reading>,
+}
+
+fn played(file: MachineFile, seed: u64) -> Played {
+    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
+    let mut world = setup::world(&true_machine(&file, seed)).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    Played { file, plan, method, readings }
+}
+
+impl Played {
+    fn estimate(&self) -> Result<Estimate, IdentifyError> {
+        self.method.identify(&self.plan, &self.readings, &[])
+    }
+
+    /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, less the co-rotating first order
+    /// of (X, Y) and (A, B), and less the harmonics `lost`.
+    fn truth(&self, world: &World, symbol: &str, lost: &[f64]) -> Vec<f64> {
+        let component: Axis = symbol[1..2].parse().unwrap();
+        let motion = |of: Axis| {
+            angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>()
+        };
+        let mut values = motion(component);
+        let pair = match component {
+            Axis::X | Axis::Y => Some((Axis::X, Axis::Y)),
+            Axis::A | Axis::B => Some((Axis::A, Axis::B)),
+            _ => None,
+        };
+        if let Some((first, second)) = pair {
+            let turning = co_rotating(&motion(first), &motion(second));
+            let turning = turning.into_iter().map(|(x, y)| if component == first { x } else { y });
+            values.iter_mut().zip(turning).for_each(|(value, part)| *value -= part);
+        }
+        for order in lost {
+            let part = |of: fn(f64) -> f64| {
+                let products = angles().zip(&values).map(|(q, value)| of(order * q) * value);
+                2.0 / POINTS as f64 * products.sum::<f64>()
+            };
+            let (c, s) = (part(f64::cos), part(f64::sin));
+            for (q, value) in angles().zip(&mut values) {
+                *value -= c * (order * q).cos() + s * (order * q).sin();
+            }
+        }
+        let factor = if component.is_linear() { 1e3 } else { 1e6 };
+        values.iter().map(|value| value * factor).collect()
+    }
+}
+
+/// Of a truth in one revolution.
+const POINTS: usize = 720;
+
+fn angles() -> impl Iterator<Item = f64> {
+    (0..POINTS).map(|i| std::f64::consts::TAU * i as f64 / POINTS as f64)
+}
+
+/// The part of the first order of (x, y) that turns with the table: clockwise seen from above for a rising
+/// command of C (ISO 841).
+fn co_rotating(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+    let (mut along, mut across) = (0.0, 0.0);
+    for ((q, x), y) in angles().zip(x).zip(y) {
+        // Turned back by the table's turn.
+        along += (x * q.cos() - y * q.sin()) / POINTS as f64;
+        across += (x * q.sin() + y * q.cos()) / POINTS as f64;
+    }
+    let turned = |q: f64| (along * q.cos() + across * q.sin(), across * q.cos() - along * q.sin());
+    angles().map(turned).collect()
+}
+
+const MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
+
+/// Of each of the five curves: share of the points whose U holds the truth, and mean of (error/u)². One axial sensor loses
+/// the multiples of the indexes in EZC: they are named, and not in its curve.
+fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
+    let world = setup::world(&played.file).unwrap();
+    let mut all = Vec::new();
+    for curve in estimate.functions.iter().filter(|f| MOTIONS.contains(&f.symbol.as_str())) {
+        let is_angular = curve.symbol.starts_with("EA") || curve.symbol.starts_with("EB");
+        assert_eq!(curve.unit, if is_angular { Unit::Urad } else { Unit::Um });
+        let lost = |text: &String| {
+            let order = text.strip_prefix(&format!("{} harmonic ", curve.symbol))?;
+            order.parse::<f64>().ok()
+        };
+        let lost: Vec<f64> = estimate.not_identifiable.iter().filter_map(lost).collect();
+        let expected = match curve.symbol.as_str() {
+            "EZC" => multiples(&played.plan),
+            _ => Vec::new(),
+        };
+        assert_eq!(lost, expected, "{}", curve.symbol);
+        let truth = played.truth(&world, &curve.symbol, &lost);
+        let (mut held, mut squares, count) = (0.0, 0.0, curve.x.len() as f64);
+        for ((x, y), u) in curve.x.iter().zip(&curve.y).zip(&curve.u) {
+            let off = y - truth[(x * POINTS as f64 / 360.0).round() as usize % POINTS];
+            held += f64::from(u8::from(off.abs() <= 2.0 * u));
+            squares += (off / u).powi(2);
+        }
+        all.push((held / count, squares / count));
+    }
+    assert_eq!(all.len(), MOTIONS.len());
+    all
+}
+
+/// Harmonics that one axial sensor loses: multiples of the indexes.
+fn multiples(plan: &Plan) -> Vec<f64> {
+    let of = |key: &str| plan.settings[key].as_f64().unwrap() as u32;
+    (1..=of("harmonics")).filter(|k| k % of("indexes") == 0).map(f64::from).collect()
+}
+
+fn covers(name: &str, changes: &[(&str, Value)], missing: f64) {
+    let seeds = population(60);
+    // The sensors of a world have 15 draws that all points share: a share of few worlds scatters.
+    let shares: RangeInclusive<f64> = if is_full() { 0.93..=0.985 } else { 0.86..=1.0 };
+    let one = |seed: u64| {
+        let mut played = played(machine(seed, changes), seed);
+        let mut random = stream(seed, &[MISSING]);
+        for reading in &mut played.readings {
+            if random.random::<f64>() < missing {
+                (reading.value_mm, reading.flag) = (None, Flag::Range);
+            }
+        }
+        let estimate = played.estimate().unwrap();
+        if seed == 0 {
+            println!("{name}: {:#?}", estimate.warnings);
+        }
+        covered(&played, &estimate)
+    };
+    let all: Vec<Vec<(f64, f64)>> = (0..seeds).into_par_iter().map(one).collect();
+    let mean = |curve: usize, of: fn(&(f64, f64)) -> f64| {
+        all.iter().map(|curves| of(&curves[curve])).sum::<f64>() / seeds as f64
+    };
+    let curves = 0..MOTIONS.len();
+    let each: Vec<String> = curves
+        .clone()
+        .map(|i| format!("{} {:.3} ({:.2})", MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1)))
+        .collect();
+    let share = curves.map(|i| mean(i, |curve| curve.0)).sum::<f64>() / MOTIONS.len() as f64;
+    println!(
+        "{name}: {share:.4} of the points within U, {seeds} seeds; of each (mean of (error/u)²): {}",
+        each.join(", ")
+    );
+    assert!(shares.contains(&share), "{name}: {share}");
+}
+
+#[test]
+fn u_is_true_on_the_built_in_machine() {
+    covers("dwell points", &[], 0.0);
+}
+
+#[test]
+fn u_is_true_where_samples_are_missing() {
+    covers("5 % missing", &[("method.multiprobe.revolutions", Value::Integer(2))], 0.05);
+}
+
+/// The rate is that of the table's turn: 6° a second, samples every 0.06°.
+fn continuous() -> Vec<(&'static str, Value)> {
+    let motion = table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
+    vec![
+        ("simulated.rotary_motion", Value::Array(vec![motion])),
+        ("method.multiprobe.sampling", "continuous".into()),
+        ("method.multiprobe.feed_deg_min", Value::Float(1080.0)),
+        ("method.multiprobe.rate_hz", Value::Float(100.0)),
+        ("method.multiprobe.indexes", Value::Integer(3)),
+        ("method.multiprobe.harmonics", Value::Integer(8)),
+        ("method.multiprobe.revolutions", Value::Integer(2)),
+        ("axes.C.min", Value::Float(-60.0)),
+        ("axes.C.max", Value::Float(900.0)),
+    ]
+}
+
+#[test]
+fn u_is_true_of_continuous_turns() {
+    covers("continuous turns", &continuous(), 0.0);
+}
+
+/// What the run says of a fault that is planted in its world; `Err`: why there is no estimate.
+fn faulty(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
+    played(machine(1, changes), 1).estimate()
+}
+
+/// Why there is no estimate.
+fn why(played: &Played) -> String {
+    match played.estimate() {
+        Ok(estimate) => panic!("{:#?}", estimate.warnings),
+        Err(error) => error.to_string(),
+    }
+}
+
+fn table(toml: &str) -> Value {
+    Value::Table(toml.parse().unwrap())
+}
+
+#[test]
+fn a_wrong_index_is_named_and_left_out() {
+    let fault = table("mounting = 3\noff_deg = 12.0");
+    let found = faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
+    let named = |line: &String| line.contains("mounting 4 is left out") && line.contains("12.0°");
+    assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
+    let right = faulty(&[]).unwrap();
+    assert!(!right.warnings.iter().any(|line| line.contains("left out")), "{:#?}", right.warnings);
+}
+
+#[test]
+fn a_round_artefact_does_not_confirm_the_mountings() {
+    let round = [("simulated.datum_cylinder.form_um", Value::Float(0.0))];
+    let found = faulty(&round).unwrap();
+    assert!(found.warnings.iter().any(|l| l.contains("not confirmed")), "{:#?}", found.warnings);
+}
+
+#[test]
+fn a_saturated_channel_is_named_where_it_is() {
+    // Of a cylinder that stands off by 9 µm, near the greatest distance.
+    let clipped = table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
+    let mut played = played(machine(1, &continuous()), 1);
+    let mut truth: Table = true_machine(&played.file, 1).text().parse().unwrap();
+    set(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
+    let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
+    let mut world = setup::world(&truth).unwrap();
+    let (_, header) = setup::header(&played.file, "multiprobe", None).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, played.method.as_ref(), header);
+    (played.plan, played.readings) = (plan, readings);
+    let flat = |reading: &&Reading| reading.sensor == "x1" && reading.value_mm == Some(-0.0085);
+    assert!(played.readings.iter().filter(flat).count() > 100);
+    let warnings = played.estimate().unwrap().warnings;
+    assert!(warnings.iter().any(|l| l.contains("x1") && l.contains("° to ")), "{warnings:#?}");
+}
+
+#[test]
+fn swapped_channels_are_named() {
+    let mut played = played(machine(1, &[]), 1);
+    for reading in &mut played.readings {
+        reading.sensor = match reading.sensor.as_str() {
+            "y1" => "r1".to_owned(),
+            "r1" => "y1".to_owned(),
+            other => other.to_owned(),
+        };
+    }
+    let refused = why(&played);
+    assert!(refused.contains("y1") && refused.contains("r1 are swapped"), "{refused}");
+}
+
+/// One second of its clock lasts 1 % less than a second.
+#[test]
+fn a_fast_clock_is_named() {
+    let mut played = played(machine(1, &continuous()), 1);
+    // The run places a sample by its stamp.
+    let step_of = |reading: &Reading| (reading.step, reading.sensor.clone());
+    let starts: std::collections::BTreeMap<(u32, String), f64> =
+        played.readings.iter().rev().map(|r| (step_of(r), r.t_s)).collect();
+    let all = played.readings.clone();
+    for reading in played.readings.iter_mut().filter(|reading| reading.sensor == "y2") {
+        let start = starts[&step_of(reading)];
+        let at = start + (reading.t_s - start) * 1.01;
+        let of_step = all.iter().filter(|r| r.step == reading.step && r.sensor == "y2");
+        let nearest = of_step.min_by(|a, b| (a.t_s - at).abs().total_cmp(&(b.t_s - at).abs()));
+        reading.position = nearest.unwrap().position.clone();
+    }
+    let refused = why(&played);
+    assert!(refused.contains("y2") && refused.contains("clock"), "{refused}");
+}
+
+#[test]
+fn what_a_layout_loses_is_refused_with_a_better_one() {
+    let refusal = |changes: &[(&str, Value)]| {
+        let (method, header) = setup::header(&machine(1, changes), "multiprobe", None).unwrap();
+        let refused = methods::nominal(method.as_ref(), header).unwrap_err();
+        format!("{} -> {}", refused.why, refused.instead)
+    };
+    let only = |names: &[&str]| -> Value { names.to_vec().into() };
+    let of = |key: &'static str, value: Value| [(key, value)];
+    let cases: Vec<(Vec<(&str, Value)>, &str)> = vec![
+        (of("method.multiprobe.sensors", only(&["x1", "y1"])).to_vec(), "index the artefact in"),
+        (of("method.multiprobe.indexes", Value::Integer(0)).to_vec(), "must be 1 or more"),
+        (of("method.multiprobe.revolutions", Value::Integer(3)).to_vec(), "choose revolutions = 2"),
+        (of("method.multiprobe.positions", Value::Integer(36)).to_vec(), "choose positions = 90"),
+        (of("method.multiprobe.at", Value::Table(Table::new())).to_vec(), "does not name X"),
+        (of("method.multiprobe.sensors", only(&["x1", "y1", "z1"])).to_vec(), "two sections"),
+    ];
+    for (changes, expected) in cases {
+        let refused = refusal(&changes);
+        assert!(refused.contains(expected), "{expected}: {refused}");
+    }
+    // Opposed: the second sensor at 180°.
+    let mut file: Table = machine(1, &[]).text().parse().unwrap();
+    let second = file["sensor"].as_array_mut().unwrap()[1].as_table_mut().unwrap();
+    second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
+    second.insert("direction".to_owned(), vec![1.0, 0.0, 0.0].into());
+    let file = MachineFile::parse("opposed.toml", toml::to_string(&file).unwrap()).unwrap();
+    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
+    let refused = methods::nominal(method.as_ref(), header).unwrap_err();
+    assert!(refused.why.contains("opposed") && refused.instead.contains("move y1"), "{refused:?}");
+}
