@@ -65,9 +65,23 @@ impl Run<'_> {
             self.plan.gaps_s.push(gap_s);
         }
         self.timeline = Timeline::after(gap_s, elapsed_s);
-        let stands = self.measure_references(&stages, stands).await?;
+        let stands = if self.is_mounted_anew() {
+            let text = "the artefact was mounted anew after the last reading: no reference can be compared";
+            self.note(Event::Announced { text: text.to_owned() }).await?;
+            Some(stands)
+        } else {
+            self.measure_references(&stages, stands).await?
+        };
         let (done, stands) = self.finish_stage(stages, stands).await?;
         self.stages(done, stands, &[]).await
+    }
+
+    /// A person has turned the artefact on its stage, and nothing was read since.
+    fn is_mounted_anew(&self) -> bool {
+        let last_read = self.readings.iter().map(|reading| reading.step).max();
+        let is_mount =
+            |id: u32| self.plan.steps.iter().any(|step| step.id == id && step.mount.is_some());
+        self.answered.iter().any(|(id, _)| Some(*id) > last_read && is_mount(*id))
     }
 
     /// The references once more; nothing else moves unless all of them agree.

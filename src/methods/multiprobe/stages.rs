@@ -82,8 +82,9 @@ fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, 
     let turn_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
-            "The artefact is centred. Keep clear: the table will turn {} times",
-            setup.settings.revolutions
+            "The artefact is centred. Keep clear: at each mounting the table turns {} revolutions{}",
+            setup.settings.revolutions,
+            if setup.settings.both_directions { " and back" } else { "" }
         ),
         _ => format!(
             "Turn the artefact on its indexing stage to {turn_deg:.3}° against its first mounting, counter-clockwise \

@@ -16,6 +16,7 @@ const REST_ROUNDING: f64 = 0.000_501;
 
 impl Walk<'_> {
     pub(super) fn scan(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> Checked {
+        self.begin_in_place(scan)?;
         match (motion.kind, self.phase) {
             (Kind::Dwell { seconds }, Phase::Scanning { reached, rested }) => {
                 if matches!(scan.sampling, Sampling::Continuous { .. }) {
@@ -48,6 +49,18 @@ impl Walk<'_> {
             (Kind::Orient { s }, _) => self.orient(s),
             (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),
         }
+    }
+
+    /// A turn needs no way to its first point where the machine is there already.
+    fn begin_in_place(&mut self, scan: &Scan) -> Checked {
+        let is_begun = matches!(self.phase, Phase::Scanning { .. });
+        if is_begun || !scan.turns_only() {
+            return Ok(());
+        }
+        if rules::differs(self.stands(), &first(scan)?, self.request().dialect).is_none() {
+            self.phase = Phase::Scanning { reached: 1, rested: 0.0 };
+        }
+        Ok(())
     }
 
     /// At feed, and not yet to the first point.

@@ -3,6 +3,7 @@
 mod balls;
 mod beam;
 mod contact;
+mod datum;
 mod motion;
 mod sources;
 

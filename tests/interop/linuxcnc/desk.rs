@@ -16,6 +16,7 @@ const MACHINE: &str = include_str!("../../../config/linuxcnc-sim.toml");
 /// In the place of the part and the settings of `MACHINE`.
 const BALLS: &str = include_str!("samba.toml");
 const LASER: &str = include_str!("laser.toml");
+const MULTIPROBE: &str = include_str!("multiprobe.toml");
 
 /// Fewer touches, and fast ones.
 const QUICK: [(&str, &str); 4] = [
@@ -81,6 +82,29 @@ impl Desk {
             ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
         ];
         Self::of(rig, &format!("{head}{LASER}"), &ports)
+    }
+
+    /// With sensors about a datum cylinder at 0°, 90° and 230° (as rig.hal has them), and LinuxCNC's sampler.
+    pub fn with_sensors(rig: &Rig, streams: &Streams) -> Result<Self, Failed> {
+        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let mut file = format!("{head}{MULTIPROBE}");
+        for (device, degrees) in streams.sensors.iter().zip([0.0_f64, 90.0, 230.0]) {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            file += &format!(
+                "\n[[sensor]]\nname = \"at {degrees}\"\nmount = \"bed\"\n\
+                 zero_mm = [{:.9}, {:.9}, 60.0]\ndirection = [{:.9}, {:.9}, 0.0]\n\
+                 range_mm = [-0.3, 0.3]\nstand_off_mm = 0.5\n\
+                 [sensor.serial]\nserial = \"{device}\"\nbaud = 115200\ntimeout_s = 3.0\n\
+                 [sensor.serial.line]\nseparator = \",\"\nvalue = {{ column = 1, scale_mm = 1.0 }}\n\
+                 counter = {{ column = 2, round = 10000 }}\n",
+                30.0 * cos,
+                30.0 * sin,
+                -cos,
+                -sin
+            );
+        }
+        let port = format!("127.0.0.1:{}", streams.positions);
+        Self::of(rig, &file, &[("127.0.0.1:5011", &port)])
     }
 
     /// The file with some of its text replaced.

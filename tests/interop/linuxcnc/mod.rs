@@ -17,6 +17,7 @@ mod states;
 mod streams;
 mod sweep;
 mod trigger;
+mod turns;
 
 use libtest_mimic::Failed;
 
@@ -65,6 +66,7 @@ pub fn trials() -> Trials {
             samba::finds_the_true_axes,
             samba::chases_the_ball,
             sweep::latency_follows_the_sensors_delay,
+            turns::turns_find_the_true_error_motions,
             trigger::a_hal_bit_starts_a_cycle,
             halt::it_is_on_the_wire_at_once,
             halt::a_lost_one_is_sent_again,

@@ -7,13 +7,18 @@ use libtest_mimic::Failed;
 
 use super::rig::{Rig, free_port};
 
-/// Positions and laser, each at its port, until dropped.
+/// Sensors about the datum cylinder.
+const SENSORS: usize = 3;
+
+/// Positions, laser and sensors, each at its port, until dropped.
 pub struct Streams {
     process: Child,
     says: BufReader<ChildStdout>,
     hears: Option<ChildStdin>,
     pub positions: u16,
     pub laser: u16,
+    /// Serial ports of the sensors about the datum cylinder.
+    pub sensors: Vec<String>,
 }
 
 impl Streams {
@@ -29,7 +34,12 @@ impl Streams {
             .spawn()?;
         let says = BufReader::new(process.stdout.take().ok_or("no output")?);
         let hears = process.stdin.take();
-        let mut streams = Self { process, says, hears, positions, laser };
+        let mut streams = Self { process, says, hears, positions, laser, sensors: Vec::new() };
+        for _ in 0..SENSORS {
+            let said = streams.line()?;
+            let device = said.strip_prefix("sensor ").ok_or_else(|| said.clone())?;
+            streams.sensors.push(device.to_owned());
+        }
         streams.expect("ready")?;
         Ok(streams)
     }
@@ -42,10 +52,15 @@ impl Streams {
         self.expect(&said)
     }
 
-    fn expect(&mut self, wanted: &str) -> Result<(), Failed> {
+    fn line(&mut self) -> Result<String, Failed> {
         let mut said = String::new();
         self.says.read_line(&mut said)?;
-        if said.trim() == wanted { Ok(()) } else { Err(format!("streams.py says {said:?}").into()) }
+        Ok(said.trim().to_owned())
+    }
+
+    fn expect(&mut self, wanted: &str) -> Result<(), Failed> {
+        let said = self.line()?;
+        if said == wanted { Ok(()) } else { Err(format!("streams.py says {said:?}").into()) }
     }
 }
 

@@ -8,6 +8,7 @@ mod ball_plate;
 mod captures;
 mod faults;
 mod firmware;
+mod multiprobe;
 mod probe;
 mod proven;
 mod results;
@@ -62,6 +63,8 @@ pub fn trials() -> Trials {
         wires::regress_memory_pty_and_another_process_give_the_same_bytes,
         samba::a_run_over_balls_survives_kills_and_stops,
         ball_plate::a_run_that_is_killed_and_stopped_goes_on,
+        multiprobe::a_run_that_is_killed_and_stopped_goes_on,
+        multiprobe::an_artefact_that_stands_off_is_to_be_centred_first,
     ]
     .and(trials![Pool::Waiting, 0;
         stops::regress_a_stop_is_heard_while_the_identification_computes,

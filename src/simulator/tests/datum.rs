@@ -1,0 +1,176 @@
+//! Sensors on the bed about a datum cylinder that C turns: against numbers by hand.
+
+use super::*;
+use machine::record::sensor::Sensor;
+
+/// The machine with a cylinder of 30 mm, two sections and a face, and what is true of it.
+fn bench(truth: &str) -> Bench {
+    let artefact = "kind = 'datum_cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\n\
+        sections = [{ z_mm = 60, radius_mm = 30 }, { z_mm = 120, radius_mm = 30 }]\n\
+        face = { z_mm = 140, radius_mm = 30 }";
+    let artefact = toml::from_str(artefact).unwrap();
+    Bench { artefact, truth: toml::from_str(truth).unwrap(), ..Bench::ideal() }
+}
+
+fn sensor(name: &str, mount: &str, zero: [f64; 3], direction: [f64; 3]) -> Sensor {
+    let (zero, direction) = (format!("{zero:?}"), format!("{direction:?}"));
+    toml::from_str(&format!(
+        "name = '{name}'\nmount = '{mount}'\nzero_mm = {zero}\ndirection = {direction}\n\
+         range_mm = [-1.0, 1.0]\nstand_off_mm = 2.0"
+    ))
+    .unwrap()
+}
+
+/// On the bed: beside the first section, beside the second, and over the face.
+fn sensors() -> [Sensor; 3] {
+    [
+        sensor("low", "bed", [30.0, 0.0, 60.0], [-1.0, 0.0, 0.0]),
+        sensor("high", "bed", [30.0, 0.0, 120.0], [-1.0, 0.0, 0.0]),
+        sensor("face", "bed", [20.0, 0.0, 140.0], [0.0, 0.0, -1.0]),
+    ]
+}
+
+fn world(truth: &str) -> World {
+    bench(truth).world().with_sensors(&sensors()).unwrap()
+}
+
+/// What the three report with C there, mm.
+fn at(world: &mut World, degrees: f64) -> [f64; 3] {
+    world.travel(&Position::new().with(Axis::C, degrees.to_radians()), Speed::Rapid);
+    ["low", "high", "face"].map(|name| match world.sense(name, 0.0) {
+        Some(Sensed::Distance(mm)) => mm,
+        other => panic!("{other:?}"),
+    })
+}
+
+#[track_caller]
+fn assert_near(found: [f64; 3], expected: [f64; 3]) {
+    for (found, expected) in found.into_iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+    }
+}
+
+/// C turns the table against its command, seen from above (ISO 841).
+#[test]
+fn an_eccentric_cylinder_is_nearer_on_one_side() {
+    let mut world = world("centre_offset_mm = [0.01, 0.0]");
+    assert_near(at(&mut world, 0.0), [-0.01, -0.01, 0.0]);
+    let aside = 30.0 - (30.0_f64.powi(2) - 0.01_f64.powi(2)).sqrt();
+    assert_near(at(&mut world, 90.0), [aside, aside, 0.0]);
+    assert_near(at(&mut world, 180.0), [0.01, 0.01, 0.0]);
+}
+
+#[test]
+fn each_section_and_the_face_has_a_form_of_its_own() {
+    let truth = "[datum_cylinder]\nsection_form = [{ section = 2, n = 3, cos_um = 2.0 }]\n\
+                 face_form = [{ n = 2, cos_um = 1.0 }]";
+    let mut world = world(truth);
+    assert_near(at(&mut world, 0.0), [0.0, -0.002, -0.001]);
+    // The artefact's own 60° comes before the sensors: cos 180°; of the face cos 120°.
+    assert_near(at(&mut world, 60.0), [0.0, 0.002, 0.0005]);
+}
+
+#[test]
+fn the_stage_turns_the_artefact_and_its_faults_turn_it_wrongly() {
+    let truth = "[datum_cylinder]\nsection_form = [{ section = 2, n = 3, cos_um = 2.0 }]\n\
+                 [stage]\nfaults = [{ mounting = 2, off_deg = 20.0 }]";
+    let mut world = world(truth);
+    world.mount(40.0);
+    // Its own −40° is before the sensor: cos −120°.
+    assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
+    world.mount(40.0);
+    assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
+    // The second mounting: −60°, and −20° more.
+    world.mount(60.0);
+    let expected = -0.002 * (3.0_f64 * -80.0).to_radians().cos();
+    assert_near(at(&mut world, 0.0), [0.0, expected, 0.0]);
+}
+
+#[test]
+fn mountings_draw_what_is_declared_and_repeat_with_the_seed() {
+    let truth = "seed = 3\n[stage]\neccentricity_um = 2.0";
+    let mut one = world(truth);
+    let first = at(&mut one, 0.0);
+    assert_near(first, [0.0; 3]);
+    let moved = [36.0, 72.0].map(|turn_deg| {
+        one.mount(turn_deg);
+        at(&mut one, 0.0)
+    });
+    assert!(moved[0] != moved[1] && moved.iter().all(|[low, ..]| low.abs() < 0.01), "{moved:?}");
+    let mut other = world(truth);
+    [36.0, 72.0].into_iter().for_each(|turn_deg| other.mount(turn_deg));
+    assert_near(at(&mut other, 0.0), moved[1]);
+}
+
+#[test]
+fn a_leaning_cylinder_stands_off_by_its_height() {
+    let mut world = world("[datum_cylinder]\ntilt_urad = [1000.0, 0.0]");
+    let [low, high, _] = at(&mut world, 0.0);
+    // Second order: (1 − cos) of the lean, over the radius.
+    assert!((low + 0.06).abs() < 2e-5 && (high + 0.12).abs() < 2e-5, "{low} {high}");
+}
+
+#[test]
+fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
+    let motion = "[[rotary_motion]]\naxis = 'C'\nlinear_um = 1.0\nmax_order = 20\n";
+    let mut world = world(&format!("seed = 5\n{motion}"));
+    let motion_x = |world: &World, degrees: f64| {
+        world.true_rotary_motion(Axis::C, Axis::X, degrees.to_radians())
+    };
+    let mut largest = 0.0_f64;
+    for degrees in [0.0, 17.0, 101.0, 255.0] {
+        let x = motion_x(&world, degrees);
+        largest = largest.max(x.abs());
+        // A cylinder that comes nearer by x, and aside by y: y²/2R is below 1e-7.
+        let [low, ..] = at(&mut world, degrees);
+        assert!((low + x).abs() < 2e-7, "{low} {x}");
+        assert!((x - motion_x(&world, degrees + 360.0)).abs() < 1e-12);
+    }
+    assert!((2e-4..5e-3).contains(&largest), "{largest}");
+    let world = self::world(&format!("seed = 5\n{motion}asynchronous_um = 0.5\nsub_harmonics = 2"));
+    let differs = |by: f64| (motion_x(&world, 30.0) - motion_x(&world, 30.0 + by)).abs();
+    assert!(
+        differs(360.0) > 1e-5 && differs(720.0) > 1e-5,
+        "{} {}",
+        differs(360.0),
+        differs(720.0)
+    );
+}
+
+#[test]
+fn the_bed_does_not_move_with_the_spindle() {
+    let spindle = sensor("spindle", "spindle", [30.0, 0.0, 60.0], [-1.0, 0.0, 0.0]);
+    let [bed, ..] = sensors();
+    let mut world = bench("").world().with_sensors(&[bed, spindle]).unwrap();
+    let mut report = |z: f64| {
+        world.travel(&Position::new().with(Axis::Z, z), Speed::Rapid);
+        ["low", "spindle"].map(|name| world.sense(name, 0.0).unwrap())
+    };
+    assert_eq!(report(0.0), [Sensed::Distance(0.0); 2]);
+    assert_eq!(report(200.0), [Sensed::Distance(0.0), Sensed::NoEcho]);
+}
+
+#[test]
+fn a_saturated_sensor_stays_at_its_limit() {
+    let truth =
+        "centre_offset_mm = [0.01, 0.0]\n[[sensor]]\nname = 'low'\nclips_mm = [-0.004, 1.0]";
+    let mut world = world(truth);
+    let [low, high, _] = at(&mut world, 0.0);
+    assert_eq!(low, -0.004);
+    assert!((high + 0.01).abs() < 1e-8);
+}
+
+#[test]
+fn what_no_cylinder_has_is_refused() {
+    let refused = |truth: &str| {
+        let Bench { machine, probe, artefact, truth } = bench(truth);
+        World::new(&machine, &probe, &artefact, &truth).err()
+    };
+    let stray = "[datum_cylinder]\nsection_form = [{ section = 3, n = 2 }]";
+    assert_eq!(refused(stray), Some(WorldError::DatumCylinder));
+    let linear = "[[rotary_motion]]\naxis = 'X'\nlinear_um = 1.0";
+    assert_eq!(refused(linear), Some(WorldError::Magnitude));
+    let on_table = sensor("low", "table", [30.0, 0.0, 60.0], [-1.0, 0.0, 0.0]);
+    let refused = bench("").world().with_sensors(&[on_table]).err();
+    assert_eq!(refused, Some(WorldError::OnTable { name: "low".to_owned() }));
+}

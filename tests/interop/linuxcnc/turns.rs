@@ -1,0 +1,70 @@
+//! `trued run multiprobe` on LinuxCNC: C turns at constant speed, the sampler reports where it is, three sensors
+//! report on serial ports of their own.
+
+use libtest_mimic::Failed;
+use machine::record::estimate::Estimate;
+
+use super::desk::{Desk, complaint, result};
+use super::rig::{halcmd, rig};
+use super::streams::Streams;
+
+/// Error motions of C, order, cosine and sine along X and along Y, µm: the rig's pins.
+const MOTIONS: [(u32, [f64; 4]); 7] = [
+    (2, [1.2, -0.4, 0.3, 0.9]),
+    (3, [-0.5, 0.6, 0.8, 0.2]),
+    (4, [0.7, 0.3, -0.6, 0.4]),
+    (5, [0.3, 0.2, -0.2, 0.5]),
+    (6, [-0.4, 0.1, 0.2, -0.3]),
+    (7, [0.2, -0.3, 0.4, 0.1]),
+    (8, [0.3, 0.2, -0.1, 0.4]),
+];
+/// Form of the cylinder: order, cosine and sine, µm.
+const FORM: [(u32, [f64; 2]); 4] =
+    [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
+/// How near a coefficient must come, µm.
+const NEAR_UM: f64 = 0.1;
+
+fn set(pin: &str, um: f64) -> Result<(), Failed> {
+    halcmd(&["setp", &format!("datum.{pin}"), &format!("{:.9}", um * 1e-3)]).map(drop)
+}
+
+fn put_cylinder() -> Result<(), Failed> {
+    set("ecc-x", 6.0)?;
+    set("ecc-y", -8.0)?;
+    for (order, [xc, xs, yc, ys]) in MOTIONS {
+        for (name, um) in [("xc", xc), ("xs", xs), ("yc", yc), ("ys", ys)] {
+            set(&format!("motion-{name}-{order}"), um)?;
+        }
+    }
+    for (order, [c, s]) in FORM {
+        set(&format!("form-c-{order}"), c)?;
+        set(&format!("form-s-{order}"), s)?;
+    }
+    Ok(())
+}
+
+pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_cylinder()?;
+    let streams = Streams::of(&rig)?;
+    let desk = Desk::with_sensors(&rig, &streams)?;
+    let output = desk.run("multiprobe")?.wait_with_output()?;
+    eprintln!("{}", complaint(&output));
+    if output.status.code() != Some(0) {
+        return Err(complaint(&output).into());
+    }
+    let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
+    let mut off = Vec::new();
+    for (order, [xc, xs, yc, ys]) in MOTIONS {
+        let all = [("EXC_c", xc), ("EXC_s", xs), ("EYC_c", yc), ("EYC_s", ys)];
+        for (symbol, truth) in all {
+            let symbol = format!("{symbol}{order}");
+            let (value, expanded) = result(&estimate, &symbol)?;
+            eprintln!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
+            if (value - truth).abs() > NEAR_UM {
+                off.push(format!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}"));
+            }
+        }
+    }
+    if off.is_empty() { Ok(()) } else { Err(off.join("; ").into()) }
+}

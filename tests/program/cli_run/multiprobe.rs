@@ -1,0 +1,79 @@
+//! `trued run multiprobe`: a person at the terminal, mountings of the artefact, stops within and between them.
+
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::process::{Command, Output, Stdio};
+
+use super::resume::{found, resume_command};
+use super::stops::signal;
+use super::{MachineShop, changed, estimate, stderr};
+use crate::support::person;
+
+/// Error motions of `config/multiprobe.toml`, µm and µrad.
+const TRUTH: [(&str, f64); 5] =
+    [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
+
+/// Four mountings, few stops.
+fn machine() -> String {
+    let file = include_str!("../../../config/multiprobe.toml");
+    let short = [
+        ("indexes = 10", "indexes = 4\nmonte_carlo_trials = 100"),
+        ("revolutions = 2", "revolutions = 1"),
+        ("positions = 90", "positions = 30"),
+        ("harmonics = 20", "harmonics = 6"),
+        ("samples = 4", "samples = 1"),
+        ("drift_um_per_h = 2.0", "drift_um_per_h = 0.1"),
+    ];
+    changed(file, &short)
+}
+
+/// Ends when it has said each of `words`, one after the other, by a signal or by `KILL`.
+fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
+    let command = person::confirms(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut run = command.spawn().unwrap();
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut heard = String::new();
+    for word in words {
+        let before = heard.len();
+        while !heard[before..].contains(word) {
+            assert_ne!(told.read_line(&mut heard).unwrap(), 0, "ended before {word}: {heard}");
+        }
+    }
+    signal(&run, name);
+    told.read_to_string(&mut heard).unwrap();
+    let mut output = run.wait_with_output().unwrap();
+    output.stderr = heard.into_bytes();
+    output
+}
+
+pub fn a_run_that_is_killed_and_stopped_goes_on() {
+    let shop = MachineShop::new(&machine());
+    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
+    drop(ended(shop.command(&run), &["mounting 2 of 4", "proven"], "KILL"));
+    let resumed = ended(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
+    assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
+    let compared = ["the references agree", "mounted anew after the last reading"];
+    assert!(compared.iter().any(|words| stderr(&resumed).contains(words)), "{}", stderr(&resumed));
+    let mut last = resume_command(&shop);
+    let last = person::confirms(&mut last).output().unwrap();
+    let estimate = estimate(&last);
+    for (symbol, truth) in TRUTH {
+        let (value, expanded) = found(&estimate, symbol);
+        println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
+        // One draw of five: within three standard uncertainties.
+        assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
+    }
+    assert_eq!(shop.states(), ["finished"]);
+}
+
+pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
+    let far = changed(&machine(), &[("[0.008, -0.005]", "[0.120, 0.050]")]);
+    let shop = MachineShop::new(&far);
+    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
+    let run = ended(shop.command(&run), &["centring, once more", "Centre the artefact"], "INT");
+    assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
+    // As the table stands after whole revolutions: opposite to where the artefact is.
+    let told = stderr(&run);
+    for words in ["section 1 by X -12", "Y -5", "x1 -0.", "mm of -0.3 to 0.3"] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+}
