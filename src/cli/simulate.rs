@@ -19,7 +19,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let pace = args.speed.into();
     runtime()?.block_on(async {
         let rehearsal = Rehearsal::of(&machine)?;
-        if let Some(sensor) = plan.sensors.first() {
+        if let Some(sensor) = plan.sensors.iter().find(|sensor| sensor.mount.is_spindle()) {
             rehearsal.without_probe();
             tell!("`{}` is in the spindle, the probe is not", sensor.name);
         }

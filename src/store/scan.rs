@@ -17,6 +17,9 @@ struct Kept {
     t: f64,
     #[serde(default, skip_serializing_if = "is_none")]
     flag: Flag,
+    /// Absent: that of the row.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensor: Option<String>,
 }
 
 fn is_none(flag: &Flag) -> bool {
@@ -33,7 +36,7 @@ pub(super) fn keep(
     if !samples.iter().all(columns::is_finite) {
         return Err(Fault::NotFinite { what: what() });
     }
-    let kept: Vec<Kept> = samples.iter().map(Kept::of).collect();
+    let kept: Vec<Kept> = samples.iter().map(|sample| Kept::of(sample, first)).collect();
     let text = columns::to_json(&what(), &kept)?;
     connection
         .execute(
@@ -64,6 +67,7 @@ pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_j
             value_mm: kept.mm,
             t_s: kept.t,
             flag: kept.flag,
+            sensor: kept.sensor.unwrap_or_else(|| row.sensor.clone()),
             ..row.clone()
         }
     };
@@ -71,8 +75,10 @@ pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_j
 }
 
 impl Kept {
-    fn of(sample: &Reading) -> Self {
+    /// `first`: the sample whose columns are those of the row.
+    fn of(sample: &Reading, first: &Reading) -> Self {
         Self {
+            sensor: (sample.sensor != first.sensor).then(|| sample.sensor.clone()),
             at: Axis::ALL.map(|axis| sample.position.get(axis)),
             mm: sample.value_mm,
             t: sample.t_s,

@@ -12,7 +12,7 @@ use super::outputs::{ReportedMotions, unit};
 use crate::identification::{range, reported_parameter};
 
 /// Total and asynchronous value of each error motion, mean over the indexes with the standard uncertainty
-/// of that mean (type A; NaN for one index). Both contain the noise of the sensors. A motion that the
+/// of that mean (type A; none for one index). Both contain the noise of the sensors. A motion that the
 /// channels of an index do not determine has no value from that index.
 ///
 /// The asynchronous value is the largest range over the revolutions at one angle, the total value the
@@ -50,7 +50,8 @@ fn mean_parameter(symbol: &str, component: Component, values: &[f64]) -> Option<
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
     let u = (squares / (count - 1.0) / count).sqrt();
     let parameter = reported_parameter(symbol, unit(component), mean, u, Some(count - 1.0));
-    (!values.is_empty()).then_some(parameter)
+    // The scatter of one index is not known.
+    (values.len() > 1).then_some(parameter)
 }
 
 /// Values at one index.

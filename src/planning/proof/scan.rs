@@ -8,6 +8,7 @@ use super::scene::Care;
 use super::walk::{Checked, Phase, Walk};
 use crate::careful::near_feed;
 use crate::gcode::rs274::{Kind, ReadMotion};
+use crate::turning;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::{Axis, Position};
 
@@ -35,8 +36,7 @@ impl Walk<'_> {
                 let ends = self.stands().updated_by(&motion.target);
                 match rules::differs(&ends, &first(scan)?, self.request().dialect) {
                     None => {
-                        let most = near_feed(self.request().plan, self.confirmed);
-                        rules::feed_at_most("the way to a scan", motion, most)?;
+                        rules::feed_at_most("the way to a scan", motion, self.way_feed(motion))?;
                         self.reach(motion, scan, 0)
                     }
                     Some(_) => self.approach(motion),
@@ -48,6 +48,19 @@ impl Walk<'_> {
             (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
             (Kind::Orient { s }, _) => self.orient(s),
             (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),
+        }
+    }
+
+    /// Of the last way to the first point: a turn may be as fast as turns are until the position is confirmed.
+    fn way_feed(&self, motion: &ReadMotion) -> f64 {
+        let plan = self.request().plan;
+        let near = near_feed(plan, self.confirmed);
+        let mut moved = motion.target.iter().map(|(axis, _)| axis);
+        match (moved.next(), moved.next()) {
+            (Some(axis), None) if !axis.is_linear() => {
+                near.max(turning::feed_at_most(plan, &self.chain, axis, self.stands()))
+            }
+            _ => near,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use machine::Axis;
 use machine::record::machine::{Homing, Machine};
-use machine::record::sensor::Sensor;
+use machine::record::sensor::{Mount, Sensor};
 use serde::Deserialize;
 
 use super::document::Document;
@@ -53,15 +53,25 @@ fn zero_of(axis: Axis) -> Prompt {
     Prompt { text, methods: None }
 }
 
-/// What is asked before a method that has displacement sensors in the spindle, where a person is at the
-/// machine: contact stops nothing then, and no control knows what is in its spindle.
+/// What is asked before a method that has displacement sensors, where a person is at the machine: contact stops
+/// nothing then, and no control knows where a sensor is.
 pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
-    let names: Vec<String> = sensors.iter().map(|sensor| format!("`{}`", sensor.name)).collect();
-    (!names.is_empty()).then(|| {
+    let places = [
+        (Mount::Spindle, "in the spindle"),
+        (Mount::Table, "on the table"),
+        (Mount::Bed, "on the bed"),
+    ];
+    let on = |(mount, place): (Mount, &str)| {
+        let there = sensors.iter().filter(|sensor| sensor.mount == mount);
+        let names: Vec<String> = there.map(|sensor| format!("`{}`", sensor.name)).collect();
+        (!names.is_empty()).then(|| format!("{} {place}", names.join(", ")))
+    };
+    let mounted: Vec<String> = places.into_iter().filter_map(on).collect();
+    (!mounted.is_empty()).then(|| {
         format!(
-            "{} in the spindle, uncovered; the artefact where the machine file says; nothing else in the \
-             way. No contact stops the machine: have the stop at hand until the first scan is read.",
-            names.join(", ")
+            "{}, uncovered; the artefact where the machine file says; nothing else in the way. No contact stops \
+             the machine: have the stop at hand until the first scan is read.",
+            mounted.join("; ")
         )
     })
 }

@@ -283,7 +283,7 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
     let sample = |number: u32| Reading {
         step: 4,
         repeat: 1,
-        sensor: "laser".to_owned(),
+        sensor: ["x1", "y1", "r1"][number as usize % 3].to_owned(),
         // Of the block: the same for all of its samples.
         temperatures_c: BTreeMap::from([("table".to_owned(), 61.0 / 3.0)]).into(),
         ..reading(number)

@@ -66,14 +66,17 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
 }
 
 pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
-    let far = changed(&machine(), &[("[0.008, -0.005]", "[0.120, 0.050]")]);
+    let far = changed(
+        &machine(),
+        &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")],
+    );
     let shop = MachineShop::new(&far);
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
     let run = ended(shop.command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     // As the table stands after whole revolutions: opposite to where the artefact is.
     let told = stderr(&run);
-    for words in ["section 1 by X -12", "Y -5", "x1 -0.", "mm of -0.3 to 0.3"] {
+    for words in ["section 1 by X -12", "µm, Y -4", "Limit 20 µm", "mm of -0.3 to 0.3"] {
         assert!(told.contains(words), "{words}: {told}");
     }
 }
