@@ -8,11 +8,8 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::flank::FormHarmonic;
-use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::Wave;
 use estimation::random;
-use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
-use machine::{Axis, Position};
 
 #[derive(Debug, Clone, Copy)]
 enum Source {
@@ -312,82 +309,19 @@ impl LinearErrors {
     }
 }
 
-/// Error motions of a rotary axis along X, Y and Z: harmonics 2 to 5 of its angle. The mean is where the
-/// axis stands, and the first harmonic goes with whatever turns on it.
-#[derive(Debug, Clone)]
-pub(super) struct RotaryErrors {
-    axis: Axis,
-    /// As what displaces the axis, with its terms.
-    motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
+/// Coefficients of an error motion of a rotary axis, in standard deviations; `key`: axis, component, order, part.
+pub(super) fn rotary_motion(seed: u64, key: [u64; 4]) -> f64 {
+    first_normal(seed, Source::RotaryMotion, &key)
 }
 
-/// Waves of an asynchronous motion.
-const ASYNCHRONOUS_TERMS: usize = 24;
+/// The same of a `[[simulated.rotary_motion]]`.
+pub(super) fn declared_motion(seed: u64, key: [u64; 4]) -> f64 {
+    first_normal(seed, Source::DeclaredMotion, &key)
+}
 
-/// Number, cosine and sine, mm or rad.
-type Harmonic = (f64, f64, f64);
-
-impl RotaryErrors {
-    /// Each direction of standard deviation `sigma_mm` at every angle.
-    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64) -> Result<Self, ParameterError> {
-        const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
-        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
-        let along = |component: Axis| {
-            let draw = |n: u32, part| {
-                let key = [axis as u64, component as u64, u64::from(n), part];
-                each * first_normal(seed, Source::RotaryMotion, &key)
-            };
-            let terms = ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect();
-            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
-        };
-        let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
-        Ok(Self { axis, motions: motions? })
-    }
-
-    /// As declared.
-    pub fn declared(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
-        const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
-        let axis = motion.axis;
-        let along = |component: Axis| {
-            let draw = |source, number: usize, part| {
-                let key = [axis as u64, component as u64, number as u64, part];
-                first_normal(seed, source, &key)
-            };
-            let sigma = match component.is_linear() {
-                true => motion.linear_um * 1e-3,
-                false => motion.angular_urad * 1e-6,
-            };
-            let orders = motion.orders();
-            let each = sigma / (orders.len().max(1) as f64).sqrt();
-            let mut terms: Vec<Harmonic> = Vec::new();
-            for (number, order) in orders.iter().enumerate() {
-                let draw = |part| each * draw(Source::DeclaredMotion, number, part);
-                terms.push((*order, draw(0), draw(1)));
-            }
-            if component.is_linear() && motion.asynchronous_um > 0.0 {
-                let each = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERMS as f64).sqrt();
-                for number in 0..ASYNCHRONOUS_TERMS {
-                    let draw = |part| draw(Source::Asynchronous, number, part);
-                    // Orders without a common period.
-                    let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
-                    terms.push((order, each * draw(0), each * draw(1)));
-                }
-            }
-            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
-        };
-        let motions: Result<_, ParameterError> = COMPONENTS.into_iter().map(along).collect();
-        Ok(Self { axis, motions: motions? })
-    }
-
-    /// Where the axis stands off with all axes at `position`.
-    pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
-        let angle = position.at(self.axis);
-        self.motions.iter().map(move |(parameter, terms)| {
-            let value =
-                terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
-            ErrorTerm { parameter: *parameter, value }
-        })
-    }
+/// The same of its part that does not repeat.
+pub(super) fn asynchronous_motion(seed: u64, key: [u64; 4]) -> f64 {
+    first_normal(seed, Source::Asynchronous, &key)
 }
 
 /// Slow thermal motion of the table against the spindle, and growth of the artefact.

@@ -6,7 +6,8 @@ use std::borrow::Cow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::WorldError;
-use super::drawn::{self, Drift, LinearErrors, Lobing, RotaryErrors};
+use super::drawn::{self, Drift, LinearErrors, Lobing};
+use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
 use super::sight::Sight;
 use super::stand::Stand;

@@ -7,7 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
-use super::datum::{DatumTruth, StageTruth};
+use super::datum_truth::{DatumTruth, StageTruth};
 use super::flank::FormHarmonic;
 use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;

@@ -39,8 +39,8 @@ pub enum Diagnosis {
     #[error("channels {0} and {1} are swapped: exchange their plugs or their names")]
     SwappedChannels(String, String),
     #[error(
-        "the artefact was mounted {offset_deg:.1}° from its planned angle at index {first}{}; correct \
-         turn_deg or measure {} again", if *.is_from_here_on { " and all later ones" } else { "" },
+        "the artefact was mounted {offset_deg:.1}° from its planned angle at mounting {}{}; correct \
+         turn_deg or measure {} again", .first + 1, if *.is_from_here_on { " and all later ones" } else { "" },
         if *.is_from_here_on { "them" } else { "it" }
     )]
     WrongIndex { first: usize, is_from_here_on: bool, offset_deg: f64 },

@@ -149,7 +149,7 @@ fn check_rows(
         ),
         IndexCheck::Wrong(fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. }) => {
             observed.rows.retain(|row| row.row.index != first);
-            Some(format!("mounting {} is left out: {fault}", first + 1))
+            Some(format!("left out: {fault}"))
         }
         IndexCheck::Wrong(fault) => return Err(refused(&fault)),
     })
