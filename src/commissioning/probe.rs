@@ -71,7 +71,7 @@ async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, En
 
 /// Where a sensor may sit in the probe's place, a person is asked to put the probe back.
 async fn mounted(check: &mut Check<'_>) -> Result<bool, Ended> {
-    let swapped = !check.file.sensors.is_empty();
+    let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
     Ok(!swapped || check.ask(Question::Stylus(Stylus::Mounted)).await? != Answer::No)
 }
 

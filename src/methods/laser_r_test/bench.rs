@@ -199,7 +199,7 @@ fn stylus(plan: &Plan) -> Sensor {
 /// None, none of that name, one that looks nowhere.
 pub fn sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sensor, Refused> {
     let found = match settings.sensor.as_str() {
-        "" => sensors.first(),
+        "" => sensors.iter().find(|sensor| sensor.mount.is_spindle()),
         name => sensors.iter().find(|sensor| sensor.name == name),
     };
     let sensor = found.ok_or_else(|| {
@@ -215,6 +215,12 @@ pub fn sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sens
                     .to_owned(),
         }
     })?;
+    if !sensor.mount.is_spindle() {
+        return Err(Refused {
+            why: format!("sensor `{}` is not in the spindle", sensor.name),
+            instead: "name a sensor in the spindle in [method.laser-r-test] sensor".to_owned(),
+        });
+    }
     let direction = Vector3::from(sensor.direction);
     if !(direction.norm() - 1.0).abs().is_finite() || (direction.norm() - 1.0).abs() > 0.05 {
         return Err(Refused {

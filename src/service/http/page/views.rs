@@ -70,9 +70,10 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     Some(marks)
 }
 
-/// Of the stylus ball, or of the sensor's zero point.
+/// Of the stylus ball, or of the zero point of a sensor in the spindle.
 fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<Vector3<f64>> {
-    let sensor = plan.sensors.iter().find(|sensor| sensor.name == step.sensor());
+    let mut in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
+    let sensor = in_spindle.find(|sensor| sensor.name == step.sensor());
     let [x, y, z] = sensor.map_or(plan.machine.tool_mm, |sensor| sensor.zero_mm);
     let place = |at: &Position| chain.tip_in_table(at, Point::new(x, y, z), &[]).mm;
     match &step.scan {
