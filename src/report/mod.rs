@@ -1,5 +1,6 @@
 //! Files and pages for people and programs; knows kinds of figure, never methods.
 
+mod captions;
 mod figure;
 mod number;
 pub mod page;

@@ -3,15 +3,16 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
+use super::captions::{drawing, figures, symbol};
 use super::rows::Rows;
 use super::{figure, number, planned, proven, related, vectors};
-use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function, Parameter, Verdict};
+use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
 const TEMPLATE: &str = include_str!("page.html");
-/// So many results stand in large figures at the top: a method lists its most wanted first.
-const KEY_RESULTS: usize = 2;
+/// Results in large figures at the top, at least. A method lists its main results first.
+const MIN_KEY_RESULTS: usize = 2;
 
 /// What is known of the run beside plan and estimate. Empty fields are left out.
 #[derive(Debug, Clone, Default)]
@@ -48,7 +49,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             machine => plan.machine.name.as_str(),
             verdict => verdict(estimate.verdict),
             parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
-            key_results => KEY_RESULTS,
+            key_results => key_results(&estimate.parameters),
             figures => figures(estimate),
             related => related::related(&estimate.covariance),
             vectors => estimate.arrows.iter().map(vectors::vectors).collect::<Vec<_>>(),
@@ -68,6 +69,16 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
     )
 }
 
+/// The first two parameters, or as many of the first ones as are of one quantity: `EXC_range` to `ECC_range`.
+fn key_results(parameters: &[Parameter]) -> usize {
+    let quantity = |parameter: &Parameter| {
+        parameter.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned())
+    };
+    let first = parameters.first().and_then(quantity);
+    let of_first = |parameter: &&Parameter| first.is_some() && quantity(parameter) == first;
+    parameters.iter().take_while(of_first).count().max(MIN_KEY_RESULTS)
+}
+
 /// Class of the badge and its words.
 fn verdict(verdict: Verdict) -> Value {
     let (class, text) = match verdict {
@@ -77,11 +88,6 @@ fn verdict(verdict: Verdict) -> Value {
         Verdict::None => ("none", "No verdict: no tolerance was given"),
     };
     context! { class, text }
-}
-
-fn symbol(symbol: &str) -> Value {
-    let (base, index) = number::split_symbol(symbol);
-    context! { plain => symbol, base, index }
 }
 
 fn parameter(parameter: &Parameter) -> Value {
@@ -98,53 +104,6 @@ fn parameter(parameter: &Parameter) -> Value {
     }
 }
 
-fn figures(estimate: &Estimate) -> Vec<Value> {
-    // Functions state u alone; the largest k of the table covers the fewest degrees of freedom.
-    let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
-    let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);
-    let k = if k.is_finite() { k } else { 2.0 };
-    let functions = estimate.functions.iter().map(|function| function_figure(function, k));
-    functions.chain(estimate.circles.iter().map(circle_figure)).collect()
-}
-
-fn function_figure(function: &Function, k: f64) -> Value {
-    context! {
-        symbol => symbol(&function.symbol),
-        caption => caption(function, k),
-        square => function.figure == FigureKind::Polar,
-        svg => drawing(figure::function(function, k)),
-    }
-}
-
-fn caption(function: &Function, k: f64) -> String {
-    let stated = function.u.iter().any(|u| *u > 0.0);
-    match function.figure {
-        FigureKind::Histogram => {
-            format!("{} values, and the normal distribution that scatters so", function.y.len())
-        }
-        FigureKind::Points if !stated => format!("over {}", function.argument),
-        _ => format!("over {}, with ±U (k = {})", function.argument, number::fixed(k, 2)),
-    }
-}
-
-fn circle_figure(circle: &CircleFigure) -> Value {
-    let [ux, uy] = circle.centre_expanded;
-    let decimals = number::decimals(ux.min(uy));
-    let [x, y] = circle.centre.map(|value| number::fixed(value, decimals));
-    let [ux, uy] = [ux, uy].map(|value| number::fixed(value, decimals));
-    let radius = number::fixed(circle.radius, decimals);
-    let unit = number::unit(circle.unit);
-    context! {
-        symbol => symbol(&circle.symbol),
-        caption => format!(
-            "points in their order and fitted circle, radius {radius} {unit}; centre with ±U: \
-             x = ({x} ± {ux}) {unit}, y = ({y} ± {uy}) {unit}"
-        ),
-        square => true,
-        svg => drawing(figure::circle(circle)),
-    }
-}
-
 /// What was proven before anything moved.
 fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
     context! {
@@ -152,10 +111,6 @@ fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
         svg => drawing(proven::function(proofs).and_then(|f| figure::function(&f, 1.0))),
         not_looked_at => proven::not_looked_at(proofs),
     }
-}
-
-fn drawing(svg: Option<String>) -> Value {
-    svg.map_or(Value::from(()), Value::from_safe_string)
 }
 
 /// The uncertainty budget: a row per parameter, a column per source.

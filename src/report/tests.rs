@@ -303,3 +303,31 @@ fn an_estimate_of_nothing_still_has_a_page() {
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
     assert!(!page.contains("Warnings") && !page.contains("On the way") && !page.contains("<svg"));
 }
+
+/// All values of the first quantity are at the top, or two values of several.
+#[test]
+fn the_top_of_the_page_shows_one_quantity() {
+    let cards = |symbols: &[&str]| {
+        let parameters = symbols.iter().map(|s| parameter(s, 1.0, Unit::Um, 1.0)).collect();
+        let estimate = Estimate { parameters, ..example() };
+        let page = render(&plan("mill"), &estimate, &facts()).unwrap();
+        page.matches("<div class=\"key\">").count()
+    };
+    assert_eq!(cards(&["EXC_range", "EYC_range", "EZC_range", "EXC_c1", "EXC_s1"]), 3);
+    assert_eq!(cards(&["EXC_c1", "EXC_s1", "EXC_c2"]), 2);
+    assert_eq!(cards(&["EX0C", "EY0C", "EA0C"]), 2);
+    assert_eq!(cards(&["EX0C"]), 1);
+}
+
+/// ±1.1 µm about the least-squares circle centre: the second harmonic alone.
+#[test]
+fn an_error_motion_figure_states_its_value() {
+    let motion = wave("EXC", &[(2.0, 1.1), (1.0, 5.0)], FigureKind::Polar);
+    let estimate = Estimate { functions: vec![motion], ..example() };
+    let page = render(&plan("mill"), &estimate, &facts()).unwrap();
+    let text = "error motion value 2.20 µm: distance of the circles about the least-squares circle \
+                centre (cross)";
+    assert!(page.contains(text), "{page}");
+    let without = render(&plan("mill"), &example(), &facts()).unwrap();
+    assert!(!without.contains("error motion value"));
+}

@@ -89,7 +89,7 @@ pub struct Function {
     pub unit: Unit,
     pub y: Vec<f64>,
     pub u: Vec<f64>,
-    /// How to draw it: `curve`, `polar`, `points` or `histogram`.
+    /// How to draw it: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
     pub figure: FigureKind,
 }
@@ -104,6 +104,9 @@ pub enum FigureKind {
     Points,
     /// How often which value of y occurs.
     Histogram,
+    /// Amplitudes over the harmonic order. A whole order from 1 to the highest that x does not hold is not
+    /// identifiable.
+    Spectrum,
 }
 
 /// Points in a plane with the circle fitted through them: the axis position and its wander.

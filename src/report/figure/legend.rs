@@ -13,6 +13,8 @@ const GAP: i32 = 14;
 /// A letter is about so wide, as a share of the font's size.
 const LETTER: f64 = 0.54;
 const MARKER: i32 = 9;
+/// Opacity of a shaded area.
+pub(super) const SHADE: f64 = 0.6;
 /// Of a dashed line.
 pub(super) const DASH: (i32, i32) = (40, 24);
 
@@ -20,6 +22,7 @@ pub(super) const DASH: (i32, i32) = (40, 24);
 pub(super) enum Piece {
     /// Between two lines.
     Band,
+    Shaded,
     Dashed,
     Upright,
     /// Of the thermometer of this number.
@@ -47,6 +50,10 @@ fn draw(area: &Area<'_>, piece: Piece, (x, y): (i32, i32)) -> Drawn {
             for edge in [y - 14, y + 14] {
                 area.draw(&PathElement::new(across(x, PIECE, edge), FIT.stroke_width(3)))?;
             }
+        }
+        Piece::Shaded => {
+            let corners = [(x, y - 14), (x + PIECE, y + 14)];
+            area.draw(&Rectangle::new(corners, GRID.mix(SHADE).filled()))?;
         }
         Piece::Dashed => {
             let dash = PIECE * 2 / 5;

@@ -9,6 +9,7 @@ use machine::record::estimate::{FigureKind, Function};
 mod arrows;
 mod circle;
 mod curve;
+mod error_motion;
 mod histogram;
 mod individuals;
 mod legend;
@@ -17,12 +18,14 @@ mod paths;
 mod points;
 mod polar;
 mod scale;
+mod spectrum;
 mod strip;
 #[cfg(test)]
 mod tests;
 
 pub(super) use arrows::Common;
 pub(super) use circle::circle;
+pub(super) use error_motion::{MotionCentre, MotionCircles};
 pub use individuals::Individuals;
 pub(super) use matrix::{correlation, matrix};
 pub use strip::Temperatures;
@@ -50,21 +53,40 @@ struct Sample {
 
 /// Draw `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
 pub(super) fn function(function: &Function, k: f64) -> Option<String> {
-    let samples: Vec<Sample> = function
-        .x
-        .iter()
-        .zip(&function.y)
-        .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
-        .map(|((x, y), u)| Sample { x: *x, y: *y, half: k * u })
-        .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
-        .map(|sample| Sample { half: finite_or_zero(sample.half), ..sample })
-        .collect();
+    let samples = samples(function, k);
     match function.figure {
         FigureKind::Curve => curve::curve(function, &samples),
-        FigureKind::Polar => polar::polar(function, &samples),
+        FigureKind::Polar => {
+            polar::polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c))
+        }
         FigureKind::Points => points::points(function, &samples),
         FigureKind::Histogram => histogram::histogram(function, &samples),
+        FigureKind::Spectrum => spectrum::spectrum(function, &samples),
     }
+}
+
+/// Of a polar figure of an error motion.
+pub(super) fn error_motion(function: &Function) -> Option<(MotionCentre, MotionCircles)> {
+    let is_polar = function.figure == FigureKind::Polar;
+    is_polar.then(|| motion_circles(function, &samples(function, 0.0))).flatten()
+}
+
+fn motion_circles(
+    function: &Function,
+    samples: &[Sample],
+) -> Option<(MotionCentre, MotionCircles)> {
+    let centre = MotionCentre::of(&function.symbol)?;
+    Some((centre, MotionCircles::new(samples, centre)?))
+}
+
+/// Its finite values.
+fn samples(function: &Function, k: f64) -> Vec<Sample> {
+    let points = function.x.iter().zip(&function.y);
+    points
+        .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
+        .map(|((x, y), u)| Sample { x: *x, y: *y, half: finite_or_zero(k * u) })
+        .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
+        .collect()
 }
 
 fn finite_or_zero(value: f64) -> f64 {

@@ -4,7 +4,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{bounds, label, round_step, widened};
-use super::{Area, BAND, Drawn, FONT, GRID, INK, LINE, MAX_MARKS, Sample};
+use super::{Area, BAND, Drawn, FIT, FONT, GRID, INK, LINE, MAX_MARKS, MotionCircles, Sample};
 use super::{picture, text_style};
 use crate::report::number;
 use machine::record::estimate::Function;
@@ -16,6 +16,8 @@ const OUTER: f64 = 360.0;
 const INNER: f64 = 120.0;
 /// Arcs are drawn as chords of this many degrees.
 const CHORD: f64 = 2.0;
+/// Half the length of the mark of a centre.
+const CROSS: i32 = 18;
 
 /// From values to the picture.
 struct Scale {
@@ -38,7 +40,11 @@ impl Scale {
     }
 
     fn radius(&self, value: f64) -> f64 {
-        INNER + (OUTER - INNER) * (value - self.low) / (self.high - self.low)
+        INNER + self.length(value - self.low)
+    }
+
+    fn length(&self, difference: f64) -> f64 {
+        (OUTER - INNER) * difference / (self.high - self.low)
     }
 
     fn point(&self, degrees: f64, value: f64) -> (i32, i32) {
@@ -51,28 +57,54 @@ fn at(degrees: f64, radius: f64) -> (i32, i32) {
     (CENTRE + (radius * cos).round() as i32, CENTRE - (radius * sin).round() as i32)
 }
 
-pub(super) fn polar(function: &Function, samples: &[Sample]) -> Option<String> {
-    let (low, high) =
-        bounds(samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]))?;
+pub(super) fn polar(
+    function: &Function,
+    samples: &[Sample],
+    circles: Option<MotionCircles>,
+) -> Option<String> {
+    let ends = samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]);
+    let of_circles = circles.into_iter().flat_map(|circles| {
+        let [x, y] = circles.centre;
+        [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
+    });
+    let (low, high) = bounds(ends.chain(of_circles)).filter(|_| !samples.is_empty())?;
     let scale = Scale::around(low, high);
     let outline = |offset: f64| around(samples, |s| scale.point(s.x, s.y + offset * s.half));
     picture((SIDE, SIDE), |area| {
-        rings(area, &scale, number::unit(function.unit))?;
+        rings(area, &scale)?;
         // One ring-shaped area: out along the upper bound, back along the lower.
         let band: Vec<_> =
             outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
         area.draw(&Polygon::new(band, LINE.mix(BAND)))?;
         area.draw(&PathElement::new(outline(0.0), LINE.stroke_width(4)))?;
-        if samples.len() <= MAX_MARKS {
+        if samples.len() <= MAX_MARKS && circles.is_none() {
             for sample in samples {
                 area.draw(&Circle::new(scale.point(sample.x, sample.y), 7, LINE.filled()))?;
             }
         }
-        Ok(())
+        circles.map_or(Ok(()), |circles| motion_circles(area, &scale, &circles))?;
+        ring_labels(area, &scale, number::unit(function.unit))
     })
 }
 
-fn rings(area: &Area<'_>, scale: &Scale, unit: &str) -> Drawn {
+/// Both circles, and a cross at their centre.
+fn motion_circles(area: &Area<'_>, scale: &Scale, circles: &MotionCircles) -> Drawn {
+    for value in [circles.inner, circles.outer] {
+        let degrees = (0..=180).map(|n| f64::from(n) * CHORD);
+        let circle: Vec<_> =
+            degrees.map(|at| scale.point(at, value + circles.offset(at))).collect();
+        area.draw(&PathElement::new(circle, FIT.stroke_width(3)))?;
+    }
+    let [x, y] = circles.centre.map(|value| scale.length(value).round() as i32);
+    let (x, y) = (CENTRE + x, CENTRE - y);
+    let cross = [[(x - CROSS, y), (x + CROSS, y)], [(x, y - CROSS), (x, y + CROSS)]];
+    for line in cross {
+        area.draw(&PathElement::new(line, FIT.stroke_width(4)))?;
+    }
+    Ok(())
+}
+
+fn rings(area: &Area<'_>, scale: &Scale) -> Drawn {
     let centred = text_style(FONT).pos(Pos::new(HPos::Center, VPos::Center));
     for degrees in (0..360).step_by(45).map(f64::from) {
         let spoke = vec![at(degrees, INNER), at(degrees, OUTER)];
@@ -80,21 +112,31 @@ fn rings(area: &Area<'_>, scale: &Scale, unit: &str) -> Drawn {
         let place = at(degrees, OUTER + 44.0);
         area.draw(&Text::new(format!("{degrees}°"), place, centred.clone()))?;
     }
-    let labels = text_style(0.9 * FONT).pos(Pos::new(HPos::Left, VPos::Center));
     for value in scale.rings() {
         let is_zero = value.abs() < scale.step / 2.0;
         let style = if is_zero { INK.stroke_width(2) } else { GRID.stroke_width(2) };
         let radius = scale.radius(value).round() as i32;
         area.draw(&Circle::new((CENTRE, CENTRE), radius, style))?;
+    }
+    Ok(())
+}
+
+/// Above all curves.
+fn ring_labels(area: &Area<'_>, scale: &Scale, unit: &str) -> Drawn {
+    let style = text_style(0.9 * FONT).pos(Pos::new(HPos::Left, VPos::Center));
+    for value in scale.rings() {
         let text = format!("{} {unit}", label(value, scale.step));
-        area.draw(&Text::new(text, at(67.5, f64::from(radius)), labels.clone()))?;
+        area.draw(&Text::new(text, at(67.5, scale.radius(value)), style.clone()))?;
     }
     Ok(())
 }
 
 /// The closed outline through `samples`, along arcs instead of chords.
 fn around(samples: &[Sample], point: impl Fn(Sample) -> (i32, i32)) -> Vec<(i32, i32)> {
-    let first = samples.first().map(|first| Sample { x: first.x + 360.0, ..*first });
+    // The last angle may be beyond one revolution, or back at the first.
+    let turns = |x: f64| (x - samples[0].x) / 360.0;
+    let end = 360.0 * samples.last().map_or(0.0, |last| turns(last.x).round());
+    let first = samples.first().map(|first| Sample { x: first.x + end, ..*first });
     let next = samples.iter().skip(1).copied().chain(first);
     let mut outline = Vec::new();
     for (from, to) in samples.iter().zip(next) {

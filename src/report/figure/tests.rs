@@ -4,7 +4,7 @@ use machine::record::estimate::{
     Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit, VectorKind,
 };
 
-fn wave(figure: FigureKind, count: u32) -> Function {
+pub(super) fn wave(figure: FigureKind, count: u32) -> Function {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
     Function {
         symbol: "EXC_total".to_owned(),
@@ -39,7 +39,7 @@ pub(super) fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
 }
 
 /// All coordinates; fails on one that is no number.
-fn coordinates(svg: &str) -> Vec<f64> {
+pub(super) fn coordinates(svg: &str) -> Vec<f64> {
     let names = ["x", "y", "x1", "y1", "x2", "y2", "cx", "cy", "r", "width", "height", "points"];
     let values = names.iter().flat_map(|name| attributes(svg, name));
     values
@@ -124,7 +124,13 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
 
 #[test]
 fn strange_numbers_never_reach_the_picture() {
-    let kinds = [FigureKind::Curve, FigureKind::Polar, FigureKind::Points, FigureKind::Histogram];
+    let kinds = [
+        FigureKind::Curve,
+        FigureKind::Polar,
+        FigureKind::Points,
+        FigureKind::Histogram,
+        FigureKind::Spectrum,
+    ];
     for figure in kinds {
         let mut flat = wave(figure, 8);
         flat.y = vec![5.0; 8];

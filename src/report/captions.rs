@@ -1,0 +1,86 @@
+//! Figures of an estimate with their captions.
+
+use minijinja::{Value, context};
+
+use super::figure::MotionCentre;
+use super::{figure, number};
+use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function};
+
+pub(super) fn figures(estimate: &Estimate) -> Vec<Value> {
+    // Functions state u alone; the largest k of the table covers the fewest degrees of freedom.
+    let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
+    let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);
+    let k = if k.is_finite() { k } else { 2.0 };
+    let functions = estimate.functions.iter().map(|function| function_figure(function, k));
+    functions.chain(estimate.circles.iter().map(circle_figure)).collect()
+}
+
+fn function_figure(function: &Function, k: f64) -> Value {
+    context! {
+        symbol => symbol(&function.symbol),
+        caption => caption(function, k),
+        square => function.figure == FigureKind::Polar,
+        svg => drawing(figure::function(function, k)),
+    }
+}
+
+fn caption(function: &Function, k: f64) -> String {
+    let stated = function.u.iter().any(|u| *u > 0.0);
+    match function.figure {
+        FigureKind::Histogram => {
+            format!("{} values, and the normal distribution that scatters so", function.y.len())
+        }
+        FigureKind::Points if !stated => format!("over {}", function.argument),
+        FigureKind::Spectrum => format!("amplitude over harmonic order, {}", band(k)),
+        _ => {
+            let value = error_motion_value(function).unwrap_or_default();
+            format!("over {}, {}{value}", function.argument, band(k))
+        }
+    }
+}
+
+fn band(k: f64) -> String {
+    format!("with ±U (k = {})", number::fixed(k, 2))
+}
+
+/// What the circles of an error motion show.
+fn error_motion_value(function: &Function) -> Option<String> {
+    let (centre, circles) = figure::error_motion(function)?;
+    let u = function.u.iter().copied().filter(|u| *u > 0.0).reduce(f64::max).unwrap_or(0.0);
+    let value = number::fixed(circles.value(), number::decimals(u));
+    let centre = match centre {
+        MotionCentre::LeastSquares => "the least-squares circle centre",
+        MotionCentre::Chart => "the polar chart centre",
+    };
+    let unit = number::unit(function.unit);
+    Some(format!(
+        "; error motion value {value} {unit}: distance of the circles about {centre} (cross)"
+    ))
+}
+
+fn circle_figure(circle: &CircleFigure) -> Value {
+    let [ux, uy] = circle.centre_expanded;
+    let decimals = number::decimals(ux.min(uy));
+    let [x, y] = circle.centre.map(|value| number::fixed(value, decimals));
+    let [ux, uy] = [ux, uy].map(|value| number::fixed(value, decimals));
+    let radius = number::fixed(circle.radius, decimals);
+    let unit = number::unit(circle.unit);
+    context! {
+        symbol => symbol(&circle.symbol),
+        caption => format!(
+            "points in their order and fitted circle, radius {radius} {unit}; centre with ±U: \
+             x = ({x} ± {ux}) {unit}, y = ({y} ± {uy}) {unit}"
+        ),
+        square => true,
+        svg => drawing(figure::circle(circle)),
+    }
+}
+
+pub(super) fn symbol(symbol: &str) -> Value {
+    let (base, index) = number::split_symbol(symbol);
+    context! { plain => symbol, base, index }
+}
+
+pub(super) fn drawing(svg: Option<String>) -> Value {
+    svg.map_or(Value::from(()), Value::from_safe_string)
+}

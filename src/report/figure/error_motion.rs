@@ -1,0 +1,175 @@
+//! The centre and the two circles of an error motion polar plot (ISO 230-7).
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::Sample;
+use super::scale::bounds;
+
+/// About which centre the value of an error motion is taken (ISO 230-7).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::report) enum MotionCentre {
+    /// Of the least-squares circle. Radial and tilt error motions: their first harmonic is an offset.
+    LeastSquares,
+    /// Of the polar chart. Axial error motion and angular positioning: their first harmonic is a motion.
+    Chart,
+}
+
+impl MotionCentre {
+    /// Of the error motion with this symbol, `EXC` to `ECC` of a rotary axis; `None` of any other function.
+    pub(in crate::report) fn of(symbol: &str) -> Option<Self> {
+        let &[b'E', component, axis] = symbol.as_bytes() else { return None };
+        let along = match axis {
+            b'A' => b'X',
+            b'B' => b'Y',
+            b'C' => b'Z',
+            _ => return None,
+        };
+        match component {
+            _ if component == along || component == axis => Some(Self::Chart),
+            b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' => Some(Self::LeastSquares),
+            _ => None,
+        }
+    }
+}
+
+/// Two circles of one centre that just enclose the curve and are just enclosed by it. Error motions are small
+/// against the radius at which a chart draws them: a circle about the centre (x, y) is the curve
+/// radius + x·cos θ + y·sin θ (a limaçon), which does not depend on the radius that the chart chooses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::report) struct MotionCircles {
+    /// From the centre of the chart, in the unit of the function.
+    pub centre: [f64; 2],
+    pub inner: f64,
+    pub outer: f64,
+}
+
+impl MotionCircles {
+    /// `None`: too few angles for the centre.
+    pub(super) fn new(samples: &[Sample], about: MotionCentre) -> Option<Self> {
+        let centre = match about {
+            MotionCentre::LeastSquares => least_squares_centre(samples)?,
+            MotionCentre::Chart => [0.0, 0.0],
+        };
+        let circles = Self { centre, inner: 0.0, outer: 0.0 };
+        let distances = samples.iter().map(|sample| sample.y - circles.offset(sample.x));
+        let (inner, outer) = bounds(distances)?;
+        Some(Self { inner, outer, ..circles })
+    }
+
+    /// The error motion value.
+    pub(in crate::report) fn value(&self) -> f64 {
+        self.outer - self.inner
+    }
+
+    /// How much farther out than about the centre of the chart a circle is at an angle.
+    pub(super) fn offset(&self, degrees: f64) -> f64 {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        self.centre[0] * cos + self.centre[1] * sin
+    }
+}
+
+/// Cosine and sine part of a + b·cos θ + c·sin θ by least squares: 2/N·Σ y·cos θ and 2/N·Σ y·sin θ at equal angles.
+fn least_squares_centre(samples: &[Sample]) -> Option<[f64; 2]> {
+    let is_first_again = |sample: &&Sample| {
+        let turns = (sample.x - samples[0].x) / 360.0;
+        turns > 0.0 && turns.fract() == 0.0
+    };
+    // A closed curve holds its first angle twice.
+    let once = samples.len() - usize::from(samples.last().as_ref().is_some_and(is_first_again));
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for sample in &samples[..once] {
+        let (sin, cos) = sample.x.to_radians().sin_cos();
+        let row = Vector3::new(1.0, cos, sin);
+        normal += row * row.transpose();
+        right += row * sample.y;
+    }
+    // Two angles, or all the same: the matrix is singular but for rounding.
+    let is_regular = normal.determinant() > 1e-9 * (once as f64).powi(3);
+    let solution = is_regular.then(|| normal.try_inverse()).flatten()? * right;
+    Some([solution.y, solution.z])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{coordinates, inside, wave};
+    use super::super::{error_motion, function};
+    use super::MotionCentre;
+    use machine::record::estimate::{FigureKind, Function};
+
+    /// Whole revolutions in steps of 5°.
+    fn of_angle(symbol: &str, revolutions: u32, value: impl Fn(f64) -> f64) -> Function {
+        let x: Vec<f64> = (0..=72 * revolutions).map(|n| f64::from(5 * n)).collect();
+        let y: Vec<f64> = x.iter().map(|x| value(x.to_radians())).collect();
+        let u = vec![0.0; x.len()];
+        Function { symbol: symbol.to_owned(), x, y, u, ..wave(FigureKind::Polar, 1) }
+    }
+
+    /// 2 + 1.5·cos θ − 0.8·sin θ + 0.6·cos 3θ: a circle about (1.5, −0.8) and three lobes of ±0.6 on it.
+    #[test]
+    fn an_error_motion_value_is_taken_about_its_centre() {
+        let lobes =
+            |turn: f64| 1.5 * turn.cos() - 0.8 * turn.sin() + 0.6 * (3.0 * turn).cos() + 2.0;
+        for symbol in ["EXC", "EAC", "EZA", "EXB"] {
+            let (centre, circles) = error_motion(&of_angle(symbol, 1, lobes)).unwrap();
+            assert_eq!(centre, MotionCentre::LeastSquares, "{symbol}");
+            let known =
+                [(circles.centre[0], 1.5), (circles.centre[1], -0.8), (circles.value(), 1.2)];
+            for (found, expected) in known {
+                assert!((found - expected).abs() < 1e-12, "{symbol}: {found}");
+            }
+        }
+        // The first harmonic of an axial motion is a motion: 1.7·cos(θ + ..) alone has the range 3.4.
+        for symbol in ["EZC", "ECC", "EXA", "EYB"] {
+            let round = of_angle(symbol, 1, |turn| 1.5 * turn.cos() - 0.8 * turn.sin());
+            let (centre, circles) = error_motion(&round).unwrap();
+            assert_eq!((centre, circles.centre), (MotionCentre::Chart, [0.0; 2]));
+            assert!((circles.value() - 3.4).abs() < 0.01, "{symbol}: {}", circles.value());
+        }
+        for symbol in ["W_form", "EXC_total", "EXX", "ESC", "R_1", "E"] {
+            assert_eq!(error_motion(&of_angle(symbol, 1, lobes)), None, "{symbol}");
+        }
+        let mut unequal = of_angle("EXC", 1, lobes);
+        (0..30).for_each(|_| {
+            unequal.x.remove(12);
+            unequal.y.remove(12);
+        });
+        let (_, circles) = error_motion(&Function { u: vec![0.0; 43], ..unequal }).unwrap();
+        // The lobes are not orthogonal to the circle any more.
+        assert!((circles.centre[0] - 1.5).abs() < 0.3 && circles.value() >= 1.2 - 1e-9);
+        let one_angle = Function { x: vec![45.0; 8], ..wave(FigureKind::Polar, 8) };
+        assert_eq!(error_motion(&Function { symbol: "EXC".to_owned(), ..one_angle }), None);
+    }
+
+    /// cos θ + 0.6·cos 3θ: rings from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
+    #[test]
+    fn the_circles_of_an_error_motion_touch_the_curve() {
+        let motion = of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());
+        let svg = function(&motion, 2.0).unwrap();
+        let lines: Vec<Vec<f64>> = svg
+            .lines()
+            .filter(|line| line.contains("stroke=\"#C2571A\""))
+            .map(coordinates)
+            .collect();
+        let [inner, outer, across, upright] = lines.as_slice() else { panic!("{}", lines.len()) };
+        assert_eq!(
+            (&across[..], &upright[..]),
+            (&[492.0, 450.0, 528.0, 450.0][..], &[510.0, 432.0, 510.0, 468.0][..])
+        );
+        // At 0° the outer circle is at 0.6 + 1 µm, at 180° the inner one at −0.6 − 1 µm.
+        assert_eq!(outer[..2], [450.0 + 240.0 + 96.0, 450.0]);
+        assert_eq!(inner[180..182], [450.0 - 240.0 + 96.0, 450.0]);
+        assert!(inside(&svg));
+    }
+
+    /// Half a sine over each revolution: drawn on over the second one, and back to the first angle.
+    #[test]
+    fn a_curve_of_two_revolutions_is_closed_after_the_second() {
+        let svg = function(&of_angle("EXC", 2, |turn| (turn / 2.0).sin()), 2.0).unwrap();
+        let curve = svg.lines().find(|line| line.contains("stroke-width=\"4\"")).unwrap();
+        let points = coordinates(curve).len() / 2;
+        // 144 steps of 5° in chords of at most 2°, each with both ends; 720° is where it closes.
+        assert_eq!(points, 144 * 4 + 2);
+        assert!(inside(&svg));
+    }
+}

@@ -1,0 +1,119 @@
+//! Amplitudes over the harmonic order as bars, each with its uncertainty. Orders that are not identifiable are
+//! shaded.
+
+use plotters::prelude::*;
+
+use super::legend::{self, Piece, SHADE};
+use super::scale::{Ticked, bounds, round_step};
+use super::{GRID, INK, LINE, Sample, Y_LABELS, curve, picture};
+use machine::record::estimate::Function;
+
+const SIZE: (u32, u32) = (1400, 640);
+/// Ticks of the orders at most.
+const MAX_TICKS: f64 = 16.0;
+/// Half the width of a bar, in orders: at most, and as a share of the distance to the nearest order.
+const MAX_HALF_BAR: f64 = 0.3;
+const HALF_BAR_SHARE: f64 = 0.4;
+
+pub(super) fn spectrum(function: &Function, samples: &[Sample]) -> Option<String> {
+    let (_, top) = bounds(samples.iter().map(|sample| sample.y + sample.half))?;
+    let top = if top > 0.0 { 1.08 * top } else { 1.0 };
+    let mut orders: Vec<f64> = samples.iter().map(|sample| sample.x).collect();
+    orders.sort_by(f64::total_cmp);
+    let lost = lost_orders(&orders);
+    let (least, highest) = bounds(orders.iter().copied())?;
+    let from = if least < 1.0 { 0.0 } else { 0.5 };
+    let x_axis = Ticked::every(round_step(highest / MAX_TICKS).max(1.0), from..highest + 0.5);
+    let row = if lost.is_empty() { 0 } else { legend::ROW };
+    let (x_name, y_name) = curve::names(function);
+    picture((SIZE.0, SIZE.1 + row), |area| {
+        let (above, below) = area.split_vertically(row as i32);
+        if !lost.is_empty() {
+            legend::row(&above, Y_LABELS, &[(Piece::Shaded, "not identifiable".to_owned())])?;
+        }
+        let y_axis = Ticked::round(0.0..top);
+        let mut chart = super::chart(&below, (x_axis, &x_name), (y_axis, &y_name))?;
+        let shade = |[from, to]: &[f64; 2]| {
+            Rectangle::new([(*from, 0.0), (*to, top)], GRID.mix(SHADE).filled())
+        };
+        chart.draw_series(lost.iter().map(shade))?;
+        chart.draw_series(samples.iter().map(|Sample { x, y, .. }| {
+            let half_bar = half_bar(&orders, *x);
+            let corners = [(x - half_bar, 0.0), (x + half_bar, y.max(0.0))];
+            Rectangle::new(corners, LINE.mix(0.6).filled())
+        }))?;
+        let stated = samples.iter().filter(|sample| sample.half > 0.0);
+        chart.draw_series(stated.map(|Sample { x, y, half }| {
+            let ends = [(*x, (y - half).max(0.0)), (*x, (y + half).max(0.0))];
+            PathElement::new(ends, INK.stroke_width(3))
+        }))?;
+        Ok(())
+    })
+}
+
+/// Where whole orders from 1 on are missing between those of `orders`, each half an order wide on either side.
+fn lost_orders(orders: &[f64]) -> Vec<[f64; 2]> {
+    let whole = orders.iter().copied().filter(|order| *order >= 1.0 && order.fract() == 0.0);
+    let with_zero: Vec<f64> = std::iter::once(0.0).chain(whole).collect();
+    let gaps = with_zero.windows(2).filter(|pair| pair[1] - pair[0] > 1.0);
+    gaps.map(|pair| [pair[0] + 0.5, pair[1] - 0.5]).collect()
+}
+
+/// Of the bar at `order`: it touches no bar of another one.
+fn half_bar(orders: &[f64], order: f64) -> f64 {
+    let distances = orders.iter().map(|other| (other - order).abs());
+    let nearest = distances.filter(|distance| *distance > 0.0).fold(f64::INFINITY, f64::min);
+    MAX_HALF_BAR.min(HALF_BAR_SHARE * nearest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::function;
+    use super::super::tests::{attributes, coordinates, inside, wave};
+    use machine::record::estimate::{FigureKind, Function};
+
+    fn spectrum(orders: &[f64]) -> Function {
+        Function {
+            symbol: "EXC_spectrum".to_owned(),
+            argument: "order".to_owned(),
+            argument_unit: String::new(),
+            x: orders.to_vec(),
+            y: vec![2.0; orders.len()],
+            u: vec![0.5; orders.len()],
+            ..wave(FigureKind::Spectrum, 1)
+        }
+    }
+
+    /// Attributes of the rectangles of this colour: x, y, width, height.
+    fn rectangles(svg: &str, fill: &str) -> Vec<[f64; 4]> {
+        let lines = svg.lines().filter(|line| line.contains("<rect") && line.contains(fill));
+        let number = |line: &str, name| attributes(line, name)[0].parse::<f64>().unwrap();
+        lines.map(|line| ["x", "y", "width", "height"].map(|name| number(line, name))).collect()
+    }
+
+    /// 2 ± 1 µm at each order: a whisker is as long as its bar is high.
+    #[test]
+    fn orders_without_an_amplitude_are_shaded() {
+        let svg = function(&spectrum(&[0.5, 1.0, 2.0, 6.0, 8.0]), 2.0).unwrap();
+        let bars = rectangles(&svg, "#1F6FB2");
+        assert_eq!(bars.len(), 5);
+        let whiskers = svg.lines().filter(|line| line.contains("stroke-width=\"3\""));
+        for (whisker, bar) in whiskers.map(coordinates).zip(&bars) {
+            assert!(((whisker[1] - whisker[3]).abs() - bar[3]).abs() <= 2.0, "{whisker:?} {bar:?}");
+            assert!((whisker[0] - bar[0] - bar[2] / 2.0).abs() <= 2.0, "{whisker:?} {bar:?}");
+        }
+        // Half an order apart: no bar reaches the next.
+        assert!(bars[0][0] + bars[0][2] < bars[1][0]);
+        let shaded = rectangles(&svg, "#D5D9DE");
+        let per_order = bars[4][0] - bars[3][0];
+        // The legend, then 2.5 to 5.5, then 6.5 to 7.5.
+        let [_, three, one] = shaded.as_slice() else { panic!("{shaded:?}") };
+        assert!(
+            (three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0
+        );
+        assert!(svg.contains("not identifiable") && svg.contains("order") && inside(&svg));
+        let all = function(&spectrum(&[1.0, 2.0, 3.0]), 2.0).unwrap();
+        assert!(!all.contains("not identifiable") && rectangles(&all, "#D5D9DE").is_empty());
+        assert!(inside(&all));
+    }
+}
