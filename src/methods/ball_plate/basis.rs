@@ -47,8 +47,8 @@ impl Basis {
         }
     }
 
-    /// Periods in one revolution.
-    fn frequencies(&self) -> impl Iterator<Item = f64> {
+    /// Periods in one revolution, of each pair of cosine and sine. None of values at stops.
+    pub fn frequencies(&self) -> impl Iterator<Item = f64> {
         let (order, sub_order) = match self {
             Self::Fourier { order, sub_order } => (*order, *sub_order),
             Self::Stops(_) => (0, 0),

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::design::Design;
 use super::equations::solve;
+use super::layout::COMPONENTS;
 use super::observe::{Measured, measured};
 use super::outputs;
 use super::plate::Plate;
@@ -82,12 +83,18 @@ fn estimate(solved: &Solved<'_>, sources: &[UncertaintySource]) -> Result<Estima
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let outputs = outputs::outputs(solved);
     let identified = identification::identify(&core, sources, outputs, Some(trials))?;
-    Ok(Estimate {
+    let mut estimate = Estimate {
         gauge: warnings::gauge(solved),
         not_identifiable: warnings::not_identifiable(solved),
         warnings: warnings::warnings(solved, &identified),
         ..identified.estimate(super::NAME)
-    })
+    };
+    // The ranges, which tolerances are stated for, come first.
+    estimate.parameters.rotate_right(COMPONENTS.len());
+    let spectra = outputs::spectra(solved);
+    let spectra = spectra.iter().map(|spectrum| identified.spectrum(spectrum, &solution.x));
+    estimate.functions.splice(COMPONENTS.len()..COMPONENTS.len(), spectra);
+    Ok(estimate)
 }
 
 /// Errors of X, Y and Z that stay as they are belong to the measuring positions, and no source.

@@ -7,7 +7,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::basis::equal_angles;
 use super::layout::{COMPONENTS, DirectionAtBall};
 use super::solved::Solved;
-use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
+use crate::identification::{
+    Curve, Harmonic, Output, Outputs, Range, Spectrum, range_outputs, unit_slope,
+};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
@@ -29,6 +31,23 @@ pub fn outputs(solved: &Solved<'_>) -> Outputs {
         curves: curves.collect(),
         nonlinear: Some(range_outputs(ranges, &solved.solution.x)),
     }
+}
+
+/// Amplitude spectrum of each motion. None with values at the stops.
+pub fn spectra(solved: &Solved<'_>) -> Vec<Spectrum> {
+    let (layout, axis) = (&solved.design.layout, solved.plate.axis);
+    let unknowns = layout.unknowns();
+    let harmonic = |k: usize, (pair, order): (usize, f64)| {
+        let part = |function| unit_slope(layout.motion(k, 2 * pair + function), unknowns);
+        Harmonic { order, parts: [part(0), part(1)] }
+    };
+    let spectrum = |(k, component): (usize, Axis)| Spectrum {
+        symbol: format!("E{component}{axis}_spectrum"),
+        unit: unit(component),
+        harmonics: layout.basis.frequencies().enumerate().map(|pair| harmonic(k, pair)).collect(),
+    };
+    let spectra = COMPONENTS.into_iter().enumerate().map(spectrum);
+    spectra.filter(|spectrum| !spectrum.harmonics.is_empty()).collect()
 }
 
 fn unit(component: Axis) -> Unit {

@@ -14,6 +14,7 @@ mod outputs;
 mod propagation;
 mod range;
 mod source;
+mod spectrum;
 mod trials;
 mod warnings;
 
@@ -31,6 +32,7 @@ pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances,
 };
+pub use spectrum::{Harmonic, Spectrum};
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;
 

@@ -1,5 +1,7 @@
 //! A run of `ball-plate` that is killed and stopped goes on to error motions that hold the truth.
 
+use serde_json::json;
+
 use super::resume::{ended, found, resume, resume_command};
 use super::{MachineShop, changed, estimate, stderr, tells, with_control};
 use crate::support::grbl_control::GrblControl;
@@ -7,6 +9,10 @@ use crate::support::grbl_control::GrblControl;
 /// Error motions of `config/ball-plate.toml`, µm and µrad.
 const TRUTH: [(&str, f64); 5] =
     [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
+
+/// Amplitudes of harmonics: symbol, order, hypot of cosine and sine part.
+const AMPLITUDES: [(&str, usize, f64); 3] =
+    [("EXC_spectrum", 2, 1.264_911), ("EYC_spectrum", 3, 1.0), ("ECC_spectrum", 1, 6.708_204)];
 
 /// One revolution, of fewer harmonics than the built-in machine has.
 fn machine() -> String {
@@ -38,6 +44,18 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
         // One draw of five: within three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
         assert!(expanded < MAX_EXPANDED, "{symbol} {value} ± {expanded}");
+    }
+    assert!(estimate["parameters"][0]["symbol"] == "EXC_range");
+    for (symbol, order, truth) in AMPLITUDES {
+        let functions = estimate["functions"].as_array().unwrap();
+        let spectrum = functions.iter().find(|f| f["symbol"] == symbol).unwrap();
+        assert_eq!(
+            (&spectrum["figure"], &spectrum["x"][order - 1]),
+            (&json!("spectrum"), &json!(order as f64))
+        );
+        let [value, u] = ["y", "u"].map(|name| spectrum[name][order - 1].as_f64().unwrap());
+        println!("{symbol} {order} {value:.3} ± {:.3}, truly {truth:.3}", 2.0 * u);
+        assert!((value - truth).abs() < 3.0 * u && u > 0.0, "{symbol} {order} {value}, u {u}");
     }
     assert_eq!(shop.states(), ["finished"]);
 }

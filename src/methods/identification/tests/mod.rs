@@ -4,6 +4,7 @@ mod declared;
 mod estimates;
 mod propagation;
 mod sources;
+mod spectrum;
 mod trials;
 
 use faer::Mat;

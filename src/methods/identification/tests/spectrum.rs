@@ -1,0 +1,45 @@
+//! Amplitudes by hand.
+
+use faer::Mat;
+use machine::record::estimate::{FigureKind, Unit};
+
+use super::{assert_near, solution};
+use crate::identification::{
+    Effect, Harmonic, LinearFit, Outputs, Spectrum, UncertaintySource, identify, unit_slope,
+};
+
+/// Two unknowns that are observed directly: 3 µm and 4 µm with u of 1 µm and 2 µm.
+#[test]
+fn regress_amplitudes_by_hand() {
+    let x = [3e-3, 4e-3];
+    let one = Mat::identity(2, 2);
+    let fit = LinearFit { x: &x, a: &one, sigma: &[1.0; 2], gain: &one };
+    let sources = [UncertaintySource::new("each", Effect::Each(vec![1e-3, 2e-3]))];
+    let solution = solution(&fit, &[0.0; 2], true);
+    let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
+    let [first, second] = [0, 1].map(|index| unit_slope(index, 2));
+    let harmonic =
+        |order, cos: &[f64], sin: &[f64]| Harmonic { order, parts: [cos.to_vec(), sin.to_vec()] };
+    let spectrum = Spectrum {
+        symbol: "EXC_spectrum".to_owned(),
+        unit: Unit::Um,
+        harmonics: vec![
+            // Independent parts: 5 µm, and at most the u of the sine part.
+            harmonic(2.0, &first, &second),
+            // Equal parts: u of 1 µm along both, √2 µm along 45°.
+            harmonic(5.0, &first, &first),
+            harmonic(0.5, &[0.0; 2], &first),
+        ],
+    };
+    let function = identified.spectrum(&spectrum, &x);
+    assert_eq!((function.figure, function.x), (FigureKind::Spectrum, vec![0.5, 2.0, 5.0]));
+    let known = [(3.0, 1.0), (5.0, 2.0), (18f64.sqrt(), 2f64.sqrt())];
+    for ((y, u), (amplitude, expected)) in function.y.iter().zip(&function.u).zip(known) {
+        assert_near(*y, amplitude, 1e-9);
+        assert_near(*u, expected, 1e-9);
+    }
+    // An amplitude of zero: the phase is unknown, u is that of a part.
+    let zero = identified.spectrum(&spectrum, &[0.0; 2]);
+    assert_near(zero.y[1], 0.0, 1e-9);
+    assert_near(zero.u[1], 2.0, 1e-9);
+}
