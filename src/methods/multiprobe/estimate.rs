@@ -54,8 +54,14 @@ pub fn estimate(
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let separated = identify(&setup.layout, &data, &sizes, settings.sampling, Some(trials))?;
     let mut estimate = separated.identification.estimate(super::NAME);
+    // The ranges, which tolerances are stated for, come first.
+    let nonlinear = separated.identification.outputs.nonlinear.as_ref();
+    estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
+    let motions = ReportedMotions::new(&setup.layout, &separated.fit, sizes.stage);
+    let spectra = motions.spectra().into_iter();
+    let spectra = spectra.map(|one| separated.identification.spectrum(&one, motions.solution()));
+    estimate.functions.extend(spectra);
     if settings.sampling == TurnSampling::Continuous {
-        let motions = ReportedMotions::new(&setup.layout, &separated.fit, sizes.stage);
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.rows));
     }
     estimate.functions.extend(noise_gains(&setup));
@@ -110,7 +116,7 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
             x,
             unit: Unit::Um,
             y,
-            figure: FigureKind::Points,
+            figure: FigureKind::Spectrum,
         })
     };
     separations.into_iter().filter_map(function).collect()

@@ -5,7 +5,7 @@ use machine::record::estimate::{FigureKind, Unit};
 use super::fit::{HarmonicFit, SeparationFit, is_identifiable};
 use super::model::{Component, ProbeLayout};
 use super::sources::{StageEccentricity, co_rotating_directions};
-use crate::identification::{Curve, Output, Outputs};
+use crate::identification::{Curve, Harmonic, Output, Outputs, Spectrum};
 
 /// Points of a curve over one revolution.
 const CURVE_POINTS: usize = 120;
@@ -164,6 +164,24 @@ impl<'a> ReportedMotions<'a> {
             curves: curves.map(|component| self.curve(*component)).collect(),
             nonlinear: None,
         }
+    }
+
+    /// Amplitudes of each motion over the orders that are identifiable.
+    pub fn spectra(&self) -> Vec<Spectrum> {
+        let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
+        let motions = self.layout.components().into_iter().filter(|c| !is_form(c));
+        let harmonic = |component: Component, order: usize| {
+            let [cos, sin] = self.parts(component, order)?;
+            let parts = [self.widened(order, cos), self.widened(order, sin)];
+            Some(Harmonic { order: order as f64, parts })
+        };
+        let spectrum = |component: Component| {
+            let orders = self.identifiable_orders(component).into_iter();
+            let harmonics = orders.filter_map(|order| harmonic(component, order)).collect();
+            let symbol = format!("{}_spectrum", component.symbol());
+            Spectrum { symbol, unit: unit(component), harmonics }
+        };
+        motions.map(spectrum).filter(|spectrum| !spectrum.harmonics.is_empty()).collect()
     }
 
     pub fn solution(&self) -> &[f64] {
