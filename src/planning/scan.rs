@@ -5,7 +5,7 @@ use super::careful::{Careful, near_feed};
 use super::clearance::LIFT;
 use super::path::{Path, height};
 use super::surroundings::Near;
-use super::{Clearance, PlanningError, Start, limits, touch_block};
+use super::{Clearance, PlanningError, Start, limits, touch_block, turning};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
@@ -49,8 +49,8 @@ fn scan_blocks(
     let mut path = Path::from(start.stands, approach_feed);
     let top_z = clearance.top_z;
     let mut blocks = Vec::new();
-    if scan.turns_only() && linear_axes_stand_at(&path, &step.from) {
-        // The way to its first point is a turn as well.
+    if scan.turns_only() && still_axes_stand_at(&path, scan) {
+        turn_to(&mut path, plan, &step.from, clearance);
     } else if start.confirmed.is_all() {
         approach(&mut path, &step.from, top_z);
     } else {
@@ -81,8 +81,21 @@ fn scan_blocks(
     Ok(blocks)
 }
 
-fn linear_axes_stand_at(path: &Path, from: &Position) -> bool {
-    from.iter().filter(|(axis, _)| axis.is_linear()).all(|(axis, at)| path.stands_at(axis, at))
+/// Whether the axes that a scan does not move are where it begins.
+fn still_axes_stand_at(path: &Path, scan: &Scan) -> bool {
+    let Some(first) = scan.path.first() else { return false };
+    let is_still = |axis: Axis, at: f64| scan.path.iter().all(|point| point.at(axis) == at);
+    let mut still = first.iter().filter(|(axis, at)| is_still(*axis, *at));
+    still.all(|(axis, at)| path.stands_at(axis, at))
+}
+
+/// The turn to the first point, as slow as turns are until the position is confirmed.
+fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance) {
+    for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
+        let chain = &clearance.about.chain;
+        let feed_mm_min = turning::feed_at_most(plan, chain, axis, &path.stands);
+        path.feed(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
+    }
 }
 
 /// How many of the `count` blocks of a scan lead to where nothing declared is within the range of its

@@ -522,3 +522,43 @@ fn what_asks_a_person_stands_first_and_says_something() {
     let (blocks, _) = staged_blocks(&plan, &[stage]).unwrap();
     assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [1]);
 }
+
+/// Sensors about a part that turns: X, Y and Z stay where they are, unless another axis has to turn.
+#[test]
+fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
+    let point = |c: f64| {
+        at(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)])
+    };
+    let step = Step {
+        kind: StepKind::Scan,
+        from: point(0.0),
+        to: point(1.0),
+        feed_mm_min: 60.0,
+        sensors: vec!["x1".into()],
+        scan: Some(Scan {
+            path: vec![point(0.0), point(1.0)],
+            sampling: Sampling::Continuous { rate_hz: 100.0 },
+        }),
+        ..touch(0, 0.0, 0.0, 0.0, 0.0)
+    };
+    let mut plan = plan(vec![step]);
+    let sensor = serde_json::json!({"name": "x1", "mount": "bed", "zero_mm": [50.0, 0.0, 60.0],
+        "direction": [-1.0, 0.0, 0.0], "range_mm": [-0.3, 0.3]});
+    plan.sensors = vec![serde_json::from_value(sensor).unwrap()];
+    let clearance = Clearance::above(&plan).unwrap();
+    let from = |stands: Position| {
+        let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+        let blocks = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
+        blocks.into_iter().flat_map(|block| block.motions).collect::<Vec<_>>()
+    };
+    let turn = Motion::Feed { to: at(&[(Axis::C, 1.0)]), feed_mm_min: 60.0 };
+    assert_eq!(from(point(0.0)), std::slice::from_ref(&turn));
+    let elsewhere = from(point(0.5));
+    assert!(
+        matches!(&elsewhere[..], [Motion::Feed { to, .. }, last] if *to == at(&[(Axis::C, 0.0)]) && *last == turn)
+    );
+    let tilted = from(point(0.0).with(Axis::B, 0.3));
+    let ways: Vec<Position> = tilted.iter().filter_map(target).collect();
+    let tilts = ways.iter().position(|to| to.get(Axis::B).is_some()).unwrap();
+    assert_eq!(ways[tilts - 1], at(&[(Axis::Z, 450.0)]), "{ways:?}");
+}

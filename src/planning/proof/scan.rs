@@ -36,7 +36,8 @@ impl Walk<'_> {
                 let ends = self.stands().updated_by(&motion.target);
                 match rules::differs(&ends, &first(scan)?, self.request().dialect) {
                     None => {
-                        rules::feed_at_most("the way to a scan", motion, self.way_feed(motion))?;
+                        let most = self.way_feed(motion, scan)?;
+                        rules::feed_at_most("the way to a scan", motion, most)?;
                         self.reach(motion, scan, 0)
                     }
                     Some(_) => self.approach(motion),
@@ -51,17 +52,27 @@ impl Walk<'_> {
         }
     }
 
-    /// Of the last way to the first point: a turn may be as fast as turns are until the position is confirmed.
-    fn way_feed(&self, motion: &ReadMotion) -> f64 {
+    /// Greatest feed of the last way to the first point. A turn is as slow as turns are until the position is
+    /// confirmed; an axis that the scan itself does not turn may turn with Z at its upper end only.
+    fn way_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, Reason> {
         let plan = self.request().plan;
         let near = near_feed(plan, self.confirmed);
+        if self.is_confirmed() {
+            return Ok(near);
+        }
+        let is_turned =
+            |axis: Axis| scan.path.windows(2).any(|way| way[0].at(axis) != way[1].at(axis));
+        let mut rotary = motion.target.iter().filter(|(axis, _)| !axis.is_linear());
+        if rotary.any(|(axis, _)| !is_turned(axis)) {
+            self.is_high(&motion.target)?;
+        }
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
-        match (moved.next(), moved.next()) {
+        Ok(match (moved.next(), moved.next()) {
             (Some(axis), None) if !axis.is_linear() => {
-                near.max(turning::feed_at_most(plan, &self.chain, axis, self.stands()))
+                turning::feed_at_most(plan, &self.chain, axis, self.stands())
             }
             _ => near,
-        }
+        })
     }
 
     /// A turn needs no way to its first point where the machine is there already.

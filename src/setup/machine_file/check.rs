@@ -67,6 +67,10 @@ pub fn artefact(document: &Document, artefact: &Artefact) -> Checked {
                 check.positive(&["artefact", "radius_mm"], section.radius_mm)?;
                 check.positive(&["artefact", "z_mm"], section.z_mm)?;
             }
+            let heights = || sections.iter().chain(face).map(|section| section.z_mm);
+            let rises = heights().zip(heights().skip(1)).all(|(low, high)| low < high);
+            let why = "must be in rising order, the face above them";
+            check.that(rises, &["artefact", "sections"], why)?;
             check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
         }
         Artefact::Balls(_) => Ok(()),
