@@ -213,9 +213,8 @@ fn covers(name: &str, changes: &[(&str, Value)], missing: f64) {
             }
         }
         let estimate = played.estimate().unwrap();
-        if seed == 0 {
-            println!("{name}: {:#?}", estimate.warnings);
-        }
+        let is_named = estimate.warnings.iter().any(|line| line.contains("have no distance"));
+        assert_eq!(is_named, missing > 0.0, "{:#?}", estimate.warnings);
         covered(&played, &estimate)
     };
     let all: Vec<Vec<(f64, f64)>> = (0..seeds).into_par_iter().map(one).collect();

@@ -125,6 +125,13 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
 fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated) -> Vec<String> {
     let identification = &separated.identification;
     let mut lines = observed.left_out.clone();
+    let missing = observed.missing_stops;
+    lines.extend((missing > 0).then(|| {
+        format!(
+            "{missing} stops of a sensor have no distance: single ones are taken from the harmonics of their \
+             revolution, revolutions with longer gaps are left out"
+        )
+    }));
     lines.extend(of_index);
     lines.extend(identification.misfit_warning(&MISFIT_ADVICE));
     lines.extend(identification.trials_warning());

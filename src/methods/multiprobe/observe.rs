@@ -1,5 +1,6 @@
 //! Readings to revolutions at equal angles.
 
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use estimation::linear::{self, LinearProblem, RANK_THRESHOLD};
@@ -29,6 +30,8 @@ pub struct Observed {
     pub forward: Vec<RowRevolutions>,
     /// What was left out, in words.
     pub left_out: Vec<String>,
+    /// Dwell points of a channel without a distance.
+    pub missing_stops: usize,
     /// Duration of one revolution, s.
     pub revolution_s: f64,
 }
@@ -53,6 +56,7 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
             let own = latest(step, readings)?;
             let (of_scan, rejected) = revolutions(setup, &filter, step, index, &own);
             observed.reject(setup, step, rejected);
+            observed.missing_stops += missing_stops(setup, step, &own);
             if is_forward {
                 observed.forward.extend(of_scan.iter().cloned());
                 observed.revolution_s = duration_s(&own) / setup.settings.revolutions as f64;
@@ -71,6 +75,21 @@ fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, 
     let last =
         last.ok_or_else(|| IdentifyError::Missing { step: step.id, label: step.label.clone() })?;
     Ok(of_step().filter(|reading| reading.repeat == last).collect())
+}
+
+/// Pairs of stop and channel without any distance.
+fn missing_stops(setup: &Setup<'_>, step: &Step, readings: &[&Reading]) -> usize {
+    if setup.settings.sampling == TurnSampling::Continuous {
+        return 0;
+    }
+    let stop = |reading: &Reading| {
+        let degrees = reading.position.at(setup.axis).to_degrees();
+        (degrees / 360.0 * setup.settings.positions as f64).round() as i64
+    };
+    let seen = readings.iter().filter(|reading| reading.value_mm.is_some());
+    let seen: BTreeSet<(i64, &str)> = seen.map(|r| (stop(r), r.sensor.as_str())).collect();
+    let stops = step.scan.as_ref().map_or(0, |scan| scan.path.len());
+    (stops * setup.sensors.len()).saturating_sub(seen.len())
 }
 
 fn duration_s(readings: &[&Reading]) -> f64 {
@@ -142,8 +161,8 @@ fn stops(setup: &Setup<'_>, step: &Step, samples: &[Sample]) -> Resampled {
     Resampled::of_stops(positions, first, values)
 }
 
-/// Fills single gaps of a revolution with the least squares of its mean and harmonics. A longer gap, or many,
-/// stay.
+/// Fills single gaps of a revolution with the least squares of its mean and harmonics, so that its harmonics are
+/// those of the stops that are there. A longer gap, or many, stay.
 fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
     let missing: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
     let known: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_some()).collect();
