@@ -3,7 +3,9 @@
 use serde::Serialize;
 
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
-use methods::decision::difference::{Difference, differences};
+use machine::record::estimate::Estimate;
+use methods::decision::difference::{Difference, common_sources, differences};
+use methods::decision::function_difference::{FunctionDifference, function_differences};
 
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
@@ -11,8 +13,13 @@ pub enum CompareError {
     Store(#[from] StoreError),
     #[error("run {0} has no estimate")]
     NoEstimate(RunId),
-    #[error("run {} measured by {}, run {} by {}", .0.id, .0.method, .1.id, .1.method)]
-    Methods(Box<RunSummary>, Box<RunSummary>),
+    #[error("run {} by {} and run {} by {} have no parameter and no function in common",
+        .0.id, .0.method, .1.id, .1.method)]
+    NothingInCommon(Box<RunSummary>, Box<RunSummary>),
+    #[error(
+        "runs {first} and {second} have values of the same names in other units alone: {symbols}"
+    )]
+    Units { first: RunId, second: RunId, symbols: String },
 }
 
 impl CompareError {
@@ -21,7 +28,12 @@ impl CompareError {
         match self {
             Self::Store(error) => error.remedy(),
             Self::NoEstimate(_) => "take a run that has come to its end",
-            Self::Methods(..) => "take two runs of one method",
+            Self::NothingInCommon(..) => {
+                "take two runs that identify the same quantities, such as two of one method"
+            }
+            Self::Units { .. } => {
+                "identify both runs by this version, `trued identify METHOD --run RUN`, then compare again"
+            }
         }
     }
 }
@@ -30,31 +42,83 @@ impl CompareError {
 pub struct Comparison {
     pub runs: [RunSummary; 2],
     pub differences: Vec<Difference>,
+    pub functions: Vec<FunctionDifference>,
+    /// Sources of uncertainty that have the same value in both runs: they cancel in `differences`.
+    pub common_sources: Vec<String>,
     /// What else is not the same, in words.
     pub besides: Vec<String>,
 }
 
-/// The last estimates of two runs of one method.
+/// The last estimates of two runs. Sources of uncertainty that both runs share are common to them only if machine,
+/// method, settings, probe and artefact are the same: in another plan the same source has another effect.
 ///
 /// # Errors
-/// No such run, no estimate, or runs of different methods.
+/// No such run, no estimate, nothing in common, or other units alone.
 pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Comparison, CompareError> {
     let [one, other] = [journal.load(first)?, journal.load(second)?];
-    if one.summary.method != other.summary.method {
-        return Err(CompareError::Methods(Box::new(one.summary), Box::new(other.summary)));
-    }
     let last = |run: &StoredRun| {
         let last = run.estimates.last().map(|stored| stored.estimate.clone());
         last.ok_or(CompareError::NoEstimate(run.summary.id))
     };
-    let differences = differences(&last(&one)?, &last(&other)?);
-    let besides = besides(&one, &other);
-    Ok(Comparison { runs: [one.summary, other.summary], differences, besides })
+    let (of_one, of_other) = (last(&one)?, last(&other)?);
+    let common_sources =
+        if is_same_setup(&one, &other) { common_sources(&of_one, &of_other) } else { Vec::new() };
+    let differences = differences(&of_one, &of_other, &common_sources);
+    let functions = function_differences(&of_one, &of_other, largest_k([&of_one, &of_other]));
+    let in_other_units = in_other_units(&of_one, &of_other);
+    let mut besides = besides(&one, &other);
+    let runs = [one.summary, other.summary];
+    if differences.is_empty() && functions.is_empty() {
+        return Err(incomparable(runs, &in_other_units));
+    }
+    if !in_other_units.is_empty() {
+        besides.push(format!("the units differ of {}", in_other_units.join(", ")));
+    }
+    Ok(Comparison { runs, differences, functions, common_sources, besides })
+}
+
+fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
+    let (a, b) = (&one.plan, &other.plan);
+    (&a.method, &a.machine, &a.settings, &a.probe, &a.sensors, &a.artefact)
+        == (&b.method, &b.machine, &b.settings, &b.probe, &b.sensors, &b.artefact)
+}
+
+/// Functions state u alone: as in the report, the coverage factor is the largest of the parameters.
+fn largest_k(estimates: [&Estimate; 2]) -> f64 {
+    let parameters = estimates.into_iter().flat_map(|estimate| &estimate.parameters);
+    let finite = parameters.filter(|p| p.identifiable && p.k.is_finite());
+    finite.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0)
+}
+
+/// Symbols of parameters and functions that both have, in other units.
+fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
+    let parameters = |of: &Estimate| -> Vec<_> {
+        of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect()
+    };
+    let functions = |of: &Estimate| -> Vec<_> {
+        of.functions.iter().map(|f| (f.symbol.clone(), f.unit)).collect()
+    };
+    let pairs = [(parameters(one), parameters(other)), (functions(one), functions(other))];
+    let differing = pairs.into_iter().flat_map(|(first, second)| {
+        first.into_iter().filter(move |(symbol, unit)| {
+            second.iter().any(|(other, of_other)| other == symbol && of_other != unit)
+        })
+    });
+    differing.map(|(symbol, _)| symbol).collect()
+}
+
+fn incomparable([one, other]: [RunSummary; 2], in_other_units: &[String]) -> CompareError {
+    if in_other_units.is_empty() {
+        return CompareError::NothingInCommon(Box::new(one), Box::new(other));
+    }
+    let symbols = in_other_units.join(", ");
+    CompareError::Units { first: one.id, second: other.id, symbols }
 }
 
 fn besides(one: &StoredRun, other: &StoredRun) -> Vec<String> {
     let said = [
         (one.summary.machine != other.summary.machine, "they are of two machines"),
+        (one.summary.method != other.summary.method, "they are of two methods"),
         (one.config != other.config, "the machine file was changed between them"),
         (one.plan.settings != other.plan.settings, "the settings of the method differ"),
         (one.plan.artefact != other.plan.artefact, "the artefact is stated differently"),

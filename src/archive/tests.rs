@@ -144,7 +144,7 @@ fn a_signature_speaks_for_the_estimate_that_was_signed() {
 }
 
 #[test]
-fn runs_of_different_methods_are_not_compared() {
+fn runs_are_compared_where_they_have_something_in_common() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, config: &str, value: Option<f64>| -> RunId {
@@ -162,7 +162,25 @@ fn runs_of_different_methods_are_not_compared() {
     let changed: Vec<_> = found.differences.iter().map(|d| (d.by, d.significant)).collect();
     assert_eq!(changed, [(3.0, true), (0.0, false)]);
     assert_eq!(found.besides, ["the machine file was changed between them"]);
-    assert!(matches!(compare(&journal, one, laser), Err(CompareError::Methods(..))));
+    let methods = compare(&journal, one, laser).unwrap();
+    assert_eq!(methods.differences.len(), 2);
+    assert_eq!(methods.besides, ["they are of two methods"]);
+    let add = |estimate: &Estimate| -> RunId {
+        let new = NewRun { config: "a".to_owned(), plan: plan("samba", "mill") };
+        let id = journal.begin(&new).wait().unwrap();
+        journal.estimate(id, estimate).wait().unwrap();
+        id
+    };
+    let nothing = add(&estimate(&[("EA0B", 1.0, true)]));
+    assert!(matches!(compare(&journal, one, nothing), Err(CompareError::NothingInCommon(..))));
+    let mut mm = estimate(&[("EX0C", 1.0, true)]);
+    mm.parameters[0].unit = Unit::Mm;
+    let units = compare(&journal, one, add(&mm)).unwrap_err();
+    assert!(units.to_string().ends_with("in other units alone: EX0C"), "{units}");
+    mm.parameters.push(estimate(&[("EY0C", 3.0, true)]).parameters.remove(0));
+    let some = compare(&journal, one, add(&mm)).unwrap();
+    assert_eq!(some.differences.len(), 1);
+    assert_eq!(some.besides, ["the units differ of EX0C"]);
     assert!(matches!(compare(&journal, one, none), Err(CompareError::NoEstimate(_))));
     assert!(matches!(compare(&journal, one, RunId(9)), Err(CompareError::Store(_))));
 }

@@ -53,6 +53,8 @@ pub enum Command {
     Disarm(DisarmArgs),
     /// Show one stored run.
     Show(ShowArgs),
+    /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
+    Compare(CompareArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
     /// Copy the journal to one file, also while a daemon writes it; the copy is verified.
@@ -340,6 +342,16 @@ pub struct ShowArgs {
     pub json: bool,
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Number of a run, as `trued runs` lists it.
+    pub first: i64,
+    /// Number of the run that is compared with it: differences are this one less the first.
+    pub second: i64,
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Args)]

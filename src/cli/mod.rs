@@ -14,6 +14,7 @@ macro_rules! tell {
 mod args;
 mod backup;
 mod check;
+mod compare;
 mod daemon;
 mod failure;
 mod files;
@@ -116,6 +117,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Schedule(args) => schedule::schedule(&args, state),
         Command::Arm(args) => schedule::arm(&args, state),
         Command::Disarm(args) => schedule::disarm(&args, state),
+        Command::Compare(args) => compare::compare_runs(&args, state),
         Command::Show(args) => runs::show(&args, state),
         Command::Export(args) => runs::export(&args, state),
         Command::Backup(args) => backup::backup(&args, state),

@@ -1,9 +1,28 @@
-//! Two results beside each other: what differs by more than both can be in doubt.
+//! Two results beside each other: the difference of each value, with its expanded uncertainty and E_n.
 
 use serde::Serialize;
 
-use estimation::coverage::{coverage_factor, effective_dof};
-use machine::record::estimate::{Estimate, Parameter, Unit};
+use estimation::coverage::coverage_factor;
+use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter, Unit};
+
+/// Sources of type B that have the same value in every run of one plan. Every other one, also a new one, counts
+/// as independent: U of a difference is then rather too large.
+const SAME_IN_EVERY_RUN: [&str; 14] = [
+    "stylus offset",
+    "probe lobing",
+    "error motions of X and Y",
+    "error motions of X, Y and Z",
+    "squareness of X, Y and Z",
+    "error motions of rotary axes",
+    "radius of the sphere",
+    "form of the sphere",
+    "linearity of the sensor",
+    "certified length",
+    "gain",
+    "sensor angle",
+    "section distance",
+    "face radius",
+];
 
 /// Of one value, the second result less the first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -13,31 +32,57 @@ pub struct Difference {
     pub first: f64,
     pub second: f64,
     pub by: f64,
-    /// Expanded uncertainty of `by`. Both results count as independent: what they share (one artefact, one
-    /// probe) is counted twice, so that a difference is rather missed than made up.
+    /// Expanded uncertainty of `by`, coverage probability 95.45 %.
     #[serde(rename = "U")]
     pub expanded: f64,
-    /// Whether `by` is beyond its uncertainty.
+    /// |by|/U (ISO 13528): the results agree up to 1. `null` in JSON: infinite, U is 0.
+    #[serde(rename = "E_n")]
+    pub normalized: f64,
+    /// Whether `by` is beyond its uncertainty: E_n is above 1.
     pub significant: bool,
 }
 
-/// Of all values that both have identified, in the order of the first.
-pub fn differences(first: &Estimate, second: &Estimate) -> Vec<Difference> {
+/// |by|/expanded; 0 where both are 0.
+pub(super) fn normalized_error(by: f64, expanded: f64) -> f64 {
+    if by == 0.0 { 0.0 } else { by.abs() / expanded }
+}
+
+/// Sources of type B that the budgets of both results name, and that have the same value in every run.
+pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    let others: Vec<&BudgetLine> = second.parameters.iter().flat_map(|p| &p.budget).collect();
+    for line in first.parameters.iter().flat_map(|parameter| &parameter.budget) {
+        let is_type_b = |line: &BudgetLine| line.evaluation == Some(EvaluationType::B);
+        let is_in_both = others.iter().any(|other| other.source == line.source && is_type_b(other));
+        let is_same = SAME_IN_EVERY_RUN.contains(&line.source.as_str());
+        if is_type_b(line) && is_in_both && is_same && !names.contains(&line.source) {
+            names.push(line.source.clone());
+        }
+    }
+    names
+}
+
+/// Of all values that both have identified, in the order of the first. The sources `common` have the same
+/// value in both, with the same sign of its effect; everything else is independent.
+pub fn differences(first: &Estimate, second: &Estimate, common: &[String]) -> Vec<Difference> {
     let pairs = first.parameters.iter().filter_map(|one| {
         let same = |other: &&Parameter| (&other.symbol, other.unit) == (&one.symbol, one.unit);
         Some((one, second.parameters.iter().find(same)?))
     });
     let known = pairs.filter(|(one, other)| one.identifiable && other.identifiable);
-    known.filter_map(|(one, other)| difference(one, other)).collect()
+    known.filter_map(|(one, other)| difference(one, other, common)).collect()
 }
 
 /// `None` where a number is missing.
-fn difference(one: &Parameter, other: &Parameter) -> Option<Difference> {
-    let part = |p: &Parameter| (p.u.powi(2), p.dof.unwrap_or(f64::INFINITY));
-    let parts = [part(one), part(other)];
-    let u = (parts[0].0 + parts[1].0).sqrt();
+fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<Difference> {
+    let independent = one.u.powi(2) + other.u.powi(2);
+    let shared = |source: &String| component(one, source) * component(other, source);
+    let covariance: f64 = common.iter().map(shared).sum();
+    // Rounding may leave less than nothing of budgets that are all common.
+    let variance = (independent - 2.0 * covariance).max(0.0);
     let by = other.value - one.value;
-    let expanded = coverage_factor(effective_dof(&parts)) * u;
+    let expanded = coverage_factor(dof([one, other], variance)) * variance.sqrt();
+    let normalized = normalized_error(by, expanded);
     let difference = Difference {
         symbol: one.symbol.clone(),
         unit: one.unit,
@@ -45,9 +90,23 @@ fn difference(one: &Parameter, other: &Parameter) -> Option<Difference> {
         second: other.value,
         by,
         expanded,
-        significant: by.abs() > expanded,
+        normalized,
+        significant: normalized > 1.0,
     };
     (by.is_finite() && expanded.is_finite()).then_some(difference)
+}
+
+/// Standard uncertainty by one source.
+fn component(parameter: &Parameter, source: &String) -> f64 {
+    let lines = parameter.budget.iter().filter(|line| line.source == *source);
+    lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt()
+}
+
+/// Effective degrees of freedom of the difference (GUM, G.2b): the common sources have infinitely many.
+fn dof(of: [&Parameter; 2], variance: f64) -> f64 {
+    let part = |p: &Parameter| p.dof.map_or(0.0, |dof| p.u.powi(4) / dof);
+    let spread = part(of[0]) + part(of[1]);
+    if spread > 0.0 { variance.powi(2) / spread } else { f64::INFINITY }
 }
 
 #[cfg(test)]
@@ -65,16 +124,28 @@ mod tests {
         .unwrap()
     }
 
+    fn nothing() -> Estimate {
+        serde_json::from_value(serde_json::json!({
+            "trued_estimate": 1, "method": "samba", "parameters": [], "functions": [],
+            "covariance": {"symbols": [], "rows": []}, "rank": 1, "unknowns": 1, "condition": 1.0,
+            "gauge": [], "not_identifiable": [], "residual_rms_um": 0.3, "degrees_of_freedom": 5,
+            "chi2_per_dof": 1.1, "verdict": "none", "warnings": [], "priors": [],
+        }))
+        .unwrap()
+    }
+
     /// GUM, G.4.1 and table G.2: u of 2 and 1 with 4 and 8 degrees of freedom have 25/(16/4 + 1/8) = 6.06
     /// effective ones, cut to 6: t(95.45 %) = 2.52.
     #[test]
     fn its_uncertainty_is_that_of_both() {
-        let found = difference(&parameter(1.0, 2.0, Some(4.0)), &parameter(7.0, 1.0, Some(8.0)));
+        let found =
+            difference(&parameter(1.0, 2.0, Some(4.0)), &parameter(7.0, 1.0, Some(8.0)), &[]);
         let found = found.unwrap();
         assert!((found.by - 6.0).abs() < 1e-12 && found.significant);
         let k = found.expanded / 5f64.sqrt();
         assert!((2.50..2.53).contains(&k), "{k}");
-        let many = difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None)).unwrap();
+        let many =
+            difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None), &[]).unwrap();
         assert!((many.expanded - 10.0).abs() < 0.05 && !many.significant, "{}", many.expanded);
     }
 
@@ -86,7 +157,7 @@ mod tests {
             |u: f64| -> f64 { u * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let told = (0..4000).filter(|_| {
             let (one, other) = (parameter(draw(0.6), 0.6, None), parameter(draw(0.8), 0.8, None));
-            difference(&one, &other).unwrap().significant
+            difference(&one, &other, &[]).unwrap().significant
         });
         // 182 expected, standard deviation 13.
         let told = told.count();
@@ -95,20 +166,59 @@ mod tests {
 
     #[test]
     fn what_one_of_them_does_not_know_is_left_out() {
-        let mut estimate: Estimate = serde_json::from_value(serde_json::json!({
-            "trued_estimate": 1, "method": "samba", "parameters": [], "functions": [],
-            "covariance": {"symbols": [], "rows": []}, "rank": 1, "unknowns": 1, "condition": 1.0,
-            "gauge": [], "not_identifiable": [], "residual_rms_um": 0.3, "degrees_of_freedom": 5,
-            "chi2_per_dof": 1.1, "verdict": "none", "warnings": [], "priors": [],
-        }))
-        .unwrap();
+        let mut estimate = nothing();
         let lost = Parameter { identifiable: false, ..parameter(1.0, 1.0, None) };
         let other = Parameter { symbol: "EY0C".to_owned(), ..parameter(1.0, 1.0, None) };
         let unit = Parameter { unit: Unit::Mm, ..other.clone() };
         estimate.parameters = vec![parameter(1.0, 1.0, None), other];
         let mut second = estimate.clone();
-        assert_eq!(differences(&estimate, &second).len(), 2);
+        assert_eq!(differences(&estimate, &second, &[]).len(), 2);
         second.parameters = vec![lost, unit];
-        assert_eq!(differences(&estimate, &second), []);
+        assert_eq!(differences(&estimate, &second, &[]), []);
+    }
+
+    fn with_budget(value: f64, lines: &[(&str, EvaluationType, f64)]) -> Parameter {
+        let line = |(source, evaluation, u): &(&str, EvaluationType, f64)| BudgetLine {
+            source: (*source).to_owned(),
+            evaluation: Some(*evaluation),
+            u: *u,
+        };
+        let u = lines.iter().map(|(.., u)| u * u).sum::<f64>().sqrt();
+        Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }
+    }
+
+    /// u² = 1 + 3² + 0.5² and 1.2² + 2² + 0.5², of which the probe has 3 and 2 in both: the variance of the
+    /// difference is 1 + 1.44 + 2·0.25 + (3 − 2)² = 3.94.
+    #[test]
+    fn common_sources_cancel() {
+        use EvaluationType::{A, B};
+        let one = with_budget(
+            10.0,
+            &[("touches", A, 1.0), ("probe lobing", B, 3.0), ("resolution", B, 0.5)],
+        );
+        let other = with_budget(
+            13.0,
+            &[("touches", A, 1.2), ("probe lobing", B, 2.0), ("resolution", B, 0.5)],
+        );
+        let [first, second] =
+            [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..nothing() });
+        let common = common_sources(&first, &second);
+        assert_eq!(common, ["probe lobing"]);
+        let found = &differences(&first, &second, &common)[0];
+        assert!((found.expanded - 2.0 * 3.94f64.sqrt()).abs() < 1e-9, "{}", found.expanded);
+        assert!((found.normalized - 3.0 / (2.0 * 3.94f64.sqrt())).abs() < 1e-9);
+        assert!(!found.significant);
+        let independent = &differences(&first, &second, &[])[0];
+        assert!((independent.expanded - 2.0 * 15.94f64.sqrt()).abs() < 1e-9);
+        // 3.94²/(5.69²/ν) = 2 effective degrees of freedom; GUM, table G.2: t(95.45 %) = 4.53.
+        let few = Parameter { dof: Some(2.0 * (5.69f64 / 3.94).powi(2)), ..other.clone() };
+        let found = difference(&one, &few, &common).unwrap();
+        assert!((found.expanded / 3.94f64.sqrt() - 4.53).abs() < 0.005, "{}", found.expanded);
+        // Nothing but a common source: equal values agree, others do not.
+        let whole = |value| with_budget(value, &[("probe lobing", B, 3.0)]);
+        let found = difference(&whole(1.0), &whole(1.0), &common).unwrap();
+        assert_eq!((found.expanded, found.normalized, found.significant), (0.0, 0.0, false));
+        let found = difference(&whole(1.0), &whole(2.0), &common).unwrap();
+        assert!(found.normalized.is_infinite() && found.significant);
     }
 }

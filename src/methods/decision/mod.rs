@@ -1,6 +1,7 @@
 //! Decision rules, and what a machine's history says.
 
 pub mod difference;
+pub mod function_difference;
 pub mod references;
 pub mod revisit;
 pub mod trend;

@@ -209,7 +209,7 @@ pub(super) struct Pair {
     b: i64,
 }
 
-/// Run `b` against run `a`, of one method: each value's difference with its expanded uncertainty.
+/// Run `b` against run `a`: each value's and each function's difference with its expanded uncertainty and E_n.
 #[utoipa::path(get, path = "/api/v1/compare", params(Pair), responses((status = OK, body = ComparisonView)))]
 async fn compared(
     State(web): State<Web>,

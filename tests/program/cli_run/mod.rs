@@ -6,6 +6,7 @@ use serde_json::Value;
 
 mod ball_plate;
 mod captures;
+mod compare;
 mod faults;
 mod firmware;
 mod multiprobe;
@@ -85,6 +86,8 @@ pub fn trials() -> Trials {
         proven::regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone,
         proven::regress_what_would_collide_is_refused_with_step_line_and_bodies,
         proven::regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at,
+        compare::two_runs_are_compared,
+        compare::what_is_no_comparison_is_refused_with_the_way_on,
         results::regress_exported_readings_identify_to_the_stored_bytes,
         results::regress_two_heights_find_the_tilts_of_the_axis,
         results::regress_what_a_control_cannot_do_is_refused_before_it_moves,

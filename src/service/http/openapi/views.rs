@@ -120,8 +120,32 @@ pub struct DifferenceView {
     /// Expanded uncertainty of `by`.
     #[schema(rename = "U")]
     expanded: f64,
-    /// `by` is beyond it.
+    /// |by|/U (ISO 13528); null: U is 0.
+    #[schema(rename = "E_n")]
+    normalized: f64,
+    /// `by` is beyond its U: E_n is above 1.
     significant: bool,
+}
+
+/// A function of the second run less that of the first, at the arguments of the coarser one within both.
+#[derive(ToSchema)]
+#[schema(as = FunctionDifference)]
+pub struct FunctionDifferenceView {
+    symbol: String,
+    argument: String,
+    argument_unit: String,
+    /// um, urad, um/m, mm or ms.
+    unit: String,
+    /// Both functions are taken less their value at this argument; null: as they are.
+    gauge_at: Option<f64>,
+    x: Vec<f64>,
+    by: Vec<f64>,
+    /// Expanded uncertainty of `by`.
+    #[schema(rename = "U")]
+    expanded: Vec<f64>,
+    /// |by|/U (ISO 13528).
+    #[schema(rename = "E_n")]
+    normalized: Vec<f64>,
 }
 
 #[derive(ToSchema)]
@@ -131,6 +155,9 @@ pub struct ComparisonView {
     runs: Vec<RunView>,
     /// Of all values that both have identified.
     differences: Vec<DifferenceView>,
+    functions: Vec<FunctionDifferenceView>,
+    /// Sources of uncertainty that have the same value in both runs: they cancel in `differences`.
+    common_sources: Vec<String>,
     /// What else lies between them, in words.
     besides: Vec<String>,
 }
@@ -145,6 +172,7 @@ mod tests {
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
     use machine::record::estimate::{BudgetLine, EvaluationType, Parameter, Unit, Verdict};
     use methods::decision::difference::Difference;
+    use methods::decision::function_difference::FunctionDifference;
 
     fn names(of: &serde_json::Value) -> Vec<String> {
         let mut names: Vec<String> = of.as_object().unwrap().keys().cloned().collect();
@@ -167,6 +195,58 @@ mod tests {
         }
     }
 
+    fn summary() -> RunSummary {
+        let text = String::new;
+        RunSummary {
+            id: RunId(1),
+            started: jiff::Timestamp::UNIX_EPOCH,
+            ended: Some(jiff::Timestamp::UNIX_EPOCH),
+            method: text(),
+            machine: text(),
+            state: RunState::Held,
+            program_version: text(),
+            config_sha256: text(),
+            plan_sha256: text(),
+            signed: Some(text()),
+        }
+    }
+
+    #[test]
+    fn a_comparison_is_what_is_written() {
+        let text = String::new;
+        let by = Difference {
+            symbol: text(),
+            unit: Unit::Um,
+            first: 1.5,
+            second: 2.0,
+            by: 0.5,
+            expanded: 0.25,
+            normalized: 2.0,
+            significant: true,
+        };
+        same::<DifferenceView>(by.clone());
+        let one = || vec![0.5];
+        let function = FunctionDifference {
+            symbol: text(),
+            argument: text(),
+            argument_unit: text(),
+            unit: Unit::Um,
+            gauge_at: Some(0.0),
+            x: one(),
+            by: one(),
+            expanded: one(),
+            normalized: one(),
+        };
+        same::<FunctionDifferenceView>(function.clone());
+        same::<ComparisonView>(Comparison {
+            runs: [summary(), summary()],
+            differences: vec![by],
+            functions: vec![function],
+            common_sources: vec![text()],
+            besides: vec![text()],
+        });
+    }
+
     #[test]
     fn each_view_is_what_is_written() {
         let parameter = Parameter {
@@ -187,32 +267,8 @@ mod tests {
         };
         same::<BudgetView>(&parameter.budget[0]);
         same::<ParameterView>(parameter);
+        same::<RunView>(summary());
         let text = String::new;
-        let summary = RunSummary {
-            id: RunId(1),
-            started: jiff::Timestamp::UNIX_EPOCH,
-            ended: Some(jiff::Timestamp::UNIX_EPOCH),
-            method: text(),
-            machine: text(),
-            state: RunState::Held,
-            program_version: text(),
-            config_sha256: text(),
-            plan_sha256: text(),
-            signed: Some(text()),
-        };
-        same::<RunView>(summary.clone());
-        let by = Difference {
-            symbol: text(),
-            unit: Unit::Um,
-            first: 1.5,
-            second: 2.0,
-            by: 0.5,
-            expanded: 0.25,
-            significant: true,
-        };
-        same::<DifferenceView>(by.clone());
-        let (runs, differences, besides) = ([summary.clone(), summary], vec![by], vec![text()]);
-        same::<ComparisonView>(Comparison { runs, differences, besides });
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         let audit = Audit { who, what, why, machine, run: 1, outcome };
         same::<AuditView>(Audited { seq: 1, at: jiff::Timestamp::UNIX_EPOCH, audit });

@@ -11,25 +11,30 @@ use crate::service::http::Web;
 use crate::service::http::api::{Pair, of_two};
 use crate::service::http::problem::Problem;
 use methods::decision::difference::Difference;
+use methods::decision::function_difference::FunctionDifference;
 
 pub async fn page(
     State(web): State<Web>,
     Query(pair): Query<Pair>,
 ) -> Result<Html<String>, Problem> {
-    let Comparison { runs, differences, besides } = of_two(&web, pair).await?;
+    let Comparison { runs, differences, functions, common_sources, besides } =
+        of_two(&web, pair).await?;
     whole(
         "compare.html",
         web.access.demanded(),
         context! {
             runs => runs.iter().map(row).collect::<Vec<_>>(),
             rows => differences.iter().map(line).collect::<Vec<_>>(),
+            functions => functions.iter().filter_map(function).collect::<Vec<_>>(),
+            common_sources,
             besides,
         },
     )
 }
 
 fn line(difference: &Difference) -> Value {
-    let Difference { symbol, unit, first, second, by, expanded, significant } = difference;
+    let Difference { symbol, unit, first, second, by, expanded, normalized, significant } =
+        difference;
     let number = |value: &f64| format!("{value:.2}");
     context! {
         symbol,
@@ -38,8 +43,26 @@ fn line(difference: &Difference) -> Value {
         second => number(second),
         by => format!("{by:+.2}"),
         expanded => number(expanded),
+        e_n => number(normalized),
         significant,
     }
+}
+
+/// The point with the largest E_n.
+fn function(function: &FunctionDifference) -> Option<Value> {
+    let worst = function.worst()?;
+    let number = |value: f64| format!("{value:.2}");
+    Some(context! {
+        symbol => function.symbol.as_str(),
+        unit => function.unit.symbol(),
+        agreeing => function.agreeing(),
+        points => function.x.len(),
+        at => format!("{:.1} {}", function.x[worst], function.argument_unit),
+        by => format!("{:+.2}", function.by[worst]),
+        expanded => number(function.expanded[worst]),
+        e_n => number(function.normalized[worst]),
+        significant => function.agreeing() < function.x.len(),
+    })
 }
 
 impl From<CompareError> for Problem {

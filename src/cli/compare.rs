@@ -1,0 +1,112 @@
+//! `trued compare`: two stored runs beside each other.
+
+use std::path::Path;
+
+use super::args::CompareArgs;
+use super::failure::Failure;
+use super::files::state_folder;
+use super::{Exit, show};
+use crate::archive::compare::{CompareError, Comparison, compare};
+use crate::store::{Journal, RunId};
+use methods::decision::difference::Difference;
+use methods::decision::function_difference::FunctionDifference;
+
+impl From<CompareError> for Failure {
+    fn from(error: CompareError) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
+pub fn compare_runs(args: &CompareArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+    let journal = Journal::open(&state_folder(state)?)?;
+    let comparison = compare(&journal, RunId(args.first), RunId(args.second))?;
+    match args.json {
+        true => show::print_json(&comparison)?,
+        false => print(&comparison),
+    }
+    Ok(Exit::Pass)
+}
+
+fn print(comparison: &Comparison) {
+    let Comparison { runs, differences, functions, common_sources, besides } = comparison;
+    for run in runs {
+        say!("run {}: {} on {}, {:.0}", run.id, run.method, run.machine, run.started);
+    }
+    for words in besides {
+        say!("note: {words}");
+    }
+    print_parameters(differences);
+    print_functions(functions);
+    let common = match common_sources.as_slice() {
+        [] => "none: both results count as independent".to_owned(),
+        names => format!("{} (same value and same effect in both runs)", names.join(", ")),
+    };
+    say!("common sources of uncertainty: {common}");
+    let agreeing = differences.iter().filter(|difference| !difference.significant).count();
+    say!(
+        "{agreeing} of {} parameters agree, {} of {} functions at all points (E_n = |difference|/U, at most 1)",
+        differences.len(),
+        functions.iter().filter(|f| f.agreeing() == f.x.len()).count(),
+        functions.len()
+    );
+}
+
+fn print_parameters(differences: &[Difference]) {
+    if differences.is_empty() {
+        return;
+    }
+    say!(
+        "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
+        "parameter",
+        "first",
+        "second",
+        "difference",
+        "U",
+        "E_n"
+    );
+    for Difference { symbol, unit, first, second, by, expanded, normalized, significant } in
+        differences
+    {
+        let mark = if *significant { "  differs" } else { "" };
+        let unit = unit.symbol();
+        say!(
+            "{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}"
+        );
+    }
+}
+
+/// Of each function the point with the largest E_n.
+fn print_functions(functions: &[FunctionDifference]) {
+    if functions.is_empty() {
+        return;
+    }
+    say!(
+        "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
+        "function",
+        "points",
+        "worst at",
+        "difference",
+        "U",
+        "E_n"
+    );
+    for function in functions {
+        let Some(worst) = function.worst() else { continue };
+        let (agreeing, count) = (function.agreeing(), function.x.len());
+        say!(
+            "{:<16} {:>12} {:>12} {:>11.3} {:>9.3} {:>6.2}  {}{}",
+            function.symbol,
+            format!("{agreeing} of {count}"),
+            format!("{:.1} {}", function.x[worst], function.argument_unit).trim_end(),
+            function.by[worst],
+            function.expanded[worst],
+            function.normalized[worst],
+            function.unit.symbol(),
+            if agreeing < count { "  differs" } else { "" }
+        );
+    }
+    if let Some(at) = functions.iter().find_map(|function| function.gauge_at) {
+        say!(
+            "functions of an angle: less their value at {at}°; the u of both points, of both runs, added in quadrature"
+        );
+    }
+}

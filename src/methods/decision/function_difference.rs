@@ -1,0 +1,216 @@
+//! Functions of two results beside each other, after a common gauge.
+
+use serde::Serialize;
+
+use super::difference::normalized_error;
+use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
+
+/// The second function less the first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FunctionDifference {
+    pub symbol: String,
+    pub argument: String,
+    pub argument_unit: String,
+    pub unit: Unit,
+    /// Functions of an angle are compared less their value at this argument; `null`: as they are.
+    pub gauge_at: Option<f64>,
+    /// Arguments; without that of the gauge, where the difference is zero by definition.
+    pub x: Vec<f64>,
+    pub by: Vec<f64>,
+    /// Expanded uncertainty of `by`.
+    #[serde(rename = "U")]
+    pub expanded: Vec<f64>,
+    /// |by|/U (ISO 13528): the results agree up to 1.
+    #[serde(rename = "E_n")]
+    pub normalized: Vec<f64>,
+}
+
+impl FunctionDifference {
+    /// Index of the largest E_n.
+    pub fn worst(&self) -> Option<usize> {
+        (0..self.normalized.len())
+            .max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
+    }
+
+    /// Points that agree.
+    pub fn agreeing(&self) -> usize {
+        self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
+    }
+
+    fn push(&mut self, [one, other]: [Point; 2], gauge: Option<[Point; 2]>, k: f64) {
+        let of_gauge = gauge.map(|[one, other]| (other.y - one.y, one.u.hypot(other.u)));
+        let (shift, u_shift) = of_gauge.unwrap_or((0.0, 0.0));
+        let by = other.y - one.y - shift;
+        let expanded = k * one.u.hypot(other.u).hypot(u_shift);
+        self.x.push(one.x);
+        self.by.push(by);
+        self.expanded.push(expanded);
+        self.normalized.push(normalized_error(by, expanded));
+    }
+}
+
+/// Of all functions that both have, in the order of the first, with the coverage factor `k`. Results state
+/// u of each point and no covariance: the u of both functions, at the point and at the gauge, are taken
+/// as independent and added in quadrature.
+pub fn function_differences(
+    first: &Estimate,
+    second: &Estimate,
+    k: f64,
+) -> Vec<FunctionDifference> {
+    let pairs = first.functions.iter().filter_map(|one| {
+        let same = |other: &&Function| is_comparable(one, other);
+        Some((one, second.functions.iter().find(same)?))
+    });
+    pairs.filter_map(|(one, other)| difference(one, other, k)).collect()
+}
+
+fn is_comparable(one: &Function, other: &Function) -> bool {
+    let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit, f.figure);
+    of(one) == of(other) && one.figure != FigureKind::Histogram
+}
+
+/// Argument, value and u.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    x: f64,
+    y: f64,
+    u: f64,
+}
+
+/// Finite points of a function, by rising argument.
+struct Points(Vec<Point>);
+
+impl Points {
+    fn of(function: &Function) -> Self {
+        let values = function.x.iter().zip(&function.y).zip(&function.u);
+        let points = values.map(|((x, y), u)| Point { x: *x, y: *y, u: *u });
+        let finite = |p: &Point| p.x.is_finite() && p.y.is_finite() && p.u.is_finite();
+        let mut points: Vec<Point> = points.filter(finite).collect();
+        points.sort_by(|one, other| one.x.total_cmp(&other.x));
+        Self(points)
+    }
+
+    /// Linear between its points; `None` outside of them.
+    fn at(&self, x: f64) -> Option<Point> {
+        let next = self.0.partition_point(|point| point.x < x);
+        let after = *self.0.get(next)?;
+        if after.x == x {
+            return Some(after);
+        }
+        let before = self.0[next.checked_sub(1)?];
+        let share = (x - before.x) / (after.x - before.x);
+        let between = |from: f64, to: f64| from + share * (to - from);
+        Some(Point { x, y: between(before.y, after.y), u: between(before.u, after.u) })
+    }
+
+    /// Only where it has a point itself.
+    fn exactly_at(&self, x: f64) -> Option<Point> {
+        self.at(x).filter(|_| self.0.iter().any(|point| point.x == x))
+    }
+}
+
+/// `None` without a common argument.
+fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDifference> {
+    let is_continuous = matches!(one.figure, FigureKind::Curve | FigureKind::Polar);
+    let points = [one, other].map(Points::of);
+    let at = |x: f64| match is_continuous {
+        true => Some([points[0].at(x)?, points[1].at(x)?]),
+        false => Some([points[0].exactly_at(x)?, points[1].exactly_at(x)?]),
+    };
+    // The arguments of the coarser one within the range of both.
+    let common = |of: &Points| -> Vec<[Point; 2]> {
+        let mut x: Vec<f64> = of.0.iter().map(|point| point.x).collect();
+        x.dedup();
+        x.into_iter().filter_map(at).collect()
+    };
+    let (of_first, of_second) = (common(&points[0]), common(&points[1]));
+    let pairs = if of_second.len() < of_first.len() { of_second } else { of_first };
+    let first = *pairs.first()?;
+    let gauge = (one.argument_unit == "deg").then(|| at(0.0).unwrap_or(first));
+    let gauge_at = gauge.map(|[point, _]| point.x);
+    let mut found = FunctionDifference {
+        symbol: one.symbol.clone(),
+        argument: one.argument.clone(),
+        argument_unit: one.argument_unit.clone(),
+        unit: one.unit,
+        gauge_at,
+        x: Vec::new(),
+        by: Vec::new(),
+        expanded: Vec::new(),
+        normalized: Vec::new(),
+    };
+    for pair in pairs.into_iter().filter(|[point, _]| Some(point.x) != gauge_at) {
+        found.push(pair, gauge, k);
+    }
+    (!found.x.is_empty()).then_some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn function(x: &[f64], y: &[f64], u: f64) -> Function {
+        Function {
+            symbol: "EXC".to_owned(),
+            argument: "C".to_owned(),
+            argument_unit: "deg".to_owned(),
+            x: x.to_vec(),
+            unit: Unit::Um,
+            y: y.to_vec(),
+            u: vec![u; x.len()],
+            figure: FigureKind::Polar,
+        }
+    }
+
+    fn near(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len(), "{found:?}");
+        let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-12;
+        assert!(found.iter().zip(expected).all(is_near), "{found:?} {expected:?}");
+    }
+
+    /// The second one is coarser and shifted by 5 µm. At 90° the first is 1.5 between 1 and 2: against its
+    /// value 1 at 0° it is 0.5, the second 3. U = 2·√(2·0.3² + 2·0.4²) = √2.
+    #[test]
+    fn functions_are_compared_from_their_value_at_zero() {
+        let one = function(&[0.0, 60.0, 120.0, 180.0, 240.0], &[1.0, 1.0, 2.0, 2.0, 0.0], 0.3);
+        let other = function(&[-90.0, 0.0, 90.0, 180.0, 270.0], &[9.0, 6.0, 9.0, 7.0, 9.0], 0.4);
+        let found = difference(&one, &other, 2.0).unwrap();
+        assert_eq!((found.gauge_at, &found.x[..]), (Some(0.0), &[90.0, 180.0][..]));
+        near(&found.by, &[2.5, 0.0]);
+        near(&found.expanded, &[2f64.sqrt(); 2]);
+        near(&found.normalized, &[2.5 / 2f64.sqrt(), 0.0]);
+        assert_eq!((found.worst(), found.agreeing()), (Some(0), 1));
+        let back = difference(&other, &one, 2.0).unwrap();
+        near(&back.by, &[-2.5, 0.0]);
+    }
+
+    /// Without 0° within both the gauge is the first common angle.
+    #[test]
+    fn the_gauge_is_within_both() {
+        let one = function(&[30.0, 60.0, 90.0], &[1.0, 2.0, 4.0], 0.1);
+        let other = function(&[45.0, 60.0, 90.0], &[0.0, 0.0, 0.0], 0.1);
+        let found = difference(&one, &other, 2.0).unwrap();
+        // Both have two arguments and more in common; the coarser one has 60° and 90° alone.
+        assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
+        near(&found.by, &[-2.0]);
+        assert_eq!(difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);
+    }
+
+    /// Nothing lies between orders or balls, and they have no gauge.
+    #[test]
+    fn single_points_are_compared_as_they_are() {
+        let points = |x: &[f64], y: &[f64]| Function {
+            argument_unit: String::new(),
+            figure: FigureKind::Spectrum,
+            ..function(x, y, 0.5)
+        };
+        let one = points(&[0.5, 1.0, 2.0, 4.0], &[1.0, 1.0, 2.0, 9.0]);
+        let other = points(&[1.0, 2.0, 3.0], &[2.0, 2.0, 9.0]);
+        let found = difference(&one, &other, 2.0).unwrap();
+        assert_eq!((found.gauge_at, &found.x[..]), (None, &[1.0, 2.0][..]));
+        near(&found.by, &[1.0, 0.0]);
+        near(&found.expanded, &[2f64.sqrt(); 2]);
+        let histogram = Function { figure: FigureKind::Histogram, ..one.clone() };
+        assert!(!is_comparable(&histogram, &histogram.clone()) && is_comparable(&one, &other));
+    }
+}
