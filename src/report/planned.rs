@@ -70,6 +70,7 @@ fn artefact(artefact: &Artefact) -> String {
         ),
         Artefact::Balls(artefact) => balls(artefact),
         Artefact::DatumCylinder(artefact) => datum_cylinder(artefact),
+        Artefact::None => "none".to_owned(),
     }
 }
 

@@ -21,10 +21,6 @@ pub enum WorldError {
     )]
     DatumCylinder,
     #[error(
-        "[[sensor]] `{name}`: a sensor on the table is not simulated; mount it on the bed or the spindle"
-    )]
-    OnTable { name: String },
-    #[error(
         "[artefact]: there must be balls, each of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
     )]
     Balls,

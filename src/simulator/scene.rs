@@ -9,7 +9,7 @@ use super::WorldError;
 use super::drawn::{self, Drift, LinearErrors, Lobing};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
-use super::sight::Sight;
+use super::sight::{Sight, Target};
 use super::stand::Stand;
 use super::surface::Surface;
 use super::truth::Truth;
@@ -146,8 +146,8 @@ impl Scene {
 
     /// Distance and outward normal of the surface, the latter in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
-        let Sight { stand, surface, growth, .. } = self.sight(axes, command, t_s);
-        let nearest = surface.nearest(stand.on_table(self.tip), growth, t_s);
+        let Sight { stand, growth, .. } = self.sight(axes, command, t_s);
+        let nearest = self.surface.nearest(stand.on_table(self.tip), growth, t_s);
         (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
     }
 
@@ -165,6 +165,16 @@ impl Scene {
         self.sight_from(Pose::identity(), Vector3::zeros(), axes, t_s)
     }
 
+    /// The sphere in the spindle, as a sensor on the table has it before itself.
+    pub fn sight_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
+        let sight = self.sight(axes, command, t_s);
+        let target =
+            Target::Sphere { centre: sight.stand.on_table(self.tip), radius: self.ball_radius };
+        let table = sight.stand.table;
+        let stand = Stand { table, spindle: table, shift: Vector3::zeros() };
+        Sight { stand, target, ..sight }
+    }
+
     fn sight_from(
         &self,
         carrier: Pose,
@@ -178,7 +188,8 @@ impl Scene {
             spindle: carrier,
             shift: shift - self.drift.table(t_s),
         };
-        Sight { stand, surface: &self.surface, growth: self.drift.radius(t_s), t_s }
+        let target = Target::Surface(&self.surface);
+        Sight { stand, target, growth: self.drift.radius(t_s), t_s }
     }
 
     /// What is stated, and what rotary axes have of error motions at this place.

@@ -1,4 +1,4 @@
-//! The displacement sensors, in the spindle or on the bed.
+//! The displacement sensors, in the spindle, on the table or on the bed.
 
 use super::beam::{Beam, Sensed};
 use super::sensor_truth::SensorTruth;
@@ -82,9 +82,6 @@ impl World {
             if truths.next().is_some() {
                 return Err(WorldError::TwoSensors { name: sensor.name.clone() });
             }
-            if sensor.mount == Mount::Table {
-                return Err(WorldError::OnTable { name: sensor.name.clone() });
-            }
             let clock = Ticks::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
             Ok(Eye { name: sensor.name.clone(), mount: sensor.mount, beam, clock, taken: 0 })
@@ -145,7 +142,8 @@ impl World {
         };
         let sight = match self.eyes.get(number)?.mount {
             Mount::Bed => self.scene.sight_from_bed(&axes, saw_s),
-            Mount::Spindle | Mount::Table => self.scene.sight(&axes, &command, saw_s),
+            Mount::Table => self.scene.sight_from_table(&axes, &command, saw_s),
+            Mount::Spindle => self.scene.sight(&axes, &command, saw_s),
         };
         let eye = self.eyes.get_mut(number)?;
         let deviate = drawn::sample_deviate(self.seed, number, eye.taken);

@@ -2,18 +2,43 @@
 
 use nalgebra::Vector3;
 
+use super::nearest::Nearest;
 use super::ramp::first_crossing;
 use super::stand::Stand;
 use super::surface::Surface;
 
-/// The scene at one moment, as seen from the spindle.
+/// The scene at one moment, as seen from the carrier of a sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
+    /// Of the carrier, in the place of the spindle.
     pub stand: Stand,
-    pub surface: &'a Surface,
+    pub target: Target<'a>,
     /// Of the radius of a round part, mm.
     pub growth: f64,
     pub t_s: f64,
+}
+
+/// What a sensor measures.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Target<'a> {
+    /// The artefact.
+    Surface(&'a Surface),
+    /// The sphere in the spindle; its centre in the table frame, mm.
+    Sphere { centre: Vector3<f64>, radius: f64 },
+}
+
+impl Target<'_> {
+    /// From `point` in the table frame.
+    fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
+        match self {
+            Self::Surface(surface) => surface.nearest(point, growth, t_s),
+            Self::Sphere { centre, radius } => {
+                let from_centre = point - centre;
+                let normal = from_centre.try_normalize(0.0).unwrap_or(Vector3::z());
+                Nearest { distance: from_centre.norm() - radius, normal }
+            }
+        }
+    }
 }
 
 /// Where a line of sight ends.
@@ -34,7 +59,7 @@ impl Sight<'_> {
         let start = self.stand.on_table(origin + along * near);
         let way = self.stand.turned_to_table(along);
         let nearest =
-            |at: f64| self.surface.nearest(start + way * (at * length), self.growth, self.t_s);
+            |at: f64| self.target.nearest(start + way * (at * length), self.growth, self.t_s);
         // No surface comes nearer than the line advances.
         let at = first_crossing(|at| nearest(at).distance, length, 0.0).filter(|at| *at > 0.0)?;
         let normal = self.stand.turned_to_spindle(nearest(at).normal);

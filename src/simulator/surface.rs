@@ -11,12 +11,17 @@ use super::nearest::Nearest;
 use super::truth::Truth;
 use machine::record::artefact::{Artefact, Cylinder};
 
+/// Distance from the surface where there is no artefact: farther than any machine reaches, mm.
+const NOTHING_NEAR_MM: f64 = 1e9;
+
 /// The true artefact, standing in the table frame.
 #[derive(Debug, Clone)]
 pub(super) enum Surface {
     Flank(Flank),
     Balls(Balls),
     Datum(Box<Datum>),
+    /// There is no artefact.
+    Empty,
 }
 
 impl Surface {
@@ -33,6 +38,11 @@ impl Surface {
             Artefact::DatumCylinder(cylinder) => {
                 truth.of_a_round_part()?;
                 Datum::new(cylinder, truth).map(|datum| Self::Datum(Box::new(datum)))
+            }
+            Artefact::None => {
+                truth.of_a_round_part()?;
+                truth.of_no_form()?;
+                Ok(Self::Empty)
             }
         }
     }
@@ -52,6 +62,7 @@ impl Surface {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
             Self::Datum(datum) => datum.nearest(point, growth),
+            Self::Empty => Nearest { distance: NOTHING_NEAR_MM, normal: Vector3::z() },
         }
     }
 }

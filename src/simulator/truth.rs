@@ -172,12 +172,17 @@ impl Truth {
         refuse(drawn.chain(listed), "balls")
     }
 
-    /// Refuse what only a round part can have, and balls that are not there.
-    pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
+    /// Refuse what only a round part can have.
+    pub(super) fn of_no_form(&self) -> Result<(), WorldError> {
         let form = ("form", !self.form.is_empty());
         let rough = ("roughness_um", self.roughness_um != 0.0);
         let stated = [form, rough].into_iter().filter(|(_, there)| *there).map(|(key, _)| key);
-        refuse(stated, "cylinder")?;
+        refuse(stated, "cylinder")
+    }
+
+    /// Refuse what only a round part can have, and balls that are not there.
+    pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
+        self.of_no_form()?;
         let named = self.ball.iter().map(|ball| &ball.id);
         let mut named = named.chain(self.ball_moves.iter().map(|moved| &moved.ball));
         match named.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {

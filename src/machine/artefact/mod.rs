@@ -15,5 +15,6 @@ pub fn uncertainty_mm(artefact: &Artefact) -> f64 {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })
         | Artefact::Balls(Balls { uncertainty_mm, .. })
         | Artefact::DatumCylinder(DatumCylinder { uncertainty_mm, .. }) => *uncertainty_mm,
+        Artefact::None => 0.0,
     }
 }

@@ -52,6 +52,7 @@ pub fn parts(artefact: &Artefact) -> Vec<Part> {
             balls.iter().map(ball).chain(balls.iter().filter_map(stem)).collect()
         }
         Artefact::DatumCylinder(cylinder) => vec![datum(cylinder)],
+        Artefact::None => Vec::new(),
     }
 }
 

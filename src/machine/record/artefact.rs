@@ -9,6 +9,8 @@ pub enum Artefact {
     Cylinder(Cylinder),
     Balls(Balls),
     DatumCylinder(DatumCylinder),
+    /// On the table is nothing but the solids of the machine file.
+    None,
 }
 
 /// A cylinder that displacement sensors look at: radially at its sections, axially at its face. Nothing

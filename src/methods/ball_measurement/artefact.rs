@@ -14,7 +14,7 @@ const LEAST_BALLS: usize = 3;
 pub fn balls<'a>(method: &str, artefact: &'a Artefact) -> Result<&'a Balls, Refused> {
     let Artefact::Balls(set) = artefact else {
         return refuse(
-            format!("{method} touches balls; [artefact] states a cylinder"),
+            format!("{method} touches balls; [artefact] states none"),
             "describe the balls with kind = \"balls\", or measure the cylinder with self-calibration",
         );
     };

@@ -152,7 +152,7 @@ fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
 pub fn stated_balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
     match &plan.artefact {
         Artefact::Balls(balls) => Ok(balls),
-        Artefact::Cylinder(_) | Artefact::DatumCylinder(_) => {
+        Artefact::Cylinder(_) | Artefact::DatumCylinder(_) | Artefact::None => {
             Err(refused("the artefact has no balls".into()))
         }
     }

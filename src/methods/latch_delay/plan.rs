@@ -52,6 +52,12 @@ impl Place {
                 why: "this method touches the artefact; a datum cylinder is not touched".to_owned(),
                 instead: "describe the part with kind = \"cylinder\"".to_owned(),
             }),
+            Artefact::None => Err(Refused {
+                why: "this method touches the artefact; [artefact] states that there is none"
+                    .to_owned(),
+                instead: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\""
+                    .to_owned(),
+            }),
         }
     }
 

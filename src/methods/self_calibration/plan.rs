@@ -269,7 +269,7 @@ impl<'a> Planner<'a> {
 fn cylinder(artefact: &Artefact) -> Result<&Cylinder, Refused> {
     match artefact {
         Artefact::Cylinder(cylinder) => Ok(cylinder),
-        Artefact::Balls(_) | Artefact::DatumCylinder(_) => Err(Refused {
+        Artefact::Balls(_) | Artefact::DatumCylinder(_) | Artefact::None => Err(Refused {
             why: "this method touches a round part; [artefact] states another kind".to_owned(),
             instead: "describe the part with kind = \"cylinder\"".to_owned(),
         }),

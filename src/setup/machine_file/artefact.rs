@@ -28,6 +28,11 @@ struct Kind {
     kind: String,
 }
 
+/// An artefact of the kind `none` has no key but `kind`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NoKeys {}
+
 pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, MachineFileError> {
     if let Beside::Artefact(artefact) = beside {
         return Ok(artefact.clone());
@@ -37,9 +42,10 @@ pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, Machine
         "cylinder" => fields(document, &["kind"]).map(Artefact::Cylinder),
         "balls" => balls(document, beside).map(Artefact::Balls),
         "datum_cylinder" => fields(document, &["kind"]).map(Artefact::DatumCylinder),
+        "none" => fields(document, &["kind"]).map(|NoKeys {}| Artefact::None),
         _ => {
             let key = ["artefact", "kind"];
-            let why = format!("is `{kind}`; known: cylinder, balls, datum_cylinder");
+            let why = format!("is `{kind}`; known: cylinder, balls, datum_cylinder, none");
             Err(document.error_at(&key, value_problem(&key, why)))
         }
     }

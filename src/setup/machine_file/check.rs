@@ -73,7 +73,7 @@ pub fn artefact(document: &Document, artefact: &Artefact) -> Checked {
             check.that(rises, &["artefact", "sections"], why)?;
             check.not_negative(&["artefact", "uncertainty_mm"], *uncertainty_mm)
         }
-        Artefact::Balls(_) => Ok(()),
+        Artefact::Balls(_) | Artefact::None => Ok(()),
     }
 }
 

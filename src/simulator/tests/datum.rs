@@ -170,7 +170,4 @@ fn what_no_cylinder_has_is_refused() {
     assert_eq!(refused(stray), Some(WorldError::DatumCylinder));
     let linear = "[[rotary_motion]]\naxis = 'X'\nlinear_um = 1.0";
     assert_eq!(refused(linear), Some(WorldError::Magnitude));
-    let on_table = sensor("low", "table", [30.0, 0.0, 60.0], [-1.0, 0.0, 0.0]);
-    let refused = bench("").world().with_sensors(&[on_table]).err();
-    assert_eq!(refused, Some(WorldError::OnTable { name: "low".to_owned() }));
 }

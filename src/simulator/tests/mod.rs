@@ -5,6 +5,7 @@ mod beam;
 mod contact;
 mod datum;
 mod motion;
+mod on_table;
 mod sources;
 
 use super::*;
