@@ -50,6 +50,19 @@ impl Axis {
         }
     }
 
+    /// Its letter as text.
+    pub fn name(self) -> &'static str {
+        match self {
+            Axis::X => "X",
+            Axis::Y => "Y",
+            Axis::Z => "Z",
+            Axis::A => "A",
+            Axis::B => "B",
+            Axis::C => "C",
+            Axis::S => "S",
+        }
+    }
+
     /// Internal value (mm or rad) from an edge value (mm or degrees).
     pub fn from_edge(self, edge: f64) -> f64 {
         if self.is_linear() {

@@ -13,6 +13,7 @@ pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
 pub mod multiprobe;
+pub mod r_test;
 mod registry;
 pub mod samba;
 pub mod self_calibration;
@@ -170,6 +171,26 @@ pub trait Registered: Method + Sized + 'static {
     type Settings: DeserializeOwned;
     const DESCRIPTION: Description;
     fn new(settings: Self::Settings) -> Self;
+}
+
+/// The sensors that the settings of a method name; all where they name none.
+///
+/// # Errors
+/// A name that no sensor has.
+fn named_sensors<'a>(
+    method: &str,
+    named: &[String],
+    sensors: &'a [Sensor],
+) -> Result<Vec<&'a Sensor>, Refused> {
+    let missing = named.iter().find(|name| sensors.iter().all(|sensor| sensor.name != **name));
+    if let Some(name) = missing {
+        return Err(Refused {
+            why: format!("there is no [[sensor]] `{name}`"),
+            instead: format!("correct sensors in [method.{method}], or describe it"),
+        });
+    }
+    let is_named = |sensor: &&Sensor| named.is_empty() || named.contains(&sensor.name);
+    Ok(sensors.iter().filter(is_named).collect())
 }
 
 /// Where a method takes the positions of later stages from.

@@ -32,6 +32,7 @@ registry! {
     crate::latch_delay::LatchDelay,
     crate::ball_plate::BallPlate,
     crate::multiprobe::Multiprobe,
+    crate::r_test::RTest,
 }
 
 pub fn names() -> Vec<&'static str> {

@@ -14,6 +14,7 @@ mod multiprobe;
 mod nist_strd;
 mod proof_sabotage;
 mod proof_sweep;
+mod r_test;
 mod round_fits;
 mod samba;
 mod worlds;

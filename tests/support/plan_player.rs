@@ -3,7 +3,7 @@
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
-use methods::{Method, Next, Source};
+use methods::{Method, Next, Refused, Source};
 use simulator::{Sensed, Speed, World};
 
 /// Play one step: over the part, down, touch, back, up.
@@ -78,11 +78,20 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
 }
 
 /// Measure a whole method on `world`; the plan grows with its stages.
-pub fn measure(world: &mut World, method: &dyn Method, mut plan: Plan) -> (Plan, Vec<Reading>) {
+pub fn measure(world: &mut World, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
+    try_measure(world, method, plan).expect("well-posed")
+}
+
+/// The same; `Err`: why the method refuses a stage.
+pub fn try_measure(
+    world: &mut World,
+    method: &dyn Method,
+    mut plan: Plan,
+) -> Result<(Plan, Vec<Reading>), Refused> {
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
-        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
-        let Next::Stage { stage, new_steps } = next else { return (plan, readings) };
+        let next = method.next(&plan, &done, Source::Measured(&readings))?;
+        let Next::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
             if let Some(mount) = step.mount {

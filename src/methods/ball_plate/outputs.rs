@@ -143,19 +143,11 @@ fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
     let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
     curve(
         (format!("E{component}{axis}"), unit(component), FigureKind::Polar),
-        (axis_name(axis), "deg"),
+        (axis.name(), "deg"),
         angles.iter().map(|angle| angle.to_degrees()).collect(),
         slopes,
         x,
     )
-}
-
-fn axis_name(axis: Axis) -> &'static str {
-    match axis {
-        Axis::A => "A",
-        Axis::B => "B",
-        _ => "C",
-    }
 }
 
 fn curve(

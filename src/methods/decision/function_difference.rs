@@ -65,8 +65,14 @@ pub fn function_differences(
 }
 
 fn is_comparable(one: &Function, other: &Function) -> bool {
-    let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit, f.figure);
-    of(one) == of(other) && one.figure != FigureKind::Histogram
+    let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
+    let is_drawn_alike = one.figure == other.figure || (is_continuous(one) && is_continuous(other));
+    of(one) == of(other) && is_drawn_alike && one.figure != FigureKind::Histogram
+}
+
+/// Its points are those of a curve.
+fn is_continuous(function: &Function) -> bool {
+    matches!(function.figure, FigureKind::Curve | FigureKind::Polar)
 }
 
 /// Argument, value and u.
@@ -111,7 +117,7 @@ impl Points {
 
 /// `None` without a common argument.
 fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDifference> {
-    let is_continuous = matches!(one.figure, FigureKind::Curve | FigureKind::Polar);
+    let is_continuous = is_continuous(one);
     let points = [one, other].map(Points::of);
     let at = |x: f64| match is_continuous {
         true => Some([points[0].at(x)?, points[1].at(x)?]),
@@ -212,5 +218,8 @@ mod tests {
         near(&found.expanded, &[2f64.sqrt(); 2]);
         let histogram = Function { figure: FigureKind::Histogram, ..one.clone() };
         assert!(!is_comparable(&histogram, &histogram.clone()) && is_comparable(&one, &other));
+        let drawn = |figure| Function { figure, ..one.clone() };
+        let [curve, polar] = [FigureKind::Curve, FigureKind::Polar].map(drawn);
+        assert!(is_comparable(&curve, &polar) && !is_comparable(&curve, &one));
     }
 }

@@ -9,11 +9,14 @@ use estimation::smooth::smooth_function;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
+use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
 
 /// Harmonics of pre-travel; each has an equal share of the declared variance. Lower ones are radius and
 /// stylus offset.
 const LOBING_ORDERS: RangeInclusive<u32> = 2..=6;
+/// Correlation length of a sensor's linearity error, as a part of its range.
+const LINEARITY_LENGTH: f64 = 0.25;
 /// Harmonics of a rotary axis' error motion; each has an equal share of the declared variance. The mean
 /// is the axis' location, and the first harmonic is inseparable from what the axis carries.
 const MOTION_ORDERS: RangeInclusive<u32> = 2..=5;
@@ -50,11 +53,16 @@ pub fn drift_mm_per_s(plan: &Plan) -> f64 {
     plan.machine.drift_um_per_h * 1e-3 / 3600.0
 }
 
-/// Direction-dependent pre-travel: harmonics of the azimuth of the contacts' outward unit `normals`
-/// (spindle frame), times the sine of their angle to the spindle axis. Patterns: orders rising, cosine
-/// before sine.
+/// Direction-dependent pre-travel ([`azimuth_patterns`]).
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    let share = plan.probe.lobing_um * 1e-3 / (LOBING_ORDERS.count() as f64).sqrt();
+    azimuth_patterns(plan.probe.lobing_um * 1e-3, normals)
+}
+
+/// A deviation of standard deviation `size_mm` that goes with the direction: harmonics of the azimuth of the contacts'
+/// outward unit `normals` (spindle frame), times the sine of their angle to the spindle axis. Patterns: orders rising,
+/// cosine before sine.
+pub fn azimuth_patterns(size_mm: f64, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    let share = size_mm / (LOBING_ORDERS.count() as f64).sqrt();
     let pattern = |order: u32, quarter_turns: f64| {
         let at = |n: &Vector3<f64>| {
             let phase = f64::from(order) * n.y.atan2(n.x) - quarter_turns * TAU;
@@ -63,6 +71,13 @@ pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
         normals.iter().map(at).collect()
     };
     LOBING_ORDERS.flat_map(|order| [0.0, 0.25].map(|turns| pattern(order, turns))).collect()
+}
+
+/// Linearity error of a sensor: a smooth random function of its `readings`, mm.
+pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
+    let [least, most] = sensor.range_mm;
+    let readings: Vec<f64> = readings.iter().map(|value| (value * 20.0).round() / 20.0).collect();
+    smooth_function(&readings, sensor.linearity_um * 1e-3, LINEARITY_LENGTH * (most - least))
 }
 
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random

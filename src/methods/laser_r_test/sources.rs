@@ -12,13 +12,9 @@ use super::model::placed;
 use super::observe::Observed;
 use crate::identification::declared::{self, RotaryMotion};
 use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
-use estimation::smooth::smooth_function;
 use machine::frame::unit_vector;
 use machine::record::plan::{Step, StepKind};
 use machine::{Position, frame::Point};
-
-/// Correlation length of the sensor's linearity error, as a part of its range.
-const LINEARITY_LENGTH: f64 = 0.25;
 
 /// The dwell points, at the fitted centres and beam.
 struct DwellPoints<'a> {
@@ -100,11 +96,8 @@ impl DwellPoints<'_> {
 
     /// The sensor's linearity error: a smooth random function of the reading.
     fn linearity(&self) -> UncertaintySource {
-        let [least, most] = self.bench.sensor.range_mm;
-        let readings: Vec<f64> =
-            self.grouped.spots.iter().map(|spot| (spot.value * 20.0).round() / 20.0).collect();
-        let sigma = self.bench.sensor.linearity_um * 1e-3;
-        let patterns = smooth_function(&readings, sigma, LINEARITY_LENGTH * (most - least));
+        let readings: Vec<f64> = self.grouped.spots.iter().map(|spot| spot.value).collect();
+        let patterns = declared::linearity_patterns(&self.bench.sensor, &readings);
         let columns =
             patterns.iter().map(|p| p.iter().zip(&self.along).map(|(p, a)| p * a).collect());
         UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))

@@ -81,16 +81,7 @@ impl Method for Multiprobe {
     }
 
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
-        let named = &self.settings.sensors;
-        let missing = named.iter().find(|name| sensors.iter().all(|s| s.name != **name));
-        if let Some(name) = missing {
-            return Err(Refused {
-                why: format!("there is no [[sensor]] `{name}`"),
-                instead: format!("correct sensors in [method.{NAME}], or describe it"),
-            });
-        }
-        let is_named = |sensor: &&Sensor| named.is_empty() || named.contains(&sensor.name);
-        Ok(sensors.iter().filter(is_named).collect())
+        crate::named_sensors(NAME, &self.settings.sensors, sensors)
     }
 
     fn identify(

@@ -79,11 +79,7 @@ fn functions(layout: &Layout, axis: Axis, height: usize, suffix: &str, x: &[f64]
         }
     };
     let of_axis = |component, what| format!("E{component}{axis}{what}");
-    let name = match axis {
-        Axis::A => "A",
-        Axis::B => "B",
-        _ => "C",
-    };
+    let name = axis.name();
     use FigureKind::{Curve as Line, Polar};
     vec![
         function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex(height, i))),

@@ -1,0 +1,101 @@
+//! Plan + readings → estimate.
+
+use super::fit::{solve, survey, weighted};
+use super::model::Equation;
+use super::nest::Nest;
+use super::observe::{Observed, observed};
+use super::settings::Settings;
+use super::sources::sources;
+use super::{NAME, outputs};
+use crate::IdentifyError;
+use crate::identification::{
+    self, FitFigures, Identification, LeastSquares, MisfitAdvice, Solution, TrialPlan, rms,
+};
+use estimation::monte_carlo::Trials;
+use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+
+/// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
+const MONTE_CARLO_SEED: u64 = 0x7274_6573;
+/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+const STABLE_DIGITS: u32 = 1;
+const MAX_TRIALS: usize = 20_000;
+
+const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
+    causes: "a loose sensor or sphere, backlash of the table, a sensor that is not linear",
+    declared_by: "noise_um or linearity_um of [[sensor]]",
+};
+
+/// # Errors
+/// Readings that do not belong to the plan or do not separate the unknowns; sensors that show another direction or
+/// gain than declared.
+pub fn identify(
+    plan: &Plan,
+    settings: &Settings,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let nest = Nest::new(plan, settings)?;
+    let observed = observed(&nest, readings)?;
+    let equation = weighted(&nest, &observed);
+    let minimum = solve(&equation)?;
+    equation.check_sensors(&minimum.x)?;
+    let survey = survey(&equation, &minimum.x)
+        .map_err(|error| IdentifyError::Numerical(error.to_string()))?;
+    let model = LeastSquares { equation: &equation, minimum: &minimum };
+    let unknowns = minimum.x.len();
+    let weighted = minimum.residuals.iter().zip(&equation.sigma);
+    let solution = Solution {
+        model: &model,
+        residuals: &minimum.residuals,
+        is_declared: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
+        figures: FitFigures {
+            rank: survey.rank,
+            unknowns,
+            condition: survey.condition,
+            dof: minimum.residuals.len().saturating_sub(unknowns),
+            residual_rms_mm: rms(&weighted.map(|(r, sigma)| r * sigma).collect::<Vec<f64>>()),
+        },
+    };
+    let sources = sources(&equation, &minimum.x);
+    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
+    let outputs = outputs::outputs(&equation, &minimum.x);
+    let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
+    let axis = nest.axis;
+    Ok(Estimate {
+        gauge: vec![format!(
+            "the nest at 0° of {axis} is the origin: the error motion at 0° counts as a displacement of the nest, \
+             which turns with the table; EZ{axis} is less its mean"
+        )],
+        not_identifiable: vec![format!(
+            "EA{axis}, EB{axis}, EC{axis}: three sensors about one point; EX{axis} and EY{axis} hold at the height of \
+             the sphere, Z = {:.1} mm",
+            nest.sphere_position().z
+        )],
+        warnings: warnings(&equation, &observed, &identified),
+        ..identified.estimate(NAME)
+    })
+}
+
+fn warnings(
+    equation: &Equation<'_>,
+    observed: &Observed,
+    identified: &Identification,
+) -> Vec<String> {
+    let mut lines = Vec::new();
+    let missing = observed.missing;
+    lines.extend(
+        (missing > 0)
+            .then(|| format!("{missing} points of a sensor have no distance: they are left out")),
+    );
+    let interruptions = equation.unknowns.interruptions;
+    lines.extend((interruptions > 0).then(|| {
+        "the measurement was interrupted: what has moved meanwhile is taken as a step of the machine, not of the nest on \
+         the table"
+            .to_owned()
+    }));
+    lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(identified.trials_warning());
+    lines
+}

@@ -1,0 +1,259 @@
+//! The equations of the sensors: what each shows of the sphere's displacement.
+//!
+//! Unknowns, in this order: of each sensor its reading at the origin (mm) and its gradient (mm/mm, table frame); the
+//! curvature of the surface that the sensors see (1/mm: of the sphere, or 0 of flat tips); the sphere's centre in X
+//! and Y from the nominal axis (mm); for each interruption a step of the sphere (mm, machine frame); of each stop but
+//! the first the displacement of the sphere against the nest (mm, table frame). At the first stop it is zero.
+
+use estimation::schur::Rows;
+use nalgebra::Vector3;
+
+use super::nest::Nest;
+use super::observe::{Displacement, Observed, SensorMean};
+use crate::Refused;
+use crate::identification::ObservationEquation;
+
+/// Unknowns of a sensor.
+const OF_SENSOR: usize = 4;
+/// A sensor looks along its declared direction to within this, cosine of 20°.
+const MIN_COSINE: f64 = 0.94;
+/// Its gain is 1 to within this.
+const MAX_GAIN_ERROR: f64 = 0.2;
+
+/// Indices of the unknowns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unknowns {
+    pub sensors: usize,
+    pub interruptions: usize,
+    /// Stops of the revolution; 0: none has been measured.
+    pub stops: usize,
+}
+
+impl Unknowns {
+    pub fn count(&self) -> usize {
+        self.step(self.interruptions) + 3 * self.stops.saturating_sub(1)
+    }
+
+    pub fn offset(&self, sensor: usize) -> usize {
+        OF_SENSOR * sensor
+    }
+
+    pub fn gradient(&self, sensor: usize) -> usize {
+        self.offset(sensor) + 1
+    }
+
+    pub fn curvature(&self) -> usize {
+        OF_SENSOR * self.sensors
+    }
+
+    /// Of X; that of Y is the next.
+    pub fn sphere(&self) -> usize {
+        self.curvature() + 1
+    }
+
+    pub fn step(&self, interruption: usize) -> usize {
+        self.sphere() + 2 + 3 * interruption
+    }
+
+    /// `None` for the first stop, where the displacement is zero.
+    pub fn displacement(&self, stop: usize) -> Option<usize> {
+        Some(self.step(self.interruptions) + 3 * stop.checked_sub(1)?)
+    }
+
+    pub fn vector(x: &[f64], first: usize) -> Vector3<f64> {
+        Vector3::from_column_slice(&x[first..first + 3])
+    }
+
+    pub fn names(&self, sensors: &[&str]) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for name in sensors {
+            names.extend(["offset", "X", "Y", "Z"].map(|part| format!("{name} {part}")));
+        }
+        names.extend(["curvature", "sphere X", "sphere Y"].map(str::to_owned));
+        let vectors = (1..=self.interruptions).map(|number| format!("step {number}"));
+        let stops = (1..self.stops).map(|stop| format!("stop {stop}"));
+        for name in vectors.chain(stops) {
+            names.extend(["X", "Y", "Z"].map(|axis| format!("{name} {axis}")));
+        }
+        names
+    }
+}
+
+pub struct Equation<'a> {
+    pub nest: &'a Nest<'a>,
+    pub means: &'a [SensorMean],
+    pub unknowns: Unknowns,
+    /// Of each mean, then of the sphere's position in X and Y, mm.
+    pub sigma: Vec<f64>,
+}
+
+impl<'a> Equation<'a> {
+    /// Without weights.
+    pub fn unweighted(nest: &'a Nest<'a>, observed: &'a Observed) -> Self {
+        let means = observed.means.as_slice();
+        let is_stop = |mean: &SensorMean| matches!(mean.displacement, Displacement::AtStop(_));
+        let stops = if means.iter().any(is_stop) { nest.settings.positions } else { 0 };
+        let interruptions = means.iter().map(|mean| mean.interruptions).max().unwrap_or(0);
+        let unknowns = Unknowns { sensors: nest.sensors.len(), interruptions, stops };
+        Self { nest, means, unknowns, sigma: vec![1.0; means.len() + 2] }
+    }
+
+    /// As the plan declares the sensors, the sphere on the axis of each.
+    pub fn start(&self) -> Vec<f64> {
+        let mut x = vec![0.0; self.unknowns.count()];
+        for (number, sensor) in self.nest.sensors.iter().enumerate() {
+            x[self.unknowns.gradient(number)..][..3].copy_from_slice(&sensor.direction);
+        }
+        x[self.unknowns.curvature()] = 1.0 / self.nest.plan.probe.ball_radius_mm;
+        let first = self.unknowns.sphere();
+        x[first..first + 2].copy_from_slice(self.nest.from_axis.xy().as_slice());
+        x
+    }
+
+    pub fn gradient(&self, x: &[f64], sensor: usize) -> Vector3<f64> {
+        Unknowns::vector(x, self.unknowns.gradient(sensor))
+    }
+
+    /// Displacement of the sphere at a mean, table frame.
+    fn displacement(&self, mean: &SensorMean, x: &[f64]) -> Vector3<f64> {
+        let own = match mean.displacement {
+            Displacement::Displayed(displacement) => displacement,
+            Displacement::AtStop(stop) => {
+                let first = self.unknowns.displacement(stop);
+                first.map_or(Vector3::zeros(), |first| Unknowns::vector(x, first))
+            }
+        };
+        let steps = (0..mean.interruptions).map(|i| Unknowns::vector(x, self.unknowns.step(i)));
+        own + mean.table.inverse() * steps.sum::<Vector3<f64>>()
+    }
+
+    /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g; the last term is what a sphere recedes
+    /// across the sensor's direction.
+    fn reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
+        let w = self.displacement(mean, x);
+        let gradient = self.gradient(x, mean.sensor);
+        let across = w - gradient * (gradient.dot(&w) / gradient.norm_squared());
+        x[self.unknowns.offset(mean.sensor)]
+            + gradient.dot(&w)
+            + x[self.unknowns.curvature()] / 2.0 * across.norm_squared()
+    }
+
+    /// Derivatives of a reading, by unknown.
+    pub fn slopes(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
+        let unknowns = &self.unknowns;
+        let w = self.displacement(mean, x);
+        let gradient = self.gradient(x, mean.sensor);
+        let along = gradient.dot(&w) / gradient.norm_squared();
+        let across = w - gradient * along;
+        let curvature = x[unknowns.curvature()];
+        let by_gradient = w - across * (curvature * along);
+        let by_displacement = gradient + across * curvature;
+        let mut slopes = vec![
+            (unknowns.offset(mean.sensor), 1.0),
+            (unknowns.curvature(), across.norm_squared() / 2.0),
+        ];
+        let mut add =
+            |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
+        add(unknowns.gradient(mean.sensor), by_gradient);
+        if let Displacement::AtStop(stop) = mean.displacement
+            && let Some(first) = unknowns.displacement(stop)
+        {
+            add(first, by_displacement);
+        }
+        (0..mean.interruptions).for_each(|i| add(unknowns.step(i), mean.table * by_displacement));
+        slopes
+    }
+
+    /// The sphere's displayed position, less the unknown one: X, Y.
+    fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
+        let first = self.unknowns.sphere();
+        [0, 1].map(|k| self.nest.from_axis[k] - x[first + k])
+    }
+
+    pub fn rows(&self, x: &[f64]) -> Vec<Rows> {
+        let residuals = self.residuals(x, &vec![0.0; self.observations()]);
+        let mut rows = Rows::zeros(residuals.len(), 0, self.unknowns.count());
+        residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
+        for (row, (mean, sigma)) in self.means.iter().zip(&self.sigma).enumerate() {
+            for (unknown, slope) in self.slopes(mean, x) {
+                rows.set_common(row, unknown, slope / sigma);
+            }
+        }
+        for k in 0..2 {
+            let row = self.means.len() + k;
+            rows.set_common(row, self.unknowns.sphere() + k, 1.0 / self.sigma[row]);
+        }
+        vec![rows]
+    }
+
+    /// # Errors
+    /// A sensor whose gradient is not its declared direction: it shows another one, or has another gain.
+    pub fn check_sensors(&self, x: &[f64]) -> Result<(), Refused> {
+        for (number, sensor) in self.nest.sensors.iter().enumerate() {
+            let gradient = self.gradient(x, number);
+            let cosine = |of: &Vector3<f64>| gradient.normalize().dot(of);
+            if cosine(&Vector3::from(sensor.direction)) < MIN_COSINE {
+                let is_like = |other: &&&_| cosine(&direction(other)) >= MIN_COSINE;
+                let swapped = self.nest.sensors.iter().find(is_like);
+                return Err(refused_direction(
+                    &sensor.name,
+                    gradient,
+                    swapped.map(|s| s.name.as_str()),
+                ));
+            }
+            if (gradient.norm() - 1.0).abs() > MAX_GAIN_ERROR {
+                return Err(Refused {
+                    why: format!(
+                        "sensor {} shows {:.2} mm where the sphere moves by 1 mm towards it or away",
+                        sensor.name,
+                        gradient.norm()
+                    ),
+                    instead: "correct its scale in [[sensor]], and start anew".to_owned(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn direction(sensor: &machine::record::sensor::Sensor) -> Vector3<f64> {
+    Vector3::from(sensor.direction)
+}
+
+fn refused_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -> Refused {
+    let [i, j, k]: [f64; 3] = gradient.into();
+    let shown = format!(
+        "sensor {name} shows displacements along [{i:.2}, {j:.2}, {k:.2}], not along its direction"
+    );
+    match swapped {
+        Some(other) => Refused {
+            why: format!("{shown}: this is the direction of {other}"),
+            instead: format!("exchange {name} and {other}: their cables, or their addresses in [[sensor]]"),
+        },
+        None => Refused {
+            why: shown,
+            instead: "correct its direction in [[sensor]], or look whether it sees the sphere; start anew".to_owned(),
+        },
+    }
+}
+
+/// Observations: the means, then the sphere's displayed position in X and Y from the nominal axis.
+impl ObservationEquation for Equation<'_> {
+    fn observations(&self) -> usize {
+        self.means.len() + 2
+    }
+
+    fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
+        let of_means = self.means.iter().map(|mean| mean.value_mm - self.reading(mean, x));
+        let rows: Vec<f64> = of_means
+            .chain(self.sphere_residuals(x))
+            .zip(change)
+            .map(|(r, change)| r + change)
+            .collect();
+        self.weighted_change(&rows)
+    }
+
+    fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
+        change.iter().zip(&self.sigma).map(|(change, sigma)| change / sigma).collect()
+    }
+}

@@ -1,0 +1,156 @@
+//! The sensor nest on the table and the sphere in the spindle, from machine and sensors as the plan declares them.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::settings::Settings;
+use crate::Refused;
+use machine::frame::{Point, Spindle, Table};
+use machine::kinematics::{Chain, TableAxis};
+use machine::record::plan::Plan;
+use machine::record::sensor::{Mount, Sensor};
+use machine::{Axis, Position};
+
+/// The centre of the nest may be off the axis by this at most, mm: the sphere does not follow a nest that turns
+/// about the axis.
+const MAX_OFF_AXIS_MM: f64 = 0.5;
+/// The determinant of three directions: 1 for orthogonal ones.
+const MIN_DETERMINANT: f64 = 0.1;
+/// Sensors must look past the common point by this at most, mm.
+const MAX_MISSED_MM: f64 = 0.5;
+
+pub struct Nest<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub chain: Chain,
+    /// The measured axis.
+    pub axis: Axis,
+    pub sensors: Vec<&'a Sensor>,
+    /// All axes with the sphere in the nest and the measured axis at zero.
+    pub origin: Position,
+    /// Centre of the sphere at the origin, from the nominal axis, machine frame, mm.
+    pub from_axis: Vector3<f64>,
+}
+
+impl<'a> Nest<'a> {
+    /// # Errors
+    /// No table axis along Z; fewer than three sensors on the table, or such as do not look at one point on the axis.
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
+        let chain = Chain::new(&plan.machine)?;
+        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(no_table)?;
+        let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
+        let centre = centre(&sensors, plan.probe.ball_radius_mm)?;
+        let tip = Point::<Spindle>::from_vec(Vector3::from(plan.machine.tool_mm));
+        let xyz = chain.linear_axes_for(Point::<Table>::from_vec(centre), tip, &table.zero, &[])?;
+        let origin = table.zero.only(|axis| axis != Axis::S).updated_by(&xyz);
+        let line = chain.axis_line(table.axis, &origin).ok_or_else(no_table)?;
+        let sphere = chain.machine_from_spindle(&origin, &[]).transform_point(&tip.mm.into());
+        let from_axis = sphere.coords - line.point;
+        if from_axis.xy().norm() > MAX_OFF_AXIS_MM {
+            return Err(Refused {
+                why: format!(
+                    "the centre of the sensor nest is {:.2} mm off the axis of {}",
+                    from_axis.xy().norm(),
+                    table.axis
+                ),
+                instead:
+                    "mount the nest in the centre of the table, and correct zero_mm of its sensors"
+                        .to_owned(),
+            });
+        }
+        Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, from_axis })
+    }
+
+    fn tip(&self) -> Point<Spindle> {
+        Point::from_vec(Vector3::from(self.plan.machine.tool_mm))
+    }
+
+    /// Displacement of the sphere's centre from the origin at these axis positions, table frame, mm.
+    pub fn displacement(&self, at: &Position) -> Vector3<f64> {
+        let tip = self.tip();
+        self.chain.tip_in_table(at, tip, &[]).mm
+            - self.chain.tip_in_table(&self.origin, tip, &[]).mm
+    }
+
+    /// From the table frame to the machine frame with the measured axis at `angle`, rad.
+    pub fn table(&self, angle: f64) -> Rotation3<f64> {
+        let at = self.origin.clone().with(self.axis, angle);
+        self.chain.machine_from_table(&at, &[]).rotation
+    }
+
+    /// The sphere's centre from the nominal axis, mm.
+    pub fn sphere_position(&self) -> Vector3<f64> {
+        self.chain
+            .machine_from_spindle(&self.origin, &[])
+            .transform_point(&self.tip().mm.into())
+            .coords
+    }
+
+    /// The angle of a stop, rad.
+    pub fn angle(&self, stop: usize) -> f64 {
+        stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
+    }
+
+    /// The stop at this angle, rad.
+    pub fn stop(&self, angle: f64) -> usize {
+        let positions = self.settings.positions as f64;
+        let number = (angle / std::f64::consts::TAU * positions).round();
+        number.rem_euclid(positions) as usize
+    }
+}
+
+/// The point that all sensors look at, where the sphere is at the zero of each: table frame, mm.
+fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> {
+    if sensors.len() < 3 {
+        return Err(Refused {
+            why: format!("{} sensors do not show three displacements of the sphere", sensors.len()),
+            instead: "describe three [[sensor]] with mount = \"table\"".to_owned(),
+        });
+    }
+    if let Some(sensor) = sensors.iter().find(|sensor| sensor.mount != Mount::Table) {
+        return Err(Refused {
+            why: format!("sensor {} does not turn with the table", sensor.name),
+            instead: "state mount = \"table\", or name the sensors of the nest in [method.r-test] sensors".to_owned(),
+        });
+    }
+    let directions = || sensors.iter().map(|sensor| Vector3::from(sensor.direction));
+    let normal: Matrix3<f64> = directions().map(|along| along * along.transpose()).sum();
+    let scale = sensors.len() as f64 / 3.0;
+    let inverse = normal
+        .try_inverse()
+        .filter(|_| normal.determinant().sqrt() > MIN_DETERMINANT * scale.powf(1.5));
+    let Some(inverse) = inverse else {
+        return Err(Refused {
+            why: "the sensors of the nest look along one plane".to_owned(),
+            instead: "correct their directions: they must span space, best at right angles"
+                .to_owned(),
+        });
+    };
+    let reach = |sensor: &&Sensor| {
+        Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm
+    };
+    let along = |sensor: &&Sensor| {
+        let direction = Vector3::from(sensor.direction);
+        direction * direction.dot(&reach(sensor))
+    };
+    let centre = inverse * sensors.iter().map(along).sum::<Vector3<f64>>();
+    let missed = |sensor: &&&Sensor| {
+        let direction = Vector3::from(sensor.direction);
+        (centre - Vector3::from(sensor.zero_mm)).cross(&direction).norm() > MAX_MISSED_MM
+    };
+    match sensors.iter().find(missed) {
+        None => Ok(centre),
+        Some(sensor) => Err(Refused {
+            why: format!("sensor {} looks past the centre of the sphere", sensor.name),
+            instead: "correct its zero_mm and direction: all must look at one point".to_owned(),
+        }),
+    }
+}
+
+fn no_table() -> Refused {
+    Refused {
+        why: "no rotary axis that carries the workpiece is along Z with all others at zero"
+            .to_owned(),
+        instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
+            .to_owned(),
+    }
+}

@@ -1,0 +1,114 @@
+//! Readings to means of the sensors at each point.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::label::{BACKWARD, CALIBRATION, FORWARD};
+use super::nest::Nest;
+use crate::IdentifyError;
+use machine::Position;
+use machine::record::plan::Step;
+use machine::record::reading::{Flag, Reading};
+
+/// Where the sphere is against the nest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Displacement {
+    /// By the displayed positions, table frame, mm.
+    Displayed(Vector3<f64>),
+    /// Unknown, at this stop of the revolution.
+    AtStop(usize),
+}
+
+/// Mean of the samples of one sensor at one point of a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorMean {
+    /// Index among the sensors of the nest.
+    pub sensor: usize,
+    pub displacement: Displacement,
+    /// From the table frame to the machine frame.
+    pub table: Rotation3<f64>,
+    pub value_mm: f64,
+    pub samples: usize,
+    pub t_s: f64,
+    /// Interruptions before it.
+    pub interruptions: usize,
+}
+
+#[derive(Debug, Default)]
+pub struct Observed {
+    pub means: Vec<SensorMean>,
+    /// Points of a sensor without a distance.
+    pub missing: usize,
+}
+
+/// # Errors
+/// A reading of no step of the plan; a scan without a reading.
+pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+    let known = |reading: &&Reading| nest.plan.steps.iter().any(|step| step.id == reading.step);
+    if let Some(stray) = readings.iter().find(|reading| !known(reading)) {
+        return Err(IdentifyError::UnknownStep { step: stray.step });
+    }
+    let mut observed = Observed::default();
+    for step in &nest.plan.steps {
+        let is_used = [CALIBRATION, FORWARD, BACKWARD].contains(&step.label.as_str());
+        if let (true, Some(scan)) = (is_used, &step.scan) {
+            let own = latest(step, readings)?;
+            for point in 0..scan.path.len() {
+                let at_point = readings_at(&own, &scan.path, point);
+                observed.add_point(nest, step, &scan.path[point], &at_point);
+            }
+        }
+    }
+    Ok(observed)
+}
+
+/// The readings of the last time that the step was measured.
+fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
+    let of_step = || readings.iter().filter(|reading| reading.step == step.id);
+    let last = of_step().map(|reading| reading.repeat).max();
+    let last =
+        last.ok_or_else(|| IdentifyError::Missing { step: step.id, label: step.label.clone() })?;
+    Ok(of_step().filter(|reading| reading.repeat == last).collect())
+}
+
+/// Those whose nearest point of the path is this one; all visits of a point count for the first.
+fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
+    let distance = |reading: &Reading, point: &Position| -> f64 {
+        point.iter().map(|(axis, at)| (reading.position.at(axis) - at).powi(2)).sum()
+    };
+    let nearest = |reading: &Reading| {
+        (0..path.len())
+            .min_by(|a, b| distance(reading, &path[*a]).total_cmp(&distance(reading, &path[*b])))
+    };
+    readings.iter().filter(|reading| nearest(reading) == Some(point)).copied().collect()
+}
+
+impl Observed {
+    fn add_point(&mut self, nest: &Nest<'_>, step: &Step, at: &Position, readings: &[&Reading]) {
+        let angle = at.at(nest.axis);
+        let displacement = match step.label.as_str() {
+            CALIBRATION => Displacement::Displayed(nest.displacement(at)),
+            _ => Displacement::AtStop(nest.stop(angle)),
+        };
+        for (sensor, declared) in nest.sensors.iter().enumerate() {
+            let own = readings.iter().filter(|reading| reading.sensor == declared.name);
+            let good = own.filter(|reading| matches!(reading.flag, Flag::None | Flag::Gap));
+            let samples: Vec<(f64, f64)> =
+                good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
+            let count = samples.len() as f64;
+            if samples.is_empty() {
+                self.missing += usize::from(!readings.is_empty());
+                continue;
+            }
+            let t_s = samples.iter().map(|(_, t_s)| t_s).sum::<f64>() / count;
+            self.means.push(SensorMean {
+                sensor,
+                displacement,
+                table: nest.table(angle),
+                value_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
+                samples: samples.len(),
+                t_s,
+                interruptions: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
+            });
+        }
+    }
+}

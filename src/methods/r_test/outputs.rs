@@ -1,0 +1,104 @@
+//! Reported quantities: axis position and error motions, as linear functions of the unknowns.
+//!
+//! With the sphere's centre b from the nominal axis, R the rotation of the table and w the displacement of the sphere
+//! against the nest, the nest is displaced by E_total(C) = (I − R)b − R·w(C) against a rotation about the nominal
+//! axis: what self-calibration reports (METHODS section 1), so that the two can be compared.
+
+use machine::record::estimate::{FigureKind, Unit};
+
+use super::model::Equation;
+use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
+
+/// Of each unknown, for X, Y and Z.
+type Slopes = [Vec<f64>; 3];
+
+pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
+    let stops = equation.unknowns.stops;
+    let totals: Vec<Slopes> = (0..stops).map(|stop| total(equation, stop)).collect();
+    let mean = mean(&totals);
+    let motions: Vec<Slopes> = totals
+        .iter()
+        .enumerate()
+        .map(|(stop, total)| motion(equation, stop, total, &mean))
+        .collect();
+    let axis = equation.nest.axis;
+    let location = |k: usize, along: &str| {
+        Output::linear(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
+    };
+    let curve = |symbol: String, k: usize, all: &[Slopes], figure| {
+        let slopes: Vec<Vec<f64>> = all.iter().map(|slopes| slopes[k].clone()).collect();
+        let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(s, x)| s * x).sum();
+        Curve {
+            symbol,
+            argument: axis.name(),
+            argument_unit: "deg",
+            x: (0..stops).map(|stop| stop as f64 * 360.0 / stops as f64).collect(),
+            y: slopes.iter().map(value).collect(),
+            unit: Unit::Um,
+            figure,
+            slopes,
+        }
+    };
+    let names = ["X", "Y", "Z"].into_iter().enumerate();
+    let total = |k: usize, along: &str| {
+        curve(format!("E{along}{axis}_total"), k, &totals, FigureKind::Curve)
+    };
+    let mut curves = vec![total(0, "X"), total(1, "Y")];
+    curves.extend(
+        names
+            .clone()
+            .map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FigureKind::Polar)),
+    );
+    let ranges = names.map(|(k, along)| Range {
+        symbol: format!("E{along}{axis}_range"),
+        unit: Unit::Um,
+        slopes: motions.iter().map(|slopes| slopes[k].clone()).collect(),
+    });
+    Outputs {
+        parameters: vec![location(0, "X"), location(1, "Y")],
+        curves,
+        nonlinear: Some(range_outputs(ranges.collect(), x)),
+    }
+}
+
+/// E_total of a stop.
+fn total(equation: &Equation<'_>, stop: usize) -> Slopes {
+    let Equation { nest, unknowns, .. } = equation;
+    let turn = nest.table(nest.angle(stop));
+    let turn = turn.matrix();
+    let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
+    for (k, slope) in slopes.iter_mut().enumerate() {
+        for i in 0..2 {
+            slope[unknowns.sphere() + i] = f64::from(u8::from(k == i)) - turn[(k, i)];
+        }
+        if let Some(first) = unknowns.displacement(stop) {
+            (0..3).for_each(|i| slope[first + i] = -turn[(k, i)]);
+        }
+    }
+    slopes
+}
+
+/// Over all stops: the axis position in X and Y.
+fn mean(totals: &[Slopes]) -> Slopes {
+    [0, 1, 2].map(|k| {
+        let mut mean = vec![0.0; totals.first().map_or(0, |slopes| slopes[k].len())];
+        for slopes in totals {
+            mean.iter_mut().zip(&slopes[k]).for_each(|(m, s)| *m += s / totals.len() as f64);
+        }
+        mean
+    })
+}
+
+/// The error motion: X and Y without what the axis position makes of them, Z without its mean.
+fn motion(equation: &Equation<'_>, stop: usize, total: &Slopes, mean: &Slopes) -> Slopes {
+    let turn = equation.nest.table(equation.nest.angle(stop));
+    let turn = turn.matrix();
+    let mut motion = total.clone();
+    for (k, slope) in motion.iter_mut().enumerate() {
+        for (j, slope) in slope.iter_mut().enumerate() {
+            let of_axis = |i: usize| (f64::from(u8::from(k == i)) - turn[(k, i)]) * mean[i][j];
+            *slope -= if k == 2 { mean[2][j] } else { of_axis(0) + of_axis(1) };
+        }
+    }
+    motion
+}

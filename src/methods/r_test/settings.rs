@@ -1,0 +1,68 @@
+//! Settings of the method, the table `[method.r-test]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Refused;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Names of the sensors; empty: all of the machine file.
+    pub sensors: Vec<String>,
+    /// Stops in one revolution, at equal angles from zero on.
+    pub positions: usize,
+    /// The sphere is moved by so much along X, Y and Z to calibrate the sensors.
+    pub calibration_mm: f64,
+    /// Feed of these moves, mm/min.
+    pub feed_mm_min: f64,
+    /// Feed of the turns, degrees a minute.
+    pub feed_deg_min: f64,
+    /// Rest at a stop before its samples, and how many are taken there of each sensor.
+    pub dwell_s: f64,
+    pub samples: u32,
+    /// Standard deviation of the sphere's form.
+    pub u_sphere_form_um: f64,
+    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    pub monte_carlo_trials: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            sensors: Vec::new(),
+            positions: 24,
+            calibration_mm: 0.1,
+            feed_mm_min: 30.0,
+            feed_deg_min: 720.0,
+            dwell_s: 0.5,
+            samples: 10,
+            u_sphere_form_um: 0.05,
+            monte_carlo_trials: 0,
+        }
+    }
+}
+
+/// Fewer stops do not separate the axis position from an error motion of low order.
+const MIN_POSITIONS: usize = 4;
+
+impl Settings {
+    /// # Errors
+    /// Numbers that make no measurement.
+    pub fn check(&self) -> Result<(), Refused> {
+        let lengths = [self.calibration_mm, self.feed_mm_min, self.feed_deg_min];
+        if !lengths.iter().all(|length| *length > 0.0) || self.dwell_s < 0.0 || self.samples == 0 {
+            return Err(Refused {
+                why: "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0"
+                    .to_owned(),
+                instead: "correct them".to_owned(),
+            });
+        }
+        if self.positions < MIN_POSITIONS {
+            return Err(Refused {
+                why: format!("{} positions do not show the axis position", self.positions),
+                instead: "choose positions = 24, or at least 4".to_owned(),
+            });
+        }
+        Ok(())
+    }
+}

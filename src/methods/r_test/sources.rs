@@ -1,0 +1,182 @@
+//! Sources of uncertainty, as changes of the observations of [`Equation`] (METHODS section 6).
+
+use nalgebra::Vector3;
+
+use super::model::Equation;
+use super::observe::{Displacement, SensorMean};
+use crate::identification::declared::{
+    azimuth_patterns, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_mm,
+};
+use crate::identification::{
+    Effect, EvaluationType, InResiduals, ObservationEquation, Shape, UncertaintySource,
+    block_covariances,
+};
+use machine::Axis;
+
+/// Assumed standard deviation of one sample where none is declared, mm; the residuals rescale it.
+const UNDECLARED_NOISE_MM: f64 = 1e-4;
+/// No observation has more weight than one of this standard uncertainty, mm.
+const MIN_U_MM: f64 = 1e-6;
+
+/// All sources at the solution `x`.
+pub fn sources(equation: &Equation<'_>, x: &[f64]) -> Vec<UncertaintySource> {
+    let list = SourceList { equation, x };
+    let mut all = vec![
+        list.noise(),
+        list.resolution(),
+        list.linearity(),
+        list.sphere_form(),
+        list.unjudged("stylus offset", list.stylus_offset()),
+        list.unjudged("error motions of X, Y and Z", list.linear_axes()),
+        list.unjudged("thermal drift", list.drift()),
+    ];
+    all.retain(|source| !source.is_zero());
+    all
+}
+
+/// Standard uncertainty of each observation, from what is independent from one to the next.
+pub fn sigma(equation: &Equation<'_>) -> Vec<f64> {
+    let x = equation.start();
+    let list = SourceList { equation, x: &x };
+    let independent =
+        [list.noise(), list.resolution(), list.unjudged("stylus offset", list.stylus_offset())];
+    let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
+    let variances = block_covariances::<1>(&independent, equation.observations());
+    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_U_MM)).collect()
+}
+
+struct SourceList<'a> {
+    equation: &'a Equation<'a>,
+    x: &'a [f64],
+}
+
+impl SourceList<'_> {
+    /// A source that the residuals do not show.
+    fn unjudged(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+        UncertaintySource {
+            in_residuals: InResiduals::Expected,
+            is_in_weights: false,
+            ..UncertaintySource::new(name, Effect::Joint(columns))
+        }
+    }
+
+    /// Change of the observations: of each mean, then of the sphere's position.
+    fn column(&self, of_mean: impl Fn(&SensorMean) -> f64, of_sphere: [f64; 2]) -> Vec<f64> {
+        self.equation.means.iter().map(of_mean).chain(of_sphere).collect()
+    }
+
+    fn gradient(&self, mean: &SensorMean) -> Vector3<f64> {
+        self.equation.gradient(self.x, mean.sensor)
+    }
+
+    fn noise(&self) -> UncertaintySource {
+        let sensors = &self.equation.nest.sensors;
+        let of_sample = |mean: &SensorMean| {
+            sensors[mean.sensor].noise_um.map_or(UNDECLARED_NOISE_MM, |um| um * 1e-3)
+        };
+        let each = self.column(|mean| of_sample(mean) / (mean.samples as f64).sqrt(), [0.0; 2]);
+        let noise = UncertaintySource::new("noise of the sensor", Effect::Each(each));
+        UncertaintySource { evaluation: EvaluationType::A, ..noise }
+    }
+
+    /// Of the displayed positions of the calibration, one draw a point and axis, and of the sphere's position.
+    fn resolution(&self) -> UncertaintySource {
+        let u = |axis: Axis| resolution_mm(self.equation.nest.plan, axis.direction());
+        let moved: Vec<Vector3<f64>> = self.equation.means.iter().filter_map(displayed).collect();
+        let mut columns = Vec::new();
+        let mut points: Vec<Vector3<f64>> = Vec::new();
+        for point in moved {
+            if points.contains(&point) {
+                continue;
+            }
+            points.push(point);
+            for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+                let of_mean = |mean: &SensorMean| match displayed(mean) == Some(point) {
+                    true => self.gradient(mean)[k] * u(axis),
+                    false => 0.0,
+                };
+                columns.push(self.column(of_mean, [0.0; 2]));
+            }
+        }
+        columns.push(self.column(|_| 0.0, [u(Axis::X), 0.0]));
+        columns.push(self.column(|_| 0.0, [0.0, u(Axis::Y)]));
+        let source = UncertaintySource::new("resolution of the axes", Effect::Joint(columns));
+        UncertaintySource { shape: Shape::Rectangular, ..source }
+    }
+
+    /// Of each sensor a smooth random function of its reading.
+    fn linearity(&self) -> UncertaintySource {
+        let mut columns = Vec::new();
+        for (number, sensor) in self.equation.nest.sensors.iter().enumerate() {
+            let means = &self.equation.means;
+            let own = means.iter().filter(|mean| mean.sensor == number);
+            let readings: Vec<f64> = own.map(|mean| mean.value_mm).collect();
+            for pattern in linearity_patterns(sensor, &readings) {
+                let mut values = pattern.into_iter();
+                columns.push(
+                    means
+                        .iter()
+                        .map(|mean| match mean.sensor == number {
+                            true => values.next().unwrap_or_default(),
+                            false => 0.0,
+                        })
+                        .chain([0.0; 2])
+                        .collect(),
+                );
+            }
+        }
+        self.unjudged("linearity of the sensor", columns)
+    }
+
+    /// The sensors turn about the sphere. Its first harmonic is its position.
+    fn sphere_form(&self) -> UncertaintySource {
+        let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
+        let normals =
+            self.equation.means.iter().map(|mean| -(mean.table * self.gradient(mean)).normalize());
+        let patterns = azimuth_patterns(size_mm, &normals.collect::<Vec<_>>());
+        let columns = patterns
+            .into_iter()
+            .map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
+        self.unjudged("form of the sphere", columns.collect())
+    }
+
+    /// Of the sphere's centre from the spindle's axis.
+    fn stylus_offset(&self) -> Vec<Vec<f64>> {
+        let u = self.equation.nest.plan.probe.stylus_offset_um * 1e-3;
+        vec![self.column(|_| 0.0, [u, 0.0]), self.column(|_| 0.0, [0.0, u])]
+    }
+
+    /// At the sphere's place; over the short moves of the calibration they do not change.
+    fn linear_axes(&self) -> Vec<Vec<f64>> {
+        let nest = self.equation.nest;
+        let patterns = linear_motion_patterns(nest.plan, &[nest.origin.xyz()]);
+        let at_sphere = patterns.into_iter().filter_map(|pattern| pattern.first().copied());
+        at_sphere
+            .flat_map(|by| [[by, 0.0], [0.0, by]])
+            .map(|of_sphere| self.column(|_| 0.0, of_sphere))
+            .collect()
+    }
+
+    /// The table against the spindle at the declared rate, zero at the mean time.
+    fn drift(&self) -> Vec<Vec<f64>> {
+        let rate = drift_mm_per_s(self.equation.nest.plan);
+        let means = self.equation.means;
+        let mean_s = means.iter().map(|mean| mean.t_s).sum::<f64>() / means.len().max(1) as f64;
+        let column = |axis: Axis| {
+            let of_mean = |mean: &SensorMean| {
+                let along = mean.table.inverse() * axis.direction();
+                self.gradient(mean).dot(&along) * rate * (mean.t_s - mean_s)
+            };
+            self.column(of_mean, [0.0; 2])
+        };
+        Axis::LINEAR.map(column).into()
+    }
+}
+
+/// By how much the calibration has moved the sphere; `None` at its origin and at the stops.
+fn displayed(mean: &SensorMean) -> Option<Vector3<f64>> {
+    match mean.displacement {
+        Displacement::Displayed(by) if by != Vector3::zeros() => Some(by),
+        _ => None,
+    }
+}

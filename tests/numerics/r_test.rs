@@ -1,0 +1,150 @@
+//! The discrete R-test through the simulated machine: coverage (METHODS section 6), and its comparison with
+//! self-calibration of the same table. The error motions are those of the machine file; the world turns them into
+//! poses by its own chain.
+
+use machine::Axis;
+use machine::record::estimate::Estimate;
+use methods::decision::difference::differences;
+use methods::decision::function_difference::function_differences;
+use nalgebra::{Matrix2, Vector2};
+use toml::{Table, Value};
+use trued::setup::{self, MachineFile};
+
+use crate::support::plan_player;
+use testing::population::{is_full, population};
+
+const R_TEST: &str = include_str!("../../config/r-test.toml");
+const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
+/// Height of the sphere over the table, mm.
+const HEIGHT_MM: f64 = 60.0;
+
+fn set(table: &mut Table, path: &str, value: Value) {
+    let (tables, key) = path.rsplit_once('.').unwrap();
+    let inner = tables.split('.').fold(table, |table, key| {
+        table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
+    });
+    inner.insert(key.to_owned(), value);
+}
+
+fn machine(seed: u64) -> Table {
+    let mut table: Table = R_TEST.parse().unwrap();
+    set(&mut table, "simulated.seed", Value::Integer(seed as i64));
+    set(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
+    // The simulated sphere has no form.
+    set(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
+    table
+}
+
+fn parsed(table: &Table) -> MachineFile {
+    MachineFile::parse("world.toml", toml::to_string(table).unwrap()).unwrap()
+}
+
+/// The estimate, and the true position of the axis in the middle of the run, mm.
+fn measured(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
+    let file = parsed(table);
+    let (method, header) = setup::header(&file, method, None).unwrap();
+    let mut world = setup::world(&file).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let estimate = method.identify(&plan, &readings, &[]).unwrap();
+    let times = readings.iter().map(|reading| reading.t_s);
+    let middle = times.clone().sum::<f64>() / times.count() as f64;
+    (estimate, world.true_axis_mm(Axis::C, HEIGHT_MM, middle).into())
+}
+
+/// Error motion of the machine file, um.
+fn declared(table: &Table, symbol: &str, angle: f64) -> f64 {
+    let terms = table["simulated"]["error_motion"].as_array().unwrap();
+    let of_symbol = terms.iter().filter(|term| term["symbol"].as_str() == Some(symbol));
+    let value = |term: &Value| {
+        let part = |key: &str| term[key].as_float().unwrap();
+        let (sin, cos) = (term["harmonic"].as_integer().unwrap() as f64 * angle).sin_cos();
+        part("cos_um") * cos + part("sin_um") * sin
+    };
+    of_symbol.map(value).sum()
+}
+
+/// E_total = (I − R)c + e − R·e(0) of METHODS section 1, um; C turns the table against its command (ISO 841).
+fn total(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
+    let motion = |angle| ["EXC", "EYC"].map(|symbol| declared(table, symbol, angle));
+    let angle = degrees.to_radians();
+    let (sin, cos) = (-angle).sin_cos();
+    let turn = Matrix2::new(cos, -sin, sin, cos);
+    axis_um - turn * axis_um + Vector2::from(motion(angle)) - turn * Vector2::from(motion(0.0))
+}
+
+#[test]
+fn u_is_true_on_the_built_in_machine() {
+    let worlds = population(200);
+    let shares = if is_full() { 0.93..=0.98 } else { 0.88..=1.0 };
+    let (mut held, mut count) = ([0.0; 3], [0.0; 3]);
+    for seed in 0..worlds {
+        let table = machine(seed);
+        let (estimate, axis) = measured(&table, "r-test");
+        let axis = axis * 1e3;
+        for (parameter, truth) in
+            estimate.parameters.iter().filter(|p| p.symbol.ends_with("0C")).zip(axis.iter())
+        {
+            held[0] += f64::from(u8::from((parameter.value - truth).abs() <= parameter.expanded));
+            count[0] += 1.0;
+        }
+        for curve in estimate.functions.iter().filter(|function| function.symbol != "EZC") {
+            let k = usize::from(curve.symbol.starts_with("EY"));
+            let kind = if curve.symbol.ends_with("_total") { 1 } else { 2 };
+            for ((x, y), u) in curve.x.iter().zip(&curve.y).zip(&curve.u).skip(1) {
+                let mut truth = total(&table, axis, *x)[k];
+                if kind == 2 {
+                    truth = total(&table, Vector2::zeros(), *x)[k];
+                }
+                held[kind] += f64::from(u8::from((y - truth).abs() <= 2.0 * u));
+                count[kind] += 1.0;
+            }
+        }
+    }
+    let share = [0, 1, 2].map(|kind| held[kind] / count[kind]);
+    println!("axis position, total, motion: {share:.4?} within U, {worlds} worlds");
+    assert!(share.iter().all(|share| shares.contains(share)), "{share:?}");
+}
+
+/// The same table by both methods, each with a probe and sensors of its own.
+#[test]
+fn self_calibration_agrees() {
+    let r_test = machine(3);
+    let (first, _) = measured(&r_test, "r-test");
+    let mut other: Table = SELF_CALIBRATION.parse().unwrap();
+    set(&mut other, "simulated.seed", Value::Integer(4));
+    set(&mut other, "method.self-calibration.heights_mm", vec![HEIGHT_MM].into());
+    for key in ["errors", "error_motion"] {
+        set(&mut other, &format!("simulated.{key}"), r_test["simulated"][key].clone());
+    }
+    let (second, _) = measured(&other, "self-calibration");
+    let parameters = differences(&first, &second, &[]);
+    let functions = function_differences(&first, &second, 2.0);
+    let symbols: Vec<&str> = functions.iter().map(|function| function.symbol.as_str()).collect();
+    assert_eq!(symbols, ["EXC_total", "EYC_total", "EXC", "EYC"]);
+    let of_parameters = parameters.iter().map(|difference| difference.normalized);
+    let of_points = functions.iter().flat_map(|function| function.normalized.iter().copied());
+    let all: Vec<f64> = of_parameters.chain(of_points).collect();
+    println!("E_n: {all:.2?}");
+    let agreeing = all.iter().filter(|e_n| **e_n <= 1.0).count();
+    assert!(agreeing as f64 >= 0.9 * all.len() as f64, "{all:.2?}");
+}
+
+#[test]
+fn swapped_sensors_are_refused_before_the_table_turns() {
+    let mut table = machine(1);
+    let truth = parsed(&table);
+    let sensors = table["sensor"].as_array_mut().unwrap();
+    let [a, b] = [0, 1].map(|i| sensors[i]["direction"].clone());
+    let [zero_a, zero_b] = [0, 1].map(|i| sensors[i]["zero_mm"].clone());
+    let declare = |sensor: &mut Value, zero: Value, direction: Value| {
+        let sensor = sensor.as_table_mut().unwrap();
+        sensor.insert("zero_mm".to_owned(), zero);
+        sensor.insert("direction".to_owned(), direction);
+    };
+    declare(&mut sensors[0], zero_b, b);
+    declare(&mut sensors[1], zero_a, a);
+    let (method, header) = setup::header(&parsed(&table), "r-test", None).unwrap();
+    let mut world = setup::world(&truth).unwrap();
+    let refused = plan_player::try_measure(&mut world, method.as_ref(), header).unwrap_err();
+    assert!(refused.why.contains("this is the direction of b"), "{refused:?}");
+}
