@@ -12,7 +12,8 @@ use super::path::{Path, height};
 use super::surroundings::{Surroundings, overhang};
 use super::{Clearance, Confirmed, turning};
 use machine::record::motion::Motion;
-use machine::record::plan::Plan;
+use machine::record::plan::{Plan, Step};
+use machine::record::sensor::Mount;
 use machine::{Axis, Position};
 
 /// A shorter probing move is made as a feed move, at the feed of a search, mm: LinuxCNC refuses those
@@ -44,6 +45,12 @@ impl<'a> Careful<'a> {
         let (about, top_z) = (&clearance.about, clearance.top_z);
         let (near_feed, guarded) = (near_feed(plan, confirmed), plan.sensors.is_empty());
         Self { plan, about, top_z, low_z, near_feed, guarded, first: !confirmed.is_begun() }
+    }
+
+    /// To a nest of sensors on the table: always by the upper end of Z.
+    pub fn to_nest(plan: &'a Plan, clearance: &'a Clearance, low_z: f64) -> Self {
+        let near_feed = nest_feed(plan);
+        Self { near_feed, ..Self::new(plan, clearance, low_z, Confirmed::default()) }
     }
 
     /// To over `from`, at `low_z`.
@@ -118,10 +125,7 @@ impl<'a> Careful<'a> {
     fn fast(&self) -> f64 {
         let feed = self.plan.probe.guarded_feed_mm_min;
         let ranges = self.plan.sensors.iter().map(|sensor| sensor.range_mm[1] - sensor.range_mm[0]);
-        let axes = self.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
-        let slowest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-        let stops = |range: f64| 60.0 * turning::stopping_speed(slowest, range);
-        ranges.map(stops).fold(feed, f64::min)
+        ranges.map(|range| stopping_feed(self.plan, range)).fold(feed, f64::min)
     }
 
     fn straight(&self, path: &mut Path, to: &Position, feed_mm_min: f64) {
@@ -149,6 +153,36 @@ impl<'a> Careful<'a> {
 pub(super) fn round_mm(plan: &Plan) -> f64 {
     let (wide, _) = overhang(plan).unwrap_or_default();
     wide / (TAU / f64::from(2 * CORNERS)).cos()
+}
+
+/// The feed, mm/min, from which a hold stops within `within_mm`, whichever linear axis brakes.
+fn stopping_feed(plan: &Plan, within_mm: f64) -> f64 {
+    let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+    let slowest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
+    60.0 * turning::stopping_speed(slowest, within_mm)
+}
+
+/// Whether all sensors of `step` are on the table: they measure the ball in the spindle, which is
+/// between them.
+pub(super) fn is_in_nest(plan: &Plan, step: &Step) -> bool {
+    let is_on_table = |name: &String| {
+        let named = plan.sensors.iter().find(|sensor| sensor.name == *name);
+        named.is_some_and(|sensor| sensor.mount == Mount::Table)
+    };
+    !step.sensors.is_empty() && step.sensors.iter().all(is_on_table)
+}
+
+/// Greatest feed of linear axes while the ball is in a nest of sensors on the table or goes there, mm/min:
+/// a hold at the near end of a range stops the ball before it meets the body of the sensor. Where
+/// `stand_off_mm` leaves less than a quarter of the range there, it stops within that quarter.
+pub(super) fn nest_feed(plan: &Plan) -> f64 {
+    let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == Mount::Table);
+    let within = on_table.map(|sensor| {
+        let [least, greatest] = sensor.range_mm;
+        let range = greatest - least;
+        (sensor.stand_off_mm + least).max(range / 4.0).min(range)
+    });
+    within.map(|mm| stopping_feed(plan, mm)).fold(search_feed(plan), f64::min)
 }
 
 /// Near the part, until a touch has shown that the probe lives.

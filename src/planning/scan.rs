@@ -1,17 +1,19 @@
 //! One scan as motions: nothing is touched, so nothing is guarded; the proof keeps all of it away from
 //! everything.
 
-use super::careful::{Careful, near_feed};
+use super::careful::{Careful, is_in_nest, near_feed, nest_feed};
 use super::clearance::LIFT;
 use super::path::{Path, height};
 use super::surroundings::Near;
-use super::{Clearance, PlanningError, Start, limits, touch_block, turning};
+use super::{Clearance, Confirmed, PlanningError, Start, limits, touch_block, turning};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
 
 /// So far above its first point the way down to it becomes a feed move, mm.
 const SLOW_MM: f64 = 10.0;
+/// From this near to its first point the ball does not leave a nest of sensors on the table, mm.
+const NEST_WAY_MM: f64 = 1.0;
 
 /// The blocks of one step: one of a touch; of a scan with dwell points one for each stretch after which
 /// samples are taken, the first with the way to it; of a continuous one the way to its first point and
@@ -36,7 +38,8 @@ pub fn step_blocks(
 /// Up, turn and across as high as Z goes where the rotary axes or the spindle turn, otherwise no higher
 /// than the two ends of the way; down again, the last of it slowly; then from point to point. Until a
 /// scan has confirmed where the machine stands the way there is careful ([`super::careful`]), and down to
-/// where the sensor may see something it is blocks of its own ([`blocks_out_of_range`]).
+/// where the sensor may see something it is blocks of its own ([`blocks_out_of_range`]). The way of the ball
+/// into a nest of sensors on the table is so always; from scan to scan it stays there.
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),
@@ -45,17 +48,22 @@ fn scan_blocks(
     clearance: &Clearance,
 ) -> Result<Vec<Block>, PlanningError> {
     check(plan, step, scan)?;
-    let approach_feed = near_feed(plan, start.confirmed);
+    let in_nest = is_in_nest(plan, step);
+    let approach_feed = if in_nest { nest_feed(plan) } else { near_feed(plan, start.confirmed) };
     let mut path = Path::from(start.stands, approach_feed);
     let top_z = clearance.top_z;
     let mut blocks = Vec::new();
-    if scan.turns_only() && still_axes_stand_at(&path, scan) {
+    let begins_in_place = scan.turns_only() && still_axes_stand_at(&path, scan);
+    if begins_in_place || (in_nest && stays_in_nest(&path, &step.from, start.confirmed)) {
         turn_to(&mut path, plan, &step.from, clearance);
-    } else if start.confirmed.is_all() {
+    } else if start.confirmed.is_all() && !in_nest {
         approach(&mut path, &step.from, top_z);
     } else {
         let low_z = low_z(step, &path, clearance)?;
-        let careful = Careful::new(plan, clearance, low_z, start.confirmed);
+        let careful = match in_nest {
+            true => Careful::to_nest(plan, clearance, low_z),
+            false => Careful::new(plan, clearance, low_z, start.confirmed),
+        };
         careful.up(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));
         careful.across_and_down(&mut path, &step.from);
@@ -89,6 +97,17 @@ fn still_axes_stand_at(path: &Path, scan: &Scan) -> bool {
     still.all(|(axis, at)| path.stands_at(axis, at))
 }
 
+/// Whether the ball is so near to the first point of a scan in a nest that it need not leave it. Until the
+/// position is confirmed no axis turns for that.
+fn stays_in_nest(path: &Path, from: &Position, confirmed: Confirmed) -> bool {
+    let is_in_place = |(axis, at): (Axis, f64)| match path.stands.get(axis) {
+        Some(stands) if axis.is_linear() => (stands - at).abs() <= NEST_WAY_MM,
+        Some(_) if axis != Axis::S && confirmed.is_all() => true,
+        _ => path.stands_at(axis, at),
+    };
+    from.iter().all(is_in_place)
+}
+
 /// The turn to the first point, as slow as turns are until the position is confirmed.
 fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
@@ -99,7 +118,8 @@ fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance)
 }
 
 /// How many of the `count` blocks of a scan lead to where nothing declared is within the range of its
-/// sensor: straight up, then across and down. None once the position is confirmed.
+/// sensor: straight up, then across and down. None once the position is confirmed; with sensors on the table
+/// none if the ball is between them already.
 pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
     // The way to the first point is in the first of these.
     let rest = match scan.sampling {

@@ -15,7 +15,7 @@ use machine::kinematics::{Carried, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Carrier, Solid};
 use machine::record::plan::Plan;
-use machine::record::sensor::Sensor;
+use machine::record::sensor::{Mount, Sensor};
 use machine::{Axis, Position, frame::Point, frame::Spindle};
 
 /// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
@@ -55,6 +55,8 @@ pub(super) struct Surroundings {
     /// Where each displacement sensor measures: a surface there is within its range.
     ranges: Vec<Element>,
     pub obstacles: Vec<Obstacle>,
+    /// Of each sensor on the table the line from one end of its range to the other.
+    measuring_lines: Vec<Obstacle>,
     pub ball_radius: f64,
     /// The artefact may stand off its place by this, mm.
     pub loose: f64,
@@ -96,7 +98,10 @@ impl Surroundings {
         let (tool, ball_radius) = (tool(plan), plan.probe.ball_radius_mm);
         let in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
         let ranges = in_spindle.map(|sensor| range(sensor, &tip.mm)).collect();
-        Ok(Self { chain, tip, tool, ranges, obstacles, ball_radius, loose, max_z })
+        let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == Mount::Table);
+        let line = |sensor: &Sensor| Some(measuring_line(sensor, chain.carried(Carrier::Table)?));
+        let measuring_lines = on_table.filter_map(line).collect();
+        Ok(Self { chain, tip, tool, ranges, obstacles, measuring_lines, ball_radius, loose, max_z })
     }
 
     /// Centre of the stylus ball in the machine frame.
@@ -126,33 +131,43 @@ impl Surroundings {
     /// way in X and Y between two positions with the same rotary axes. Nothing lower than `to` is
     /// looked for.
     pub fn z_between(&self, from: &Position, to: &Position, margin: f64) -> f64 {
-        let needed = self.heights(&self.tool, [from, to], margin).into_iter().map(|(z, _)| z);
+        let needed = self.heights(&self.tool, &self.obstacles, [from, to], margin);
+        let needed = needed.into_iter().map(|(z, _)| z);
         needed.filter(|z| *z <= self.max_z).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Z command from which on nothing declared is within the range of a displacement sensor, on the
-    /// straight way in X and Y between two positions with the same rotary axes.
+    /// Z command from which on nothing declared is within the range of a displacement sensor in the
+    /// spindle, and the stylus ball is within that of none on the table, on the straight way in X and Y
+    /// between two positions with the same rotary axes. The ball counts as a cylinder that ends below it.
     ///
     /// # Errors
     /// Z does not reach so high; the sensor and what is within its range.
     pub fn z_out_of_range(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Near> {
-        let needed = self.heights(&self.ranges, [from, to], margin);
+        let mut needed = self.heights(&self.ranges, &self.obstacles, [from, to], margin);
+        let ball = self.tool.get(..1).unwrap_or_default();
+        let of_table = self.heights(ball, &self.measuring_lines, [from, to], margin);
+        needed.extend(
+            of_table
+                .into_iter()
+                .map(|(z, Near { tool, obstacle })| (z, Near { tool: obstacle, obstacle: tool })),
+        );
         let (z, near) = needed.into_iter().fold((f64::NEG_INFINITY, None), |highest, (z, near)| {
             if z > highest.0 { (z, Some(near)) } else { highest }
         });
         near.filter(|_| z > self.max_z).map_or(Ok(z), Err)
     }
 
-    /// Z commands from which on each of `parts` is `margin` clear of each obstacle that is on the way.
+    /// Z commands from which on each of `parts` is `margin` clear of each of `obstacles` that is on the way.
     fn heights(
         &self,
         parts: &[Element],
+        obstacles: &[Obstacle],
         [from, to]: [&Position; 2],
         margin: f64,
     ) -> Vec<(f64, Near)> {
         let level = from.updated_by(&to.only(|axis| !matches!(axis, Axis::X | Axis::Y)));
         let mut heights = Vec::new();
-        for obstacle in &self.obstacles {
+        for obstacle in obstacles {
             let way = [&level, to].map(|at| self.as_seen_by(obstacle, at));
             let (body, margin) = (obstacle.seen(to), margin + obstacle.loose);
             for part in parts.iter().filter(|part| part.might_meet(&way, &body, margin)) {
@@ -287,6 +302,13 @@ fn range(sensor: &Sensor, tip: &Vector3<f64>) -> Element {
     let radius = ends.iter().map(|end| end.xy().norm()).fold(0.0, f64::max) + tip.xy().norm();
     let bottom = ends.iter().map(|end| end.z - tip.z).fold(f64::INFINITY, f64::min);
     Element { name: sensor.name.clone(), felt: false, radius, bottom }
+}
+
+fn measuring_line(sensor: &Sensor, carried: Carried) -> Obstacle {
+    let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
+    let [from, to] = sensor.range_mm.map(|distance| zero + along * distance);
+    let body = Body::Round(artefact::Shape::Cylinder { from, to, radius: 0.0 });
+    Obstacle { name: sensor.name.clone(), carried, body, of_artefact: false, loose: 0.0 }
 }
 
 impl Obstacle {

@@ -1,6 +1,7 @@
 //! The touch cycle's properties, and machine time by hand.
 
 mod balls;
+mod nest;
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -7,6 +7,7 @@ use machine::artefact;
 use machine::kinematics::Chain;
 use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
+use machine::record::sensor::{Mount, Sensor};
 use machine::{Axis, Position};
 
 /// From contact, or a sensor's first distance, to the hold. No control looks at the probe while an axis
@@ -43,7 +44,10 @@ fn lever_mm(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
     let solids = plan.solids.iter().map(|solid| (solid.on, Body::of(solid)));
     let (ball, tip) = (plan.probe.ball_radius_mm, Vector3::from(plan.machine.tool_mm));
     let stylus = artefact::Shape::Ball { centre: tip, radius: ball };
-    let bodies = parts.chain(solids).chain([(Carrier::Spindle, Body::Round(stylus))]);
+    let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == Mount::Table);
+    let sensors = on_table.map(|sensor| (Carrier::Table, sensor_body(sensor)));
+    let bodies = parts.chain(solids).chain(sensors);
+    let bodies = bodies.chain([(Carrier::Spindle, Body::Round(stylus))]);
     let reach = |(on, body): (Carrier, Body)| {
         let carried = chain.carried(on).filter(|carried| carried.axes().any(|moves| moves == axis));
         let pose = carried?.pose(&commands);
@@ -55,4 +59,11 @@ fn lever_mm(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
         Some(off.fold(0.0, f64::max) + radius)
     };
     bodies.filter_map(reach).fold(0.0, f64::max)
+}
+
+fn sensor_body(sensor: &Sensor) -> Body {
+    let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
+    let from = zero - along * sensor.stand_off_mm;
+    let (to, radius) = (from - along * sensor.body_length_mm, sensor.body_radius_mm);
+    Body::Round(artefact::Shape::Cylinder { from, to, radius })
 }

@@ -12,6 +12,7 @@ use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::Reading;
+use machine::record::sensor::Mount;
 use planning::proof::ProvenBlock;
 use planning::{blocks_out_of_range, end_of};
 
@@ -49,25 +50,34 @@ impl Run<'_> {
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
         let rest = blocks.split_off(blocks_out_of_range(scan, blocks.len()));
+        let in_nest = blocks.is_empty();
         self.out_of_range(step, blocks).await?;
-        let blocks = rest;
+        if in_nest {
+            for sensor in self.sensors_on(step, &[Mount::Table]) {
+                self.reports(step, &sensor.name, is_distance).await?;
+            }
+        }
         match scan.sampling {
-            Sampling::Dwell { samples, .. } => self.dwells(step, repeat, samples, blocks).await,
+            Sampling::Dwell { samples, .. } => {
+                self.dwells(step, repeat, samples, rest, in_nest).await
+            }
             Sampling::Continuous { rate_hz } => {
-                self.sweep((step, scan), repeat, rate_hz, blocks).await
+                self.sweep((step, scan), repeat, rate_hz, rest, in_nest).await
             }
         }
     }
 
     /// Until a scan has confirmed where the machine stands: up from where it stands, then to where nothing
-    /// declared is within the range of a sensor in the spindle. A distance on that last way, or at its end, is
-    /// that of a body that is not where it is stated, and holds the machine.
+    /// declared is within the range of a sensor in the spindle, nor the ball within that of one on the table. A
+    /// distance on that last way, or at its end, is that of a body that is not where it is stated, and holds
+    /// the machine.
     async fn out_of_range(
         &mut self,
         step: &Step,
         blocks: Vec<ProvenBlock>,
     ) -> Result<(), RunError> {
-        let moving: Vec<String> = self.spindle_sensors(step);
+        let moving = self.sensors_on(step, &[Mount::Spindle, Mount::Table]);
+        let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();
         let accepts = |name: &String, is_last: bool| -> Accepts {
             Box::new(if is_last && moving.contains(name) { is_out_of_range } else { is_alive })
         };
@@ -79,7 +89,7 @@ impl Run<'_> {
         if count > 0 {
             // A simulated sensor without a wire is not watched: it reports only when it is polled.
             for name in &moving {
-                self.reports_nothing(step, name).await?;
+                self.reports(step, name, is_out_of_range).await?;
             }
         }
         Ok(())
@@ -92,14 +102,18 @@ impl Run<'_> {
         repeat: u32,
         count: u32,
         blocks: Vec<ProvenBlock>,
+        in_nest: bool,
     ) -> Result<Vec<Reading>, RunError> {
         let mut readings = Vec::new();
         let first = step.scan.as_ref().and_then(|scan| scan.path.first());
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
-            let accepts = if number == 0 { is_alive } else { is_distance };
+            let accepts = match number {
+                0 => self.accepted_on_entry(step, in_nest),
+                _ => step.sensors.iter().map(|_| Box::new(is_distance) as Accepts).collect(),
+            };
             commanded = end_of(block.motions(), &commanded);
-            let outcome = self.watched(step, block, each(step, accepts)).await?;
+            let outcome = self.watched(step, block, accepts).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
             let stands = self.devices.controller.look().await?.stands;
             let stands = unrounded(&stands, &commanded);
@@ -116,11 +130,12 @@ impl Run<'_> {
         repeat: u32,
         rate_hz: f64,
         mut blocks: Vec<ProvenBlock>,
+        in_nest: bool,
     ) -> Result<Vec<Reading>, RunError> {
         let unswept = |why: &str| RunError::Unswept { step: step.id, why: why.to_owned() };
         let Some(sweep) = blocks.pop() else { return Err(unswept("it has no motion")) };
         for way in blocks {
-            self.watched(step, way, each(step, is_alive)).await?;
+            self.watched(step, way, self.accepted_on_entry(step, in_nest)).await?;
         }
         let (accepts, kept): (Vec<Accepts>, Vec<mpsc::Receiver<Sample>>) =
             step.sensors.iter().map(|_| keeping(MAX_SAMPLES)).unzip();
@@ -224,11 +239,6 @@ fn reading(step: &Step, repeat: u32, sampled: Sampled<'_>) -> Reading {
         flag: sample.flag,
         temperatures_c: Default::default(),
     }
-}
-
-/// The same for each sensor of `step`.
-fn each(step: &Step, accepts: fn(&Sample) -> bool) -> Vec<Accepts> {
-    step.sensors.iter().map(|_| Box::new(accepts) as Accepts).collect()
 }
 
 /// Distances, which come out of the channel, at most `count`.

@@ -1,6 +1,8 @@
 //! The sensors of a run: opened before anything moves, and watched while it moves. A sample that is not
 //! accepted holds the machine.
 
+use std::cell::Cell;
+
 use futures_util::future::try_join_all;
 
 use super::{Run, RunError};
@@ -11,6 +13,7 @@ use machine::record::event::Event;
 use machine::record::motion::Outcome;
 use machine::record::plan::Step;
 use machine::record::reading::Flag;
+use machine::record::sensor::Mount;
 use planning::proof::ProvenBlock;
 
 /// Whether a sample lets the machine go on.
@@ -29,6 +32,23 @@ pub(super) fn is_distance(sample: &Sample) -> bool {
     matches!(sample.flag, Flag::None | Flag::Gap)
 }
 
+/// Share of a range at each of its ends in which noise may let a distance come and go.
+const RANGE_EDGE_SHARE: f64 = 0.1;
+
+/// For the way of a ball into the range of a sensor: anything but a failure until the distance is well within
+/// the range, from then on distances alone.
+pub(super) fn accepts_entry(range_mm: [f64; 2]) -> Accepts {
+    let [least, greatest] = range_mm;
+    let edge = RANGE_EDGE_SHARE * (greatest - least);
+    let inner = least + edge..=greatest - edge;
+    let has_entered = Cell::new(false);
+    Box::new(move |sample| {
+        let is_inside = sample.value_mm.is_some_and(|value| inner.contains(&value));
+        has_entered.set(has_entered.get() || (is_distance(sample) && is_inside));
+        if has_entered.get() { is_distance(sample) } else { is_alive(sample) }
+    })
+}
+
 impl Run<'_> {
     /// The sensors that the plan looks with live and say something, before anything moves.
     pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
@@ -45,13 +65,28 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Names of those of `step` that the spindle carries.
-    pub(super) fn spindle_sensors(&self, step: &Step) -> Vec<String> {
-        let sensors = self.plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
-        sensors
-            .map(|sensor| sensor.name.clone())
-            .filter(|name| step.sensors.contains(name))
-            .collect()
+    /// Those of `step` that `mounts` carry.
+    pub(super) fn sensors_on(
+        &self,
+        step: &Step,
+        mounts: &[Mount],
+    ) -> Vec<machine::record::sensor::Sensor> {
+        let sensors = self.plan.sensors.iter();
+        let wanted =
+            sensors.filter(|s| mounts.contains(&s.mount) && step.sensors.contains(&s.name));
+        wanted.cloned().collect()
+    }
+
+    /// Of each sensor of `step` what lets the machine go on to the first point: on the table it measures the ball
+    /// in the spindle, which is between the sensors all the time (`in_nest`) or enters their range.
+    pub(super) fn accepted_on_entry(&self, step: &Step, in_nest: bool) -> Vec<Accepts> {
+        let on_table = self.sensors_on(step, &[Mount::Table]);
+        let accepts = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
+            None => Box::new(is_alive) as Accepts,
+            Some(_) if in_nest => Box::new(is_distance),
+            Some(sensor) => accepts_entry(sensor.range_mm),
+        };
+        step.sensors.iter().map(accepts).collect()
     }
 
     fn sensor(&self, name: &str) -> Result<&Mounted, RunError> {
@@ -97,10 +132,15 @@ impl Run<'_> {
         }
     }
 
-    /// One sample of a sensor, which must be out of range. The machine is held if it is not.
-    pub(super) async fn reports_nothing(&self, step: &Step, name: &str) -> Result<(), RunError> {
+    /// One sample of a sensor, which must be as `expected`. The machine is held if it is not.
+    pub(super) async fn reports(
+        &self,
+        step: &Step,
+        name: &str,
+        expected: fn(&Sample) -> bool,
+    ) -> Result<(), RunError> {
         let taken = self.sensor(name)?.take(1).await.map_err(faulty(name));
-        let seen = taken.and_then(|samples| match samples.iter().find(|s| !is_out_of_range(s)) {
+        let seen = taken.and_then(|samples| match samples.iter().find(|s| !expected(s)) {
             Some(sample) => Err(blind(step, name, Some(sample))),
             None => Ok(()),
         });
@@ -142,4 +182,31 @@ fn blind(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
 fn faulty(name: &str) -> impl Fn(SensorError) -> RunError {
     let name = name.to_owned();
     move |source| RunError::Sensor { name: name.clone(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(value_mm: Option<f64>, flag: Flag) -> Sample {
+        Sample { t_s: 0.0, value_mm, flag, missing: 0 }
+    }
+
+    fn distance(mm: f64) -> Sample {
+        sample(Some(mm), Flag::None)
+    }
+
+    #[test]
+    fn a_ball_may_enter_the_range_of_a_sensor_but_not_leave_it() {
+        let out_of_range = sample(None, Flag::Range);
+        let accepts = accepts_entry([-1.0, 1.0]);
+        // At the far end of the range noise lets the distance come and go.
+        for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)]
+        {
+            assert!(accepts(&entering), "{entering:?}");
+        }
+        assert!(!accepts(&out_of_range));
+        let accepts = accepts_entry([-1.0, 1.0]);
+        assert!(!accepts(&sample(None, Flag::Stale)) && !accepts(&sample(None, Flag::Saturated)));
+    }
 }

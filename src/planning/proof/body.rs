@@ -154,8 +154,13 @@ pub enum Role {
     Frame,
     /// A datum cylinder.
     Datum,
-    /// The body of a displacement sensor.
+    /// The body of a displacement sensor in the spindle or on the bed.
     Sensor,
+    /// The body of a displacement sensor on the table, which measures the stylus ball.
+    TableSensor {
+        /// Gap to the ball at the near end of the range, at most the margin, mm.
+        least_gap: f64,
+    },
     StylusBall,
     /// It bends the stylus as well: the probe feels it.
     StylusStem,

@@ -11,7 +11,9 @@
 //!   wherever within its uncertainty it stands, and on the side that the step's `normal` says; all
 //!   other balls and stems are strangers, whom the full length of the touch passes;
 //! - each scan goes through its points one after the other, at its feed, and rests at each where it
-//!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does;
+//!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does; where its
+//!   sensors are on the table, the ball in the spindle comes as near to them as their range allows, so slowly
+//!   that a hold stops it there;
 //! - a prompt is one stop (M0) and nothing else; from there on it is not known where the machine stands;
 //! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
 //!   everything and stop within the overtravel if they should meet something all the same;

@@ -17,6 +17,8 @@ pub struct Pair {
     pub felt: bool,
     /// How far the two may stand nearer to each other than they are thought to, mm.
     pub grown: f64,
+    /// The stylus ball and a sensor on the table that measures it: the least gap within its range, mm.
+    pub measured_gap: Option<f64>,
 }
 
 /// What a pair is to the touch of one body of the artefact, by its number.
@@ -93,13 +95,17 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
     let of_artefact = |body: &Body| {
         matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame | Role::Datum)
     };
+    let measured_gap = match (a.role, b.role) {
+        (Role::StylusBall, Role::TableSensor { least_gap }) => Some(least_gap),
+        _ => None,
+    };
     let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
     let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = Carried::between(&a.carried, &b.carried);
     let numbers = [one, other];
     let (one, other) =
         (Body { carried: of_one, ..a.clone() }, Body { carried: of_other, ..b.clone() });
-    Some(Pair { one, other, numbers, meets, felt, grown })
+    Some(Pair { one, other, numbers, meets, felt, grown, measured_gap })
 }
 
 fn meets(one: &Body, other: &Body, bodies: &[Body]) -> Meets {

@@ -1,12 +1,13 @@
 //! A scan in the text: the points of its path one after the other, at its feed, with a rest at each
-//! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`].
+//! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`],
+//! but for the ball in a nest of sensors on the table, whose gap is their range.
 
 use super::MARGIN_MM;
 use super::refusal::Reason;
 use super::rules;
 use super::scene::Care;
 use super::walk::{Checked, Phase, Walk};
-use crate::careful::near_feed;
+use crate::careful::{is_in_nest, near_feed, nest_feed};
 use crate::gcode::rs274::{Kind, ReadMotion};
 use crate::turning;
 use machine::record::plan::{Sampling, Scan, Step};
@@ -30,6 +31,9 @@ impl Walk<'_> {
             (Kind::Feed, Phase::Scanning { reached, .. }) => {
                 self.has_rested(scan)?;
                 rules::feed_is("the scan is", motion, step.feed_mm_min)?;
+                if self.is_in_nest() && !turns(motion) {
+                    rules::feed_at_most("a move between sensors", motion, self.nest_feed())?;
+                }
                 self.reach(motion, scan, reached)
             }
             (Kind::Feed, _) => {
@@ -56,9 +60,11 @@ impl Walk<'_> {
     /// confirmed; an axis that the scan itself does not turn may turn with Z at its upper end only.
     fn way_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, Reason> {
         let plan = self.request().plan;
-        let near = near_feed(plan, self.confirmed);
+        let in_nest = self.is_in_nest();
+        let near = if in_nest { nest_feed(plan) } else { near_feed(plan, self.confirmed) };
         if self.is_confirmed() {
-            return Ok(near);
+            let turn = self.turn_feed(motion).filter(|_| in_nest);
+            return Ok(turn.unwrap_or(near));
         }
         let is_turned =
             |axis: Axis| scan.path.windows(2).any(|way| way[0].at(axis) != way[1].at(axis));
@@ -66,13 +72,34 @@ impl Walk<'_> {
         if rotary.any(|(axis, _)| !is_turned(axis)) {
             self.is_high(&motion.target)?;
         }
+        Ok(self.turn_feed(motion).unwrap_or(near))
+    }
+
+    /// Greatest feed of a motion that turns one axis, degrees a minute; `None` for another motion.
+    fn turn_feed(&self, motion: &ReadMotion) -> Option<f64> {
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
-        Ok(match (moved.next(), moved.next()) {
-            (Some(axis), None) if !axis.is_linear() => {
-                turning::feed_at_most(plan, &self.chain, axis, self.stands())
-            }
-            _ => near,
-        })
+        let turned = moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())?;
+        let plan = self.request().plan;
+        Some(turning::feed_at_most(plan, &self.chain, turned, self.stands()))
+    }
+
+    /// Whether the sensors of the step in hand are on the table.
+    fn is_in_nest(&self) -> bool {
+        self.step().is_some_and(|step| is_in_nest(self.request().plan, step))
+    }
+
+    fn nest_feed(&self) -> f64 {
+        nest_feed(self.request().plan)
+    }
+
+    /// What a feed move of a scan keeps from the bodies. Faster than a hold stops in time it keeps the margin
+    /// from the sensors too.
+    fn scan_care(&self, motion: &ReadMotion) -> Care {
+        let is_slow = || rules::feed_at_most("", motion, self.nest_feed()).is_ok();
+        match self.is_in_nest() && (turns(motion) || is_slow()) {
+            true => Care::InNest(MARGIN_MM),
+            false => Care::Apart(MARGIN_MM),
+        }
     }
 
     /// A turn needs no way to its first point where the machine is there already.
@@ -89,16 +116,16 @@ impl Walk<'_> {
 
     /// At feed, and not yet to the first point.
     fn approach(&mut self, motion: &ReadMotion) -> Checked {
-        let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
-        if !self.is_confirmed() && turns {
+        if !self.is_confirmed() && turns(motion) {
             return self.careful_feed(motion);
         }
         if !self.is_confirmed() {
             self.is_high(&motion.target)?;
         }
-        let most = self.request().plan.probe.guarded_feed_mm_min;
+        let turn = self.turn_feed(motion).filter(|_| self.is_in_nest());
+        let most = turn.unwrap_or(self.request().plan.probe.guarded_feed_mm_min);
         rules::feed_at_most("the way to a scan", motion, most)?;
-        self.go(&motion.target, &Care::Apart(MARGIN_MM))
+        self.go(&motion.target, &self.scan_care(motion))
     }
 
     /// The point of this number is the next one.
@@ -108,7 +135,7 @@ impl Walk<'_> {
         if let Some(off) = rules::differs(&ends, point, self.request().dialect) {
             return Err(off.reason(Reason::NotAtPoint));
         }
-        self.go(&motion.target, &Care::Apart(MARGIN_MM))?;
+        self.go(&motion.target, &self.scan_care(motion))?;
         self.phase = Phase::Scanning { reached: number + 1, rested: 0.0 };
         Ok(())
     }
@@ -133,6 +160,10 @@ impl Walk<'_> {
             _ => Err(Reason::Unfinished("all points of its scan")),
         }
     }
+}
+
+fn turns(motion: &ReadMotion) -> bool {
+    motion.target.iter().any(|(axis, _)| !axis.is_linear())
 }
 
 /// The spindle is oriented by itself: it is no part of a point.

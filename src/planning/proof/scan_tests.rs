@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::tests::{beside, plan, proven_from};
+use super::tests::{beside, plan, proven_as, proven_from};
 use super::*;
 use machine::Axis;
 
@@ -132,4 +132,132 @@ fn a_continuous_scan_goes_on_from_point_to_point() {
     assert!(off(refused("N0 G53 G1 X5", "N0 G53 G0 X1\nN0 G53 G1 X5")));
     assert!(off(refused(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 X5 F60\n")));
     assert!(off(refused("N0 G53 G1 X5 F60", "N0 G38.3 X5 F60")));
+}
+
+/// A nest of three sensors at 120°, 35.26° below its centre at Z = 60, for a ball of 11 mm: their bodies are
+/// 1.5 mm from the ball, and 0.5 mm at the near end of their range.
+fn nest(at_x: f64, change: impl FnOnce(&mut Value)) -> Plan {
+    plan(|plan| {
+        let elevation = (1.0 / 3.0_f64.sqrt()).asin();
+        let sensor = |number: u32| {
+            let angle = f64::from(number) * std::f64::consts::TAU / 3.0;
+            let [cos, sin] = [elevation.cos(), elevation.sin()];
+            let along = [-cos * angle.cos(), -cos * angle.sin(), sin];
+            let zero = [at_x - 11.0 * along[0], -11.0 * along[1], 60.0 - 11.0 * along[2]];
+            json!({"name": format!("n{number}"), "mount": "table", "zero_mm": zero,
+                "direction": along, "range_mm": [-1.0, 1.0], "stand_off_mm": 1.5,
+                "body_radius_mm": 4.0, "body_length_mm": 30.0})
+        };
+        let point =
+            |x: f64, z: f64, c: f64| json!({"X": x, "Y": 0.0, "Z": 180.0 + z, "B": 0.0, "C": c});
+        let path = [
+            point(0.0, 0.0, 0.0),
+            point(0.1, 0.0, 0.0),
+            point(0.0, -0.1, 0.0),
+            point(0.0, 0.0, 0.0),
+            point(0.0, 0.0, 120.0),
+            point(0.0, 0.0, 240.0),
+            point(0.0, 0.0, 360.0),
+        ];
+        plan["probe"]["ball_radius_mm"] = 11.0.into();
+        plan["probe"]["stem_radius_mm"] = 4.0.into();
+        plan["probe"]["stem_length_mm"] = 60.0.into();
+        plan["probe"]["body_radius_mm"] = 30.0.into();
+        plan["probe"]["body_length_mm"] = 50.0.into();
+        plan["artefact"] = json!({"kind": "none"});
+        plan["sensors"] = (0..3).map(sensor).collect();
+        plan["steps"] = json!([{"id": 0, "stage": 0, "kind": "scan", "label": "s", "from": path[0],
+            "to": path[6], "feed_mm_min": 60.0, "sensor": ["n0", "n1", "n2"], "normal": [0.0, 0.0, 1.0],
+            "path": path, "dwell_s": 0.5, "samples": 10}]);
+        change(plan);
+    })
+}
+
+const IN_NEST: &str = "N0 G53 G1 Z450 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 Z190 F60\nN0 G53 G1 Z180 F60\n\
+                       N0 G4 P0.5\nN0 G53 G1 X0.1 F60\nN0 G4 P0.5\nN0 G53 G1 X0 Z179.9 F60\nN0 G4 P0.5\n\
+                       N0 G53 G1 Z180 F60\nN0 G4 P0.5\nN0 G53 G1 C120 F60\nN0 G4 P0.5\n\
+                       N0 G53 G1 C240 F60\nN0 G4 P0.5\nN0 G53 G1 C360 F60\nN0 G4 P0.5\n";
+
+#[track_caller]
+fn nest_refused(plan: &Plan, from: &str, to: &str) -> Refusal {
+    assert!(IN_NEST.contains(from), "{from}");
+    let text = IN_NEST.replacen(from, to, 1);
+    proven_as(plan, &text, Some(&beside()), Confirmed::default()).unwrap_err()
+}
+
+#[test]
+fn the_ball_in_a_nest_moves_and_the_table_turns_about_it() {
+    let plan = nest(0.0, |_| {});
+    for confirmed in [Confirmed::default(), Confirmed::all()] {
+        let proof = proven_as(&plan, IN_NEST, Some(&beside()), confirmed).unwrap();
+        assert_eq!((proof.motions, proof.steps.len()), (17, 1));
+        // The gap of 1.5 mm; the ball moves 0.1 mm along X towards the sensor there, cos 35.26° of it along
+        // the line, or down, sin 35.26°.
+        let nearest = proof.nearest.unwrap();
+        assert_eq!(nearest.between, ["stylus ball", "n0"]);
+        let expected = 1.5 - 0.1 * (2.0_f64 / 3.0).sqrt();
+        assert!((nearest.clearance_mm - expected).abs() < 0.03, "{nearest:?}");
+        assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+    }
+}
+
+#[test]
+fn between_the_sensors_the_ball_moves_slowly() {
+    let plan = nest(0.0, |_| {});
+    let near = |refusal: Refusal| matches!(refusal.reason, Reason::Near { .. });
+    let feed = |refusal: Refusal| matches!(refusal.reason, Reason::Feed { .. });
+    // A hold within 0.5 mm: at most 98 mm/min.
+    assert!(feed(nest_refused(&plan, "Z180 F60", "Z180 F120")));
+    let fast = nest(0.0, |plan| plan["steps"][0]["feed_mm_min"] = 120.0.into());
+    assert!(feed(nest_refused(&fast, "X0.1 F60", "X0.1 F120")));
+    assert!(near(nest_refused(&plan, "Z190 F60", "Z180.5 F1000")));
+    // Leaving a nest: slowly, and no rapid.
+    let in_nest = beside().with(Axis::X, 0.0).with(Axis::Z, 180.0);
+    let from_nest = |feed: &str| {
+        let text = IN_NEST.replacen("Z450 F60", &format!("Z450 F{feed}"), 1);
+        proven_as(
+            &plan,
+            &text.replacen("N0 G53 G1 X0 F60\n", "", 1),
+            Some(&in_nest),
+            Confirmed::all(),
+        )
+    };
+    from_nest("60").unwrap();
+    assert!(near(from_nest("1000").unwrap_err()));
+    let text = IN_NEST.replacen("N0 G53 G1 Z450 F60", "N0 G53 G0 Z450", 1);
+    assert!(near(proven_from(&plan, &text, Some(&in_nest)).unwrap_err()));
+}
+
+#[test]
+fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
+    // 5 mm along X bring the ball nearer to one sensor by 5 mm · cos 35.26°, more than its gap.
+    for at_x in [-5.0, 5.0, -1.4] {
+        let refusal = nest_refused(&nest(at_x, |_| {}), "N0 G53 G1 Z450", "N0 G53 G1 Z450");
+        let Reason::Near { between: [one, other], need, .. } = &refusal.reason else {
+            panic!("{refusal}")
+        };
+        assert_eq!((one.as_str(), *need), ("stylus ball", 0.5), "{other}");
+    }
+    // Gap 1.5 mm − 1.1 mm · cos 35.26° = 0.6 mm without the moves by 0.1 mm.
+    let off = nest(-1.1, |plan| {
+        let step = &mut plan["steps"][0];
+        step["path"] = json!([step["from"]]);
+        step["to"] = step["from"].clone();
+    });
+    let (way_down, _) = IN_NEST.split_once("N0 G53 G1 X0.1").unwrap();
+    proven_as(&off, way_down, Some(&beside()), Confirmed::default()).unwrap();
+    let post = |x: f64| {
+        nest(0.0, |plan| {
+            plan["solids"] = json!([{"name": "post", "on": "table", "from_mm": [x, -5.0, 0.0],
+                "to_mm": [x + 10.0, 5.0, 150.0]}]);
+        })
+    };
+    let prove = |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), Confirmed::default());
+    // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: from 120 mm on beside the post.
+    prove(32.3).unwrap();
+    let refusal = prove(31.9).unwrap_err();
+    assert!(
+        matches!(&refusal.reason, Reason::Near { between, .. } if between.contains(&"post".to_owned())),
+        "{refusal}"
+    );
 }

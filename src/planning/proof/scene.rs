@@ -42,6 +42,8 @@ type Found = (f64, [String; 2]);
 pub enum Care {
     /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
     Apart(f64),
+    /// As `Apart`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
+    InNest(f64),
     /// A guarded move: nothing meets, and what the probe does not feel stays [`UNFELT_MM`] apart.
     Guarded,
     /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
@@ -105,6 +107,7 @@ impl Scene {
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
                 (Care::Apart(need), _) => (*need, None),
+                (Care::InNest(need), _) => (pair.measured_gap.unwrap_or(*need), None),
                 (Care::Guarded, _) => (pair.guarded(), None),
                 (Care::Leaving, _) => {
                     (at_start(pair, way).unwrap_or(0.0).min(pair.guarded()), None)
@@ -268,7 +271,14 @@ impl Builder {
             let back = front - along * sensor.body_length_mm;
             if sensor.body_radius_mm > 0.0 && front != back {
                 let body = Shape::cylinder(front, back, sensor.body_radius_mm);
-                self.add(&sensor.name, Role::Sensor, on, body)?;
+                let role = match sensor.mount {
+                    Mount::Table => {
+                        let at_near_end = sensor.stand_off_mm + sensor.range_mm[0];
+                        Role::TableSensor { least_gap: at_near_end.clamp(0.0, MARGIN_MM) }
+                    }
+                    Mount::Spindle | Mount::Bed => Role::Sensor,
+                };
+                self.add(&sensor.name, role, on, body)?;
             } else {
                 missing.push(format!("body of {}", sensor.name));
             }

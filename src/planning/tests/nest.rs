@@ -1,0 +1,135 @@
+//! The way of the ball into a nest of sensors on the table.
+
+use super::*;
+use crate::gcode::{Dialect, Transmission};
+use crate::proof::{StageRequest, Staged, prove_blocks};
+use machine::record::motion::Motion;
+
+/// Ball of 11 mm, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the nest,
+/// which is at Z = 60 with all axes at zero.
+fn nest_plan(steps: Vec<Step>) -> Plan {
+    let mut plan = plan(steps);
+    plan.artefact = serde_json::from_value(json!({"kind": "none"})).unwrap();
+    plan.probe.ball_radius_mm = 11.0;
+    let elevation = (1.0 / 3.0_f64.sqrt()).asin();
+    let sensor = |number: u32| {
+        let angle = f64::from(number) * 2.0 * PI / 3.0;
+        let [cos, sin] = [elevation.cos(), elevation.sin()];
+        let along = [-cos * angle.cos(), -cos * angle.sin(), sin];
+        let zero = [-11.0 * along[0], -11.0 * along[1], 60.0 - 11.0 * along[2]];
+        serde_json::from_value(json!({"name": format!("n{number}"), "mount": "table",
+            "zero_mm": zero, "direction": along, "range_mm": [-1.0, 1.0], "stand_off_mm": 1.5,
+            "body_radius_mm": 4.0, "body_length_mm": 30.0}))
+        .unwrap()
+    };
+    plan.sensors = (0..3).map(sensor).collect();
+    plan
+}
+
+fn point(x: f64, z: f64, c: f64) -> Position {
+    at(&[(Axis::X, x), (Axis::Y, 0.0), (Axis::Z, 180.0 + z), (Axis::B, 0.0), (Axis::C, c)])
+}
+
+fn scan(id: u32, path: Vec<Position>) -> Step {
+    Step {
+        kind: StepKind::Scan,
+        from: path[0].clone(),
+        to: path[path.len() - 1].clone(),
+        feed_mm_min: 60.0,
+        sensors: vec!["n0".into(), "n1".into(), "n2".into()],
+        scan: Some(Scan { path, sampling: Sampling::Dwell { dwell_s: 0.5, samples: 3 } }),
+        ..touch(id, 0.0, 0.0, 0.0, 0.0)
+    }
+}
+
+/// All steps of `plan`, from an unconfirmed position.
+#[track_caller]
+fn is_proven(plan: &Plan, blocks: &[Block], stands: &Position) {
+    let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
+    let request = StageRequest {
+        plan,
+        stages: &[Staged { steps: &steps, found: None }],
+        stands: Some(stands),
+        confirmed: Confirmed::default(),
+        dialect: &Dialect::named("grbl-m19").unwrap(),
+        transmission: &Transmission::Rows,
+        blocks,
+    };
+    let (proof, _) = prove_blocks(&request).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(proof.steps.len(), steps.len());
+}
+
+#[test]
+fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
+    let learn = vec![point(0.0, 0.0, 0.0), point(0.1, 0.0, 0.0), point(0.0, 0.1, 0.0)];
+    let ring = vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0), point(0.0, 0.0, 2.0)];
+    let turned = vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)];
+    let steps =
+        vec![scan(0, learn), scan(1, ring), scan(2, turned), scan(3, vec![point(0.0, 0.0, 0.0)])];
+    let plan = nest_plan(steps);
+    let clearance = Clearance::above(&plan).unwrap();
+    let mut stands = point(50.0, 120.0, 0.5);
+    let mut confirmed = Confirmed::default();
+    let mut planned = Vec::new();
+    for step in &plan.steps {
+        let start = Start { stands: Some(&stands), confirmed };
+        let blocks = step_blocks(&plan, step, 0, start, &clearance).unwrap();
+        for block in &blocks {
+            stands = end_of(&block.motions, &stands);
+        }
+        confirmed = confirmed.after(step);
+        planned.push(blocks);
+    }
+    is_proven(&plan, &planned.concat(), &point(50.0, 120.0, 0.5));
+    let count = |number: usize| {
+        let scan = plan.steps[number].scan.as_ref().unwrap();
+        blocks_out_of_range(scan, planned[number].len())
+    };
+    assert_eq!([0, 1, 2, 3].map(count), [2, 0, 0, 0]);
+    let motions = || planned.iter().flatten().flat_map(|block| &block.motions);
+    assert!(
+        !motions().any(|motion| matches!(motion, Motion::Rapid { .. } | Motion::Guarded { .. }))
+    );
+    let [up, down, first] = [0, 1, 2].map(|block| &planned[0][block].motions);
+    assert_eq!(up.iter().filter_map(target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
+    // The near ends of the lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is 3 mm
+    // above them at 8.2 mm; the last 10 mm are slow anyway.
+    assert_eq!(target(down.last().unwrap()), Some(at(&[(Axis::Z, 190.0)])));
+    let Motion::Feed { to, feed_mm_min } = &first[0] else { panic!("{first:?}") };
+    assert_eq!(*to, at(&[(Axis::Z, 180.0)]));
+    // The gap at the near end of the range is 0.5 mm: hold after 0.3 s, and braking at 1000 mm/s².
+    let speed = feed_mm_min / 60.0;
+    assert!((speed * 0.3 + speed * speed / 2000.0 - 0.5).abs() < 1e-9, "{speed}");
+    // From scan to scan nothing moves but what has to.
+    let ways = |number: usize| -> Vec<Position> {
+        planned[number].iter().flat_map(|block| &block.motions).filter_map(target).collect()
+    };
+    let turn = |c: f64| at(&[(Axis::C, c)]);
+    let back = at(&[(Axis::Z, 180.0)]);
+    assert_eq!(ways(1), [back, turn(1.0), turn(2.0)]);
+    assert_eq!(ways(2), [turn(1.0), at(&[(Axis::X, 0.1)]), at(&[(Axis::X, 0.0)])]);
+    assert_eq!(ways(3), [turn(0.0)]);
+}
+
+/// A resumed run: the ball is in the nest, and where the machine is is not confirmed.
+#[test]
+fn a_turn_begins_in_an_unconfirmed_nest_but_another_way_begins_above_it() {
+    let plan = nest_plan(vec![
+        scan(0, vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0)]),
+        scan(1, vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)]),
+    ]);
+    let clearance = Clearance::above(&plan).unwrap();
+    let stands = point(0.0, 0.0, 0.0);
+    let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+    let turn = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
+    let only = |number: usize| Plan { steps: vec![plan.steps[number].clone()], ..plan.clone() };
+    is_proven(&only(0), &turn, &stands);
+    let way = step_blocks(&plan, &plan.steps[1], 0, start, &clearance).unwrap();
+    is_proven(&only(1), &way, &stands);
+    let count = |number: usize| {
+        let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+        let blocks = step_blocks(&plan, &plan.steps[number], 0, start, &clearance).unwrap();
+        blocks_out_of_range(plan.steps[number].scan.as_ref().unwrap(), blocks.len())
+    };
+    assert_eq!([count(0), count(1)], [0, 2]);
+}
