@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
 use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Step, StepKind};
 use methods::decision::difference::{Difference, common_sources, differences};
 use methods::decision::function_difference::{FunctionDifference, function_differences};
 
@@ -50,7 +51,8 @@ pub struct Comparison {
 }
 
 /// The last estimates of two runs. Sources of uncertainty that both runs share are common to them only if machine,
-/// method, settings, probe and artefact are the same: in another plan the same source has another effect.
+/// method, settings, probe and artefact are the same and no person mounts anything: in another plan the same source
+/// has another effect.
 ///
 /// # Errors
 /// No such run, no estimate, nothing in common, or other units alone.
@@ -71,16 +73,29 @@ pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Compari
     if differences.is_empty() && functions.is_empty() {
         return Err(incomparable(runs, &in_other_units));
     }
+    if !functions.is_empty() && of_one.gauge != of_other.gauge {
+        let gauges = [(first, &of_one), (second, &of_other)];
+        let line = |(run, of): (RunId, &Estimate)| {
+            format!("convention of run {run}: {}", of.gauge.join("; "))
+        };
+        besides.extend(gauges.map(line));
+    }
     if !in_other_units.is_empty() {
         besides.push(format!("the units differ of {}", in_other_units.join(", ")));
     }
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
 
+/// Nothing is mounted anew between them: a sensor or sphere that a person clamps has another offset each time.
 fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
     let (a, b) = (&one.plan, &other.plan);
-    (&a.method, &a.machine, &a.settings, &a.probe, &a.sensors, &a.artefact)
-        == (&b.method, &b.machine, &b.settings, &b.probe, &b.sensors, &b.artefact)
+    let is_mounted = |plan: &Plan| {
+        let is_prompt = |step: &Step| step.kind == StepKind::Prompt;
+        !plan.sensors.is_empty() || plan.steps.iter().any(is_prompt)
+    };
+    !is_mounted(a)
+        && (&a.method, &a.machine, &a.settings, &a.probe, &a.artefact)
+            == (&b.method, &b.machine, &b.settings, &b.probe, &b.artefact)
 }
 
 /// Functions state u alone: as in the report, the coverage factor is the largest of the parameters.

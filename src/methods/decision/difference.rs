@@ -7,21 +7,14 @@ use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter,
 
 /// Sources of type B that have the same value in every run of one plan. Every other one, also a new one, counts
 /// as independent: U of a difference is then rather too large.
-const SAME_IN_EVERY_RUN: [&str; 14] = [
+const SAME_IN_EVERY_RUN: [&str; 7] = [
     "stylus offset",
     "probe lobing",
     "error motions of X and Y",
     "error motions of X, Y and Z",
     "squareness of X, Y and Z",
     "error motions of rotary axes",
-    "radius of the sphere",
-    "form of the sphere",
-    "linearity of the sensor",
     "certified length",
-    "gain",
-    "sensor angle",
-    "section distance",
-    "face radius",
 ];
 
 /// Of one value, the second result less the first.

@@ -7,10 +7,10 @@ use super::observe::{Observed, observed};
 use super::settings::Settings;
 use super::sources::sources;
 use super::{NAME, outputs};
-use crate::IdentifyError;
 use crate::identification::{
     self, FitFigures, Identification, LeastSquares, MisfitAdvice, Solution, TrialPlan, rms,
 };
+use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -38,6 +38,13 @@ pub fn identify(
     let nest = Nest::new(plan, settings)?;
     let observed = observed(&nest, readings)?;
     let equation = weighted(&nest, &observed);
+    if equation.unknowns.stops == 0 {
+        return Err(Refused {
+            why: "the table has not turned: there are readings of the calibration alone".to_owned(),
+            instead: "measure the turns as well".to_owned(),
+        }
+        .into());
+    }
     let minimum = solve(&equation)?;
     equation.check_sensors(&minimum.x)?;
     let survey = survey(&equation, &minimum.x)
@@ -68,11 +75,18 @@ pub fn identify(
             "the nest at 0° of {axis} is the origin: the error motion at 0° counts as a displacement of the nest, \
              which turns with the table; EZ{axis} is less its mean"
         )],
-        not_identifiable: vec![format!(
-            "EA{axis}, EB{axis}, EC{axis}: three sensors about one point; EX{axis} and EY{axis} hold at the height of \
+        not_identifiable: vec![
+            format!(
+                "EA{axis}, EB{axis}, EC{axis}: three sensors about one point; EX{axis} and EY{axis} hold at the height of \
              the sphere, Z = {:.1} mm",
-            nest.sphere_position().z
-        )],
+                nest.sphere_position().z
+            ),
+            format!(
+                "harmonics of EX{axis} and EY{axis} at multiples of {n} (the stops of a revolution): they stand in EX0{axis} \
+                 and EY0{axis}; an order k is not told from {n} - k",
+                n = settings.positions
+            ),
+        ],
         warnings: warnings(&equation, &observed, &identified),
         ..identified.estimate(NAME)
     })
@@ -91,8 +105,8 @@ fn warnings(
     );
     let interruptions = equation.unknowns.interruptions;
     lines.extend((interruptions > 0).then(|| {
-        "the measurement was interrupted: what has moved meanwhile is taken as a step of the machine, not of the nest on \
-         the table"
+        "the measurement was interrupted: a shift meanwhile is attributed to the linear axes; a nest that has moved on \
+         the table falsifies the result"
             .to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));

@@ -1,5 +1,7 @@
 //! Readings to means of the sensors at each point.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Rotation3, Vector3};
 
 use super::label::{BACKWARD, CALIBRATION, FORWARD};
@@ -58,6 +60,7 @@ pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, Ident
             }
         }
     }
+    observed.number_interruptions();
     Ok(observed)
 }
 
@@ -83,6 +86,14 @@ fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) ->
 }
 
 impl Observed {
+    /// Only interruptions with means on either side count: a scan that was stopped has been measured again as a whole.
+    fn number_interruptions(&mut self) {
+        let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.interruptions).collect();
+        for mean in &mut self.means {
+            mean.interruptions = counts.range(..mean.interruptions).count();
+        }
+    }
+
     fn add_point(&mut self, nest: &Nest<'_>, step: &Step, at: &Position, readings: &[&Reading]) {
         let angle = at.at(nest.axis);
         let displacement = match step.label.as_str() {

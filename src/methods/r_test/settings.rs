@@ -44,6 +44,8 @@ impl Default for Settings {
 
 /// Fewer stops do not separate the axis position from an error motion of low order.
 const MIN_POSITIONS: usize = 4;
+/// With an axis 5 mm from where it is stated the sphere moves by 2 mm/s against the sensors.
+const MAX_FEED_DEG_MIN: f64 = 1440.0;
 
 impl Settings {
     /// # Errors
@@ -55,6 +57,15 @@ impl Settings {
                 why: "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0"
                     .to_owned(),
                 instead: "correct them".to_owned(),
+            });
+        }
+        if self.feed_deg_min > MAX_FEED_DEG_MIN {
+            return Err(Refused {
+                why: format!(
+                    "feed_deg_min = {} is too fast for sensors about a sphere",
+                    self.feed_deg_min
+                ),
+                instead: format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
             });
         }
         if self.positions < MIN_POSITIONS {

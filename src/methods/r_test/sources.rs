@@ -131,8 +131,11 @@ impl SourceList<'_> {
     /// The sensors turn about the sphere. Its first harmonic is its position.
     fn sphere_form(&self) -> UncertaintySource {
         let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
-        let normals =
-            self.equation.means.iter().map(|mean| -(mean.table * self.gradient(mean)).normalize());
+        let normals = self.equation.means.iter().map(|mean| {
+            let towards = mean.table * self.gradient(mean);
+            // Declared of the circle about the spindle's axis that the sensors see.
+            -Vector3::new(towards.x, towards.y, 0.0).normalize()
+        });
         let patterns = azimuth_patterns(size_mm, &normals.collect::<Vec<_>>());
         let columns = patterns
             .into_iter()

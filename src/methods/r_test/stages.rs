@@ -42,7 +42,7 @@ pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next,
 fn check_sensors(nest: &Nest<'_>, readings: &[Reading]) -> Result<(), Refused> {
     let failed = |why: String| Refused {
         why,
-        instead: "look whether each sensor sees the sphere, then start anew".to_owned(),
+        instead: "check that each sensor measures the sphere, then start a new run".to_owned(),
     };
     let observed = observed(nest, readings).map_err(|error| failed(error.to_string()))?;
     let equation = fit::weighted(nest, &observed);
@@ -53,8 +53,9 @@ fn check_sensors(nest: &Nest<'_>, readings: &[Reading]) -> Result<(), Refused> {
 fn prompt(nest: &Nest<'_>) -> Step {
     let names: Vec<&str> = nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let text = format!(
-        "Clamp the sphere in the spindle and the sensor nest ({}) in the centre of the table, so that no sensor leaves \
-         its range when the table turns. The sphere will move into the nest from above",
+        "Clamp the sphere in the spindle and the sensor nest ({}) in the centre of the table, within 5 mm of where the \
+         machine file states it, so that no sensor leaves its range when the table turns. The sphere will move into the \
+         nest from above",
         names.join(", ")
     );
     Step { kind: StepKind::Prompt, label: PROMPT.to_owned(), text: Some(text), ..empty() }

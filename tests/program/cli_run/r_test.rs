@@ -19,7 +19,7 @@ pub fn the_built_in_machine_is_measured_and_compared_with_itself() {
             let parameters = estimate["parameters"].as_array().unwrap();
             let found = parameters.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
             let [value, u] = ["value", "U"].map(|key| found[key].as_f64().unwrap());
-            assert!((value - truth).abs() <= 2.0 * u && u < 2.0, "{symbol} {value} ± {u}");
+            assert!((value - truth).abs() <= u && u < 2.0, "{symbol} {value} ± {u}");
         }
     }
     let compared = estimate(&shop.trued(&["compare", "1", "2", "--json"]));
