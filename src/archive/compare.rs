@@ -17,9 +17,7 @@ pub enum CompareError {
     #[error("run {} by {} and run {} by {} have no parameter and no function in common",
         .0.id, .0.method, .1.id, .1.method)]
     NothingInCommon(Box<RunSummary>, Box<RunSummary>),
-    #[error(
-        "runs {first} and {second} have values of the same names in other units alone: {symbols}"
-    )]
+    #[error("the common values of runs {first} and {second} have different units: {symbols}")]
     Units { first: RunId, second: RunId, symbols: String },
 }
 

@@ -176,7 +176,7 @@ fn runs_are_compared_where_they_have_something_in_common() {
     let mut mm = estimate(&[("EX0C", 1.0, true)]);
     mm.parameters[0].unit = Unit::Mm;
     let units = compare(&journal, one, add(&mm)).unwrap_err();
-    assert!(units.to_string().ends_with("in other units alone: EX0C"), "{units}");
+    assert!(units.to_string().ends_with("have different units: EX0C"), "{units}");
     mm.parameters.push(estimate(&[("EY0C", 3.0, true)]).parameters.remove(0));
     let some = compare(&journal, one, add(&mm)).unwrap();
     assert_eq!(some.differences.len(), 1);

@@ -106,7 +106,7 @@ fn print_functions(functions: &[FunctionDifference]) {
     }
     if let Some(at) = functions.iter().find_map(|function| function.gauge_at) {
         say!(
-            "functions of an angle: less their value at {at}°; the u of both points, of both runs, added in quadrature"
+            "the value at {at}° is subtracted from each function of an angle; U combines four standard uncertainties: two points, two runs"
         );
     }
 }

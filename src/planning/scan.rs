@@ -39,7 +39,7 @@ pub fn step_blocks(
 /// than the two ends of the way; down again, the last of it slowly; then from point to point. Until a
 /// scan has confirmed where the machine stands the way there is careful ([`super::careful`]), and down to
 /// where the sensor may see something it is blocks of its own ([`blocks_out_of_range`]). The way of the ball
-/// into a nest of sensors on the table is so always; from scan to scan it stays there.
+/// into a nest of sensors on the table is always planned like this; from scan to scan it stays there.
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),

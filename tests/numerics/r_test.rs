@@ -33,6 +33,10 @@ fn machine(seed: u64) -> Table {
     let mut table: Table = R_TEST.parse().unwrap();
     set(&mut table, "simulated.seed", Value::Integer(seed as i64));
     set(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
+    // The simulated machine stands exactly where it is commanded, on multiples of the displayed step.
+    for axis in ["X", "Y", "Z"] {
+        set(&mut table, &format!("axes.{axis}.resolution_um"), Value::Float(0.0));
+    }
     // The simulated sphere has no form.
     set(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
     table
@@ -93,8 +97,7 @@ fn total(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
 #[test]
 fn u_is_true_on_the_built_in_machine() {
     let worlds = population(200);
-    // U is rather too large: it counts the resolution of positions that the simulated machine displays exactly.
-    let shares = if is_full() { 0.93..=1.0 } else { 0.88..=1.0 };
+    let shares = if is_full() { 0.93..=0.98 } else { 0.88..=1.0 };
     let (mut held, mut count) = ([0.0; 3], [0.0; 3]);
     for seed in 0..worlds {
         let table = machine(seed);

@@ -15,8 +15,6 @@ use nalgebra::Vector3;
 /// Harmonics of pre-travel; each has an equal share of the declared variance. Lower ones are radius and
 /// stylus offset.
 const LOBING_ORDERS: RangeInclusive<u32> = 2..=6;
-/// Correlation length of a sensor's linearity error, as a part of its range.
-const LINEARITY_LENGTH: f64 = 0.25;
 /// Harmonics of a rotary axis' error motion; each has an equal share of the declared variance. The mean
 /// is the axis' location, and the first harmonic is inseparable from what the axis carries.
 const MOTION_ORDERS: RangeInclusive<u32> = 2..=5;
@@ -73,11 +71,12 @@ pub fn azimuth_patterns(size_mm: f64, normals: &[Vector3<f64>]) -> Vec<Vec<f64>>
     LOBING_ORDERS.flat_map(|order| [0.0, 0.25].map(|turns| pattern(order, turns))).collect()
 }
 
-/// Linearity error of a sensor: a smooth random function of its `readings`, mm.
-pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
-    let [least, most] = sensor.range_mm;
-    let readings: Vec<f64> = readings.iter().map(|value| (value * 20.0).round() / 20.0).collect();
-    smooth_function(&readings, sensor.linearity_um * 1e-3, LINEARITY_LENGTH * (most - least))
+/// Linearity error of a sensor: a smooth random function of its `readings`, mm, that changes over `length_mm`.
+/// Readings within a hundredth of that have the same error.
+pub fn linearity_patterns(sensor: &Sensor, readings: &[f64], length_mm: f64) -> Vec<Vec<f64>> {
+    let per_mm = 100.0 / length_mm;
+    let readings: Vec<f64> = readings.iter().map(|mm| (mm * per_mm).round() / per_mm).collect();
+    smooth_function(&readings, sensor.linearity_um * 1e-3, length_mm)
 }
 
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random

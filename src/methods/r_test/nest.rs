@@ -120,7 +120,7 @@ fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> 
         .filter(|_| normal.determinant().sqrt() > MIN_DETERMINANT * scale.powf(1.5));
     let Some(inverse) = inverse else {
         return Err(Refused {
-            why: "the sensors of the nest look along one plane".to_owned(),
+            why: "the directions of the sensors are coplanar".to_owned(),
             instead: "correct their directions: they must span space, best at right angles"
                 .to_owned(),
         });
@@ -140,8 +140,9 @@ fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> 
     match sensors.iter().find(missed) {
         None => Ok(centre),
         Some(sensor) => Err(Refused {
-            why: format!("sensor {} looks past the centre of the sphere", sensor.name),
-            instead: "correct its zero_mm and direction: all must look at one point".to_owned(),
+            why: format!("the line of sensor {} misses the centre of the sphere", sensor.name),
+            instead: "correct its zero_mm and direction: all lines must meet in one point"
+                .to_owned(),
         }),
     }
 }
