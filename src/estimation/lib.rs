@@ -14,6 +14,7 @@ pub mod nonlinear;
 pub mod null_names;
 mod radial;
 pub mod random;
+pub mod revolutions;
 pub mod schur;
 pub mod smooth;
 pub mod sphere;

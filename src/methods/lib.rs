@@ -23,6 +23,7 @@ pub use registry::{METHODS, configure, description, names};
 
 use estimation::linear::{LinearError, Survey};
 use estimation::nonlinear::NonlinearError;
+use estimation::revolutions::RevolutionsError;
 use machine::kinematics::KinematicsError;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
@@ -52,6 +53,12 @@ pub struct Refused {
 
 impl From<PlanningError> for Refused {
     fn from(error: PlanningError) -> Self {
+        Self { why: error.to_string(), instead: error.remedy() }
+    }
+}
+
+impl From<RevolutionsError> for Refused {
+    fn from(error: RevolutionsError) -> Self {
         Self { why: error.to_string(), instead: error.remedy() }
     }
 }
@@ -110,6 +117,12 @@ impl IdentifyError {
             }
             Self::Numerical(_) => "correct the plan or the readings named above".to_owned(),
         }
+    }
+}
+
+impl From<RevolutionsError> for IdentifyError {
+    fn from(error: RevolutionsError) -> Self {
+        Refused::from(error).into()
     }
 }
 

@@ -1,0 +1,41 @@
+//! A channel whose time stamps come from a clock of its own.
+
+use std::f64::consts::TAU;
+
+use faer::c64;
+
+use super::common::RowRevolutions;
+use super::harmonics::HarmonicBasis;
+
+/// A deviation of a clock must reduce the difference of revolutions to this part (of their squares).
+const MAX_SLIP_SHARE: f64 = 0.25;
+/// A smaller deviation of a clock moves the twentieth harmonic by less than 15° in one revolution.
+const MIN_CLOCK_ERROR: f64 = 2e-3;
+/// Largest deviation of a clock that is sought.
+const MAX_CLOCK_ERROR: f64 = 0.05;
+
+/// Relative deviation of the clock of one channel, whose pattern moves on from revolution to revolution. The
+/// revolutions of a row follow each other in time and direction. `None`: no clear deviation.
+pub fn clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option<f64> {
+    let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
+    for row in rows {
+        let samples = row.revolutions.first()?.len();
+        let basis = HarmonicBasis::new(samples, (samples / 8).clamp(1, 20));
+        let harmonics: Vec<Vec<c64>> = row.revolutions.iter().map(|r| basis.harmonics(r)).collect();
+        for revolution in harmonics.windows(2) {
+            let orders = revolution[0].iter().zip(&revolution[1]).enumerate();
+            pairs.extend(orders.map(|(k, (before, after))| (k + 1, *before, *after)));
+        }
+    }
+    // A clock that is fast by ε gives M·e^(−ik·2πε) one revolution later.
+    let misfit = |relative: f64| -> f64 {
+        let of = |(order, before, after): &(usize, c64, c64)| {
+            (*after * c64::cis(*order as f64 * TAU * relative) - *before).norm_sqr()
+        };
+        pairs.iter().map(of).sum()
+    };
+    let candidates = (-500..=500).map(|i| f64::from(i) / 500.0 * MAX_CLOCK_ERROR);
+    let best = candidates.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)))?;
+    let is_clear = misfit(best) < MAX_SLIP_SHARE * misfit(0.0);
+    (is_clear && best.abs() >= MIN_CLOCK_ERROR).then_some(best)
+}

@@ -1,0 +1,82 @@
+//! The revolutions that the channels of one scan share.
+
+use super::resample::{AngleRange, Resampled};
+
+/// One channel in one repetition of the measurement. Channels of the same index are sampled together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Row {
+    pub index: usize,
+    pub channel: usize,
+}
+
+/// Revolutions of one channel at one index, resampled to equal angles from 0 on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RowRevolutions {
+    pub row: Row,
+    /// Revolutions × angles. Channels of one index have the same revolutions.
+    pub revolutions: Vec<Vec<f64>>,
+}
+
+/// Revolutions of a channel that cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "channel {channel}, index {index}: {rejected} of {revolutions} revolutions lack samples ({}); measure \
+     this index again, or set the sensor back into its range", in_words(.gaps)
+)]
+pub struct RejectedRevolutions {
+    pub channel: usize,
+    pub index: usize,
+    pub rejected: usize,
+    pub revolutions: usize,
+    pub gaps: Vec<AngleRange>,
+}
+
+fn in_words(gaps: &[AngleRange]) -> String {
+    let one = |gap: &AngleRange| format!("{:.1}° to {:.1}°", gap.from_deg, gap.to_deg);
+    gaps.iter().map(one).collect::<Vec<String>>().join(", ")
+}
+
+/// The revolutions that all usable channels of one scan share. A channel without a usable revolution is left
+/// out.
+pub fn common_revolutions(
+    index: usize,
+    channels: &[Resampled],
+) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
+    let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
+    let from = channels.iter().map(|c| c.ends().0).max().unwrap_or(0);
+    let to = channels.iter().map(|c| c.ends().1).min().unwrap_or(0);
+    let count = usize::try_from(to - from + 1).unwrap_or(0) / steps;
+    let all: Vec<_> = channels.iter().map(|channel| channel.revolutions(from, count)).collect();
+    let is_usable = |of: &&Vec<Option<Vec<f64>>>| of.iter().any(Option::is_some);
+    let is_common = |r: &usize| all.iter().filter(is_usable).all(|of| of[*r].is_some());
+    let common: Vec<usize> = (0..count).filter(is_common).collect();
+    let (mut rows, mut rejections) = (Vec::new(), Vec::new());
+    for (channel, of) in all.iter().enumerate() {
+        let rejected = of.iter().filter(|revolution| revolution.is_none()).count();
+        if rejected > 0 {
+            let gaps = channels[channel].gaps.clone();
+            rejections.push(RejectedRevolutions {
+                channel,
+                index,
+                rejected,
+                revolutions: count,
+                gaps,
+            });
+        }
+        let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
+        if !revolutions.is_empty() {
+            rows.push(RowRevolutions { row: Row { index, channel }, revolutions });
+        }
+    }
+    (rows, rejections)
+}
+
+/// Appends the revolutions of another scan of the same index.
+pub fn append_revolutions(rows: &mut Vec<RowRevolutions>, more: Vec<RowRevolutions>) {
+    for of_scan in more {
+        match rows.iter_mut().find(|row| row.row == of_scan.row) {
+            Some(row) => row.revolutions.extend(of_scan.revolutions),
+            None => rows.push(of_scan),
+        }
+    }
+}

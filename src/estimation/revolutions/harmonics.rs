@@ -1,0 +1,222 @@
+//! Harmonics of the measured revolutions: mean, and scatter between revolutions.
+
+use std::f64::consts::TAU;
+
+use faer::{Mat, c64};
+
+use super::common::{Row, RowRevolutions};
+
+/// The scatter of a harmonic is pooled with that of neighbouring harmonics up to these degrees of
+/// freedom: the expanded uncertainty is then within 5 % of that of a known scatter.
+const MIN_POOLED_DOF: f64 = 30.0;
+/// Smallest standard uncertainty of a harmonic, mm: below the resolution of any sensor, above rounding.
+const MIN_SIGMA_MM: f64 = 1e-9;
+
+/// Covariance between channels, mm², of the cosine or sine part of one harmonic of one revolution.
+#[derive(Debug, Clone)]
+pub struct Scatter {
+    pub covariance: Mat<f64>,
+    pub dof: f64,
+}
+
+/// What the estimation takes of the samples.
+#[derive(Debug, Clone)]
+pub struct HarmonicData {
+    pub rows: Vec<Row>,
+    /// Revolutions behind the mean of each row.
+    pub revolutions: Vec<usize>,
+    /// M_k, mm, mean over the revolutions: harmonics (from 1 on) × rows.
+    pub means: Vec<Vec<c64>>,
+    /// One entry a harmonic.
+    pub scatters: Vec<Scatter>,
+}
+
+/// M_k of harmonics 1..=`orders` of samples at equal angles from 0 on: samples × e^(−ikq)·2/T, one
+/// matrix product for many revolutions.
+pub struct HarmonicBasis(Mat<c64>);
+
+impl HarmonicBasis {
+    pub fn new(samples: usize, orders: usize) -> Self {
+        let factor = 2.0 / samples as f64;
+        let phase = |i: usize, order: usize| -TAU * ((i * order) % samples) as f64 / samples as f64;
+        Self(Mat::from_fn(samples, orders, |i, j| c64::cis(phase(i, j + 1)) * factor))
+    }
+
+    /// Orders from 1 on.
+    pub fn harmonics(&self, samples: &[f64]) -> Vec<c64> {
+        let Self(basis) = self;
+        let column = |j: usize| basis.col_as_slice(j).iter().zip(samples);
+        (0..basis.ncols()).map(|j| column(j).map(|(b, sample)| b * sample).sum()).collect()
+    }
+}
+
+impl HarmonicData {
+    /// Harmonics 1..=`orders` of the revolutions; the scatter from their differences.
+    ///
+    /// # Errors
+    /// Fewer than two revolutions at every index; rows that do not fit each other; fewer than
+    /// 2·`orders` + 1 samples a revolution.
+    pub fn from_revolutions(
+        measured: &[RowRevolutions],
+        orders: usize,
+    ) -> Result<Self, RevolutionsError> {
+        check(measured, orders)?;
+        let samples = measured[0].revolutions[0].len();
+        let basis = HarmonicBasis::new(samples, orders);
+        let harmonics = |row: &RowRevolutions| -> Vec<Vec<c64>> {
+            row.revolutions.iter().map(|samples| basis.harmonics(samples)).collect()
+        };
+        let all: Vec<Vec<Vec<c64>>> = measured.iter().map(harmonics).collect();
+        let mean = |of: &Vec<Vec<c64>>, k: usize| {
+            of.iter().map(|revolution| revolution[k]).sum::<c64>() * (1.0 / of.len() as f64)
+        };
+        let means: Vec<Vec<c64>> =
+            (0..orders).map(|k| all.iter().map(|of| mean(of, k)).collect()).collect();
+        let rows: Vec<Row> = measured.iter().map(|row| row.row).collect();
+        let own: Vec<Scatter> = (0..orders).map(|k| scatter(&rows, &all, &means[k], k)).collect();
+        Ok(Self {
+            scatters: (0..orders).map(|k| pooled(&own, k)).collect(),
+            revolutions: measured.iter().map(|row| row.revolutions.len()).collect(),
+            means,
+            rows,
+        })
+    }
+
+    /// Independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` a
+    /// revolution, one revolution a row: u(c) = u·√(2/T).
+    pub fn declared(rows: Vec<Row>, means: Vec<Vec<c64>>, u_mm: f64, samples: usize) -> Self {
+        let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
+        let variance = u_mm * u_mm * 2.0 / samples as f64;
+        let covariance =
+            Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
+        let scatter = Scatter { covariance, dof: f64::INFINITY };
+        let scatters = vec![scatter; means.len()];
+        Self { revolutions: vec![1; rows.len()], rows, means, scatters }
+    }
+
+    /// The rows that `is_selected` accepts.
+    pub fn selected(&self, is_selected: impl Fn(&Row) -> bool) -> Self {
+        let kept: Vec<usize> =
+            (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
+        Self {
+            rows: kept.iter().map(|i| self.rows[*i]).collect(),
+            revolutions: kept.iter().map(|i| self.revolutions[*i]).collect(),
+            means: self.means.iter().map(|m| kept.iter().map(|i| m[*i]).collect()).collect(),
+            scatters: self.scatters.clone(),
+        }
+    }
+
+    /// Highest harmonic.
+    pub fn orders(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Cosine parts of all rows, then the sine parts.
+    pub fn observations(&self, order: usize) -> Vec<f64> {
+        let means = &self.means[order - 1];
+        means.iter().map(|m| m.re).chain(means.iter().map(|m| -m.im)).collect()
+    }
+
+    /// Standard uncertainty of each observation of the harmonic, mm.
+    pub fn sigma_mm(&self, order: usize) -> Vec<f64> {
+        let covariance = &self.scatters[order - 1].covariance;
+        let sigma = |(row, revolutions): (&Row, &usize)| {
+            let variance = covariance[(row.channel, row.channel)] / *revolutions as f64;
+            variance.sqrt().max(MIN_SIGMA_MM)
+        };
+        let half: Vec<f64> = self.rows.iter().zip(&self.revolutions).map(sigma).collect();
+        half.repeat(2)
+    }
+
+    /// Covariance of the observations of the harmonic, mm²: channels of one index scatter together where
+    /// the motion itself does (asynchronous part).
+    pub fn covariance(&self, order: usize) -> Mat<f64> {
+        let (rows, scatter) = (self.rows.len(), &self.scatters[order - 1].covariance);
+        Mat::from_fn(2 * rows, 2 * rows, |i, j| {
+            let [a, b] = [self.rows[i % rows], self.rows[j % rows]];
+            let revolutions = self.revolutions[i % rows] * self.revolutions[j % rows];
+            let is_together = a.index == b.index && i / rows == j / rows;
+            let factor = if is_together { 1.0 / (revolutions as f64).sqrt() } else { 0.0 };
+            factor * scatter[(a.channel, b.channel)]
+        })
+    }
+}
+
+/// Of one harmonic, pooled over the indexes. Two real parts a difference.
+fn scatter(rows: &[Row], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> Scatter {
+    let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
+    let mut sums: Mat<f64> = Mat::zeros(channels, channels);
+    let mut dofs: Mat<f64> = Mat::zeros(channels, channels);
+    for (a, row_a) in rows.iter().enumerate() {
+        for (b, row_b) in rows.iter().enumerate().filter(|(_, row)| row.index == row_a.index) {
+            let pairs = all[a].iter().zip(&all[b]);
+            let products = pairs.map(|(m, n)| ((m[k] - means[a]) * (n[k] - means[b]).conj()).re);
+            sums[(row_a.channel, row_b.channel)] += products.sum::<f64>();
+            dofs[(row_a.channel, row_b.channel)] += 2.0 * (all[a].len() as f64 - 1.0);
+        }
+    }
+    let entry = |i, j| if dofs[(i, j)] > 0.0 { sums[(i, j)] / dofs[(i, j)] } else { 0.0 };
+    let used = (0..channels).map(|i| dofs[(i, i)]).filter(|dof| *dof > 0.0);
+    let dof = used.fold(f64::INFINITY, f64::min);
+    Scatter { covariance: Mat::from_fn(channels, channels, entry), dof }
+}
+
+/// The mean over the harmonics `k` − w..=`k` + w, w as small as [`MIN_POOLED_DOF`] lets it be.
+fn pooled(own: &[Scatter], k: usize) -> Scatter {
+    let window = |width: usize| &own[k.saturating_sub(width)..(k + width + 1).min(own.len())];
+    let dof = |width: usize| window(width).iter().map(|scatter| scatter.dof).sum::<f64>();
+    let width = (0..own.len()).find(|width| dof(*width) >= MIN_POOLED_DOF).unwrap_or(own.len());
+    let channels = own[k].covariance.nrows();
+    let mut covariance = Mat::zeros(channels, channels);
+    for scatter in window(width) {
+        covariance += &scatter.covariance * faer::Scale(1.0 / window(width).len() as f64);
+    }
+    Scatter { covariance, dof: dof(width) }
+}
+
+/// Revolutions from which no harmonics can be calculated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RevolutionsError {
+    #[error("one revolution shows no scatter")]
+    Single,
+    #[error("{samples} samples a revolution, not all alike, for {orders} harmonics")]
+    Samples { samples: usize, orders: usize },
+    #[error(
+        "channel {} at index {} has two sets of revolutions, or another number than the other channels",
+        .0.channel, .0.index
+    )]
+    Row(Row),
+}
+
+impl RevolutionsError {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Single => "measure at least two revolutions at an index".to_owned(),
+            Self::Samples { orders, .. } => {
+                format!("resample all revolutions to more than {} angles", 2 * orders)
+            }
+            Self::Row(_) => {
+                "give each row once, with the revolutions that all channels share".to_owned()
+            }
+        }
+    }
+}
+
+fn check(measured: &[RowRevolutions], orders: usize) -> Result<(), RevolutionsError> {
+    let counts = || measured.iter().map(|row| row.revolutions.len());
+    if counts().all(|count| count < 2) || counts().any(|count| count == 0) {
+        return Err(RevolutionsError::Single);
+    }
+    let lengths = || measured.iter().flat_map(|row| &row.revolutions).map(Vec::len);
+    let samples = lengths().next().unwrap_or(0);
+    if lengths().any(|length| length != samples) || samples <= 2 * orders {
+        return Err(RevolutionsError::Samples { samples, orders });
+    }
+    let differs = |a: &RowRevolutions, b: &RowRevolutions| {
+        a.row == b.row && !std::ptr::eq(a, b)
+            || a.row.index == b.row.index && a.revolutions.len() != b.revolutions.len()
+    };
+    let found = measured.iter().find(|a| measured.iter().any(|b| differs(a, b)));
+    found.map_or(Ok(()), |row| Err(RevolutionsError::Row(row.row)))
+}

@@ -1,0 +1,24 @@
+//! Samples of several channels over revolutions of an axis to harmonics with their scatter: to equal angles by
+//! [`Resampler`] or from stops, the revolutions that all channels share, their harmonics; and what the samples show
+//! of a channel: saturation, a clock of its own.
+
+mod clock;
+mod common;
+mod filter;
+mod harmonics;
+mod resample;
+mod saturation;
+mod stops;
+
+#[cfg(test)]
+mod tests;
+
+pub use clock::clock_error;
+pub use common::{
+    RejectedRevolutions, Row, RowRevolutions, append_revolutions, common_revolutions,
+};
+pub use filter::{KERNEL_HALF_STEPS, ResampleFilter};
+pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
+pub use resample::{AngleRange, Resampled, Resampler, Sample};
+pub use saturation::reject_saturated;
+pub use stops::Stops;

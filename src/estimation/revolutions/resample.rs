@@ -1,0 +1,179 @@
+//! Samples at any angles to equal angles: the low-pass of `filter.rs`, integrated over the samples by the
+//! trapezoidal rule, so that uneven spacing, changes of speed, stops and small reversals of the encoder
+//! need no case of their own.
+
+use std::f64::consts::TAU;
+
+use super::filter::{KERNEL_HALF_STEPS, ResampleFilter};
+
+/// Longest distance of two samples, output steps: the images of sparser samples would pass the filter.
+const MAX_GAP_STEPS: f64 = 1.0;
+
+/// A range of angles, counter-clockwise from `from_deg` to `to_deg`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AngleRange {
+    pub from_deg: f64,
+    pub to_deg: f64,
+}
+
+impl AngleRange {
+    pub fn contains(self, deg: f64) -> bool {
+        (deg - self.from_deg).rem_euclid(360.0) <= (self.to_deg - self.from_deg).rem_euclid(360.0)
+    }
+}
+
+/// One sample of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Commanded angle, unwrapped: revolutions count on.
+    pub angle_rad: f64,
+    pub value: f64,
+    /// Neither saturated nor flagged by the sensor.
+    pub is_valid: bool,
+}
+
+/// Takes the samples of one channel over one scan, one at a time. Memory: the output angles.
+#[derive(Debug, Clone)]
+pub struct Resampler<'a> {
+    filter: &'a ResampleFilter,
+    /// Number of the first output angle; angle = number·2π/steps.
+    first: i64,
+    /// Σ weight·value and Σ weight.
+    sums: Vec<[f64; 2]>,
+    is_covered: Vec<bool>,
+    /// Angle, steps, and value, of the last two valid samples.
+    before: Option<f64>,
+    last: Option<(f64, f64)>,
+    direction: f64,
+    gaps: Vec<AngleRange>,
+}
+
+/// One channel of one scan at equal angles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resampled {
+    pub(super) steps: usize,
+    first: i64,
+    /// `None`: too near a gap or an end.
+    values: Vec<Option<f64>>,
+    /// Parts without valid samples that are too long, unwrapped.
+    pub gaps: Vec<AngleRange>,
+}
+
+impl<'a> Resampler<'a> {
+    /// For a scan between two unwrapped angles, in either direction.
+    pub fn new(filter: &'a ResampleFilter, from_rad: f64, to_rad: f64) -> Self {
+        let step = TAU / filter.steps() as f64;
+        let (low, high) = (from_rad.min(to_rad) / step, from_rad.max(to_rad) / step);
+        let first = low.ceil() as i64;
+        let count = (high.floor() as i64 - first + 1).max(0) as usize;
+        Self {
+            filter,
+            first,
+            sums: vec![[0.0; 2]; count],
+            is_covered: vec![false; count],
+            before: None,
+            last: None,
+            direction: if to_rad >= from_rad { 1.0 } else { -1.0 },
+            gaps: Vec::new(),
+        }
+    }
+
+    pub fn push(&mut self, sample: Sample) {
+        if !sample.is_valid || !sample.value.is_finite() {
+            return;
+        }
+        let position = sample.angle_rad * self.filter.steps() as f64 / TAU;
+        if let Some((last, value)) = self.last {
+            self.add(last, value, (position - self.before.unwrap_or(last)) / 2.0);
+            self.cover(last, position);
+            self.before = Some(last);
+        }
+        self.last = Some((position, sample.value));
+    }
+
+    /// Adds a sample with the length of its part of the path.
+    fn add(&mut self, position: f64, value: f64, length: f64) {
+        let half = KERNEL_HALF_STEPS as f64;
+        let from = (position - half).ceil() as i64 - self.first;
+        let to = (position + half).floor() as i64 - self.first + 1;
+        let cell = |i: i64| (i.max(0) as usize).min(self.sums.len());
+        for i in cell(from)..cell(to) {
+            let distance = (self.first + i as i64) as f64 - position;
+            let weight = self.direction * length * self.filter.weight(distance);
+            self.sums[i][0] += weight * value;
+            self.sums[i][1] += weight;
+        }
+    }
+
+    /// Marks the output angles between two neighbouring samples, or the gap.
+    fn cover(&mut self, from: f64, to: f64) {
+        let (low, high) = (from.min(to), from.max(to));
+        if high - low > MAX_GAP_STEPS {
+            let deg = |steps: f64| steps * 360.0 / self.filter.steps() as f64;
+            self.gaps.push(AngleRange { from_deg: deg(low), to_deg: deg(high) });
+            return;
+        }
+        for number in low.ceil() as i64..=high.floor() as i64 {
+            let cell = usize::try_from(number - self.first).ok();
+            if let Some(covered) = cell.and_then(|cell| self.is_covered.get_mut(cell)) {
+                *covered = true;
+            }
+        }
+    }
+
+    pub fn finish(mut self) -> Resampled {
+        if let (Some((last, value)), Some(before)) = (self.last, self.before) {
+            self.add(last, value, (last - before) / 2.0);
+        }
+        let half = KERNEL_HALF_STEPS;
+        let mut missing_before = vec![0_usize];
+        for covered in &self.is_covered {
+            missing_before.push(missing_before[missing_before.len() - 1] + usize::from(!covered));
+        }
+        let is_whole = |i: usize| {
+            i >= half
+                && i + half < self.sums.len()
+                && missing_before[i + half + 1] == missing_before[i - half]
+        };
+        let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
+        Resampled {
+            steps: self.filter.steps(),
+            first: self.first,
+            values: self.sums.iter().enumerate().map(value).collect(),
+            gaps: self.gaps,
+        }
+    }
+}
+
+impl Resampled {
+    /// Of a turn with stops at `steps` equal angles a revolution; `values` from the angle of number `first` on.
+    pub(super) fn at_stops(steps: usize, first: i64, values: Vec<Option<f64>>) -> Self {
+        let deg = |number: i64| number as f64 * 360.0 / steps as f64;
+        let missing = (first..).zip(&values).filter(|(_, value)| value.is_none());
+        let gaps = missing.map(|(n, _)| AngleRange { from_deg: deg(n - 1), to_deg: deg(n + 1) });
+        let gaps = gaps.collect();
+        Self { steps, first, values, gaps }
+    }
+
+    /// The whole revolutions between two output angles, each from 0 on. `None`: with a gap.
+    pub(super) fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
+        let value = |number: i64| {
+            let cell = usize::try_from(number - self.first).ok()?;
+            self.values.get(cell).copied().flatten()
+        };
+        let steps = self.steps as i64;
+        let revolution = |r: usize| {
+            let start = from + r as i64 * steps;
+            let angles = (0..steps).map(|angle| start + (angle - start).rem_euclid(steps));
+            angles.map(value).collect()
+        };
+        (0..count).map(revolution).collect()
+    }
+
+    /// First and last angle with a value.
+    pub(super) fn ends(&self) -> (i64, i64) {
+        let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
+        let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);
+        (self.first + first as i64, self.first + last)
+    }
+}

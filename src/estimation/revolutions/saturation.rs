@@ -1,0 +1,45 @@
+//! Parts of a scan in which a channel is saturated.
+
+use super::resample::{AngleRange, Sample};
+
+/// Shortest saturation that counts.
+const MIN_SATURATED_DEG: f64 = 2.0;
+/// A peak falls by three display steps over half of its flat top; a saturated one by more.
+const MIN_CORNER_STEPS: f64 = 8.0;
+
+/// Parts of a scan in which a channel stays at its largest or smallest value, and which end in a corner.
+pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
+    let values = || samples.iter().map(|sample| sample.value);
+    let (low, high) =
+        values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+    let steps = samples.windows(2).map(|pair| (pair[1].value - pair[0].value).abs());
+    let step = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
+    let mut ranges = Vec::new();
+    let mut first = 0;
+    for run in samples.chunk_by(|a, b| a.value == b.value) {
+        let last = first + run.len() - 1;
+        let is_extreme = [low, high].contains(&run[0].value) && step.is_finite();
+        let [a, b] = [first, last].map(|i| samples[i].angle_rad.to_degrees());
+        if is_extreme && (b - a).abs() >= MIN_SATURATED_DEG {
+            let reach = run.len() / 2;
+            let outside = [first.checked_sub(reach), Some(last + reach)];
+            let outside = outside.into_iter().flatten().filter_map(|i| samples.get(i));
+            let drop = |s: &Sample| (s.value - run[0].value).abs();
+            if outside.map(drop).fold(0.0, f64::max) > MIN_CORNER_STEPS * step {
+                ranges.push(AngleRange { from_deg: a.min(b), to_deg: a.max(b) });
+            }
+        }
+        first = last + 1;
+    }
+    ranges
+}
+
+/// A value at which a channel is saturated is no measurement.
+pub fn reject_saturated(samples: &mut [Sample]) {
+    let valid: Vec<Sample> = samples.iter().filter(|sample| sample.is_valid).copied().collect();
+    let saturated = saturated_ranges(&valid);
+    let is_in = |deg: f64| {
+        saturated.iter().any(|AngleRange { from_deg, to_deg }| (*from_deg..=*to_deg).contains(&deg))
+    };
+    samples.iter_mut().for_each(|sample| sample.is_valid &= !is_in(sample.angle_rad.to_degrees()));
+}

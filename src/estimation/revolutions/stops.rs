@@ -1,0 +1,80 @@
+//! Samples taken at stops of equal angles.
+
+use std::f64::consts::TAU;
+
+use faer::Mat;
+
+use super::resample::{Resampled, Sample};
+use crate::linear::{self, LinearProblem, RANK_THRESHOLD};
+
+/// Share of the stops of a revolution that may be missing at most.
+const MAX_FILLED: f64 = 0.15;
+
+/// A scan with stops at equal angles.
+#[derive(Debug, Clone, Copy)]
+pub struct Stops {
+    /// Stops in one revolution.
+    pub steps: usize,
+    /// Unwrapped angles of the ends, in either order.
+    pub ends_rad: [f64; 2],
+    /// Harmonics that single missing stops are filled with.
+    pub harmonics: usize,
+}
+
+impl Stops {
+    /// Number of the stop at an unwrapped angle.
+    pub fn number(self, angle_rad: f64) -> i64 {
+        (angle_rad.to_degrees() / 360.0 * self.steps as f64).round() as i64
+    }
+
+    /// The mean of the valid samples at each stop; the few that lack, from the harmonics of all others about
+    /// them.
+    pub fn means(self, samples: &[Sample]) -> Resampled {
+        let [one, other] = self.ends_rad.map(|end| self.number(end));
+        let (first, last) = (one.min(other), one.max(other));
+        let mut sums = vec![(0.0, 0.0); (last - first + 1) as usize];
+        for sample in samples.iter().filter(|sample| sample.is_valid) {
+            let cell = usize::try_from(self.number(sample.angle_rad) - first).ok();
+            if let Some((sum, count)) = cell.and_then(|cell| sums.get_mut(cell)) {
+                (*sum, *count) = (*sum + sample.value, *count + 1.0);
+            }
+        }
+        let mean = |(sum, count): (f64, f64)| (count > 0.0).then_some(sum / count);
+        let mut values: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
+        let revolutions = values.chunks_mut(self.steps);
+        revolutions.for_each(|revolution| fill(revolution, self.harmonics, self.steps));
+        Resampled::at_stops(self.steps, first, values)
+    }
+}
+
+/// Fills single gaps of a revolution with the least squares of its mean and harmonics, so that its harmonics are
+/// those of the stops that are there. A longer gap, or many, stay.
+fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
+    let missing: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
+    let known: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_some()).collect();
+    let longest = positions / (2 * harmonics.max(1));
+    let is_long = missing.windows(longest + 1).any(|run| run[longest] - run[0] == longest);
+    if missing.is_empty()
+        || is_long
+        || values.len() < positions
+        || missing.len() > (MAX_FILLED * positions as f64) as usize
+    {
+        return;
+    }
+    let row = |i: usize, j: usize| {
+        let phase = (j.div_ceil(2) * i) as f64 * TAU / positions as f64;
+        if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
+    };
+    let design = Mat::from_fn(known.len(), 2 * harmonics + 1, |i, j| row(known[i], j));
+    let problem = LinearProblem {
+        a: design.as_ref(),
+        y: &known.iter().filter_map(|i| values[*i]).collect::<Vec<f64>>(),
+        sigma: &vec![1.0; known.len()],
+        constraints: None,
+        rank_threshold: RANK_THRESHOLD,
+    };
+    let Ok(solution) = linear::solve(&problem) else { return };
+    for i in missing {
+        values[i] = Some(solution.x.iter().enumerate().map(|(j, x)| x * row(i, j)).sum());
+    }
+}
