@@ -91,8 +91,8 @@ fn estimate(solved: &Solved<'_>, sources: &[UncertaintySource]) -> Result<Estima
     };
     // The ranges, which tolerances are stated for, come first.
     estimate.parameters.rotate_right(COMPONENTS.len());
-    let spectra = outputs::spectra(solved);
-    let spectra = spectra.iter().map(|spectrum| identified.spectrum(spectrum, &solution.x));
+    let spectra = outputs::harmonic_functions(solved);
+    let spectra = spectra.iter().map(|motion| identified.spectrum(motion, &solution.x));
     estimate.functions.splice(COMPONENTS.len()..COMPONENTS.len(), spectra);
     Ok(estimate)
 }

@@ -8,7 +8,7 @@ use super::basis::equal_angles;
 use super::layout::{COMPONENTS, DirectionAtBall};
 use super::solved::Solved;
 use crate::identification::{
-    Curve, Harmonic, Output, Outputs, Range, Spectrum, range_outputs, unit_slope,
+    Curve, Harmonic, HarmonicFunction, Output, Outputs, Range, range_outputs, unit_slope,
 };
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
@@ -33,21 +33,21 @@ pub fn outputs(solved: &Solved<'_>) -> Outputs {
     }
 }
 
-/// Amplitude spectrum of each motion. None with values at the stops.
-pub fn spectra(solved: &Solved<'_>) -> Vec<Spectrum> {
+/// Each motion by its harmonics. None with values at the stops.
+pub fn harmonic_functions(solved: &Solved<'_>) -> Vec<HarmonicFunction> {
     let (layout, axis) = (&solved.design.layout, solved.plate.axis);
     let unknowns = layout.unknowns();
     let harmonic = |k: usize, (pair, order): (usize, f64)| {
         let part = |function| unit_slope(layout.motion(k, 2 * pair + function), unknowns);
         Harmonic { order, parts: [part(0), part(1)] }
     };
-    let spectrum = |(k, component): (usize, Axis)| Spectrum {
-        symbol: format!("E{component}{axis}_spectrum"),
+    let function = |(k, component): (usize, Axis)| HarmonicFunction {
+        symbol: format!("E{component}{axis}"),
         unit: unit(component),
         harmonics: layout.basis.frequencies().enumerate().map(|pair| harmonic(k, pair)).collect(),
     };
-    let spectra = COMPONENTS.into_iter().enumerate().map(spectrum);
-    spectra.filter(|spectrum| !spectrum.harmonics.is_empty()).collect()
+    let functions = COMPONENTS.into_iter().enumerate().map(function);
+    functions.filter(|function| !function.harmonics.is_empty()).collect()
 }
 
 fn unit(component: Axis) -> Unit {

@@ -7,18 +7,23 @@
 //! Observations are numbers of one unit, mm, in an order that the method fixes; sources refer to them
 //! by index. The core imports no method.
 
+mod blocks;
 pub mod declared;
+mod error_motions;
 mod estimate;
+mod harmonics;
 mod model;
 mod outputs;
 mod propagation;
 mod range;
 mod source;
-mod spectrum;
 mod trials;
 mod warnings;
 
+pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
+pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
 pub use estimate::{Identification, identify, reported_parameter};
+pub use harmonics::{Harmonic, HarmonicFunction};
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,
@@ -27,12 +32,11 @@ pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
 pub use propagation::{Propagation, Uncertainty};
-pub use range::{Range, range, range_outputs};
+pub use range::{Range, range_outputs};
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances,
 };
-pub use spectrum::{Harmonic, Spectrum};
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;
 

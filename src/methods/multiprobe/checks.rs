@@ -1,11 +1,10 @@
 //! Refusals of a layout before motion, each with a better layout.
 
+use estimation::revolutions::{AngleRange, Row};
 use std::ops::RangeInclusive;
 
-use super::layout::{
-    AngleRange, MIN_SENSOR_ANGLE_DEG, sensor_angle_deg, third_angles, unit_noise_fit,
-};
-use super::model::{Channel, Component, ProbeLayout, Row, Surface};
+use super::layout::{MIN_SENSOR_ANGLE_DEG, sensor_angle_deg, third_angles, unit_noise_fit};
+use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::outputs::ReportedMotions;
 use super::sources::StageEccentricity;
 use crate::Refused;
@@ -114,9 +113,7 @@ pub fn check_orders(
     let Some((component, order)) = lost.first() else { return Ok(()) };
     let indexes = layout.index_angles_rad.len();
     let is_better = |count: &usize| {
-        let step = std::f64::consts::TAU / *count as f64;
-        let index_angles_rad = (0..*count).map(|n| n as f64 * step).collect();
-        let changed = ProbeLayout { index_angles_rad, ..layout.clone() };
+        let changed = ProbeLayout { index_angles_rad: equal_steps_rad(*count), ..layout.clone() };
         lost_orders(&changed, motions, &orders).is_ok_and(|lost| lost.is_empty())
     };
     let candidates = indexes + 1..=(2 * orders.end() + 1).max(indexes + 1);
@@ -144,5 +141,5 @@ fn lost_orders(
     let fit = unit_noise_fit(layout, layout.all_rows(), *orders.end())?;
     let reported = ReportedMotions::new(layout, &fit, StageEccentricity::NotDeclared);
     let pairs = motions.iter().flat_map(|c| orders.clone().map(move |order| (*c, order)));
-    Ok(pairs.filter(|(component, order)| reported.parts(*component, *order).is_none()).collect())
+    Ok(pairs.filter(|(component, order)| !reported.has(*component, *order)).collect())
 }

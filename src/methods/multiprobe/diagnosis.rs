@@ -4,20 +4,15 @@
 use std::f64::consts::TAU;
 
 use estimation::coverage::chi_square_bounds;
-use faer::c64;
+use estimation::revolutions::{HarmonicData, Row, RowRevolutions, clock_error};
 
 use super::fit::SeparationFit;
-use super::harmonics::{HarmonicBasis, HarmonicData, RowRevolutions};
-use super::layout::AngleRange;
-use super::model::{ProbeLayout, Row};
-use super::resample::Sample;
+use super::model::ProbeLayout;
 use crate::IdentifyError;
 use crate::identification::multiply;
 
 /// A correction must reduce χ² to this part of the uncorrected value.
 const MAX_CORRECTED_SHARE: f64 = 0.1;
-/// A deviation of a clock must reduce the difference of revolutions to this part (of their squares).
-const MAX_SLIP_SHARE: f64 = 0.25;
 /// Probability that χ² of a right layout stays below the bound.
 const CREDIBLE: f64 = 0.998;
 /// A wrong index must change χ² by this much to be noticed.
@@ -25,15 +20,6 @@ const MIN_CONFIRMING_CHI2: f64 = 25.0;
 /// An index offset is sought in steps of a quarter of the period of the highest harmonic, then about the best
 /// of them in these.
 const OFFSET_STEP_DEG: f64 = 0.1;
-/// A smaller deviation of a clock moves the twentieth harmonic by less than 15° in one revolution.
-const MIN_CLOCK_ERROR: f64 = 2e-3;
-/// Largest deviation of a clock that is sought.
-const MAX_CLOCK_ERROR: f64 = 0.05;
-/// Shortest saturation that counts.
-const MIN_SATURATED_DEG: f64 = 2.0;
-/// A peak falls by three display steps over half of its flat top; a saturated one by more.
-const MIN_CORNER_STEPS: f64 = 8.0;
-
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Diagnosis {
     #[error("channels {0} and {1} are swapped: exchange their plugs or their names")]
@@ -135,12 +121,9 @@ pub fn check_indexes(
 fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
-    let [before, after] = [layout, &shifted].map(|layout| fit.predicted(layout, &data.rows));
-    let sigma = (1..=data.orders()).flat_map(|order| {
-        let sigma = data.sigma_mm(order);
-        if order > 1 { sigma } else { vec![f64::INFINITY; sigma.len()] }
-    });
-    before.iter().zip(after).zip(sigma).map(|((a, b), sigma)| ((a - b) / sigma).powi(2)).sum()
+    let planned =
+        |order| multiply(&layout.design(&data.rows, order), &fit.blocks[order - 1].solution.x);
+    fit.difference_chi2(&shifted, data, planned)
 }
 
 /// The offset of the moved rows that agrees best with the motions and the form that the other rows give,
@@ -162,7 +145,10 @@ fn best_offset(
     let coarse_deg = 360.0 / f64::from(coarse);
     let of = |deg: f64| {
         let offset = deg.to_radians();
-        (kept_chi2 + moved_chi2(layout, &moved, &fit, offset), offset)
+        let mut turned = layout.clone();
+        turned.index_angles_rad.iter_mut().for_each(|angle| *angle += offset);
+        let observed = |order| moved.observations(order);
+        (kept_chi2 + fit.difference_chi2(&turned, &moved, observed), offset)
     };
     let least = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);
     let offsets = (-coarse / 2..coarse / 2).map(|i| f64::from(i) * coarse_deg);
@@ -172,77 +158,13 @@ fn best_offset(
     Ok(offsets.map(of).min_by(least))
 }
 
-fn moved_chi2(layout: &ProbeLayout, moved: &HarmonicData, fit: &SeparationFit, offset: f64) -> f64 {
-    let mut turned = layout.clone();
-    turned.index_angles_rad.iter_mut().for_each(|angle| *angle += offset);
-    let of = |harmonic: &super::fit::HarmonicFit| {
-        let design = turned.design(&moved.rows, harmonic.order);
-        let predicted = multiply(&design, &harmonic.solution.x);
-        let observed = moved.observations(harmonic.order);
-        let rows = predicted.iter().zip(observed).zip(moved.sigma_mm(harmonic.order));
-        rows.map(|((p, o), sigma)| ((o - p) / sigma).powi(2)).sum::<f64>()
-    };
-    fit.harmonics.iter().filter(|harmonic| harmonic.order > 1).map(of).sum()
-}
-
 /// Channels whose pattern moves on from revolution to revolution. The revolutions of a row follow each
 /// other in time and direction.
 pub fn clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
     let channels = layout.channels.iter().enumerate();
-    let relative = |(i, channel): (usize, &super::model::Channel)| {
+    let diagnosis = |(i, channel): (usize, &super::model::Channel)| {
         let relative = clock_error(measured.iter().filter(|row| row.row.channel == i))?;
         Some(Diagnosis::ClockError { channel: channel.name.clone(), relative })
     };
-    channels.filter_map(relative).collect()
-}
-
-fn clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option<f64> {
-    let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
-    for row in rows {
-        let samples = row.revolutions.first()?.len();
-        let basis = HarmonicBasis::new(samples, (samples / 8).clamp(1, 20));
-        let harmonics: Vec<Vec<c64>> = row.revolutions.iter().map(|r| basis.harmonics(r)).collect();
-        for revolution in harmonics.windows(2) {
-            let orders = revolution[0].iter().zip(&revolution[1]).enumerate();
-            pairs.extend(orders.map(|(k, (before, after))| (k + 1, *before, *after)));
-        }
-    }
-    // A clock that is fast by ε gives M·e^(−ik·2πε) one revolution later.
-    let misfit = |relative: f64| -> f64 {
-        let of = |(order, before, after): &(usize, c64, c64)| {
-            (*after * c64::cis(*order as f64 * TAU * relative) - *before).norm_sqr()
-        };
-        pairs.iter().map(of).sum()
-    };
-    let candidates = (-500..=500).map(|i| f64::from(i) / 500.0 * MAX_CLOCK_ERROR);
-    let best = candidates.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)))?;
-    let is_clear = misfit(best) < MAX_SLIP_SHARE * misfit(0.0);
-    (is_clear && best.abs() >= MIN_CLOCK_ERROR).then_some(best)
-}
-
-/// Parts of a scan in which a channel stays at its largest or smallest value, and which end in a corner.
-pub fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
-    let values = || samples.iter().map(|sample| sample.value_mm);
-    let (low, high) =
-        values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
-    let steps = samples.windows(2).map(|pair| (pair[1].value_mm - pair[0].value_mm).abs());
-    let step = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
-    let mut ranges = Vec::new();
-    let mut first = 0;
-    for run in samples.chunk_by(|a, b| a.value_mm == b.value_mm) {
-        let last = first + run.len() - 1;
-        let is_extreme = [low, high].contains(&run[0].value_mm) && step.is_finite();
-        let [a, b] = [first, last].map(|i| samples[i].angle_rad.to_degrees());
-        if is_extreme && (b - a).abs() >= MIN_SATURATED_DEG {
-            let reach = run.len() / 2;
-            let outside = [first.checked_sub(reach), Some(last + reach)];
-            let outside = outside.into_iter().flatten().filter_map(|i| samples.get(i));
-            let drop = |s: &Sample| (s.value_mm - run[0].value_mm).abs();
-            if outside.map(drop).fold(0.0, f64::max) > MIN_CORNER_STEPS * step {
-                ranges.push(AngleRange { from_deg: a.min(b), to_deg: a.max(b) });
-            }
-        }
-        first = last + 1;
-    }
-    ranges
+    channels.filter_map(diagnosis).collect()
 }

@@ -1,10 +1,7 @@
 //! Plan + readings → estimate.
 
 use super::diagnosis::{Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels};
-use super::filter::ResampleFilter;
-use super::harmonics::HarmonicData;
-use super::layout::{RadialLayout, Separation};
-use super::model::Surface;
+use super::layout::{Separation, noise_gain};
 use super::observe::{Observed, observed};
 use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
@@ -16,6 +13,8 @@ use crate::identification::declared::drift_mm_per_s;
 use crate::identification::{MisfitAdvice, TrialPlan};
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
+use estimation::revolutions::{HarmonicData, ResampleFilter};
+
 use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -58,9 +57,11 @@ pub fn estimate(
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
     let motions = ReportedMotions::new(&setup.layout, &separated.fit, sizes.stage);
-    let spectra = motions.spectra().into_iter();
-    let spectra = spectra.map(|one| separated.identification.spectrum(&one, motions.solution()));
-    estimate.functions.extend(spectra);
+    let with_harmonics = motions.motions().filter(|(_, motion)| !motion.harmonics.is_empty());
+    estimate.functions.extend(
+        with_harmonics
+            .map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())),
+    );
     if settings.sampling == TurnSampling::Continuous {
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.rows));
     }
@@ -93,19 +94,14 @@ fn resampling(settings: &Settings) -> Option<String> {
 /// Of the sensors of the first section, for each separation: standard uncertainty of a coefficient of EXC where
 /// those of one sensor have 1 µm. Orders that it loses are left out.
 fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
-    let of_section = setup.layout.channels.iter().filter(|c| c.surface == Surface::Section(0));
-    let deg = |rad: &f64| rad.to_degrees();
-    let layout = RadialLayout {
-        angles_deg: of_section.map(|channel| channel.angle_rad.to_degrees()).collect(),
-        index_angles_deg: setup.layout.index_angles_rad.iter().map(deg).collect(),
-    };
+    let layout = setup.layout.first_section();
     let separations = [
         ("gain_multiprobe", Separation::Multiprobe),
         ("gain_multistep", Separation::Multistep),
         ("gain_combined", Separation::Combined),
     ];
     let function = |(symbol, separation): (&str, Separation)| {
-        let gain = layout.noise_gain(separation, 2..=setup.settings.harmonics).ok()?;
+        let gain = noise_gain(&layout, separation, 2..=setup.settings.harmonics).ok()?;
         let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
         let (x, y): (Vec<f64>, Vec<f64>) = kept.map(|(order, gain)| (*order as f64, *gain)).unzip();
         (!x.is_empty()).then(|| Function {

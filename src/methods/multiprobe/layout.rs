@@ -3,11 +3,11 @@
 
 use std::ops::RangeInclusive;
 
+use estimation::revolutions::{AngleRange, HarmonicData, Row};
 use faer::c64;
 
 use super::fit::SeparationFit;
-use super::harmonics::HarmonicData;
-use super::model::{Channel, Component, ProbeLayout, Row, Surface, TableSense};
+use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
 use super::sources::StageEccentricity;
 use crate::Refused;
@@ -27,14 +27,6 @@ pub enum Separation {
     Combined,
 }
 
-/// Radial sensors of one section and the indexes of the artefact.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RadialLayout {
-    pub angles_deg: Vec<f64>,
-    /// Cumulative against the first mounting.
-    pub index_angles_deg: Vec<f64>,
-}
-
 /// Noise of EXC over the noise of one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseGain {
@@ -45,61 +37,30 @@ pub struct NoiseGain {
     pub rms: f64,
 }
 
-impl RadialLayout {
-    /// Sensors at `angles_deg` with `indexes` equal steps of the artefact.
-    pub fn equal_steps(angles_deg: &[f64], indexes: usize) -> Self {
-        let step = 360.0 / indexes.max(1) as f64;
-        Self {
-            angles_deg: angles_deg.to_vec(),
-            index_angles_deg: (0..indexes.max(1)).map(|n| n as f64 * step).collect(),
-        }
-    }
-
-    pub fn probe_layout(&self) -> ProbeLayout {
-        let channels = self.angles_deg.iter().map(|angle_deg| Channel {
-            name: format!("{angle_deg}°"),
-            surface: Surface::Section(0),
-            angle_rad: angle_deg.to_radians(),
-        });
-        ProbeLayout {
-            channels: channels.collect(),
-            section_z_mm: vec![0.0],
-            reference_z_mm: 0.0,
-            index_angles_rad: self.index_angles_deg.iter().map(|deg| deg.to_radians()).collect(),
-            sense: TableSense::CounterClockwise,
-        }
-    }
-
-    fn rows(&self, separation: Separation) -> Vec<Row> {
-        let is_used = |row: &Row| match separation {
-            Separation::Multiprobe => row.index == 0,
-            Separation::Multistep => row.channel < 2,
-            Separation::Combined => true,
-        };
-        self.probe_layout().all_rows().into_iter().filter(is_used).collect()
-    }
-
-    /// Over the harmonics `orders`.
-    ///
-    /// # Errors
-    /// Angles that are not finite.
-    pub fn noise_gain(
-        &self,
-        separation: Separation,
-        orders: RangeInclusive<usize>,
-    ) -> Result<NoiseGain, Refused> {
-        let layout = self.probe_layout();
-        let rows = self.rows(separation);
-        let fit = unit_noise_fit(&layout, rows, *orders.end())?;
-        let motions = ReportedMotions::new(&layout, &fit, PERFECT_STAGE);
-        let gain = |order: usize| match motions.parts(Component::X, order) {
-            Some(_) => fit.harmonics[order - 1].solution.covariance[(0, 0)].sqrt(),
-            None => f64::INFINITY,
-        };
-        let gains: Vec<f64> = orders.clone().map(gain).collect();
-        let rms = crate::identification::rms(&gains);
-        Ok(NoiseGain { orders: orders.collect(), gains, rms })
-    }
+/// Of radial sensors of one section, over the harmonics `orders`.
+///
+/// # Errors
+/// Angles that are not finite.
+pub fn noise_gain(
+    layout: &ProbeLayout,
+    separation: Separation,
+    orders: RangeInclusive<usize>,
+) -> Result<NoiseGain, Refused> {
+    let is_used = |row: &Row| match separation {
+        Separation::Multiprobe => row.index == 0,
+        Separation::Multistep => row.channel < 2,
+        Separation::Combined => true,
+    };
+    let rows = layout.all_rows().into_iter().filter(is_used).collect();
+    let fit = unit_noise_fit(layout, rows, *orders.end())?;
+    let motions = ReportedMotions::new(layout, &fit, PERFECT_STAGE);
+    let gain = |order: usize| match motions.has(Component::X, order) {
+        true => fit.blocks[order - 1].solution.covariance[(0, 0)].sqrt(),
+        false => f64::INFINITY,
+    };
+    let gains: Vec<f64> = orders.clone().map(gain).collect();
+    let rms = crate::identification::rms(&gains);
+    Ok(NoiseGain { orders: orders.collect(), gains, rms })
 }
 
 const PERFECT_STAGE: StageEccentricity = StageEccentricity::Declared { u_mm: 0.0, u_tilt_rad: 0.0 };
@@ -118,19 +79,6 @@ pub fn unit_noise_fit(
     })
 }
 
-/// A range of angles, counter-clockwise from `from_deg` to `to_deg`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AngleRange {
-    pub from_deg: f64,
-    pub to_deg: f64,
-}
-
-impl AngleRange {
-    pub fn contains(self, deg: f64) -> bool {
-        (deg - self.from_deg).rem_euclid(360.0) <= (self.to_deg - self.from_deg).rem_euclid(360.0)
-    }
-}
-
 /// Positions of the third sensor in steps of `step_deg` outside the `exclusions`, those of least noise
 /// gain of the multiprobe separation (root mean square over [`RANKED_ORDERS`]) first. None that loses one
 /// of these harmonics.
@@ -145,8 +93,8 @@ pub fn third_angles(
             && pair_deg.iter().all(|other| sensor_angle_deg(*deg, *other) >= MIN_SENSOR_ANGLE_DEG)
     };
     let gain = |deg: f64| {
-        let layout = RadialLayout::equal_steps(&[pair_deg[0], pair_deg[1], deg], 1);
-        Some((deg, layout.noise_gain(Separation::Multiprobe, RANKED_ORDERS).ok()?))
+        let layout = ProbeLayout::radial(&[pair_deg[0], pair_deg[1], deg], 1);
+        Some((deg, noise_gain(&layout, Separation::Multiprobe, RANKED_ORDERS).ok()?))
     };
     let free = (0..count).map(|i| i as f64 * step_deg).filter(is_free);
     let mut found: Vec<(f64, NoiseGain)> =

@@ -2,24 +2,20 @@
 //! cylinder on the table, the cylinder indexed against the table. From samples of several revolutions to
 //! five of the six error motions; the angular positioning error is not visible on a round artefact.
 //!
-//! [`resample`] puts samples on equal angles, [`harmonics`] reduces revolutions to harmonics with their
-//! scatter, [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
+//! [`estimation::revolutions`] puts samples on equal angles and reduces revolutions to harmonics with their
+//! scatter; [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
 //! the measurement what a layout separates.
 
 mod centring;
 mod checks;
 mod diagnosis;
 mod estimate;
-mod filter;
 mod fit;
-mod harmonics;
-mod iso;
 mod label;
 mod layout;
 mod model;
 mod observe;
 mod outputs;
-mod resample;
 mod revolutions;
 mod settings;
 mod setup;
@@ -32,7 +28,6 @@ mod tests;
 pub use settings::Settings;
 
 use self::fit::SeparationFit;
-use self::harmonics::HarmonicData;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
 use self::settings::TurnSampling;
@@ -40,6 +35,7 @@ use self::setup::Setup;
 use self::sources::{SourceSizes, sources};
 use crate::identification::{Identification, Outputs, TrialPlan};
 use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -125,9 +121,9 @@ fn identify(
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
-    let nonlinear = iso::nonlinear_outputs(&motions, &layout.components(), sampling);
+    let nonlinear = motions.ranges(sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
-    let lost = fit.harmonics.iter().flat_map(|harmonic| harmonic.lost.clone());
+    let lost = fit.blocks.iter().flat_map(|harmonic| harmonic.lost.clone());
     let not_identifiable: Vec<String> =
         motions.not_identifiable().into_iter().chain(lost).collect();
     let gauge = motions.gauge.clone();

@@ -16,6 +16,7 @@
 //! X and Y hold at the reference height z0. With X1, X2 of two sections at the distance d this is
 //! B = (X2−X1)/d, A = −(Y2−Y1)/d.
 
+use estimation::revolutions::Row;
 use faer::{Mat, c64};
 
 /// Where a sensor measures.
@@ -67,6 +68,11 @@ pub enum Component {
 }
 
 impl Component {
+    /// Whether it is a property of the artefact.
+    pub fn is_form(self) -> bool {
+        matches!(self, Self::Roundness(_) | Self::Face)
+    }
+
     pub fn symbol(self) -> String {
         match self {
             Self::X => "EXC".to_owned(),
@@ -78,13 +84,6 @@ impl Component {
             Self::Face => "F".to_owned(),
         }
     }
-}
-
-/// One channel at one index of the artefact.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Row {
-    pub index: usize,
-    pub channel: usize,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -111,6 +110,29 @@ impl ProbeLayout {
             components.extend([Component::Z, Component::Face]);
         }
         components
+    }
+
+    /// One section with radial sensors, and equal steps of the artefact.
+    pub fn radial(angles_deg: &[f64], indexes: usize) -> Self {
+        let channel = |angle_deg: &f64| Channel {
+            name: format!("{angle_deg}°"),
+            surface: Surface::Section(0),
+            angle_rad: angle_deg.to_radians(),
+        };
+        Self {
+            channels: angles_deg.iter().map(channel).collect(),
+            section_z_mm: vec![0.0],
+            reference_z_mm: 0.0,
+            index_angles_rad: equal_steps_rad(indexes),
+            sense: TableSense::CounterClockwise,
+        }
+    }
+
+    /// The first section alone.
+    pub fn first_section(&self) -> Self {
+        let mut layout = Self { section_z_mm: vec![0.0], reference_z_mm: 0.0, ..self.clone() };
+        layout.channels.retain(|channel| channel.surface == Surface::Section(0));
+        layout
     }
 
     /// Every channel at every index.
@@ -167,4 +189,10 @@ impl ProbeLayout {
         let name = |component: Component, part| format!("{}_{part}{order}", component.symbol());
         self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
     }
+}
+
+/// Angles of `count` equal steps of one revolution, from 0 on.
+pub fn equal_steps_rad(count: usize) -> Vec<f64> {
+    let count = count.max(1);
+    (0..count).map(|n| (n as f64 * 360.0 / count as f64).to_radians()).collect()
 }

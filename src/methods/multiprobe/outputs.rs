@@ -1,11 +1,15 @@
 //! Reported quantities: coefficients and curves of the error motions, eccentricity, roundness.
 
-use machine::record::estimate::{FigureKind, Unit};
+use machine::record::estimate::Unit;
 
-use super::fit::{HarmonicFit, SeparationFit, is_identifiable};
+use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout};
+use super::settings::TurnSampling;
 use super::sources::{StageEccentricity, co_rotating_directions};
-use crate::identification::{Curve, Harmonic, Output, Outputs, Spectrum};
+use crate::identification::{
+    BlockFit, Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
+    turning_axis_ranges, unit_slope,
+};
 
 /// Points of a curve over one revolution.
 const CURVE_POINTS: usize = 120;
@@ -31,10 +35,10 @@ impl<'a> ReportedMotions<'a> {
              the eccentricity and tilt of the artefact and of the indexing stage"
                 .to_owned()
         });
-        let harmonics = |column| fit.harmonics.iter().map(move |h| (h, column));
         let of = |(column, component)| {
-            let parts =
-                harmonics(column).map(|(h, column)| identifiable_parts(h, column, &removed));
+            let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
+                identifiable_parts(harmonic, column, if block == 0 { &removed } else { &[] })
+            });
             (component, parts.collect())
         };
         let components = layout.components().into_iter().enumerate();
@@ -51,74 +55,30 @@ impl<'a> ReportedMotions<'a> {
         self.parts.iter().flat_map(of).collect()
     }
 
-    /// Of a harmonic from 1 on. `None`: not identifiable.
-    pub fn parts(&self, component: Component, order: usize) -> Option<&Parts> {
-        let (_, parts) = self.parts.iter().find(|(own, _)| *own == component)?;
-        parts.get(order.checked_sub(1)?)?.as_ref()
+    /// Whether a harmonic from 1 on is identifiable.
+    pub fn has(&self, component: Component, order: usize) -> bool {
+        let own = self.parts.iter().find(|(own, _)| *own == component);
+        own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
 
-    pub fn identifiable_orders(&self, component: Component) -> Vec<usize> {
-        let orders = 1..=self.fit.harmonics.len();
-        orders.filter(|order| self.parts(component, *order).is_some()).collect()
-    }
-
-    /// From the unknowns of one harmonic to all.
-    fn widened(&self, order: usize, slope: &[f64]) -> Vec<f64> {
-        let mut all = vec![0.0; self.fit.x.len()];
-        all[self.fit.first_unknown(order)..][..slope.len()].copy_from_slice(slope);
-        all
-    }
-
-    /// Σ of the identifiable harmonics `orders` at the angle, rad: derivative by all unknowns.
-    pub fn slope_at(&self, component: Component, orders: &[usize], angle: f64) -> Vec<f64> {
-        let mut sum = vec![0.0; self.fit.x.len()];
-        for order in orders {
-            let Some(parts) = self.parts(component, *order) else { continue };
-            let own = &mut sum[self.fit.first_unknown(*order)..];
-            let (sin, cos) = (*order as f64 * angle).sin_cos();
-            for (part, factor) in parts.iter().zip([cos, sin]) {
-                own.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
-            }
-        }
-        sum
-    }
-
-    /// The motion at the angle, rad.
-    pub fn value_at(&self, component: Component, orders: &[usize], angle: f64) -> f64 {
-        let slope = self.slope_at(component, orders, angle);
-        slope.iter().zip(&self.fit.x).map(|(s, x)| s * x).sum()
-    }
-
-    fn curve(&self, component: Component) -> Curve {
-        let mut orders = self.identifiable_orders(component);
-        orders.retain(|order| *order > 1 || !matches!(component, Component::Roundness(_)));
-        let x: Vec<f64> =
-            (0..=CURVE_POINTS).map(|i| i as f64 * 360.0 / CURVE_POINTS as f64).collect();
-        let slope = |degrees: &f64| self.slope_at(component, &orders, degrees.to_radians());
-        let value = |degrees: &f64| self.value_at(component, &orders, degrees.to_radians());
-        Curve {
-            symbol: component.symbol(),
-            argument: "C",
-            argument_unit: "deg",
-            y: x.iter().map(value).collect(),
-            slopes: x.iter().map(slope).collect(),
-            x,
-            unit: unit(component),
-            figure: FigureKind::Polar,
-        }
-    }
-
-    fn coefficients(&self, component: Component) -> Vec<Output> {
-        let of = |order: usize| {
-            let parts = self.parts(component, order).into_iter().flatten().zip(["c", "s"]);
-            let symbol = |part: &str| format!("{}_{part}{order}", component.symbol());
-            let output = |(slope, part): (&Vec<f64>, &str)| {
-                let slope = self.widened(order, slope);
-                Output::linear(&symbol(part), unit(component), slope, &self.fit.x)
-            };
-            parts.map(output).collect::<Vec<_>>()
+    /// The identifiable harmonics of one component; of a form without the first one, which is eccentricity.
+    fn function(&self, (component, parts): &(Component, Vec<Option<Parts>>)) -> HarmonicFunction {
+        let harmonic = |(block, parts): (usize, &Option<Parts>)| {
+            let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.widened(block, slope));
+            Some(Harmonic { order: (block + 1) as f64, parts })
         };
-        (1..=self.fit.harmonics.len()).flat_map(of).collect()
+        let first = usize::from(component.is_form());
+        HarmonicFunction {
+            symbol: component.symbol(),
+            unit: unit(*component),
+            harmonics: parts.iter().enumerate().skip(first).filter_map(harmonic).collect(),
+        }
+    }
+
+    /// The error motions, without the forms of the artefact.
+    pub fn motions(&self) -> impl Iterator<Item = (Component, HarmonicFunction)> {
+        let motions = self.parts.iter().filter(|(component, _)| !component.is_form());
+        motions.map(|parts| (parts.0, self.function(parts)))
     }
 
     /// Centre of a section against the table's axis at the first index and q = 0. It contains the
@@ -140,7 +100,7 @@ impl<'a> ReportedMotions<'a> {
         };
         let output = |axis: &str, slope: Vec<f64>| {
             let symbol = format!("ecc_{axis}{}", section + 1);
-            Output::linear(&symbol, Unit::Um, self.widened(1, &slope), &self.fit.x)
+            Output::linear(&symbol, Unit::Um, self.fit.widened(0, &slope), &self.fit.x)
         };
         vec![
             output("X", slope(0, lever, [cos, sign * sin])),
@@ -150,38 +110,38 @@ impl<'a> ReportedMotions<'a> {
 
     /// Coefficients, eccentricities and curves: what is linear in the unknowns.
     pub fn linear_outputs(&self) -> Outputs {
-        let components = self.layout.components();
-        let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
-        let motions = components.iter().filter(|c| !is_form(c));
-        let has_curve =
-            |c: &&Component| **c != Component::Face && !self.identifiable_orders(**c).is_empty();
-        let curves = components.iter().filter(has_curve);
+        let x = self.solution();
+        let motions: Vec<HarmonicFunction> = self.motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
-        let mut parameters: Vec<Output> = motions.flat_map(|c| self.coefficients(*c)).collect();
+        let mut parameters: Vec<Output> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
         parameters.extend(sections.flat_map(|section| self.eccentricity(section)));
+        let curves = self.parts.iter().filter(|(component, _)| *component != Component::Face);
+        let curves = curves.map(|parts| self.function(parts));
+        let curves = curves.filter(|function| !function.harmonics.is_empty());
         Outputs {
             parameters,
-            curves: curves.map(|component| self.curve(*component)).collect(),
+            curves: curves.map(|function| function.curve("C", CURVE_POINTS, x)).collect(),
             nonlinear: None,
         }
     }
 
-    /// Amplitudes of each motion over the orders that are identifiable.
-    pub fn spectra(&self) -> Vec<Spectrum> {
-        let is_form = |c: &Component| matches!(c, Component::Roundness(_) | Component::Face);
-        let motions = self.layout.components().into_iter().filter(|c| !is_form(c));
-        let harmonic = |component: Component, order: usize| {
-            let [cos, sin] = self.parts(component, order)?;
-            let parts = [self.widened(order, cos), self.widened(order, sin)];
-            Some(Harmonic { order: order as f64, parts })
+    /// Values of the motions by ISO 230-7, and roundness (peak to valley about the least-squares circle). ISO
+    /// 230-7 specifies a turning axis: at dwell points the same range is `EXC_range`.
+    pub fn ranges(&self, sampling: TurnSampling) -> NonlinearOutputs {
+        let of = |parts: &(Component, Vec<Option<Parts>>)| {
+            let function = self.function(parts);
+            match (parts.0, sampling) {
+                (Component::Face, _) => Vec::new(),
+                (Component::Roundness(section), _) => {
+                    Vec::from_iter(function.range(format!("RONt_{}", section + 1)))
+                }
+                (component, TurnSampling::Continuous) => {
+                    turning_axis_ranges(&function, component == Component::Z)
+                }
+                _ => Vec::from_iter(function.range(format!("{}_range", function.symbol))),
+            }
         };
-        let spectrum = |component: Component| {
-            let orders = self.identifiable_orders(component).into_iter();
-            let harmonics = orders.filter_map(|order| harmonic(component, order)).collect();
-            let symbol = format!("{}_spectrum", component.symbol());
-            Spectrum { symbol, unit: unit(component), harmonics }
-        };
-        motions.map(spectrum).filter(|spectrum| !spectrum.harmonics.is_empty()).collect()
+        range_outputs(self.parts.iter().flat_map(of).collect(), self.solution())
     }
 
     pub fn solution(&self) -> &[f64] {
@@ -206,21 +166,17 @@ fn removed_directions(
     let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
     let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
     let directions: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
-    let is_determined = |direction: &Vec<f64>| {
-        fit.harmonics.first().is_none_or(|first| is_identifiable(direction, &first.null_space))
-    };
+    let is_determined =
+        |direction: &Vec<f64>| fit.blocks.first().is_none_or(|first| first.determines(direction));
     let is_declared = stage != StageEccentricity::NotDeclared;
     if is_declared && directions.iter().all(is_determined) { Vec::new() } else { directions }
 }
 
-fn identifiable_parts(fit: &HarmonicFit, column: usize, removed: &[Vec<f64>]) -> Option<Parts> {
+fn identifiable_parts(fit: &BlockFit, column: usize, removed: &[Vec<f64>]) -> Option<Parts> {
     let part = |offset: usize| {
-        let mut slope = vec![0.0; fit.design.ncols()];
-        slope[2 * column + offset] = 1.0;
-        if fit.order == 1 {
-            removed.iter().for_each(|direction| remove(&mut slope, direction));
-        }
-        is_identifiable(&slope, &fit.null_space).then_some(slope)
+        let mut slope = unit_slope(2 * column + offset, fit.design.ncols());
+        removed.iter().for_each(|direction| remove(&mut slope, direction));
+        fit.determines(&slope).then_some(slope)
     };
     Some([part(0)?, part(1)?])
 }

@@ -1,8 +1,8 @@
 //! Settings of the method, the table `[method.multiprobe]` of the machine file.
 
+use estimation::revolutions::ResampleFilter;
 use serde::{Deserialize, Serialize};
 
-use super::filter::ResampleFilter;
 use super::sources::{SourceSizes, StageEccentricity};
 use crate::Refused;
 use machine::Position;

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use super::checks;
-use super::model::{Channel, Component, ProbeLayout, Surface, TableSense};
+use super::model::{Channel, Component, ProbeLayout, Surface, TableSense, equal_steps_rad};
 use super::settings::Settings;
 use crate::Refused;
 use machine::frame::unit_vector;
@@ -59,7 +59,7 @@ impl<'a> Setup<'a> {
                 [only] => foot.z + cylinder.sections[*only].z_mm,
                 _ => line.point.z,
             },
-            index_angles_rad: (0..settings.indexes).map(|n| index_rad(settings, n)).collect(),
+            index_angles_rad: equal_steps_rad(settings.indexes),
             sense: if table.turn > 0.0 {
                 TableSense::CounterClockwise
             } else {
@@ -90,11 +90,6 @@ impl<'a> Setup<'a> {
         let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();
         checks::check_orders(layout, &motions, 2..=self.settings.harmonics)
     }
-}
-
-/// Angle of a mounting, counted from 0, against the first, rad.
-fn index_rad(settings: &Settings, number: usize) -> f64 {
-    (number as f64 * 360.0 / settings.indexes.max(1) as f64).to_radians()
 }
 
 /// Machine frame, mm.

@@ -1,13 +1,13 @@
 //! Sources of uncertainty. The effect of a wrong layout is the difference of the observations that the
 //! solution gives with the layout changed by ±u.
 
+use estimation::revolutions::{HarmonicData, Row};
 use std::f64::consts::PI;
 
 use estimation::linear::lower_root;
 
 use super::fit::SeparationFit;
-use super::harmonics::HarmonicData;
-use super::model::{Component, ProbeLayout, Row, Surface};
+use super::model::{Component, ProbeLayout, Surface};
 use crate::identification::{
     Effect, EvaluationType, InResiduals, ObservationRun, UncertaintySource,
 };
@@ -123,9 +123,9 @@ fn declared(name: &str, columns: Vec<Vec<f64>>, fit: &SeparationFit) -> Uncertai
 /// Scatter of the mean over the revolutions: independent harmonics.
 fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
     let (mut runs, mut first) = (Vec::new(), 0);
-    for harmonic in &fit.harmonics {
+    for (order, harmonic) in (1..).zip(&fit.blocks) {
         let reduction = &harmonic.reduction;
-        let covariance = reduction * data.covariance(harmonic.order) * reduction.transpose();
+        let covariance = reduction * data.covariance(order) * reduction.transpose();
         let root = lower_root(&covariance);
         let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
         runs.extend(columns.map(|values| ObservationRun { first, values }));

@@ -2,11 +2,11 @@
 //! forward and backward.
 
 use super::centring::{CENTRING_POINTS, Centring};
-use super::filter::KERNEL_HALF_STEPS;
 use super::label::Label;
 use super::settings::TurnSampling;
 use super::setup::Setup;
 use crate::{Next, Refused, Source};
+use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
 

@@ -5,7 +5,7 @@ use machine::record::estimate::{FigureKind, Unit};
 
 use super::{assert_near, solution};
 use crate::identification::{
-    Effect, Harmonic, LinearFit, Outputs, Spectrum, UncertaintySource, identify, unit_slope,
+    Effect, Harmonic, HarmonicFunction, LinearFit, Outputs, UncertaintySource, identify, unit_slope,
 };
 
 /// Two unknowns that are observed directly: 3 µm and 4 µm with u of 1 µm and 2 µm.
@@ -20,8 +20,8 @@ fn regress_amplitudes_by_hand() {
     let [first, second] = [0, 1].map(|index| unit_slope(index, 2));
     let harmonic =
         |order, cos: &[f64], sin: &[f64]| Harmonic { order, parts: [cos.to_vec(), sin.to_vec()] };
-    let spectrum = Spectrum {
-        symbol: "EXC_spectrum".to_owned(),
+    let spectrum = HarmonicFunction {
+        symbol: "EXC".to_owned(),
         unit: Unit::Um,
         harmonics: vec![
             // Independent parts: 5 µm, and at most the u of the sine part.

@@ -1,14 +1,12 @@
 //! Faults of channels and mounting are named; sound data raise nothing.
 
+use estimation::revolutions::HarmonicData;
 use std::f64::consts::TAU;
 
 use super::super::diagnosis::{
-    Diagnosis, IndexCheck, check_indexes, clock_errors, saturated_ranges, swapped_channels,
+    Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels,
 };
-use super::super::harmonics::HarmonicData;
-use super::super::layout::AngleRange;
 use super::super::model::{ProbeLayout, TableSense};
-use super::super::resample::Sample;
 use super::generator::{ScanSize, World};
 use super::nullities::layout;
 
@@ -102,33 +100,4 @@ fn regress_a_clock_that_is_one_percent_fast() {
     println!("{}", found[0]);
     assert_eq!(channel, &layout.channels[4].name);
     assert!((relative - 0.01).abs() < 5e-4, "{relative}");
-}
-
-#[test]
-fn regress_saturation_over_ten_degrees() {
-    let scan = |limit: f64, noise_mm: f64, step_mm: f64| -> Vec<Sample> {
-        let mut random = estimation::monte_carlo::Random::of(1, &[1]);
-        let units = random.units(3000, &[estimation::monte_carlo::Shape::Normal]);
-        let sample = |(i, unit): (usize, f64)| {
-            let angle_rad = i as f64 * TAU / 1000.0;
-            let value = (0.1 * angle_rad.cos() + noise_mm * unit).min(limit);
-            let value_mm = (value / step_mm).round() * step_mm;
-            Sample { angle_rad, value_mm, is_valid: true }
-        };
-        units.into_iter().enumerate().map(sample).collect()
-    };
-    for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-6), (2e-5, 1e-5)] {
-        let limit = 0.1 * 5f64.to_radians().cos();
-        let found = saturated_ranges(&scan(limit, noise_mm, step_mm));
-        println!("{noise_mm} {step_mm}: {found:?}");
-        let is_near = |range: &AngleRange, middle: f64| {
-            (range.from_deg - middle + 5.0).abs() < 1.5 && (range.to_deg - middle - 5.0).abs() < 1.5
-        };
-        assert!(found.iter().any(|range| is_near(range, 360.0)), "{found:?}");
-        assert!(found.iter().any(|range| is_near(range, 720.0)), "{found:?}");
-    }
-    // A display step of 0.5 µm flattens the peak over 11° by itself.
-    for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-5), (0.0, 5e-4)] {
-        assert!(saturated_ranges(&scan(1.0, noise_mm, step_mm)).is_empty());
-    }
 }

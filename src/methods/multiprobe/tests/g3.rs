@@ -1,11 +1,11 @@
 //! METHODS gate G3.
 
 use super::super::fit::SeparationFit;
-use super::super::harmonics::{HarmonicBasis, HarmonicData};
-use super::super::layout::{RANKED_ORDERS, RadialLayout, Separation};
-use super::super::model::Row;
+use super::super::layout::{RANKED_ORDERS, Separation, noise_gain};
+use super::super::model::ProbeLayout;
 use super::determinant::{determinant, suppressed_orders, weak_orders};
 use super::generator::{ScanSize, World};
+use estimation::revolutions::{HarmonicBasis, HarmonicData, Row};
 
 const ANGLES: [f64; 3] = [0.0, 90.0, 230.0];
 const SAMPLES: usize = 360;
@@ -27,16 +27,16 @@ fn paper_determinant_and_noise_gain() {
     assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
     // The least squares lose what the determinant loses.
     for angles in [ANGLES, [0.0, 90.0, 240.0]] {
-        let layout = RadialLayout::equal_steps(&angles, 1);
-        let gain = layout.noise_gain(Separation::Multiprobe, 2..=40).unwrap();
+        let layout = ProbeLayout::radial(&angles, 1);
+        let gain = noise_gain(&layout, Separation::Multiprobe, 2..=40).unwrap();
         let lost = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_infinite());
         let mut zeros = suppressed_orders(angles, 40);
         zeros.retain(|order| *order > 1);
         assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), zeros);
     }
     for (beta, expected) in [(220.0, 1.48), (230.0, 1.53), (250.0, 1.75), (260.0, 2.52)] {
-        let layout = RadialLayout::equal_steps(&[0.0, 90.0, beta], 1);
-        let gain = layout.noise_gain(Separation::Multiprobe, RANKED_ORDERS).unwrap();
+        let layout = ProbeLayout::radial(&[0.0, 90.0, beta], 1);
+        let gain = noise_gain(&layout, Separation::Multiprobe, RANKED_ORDERS).unwrap();
         assert!((gain.rms - expected).abs() < 0.0051, "{beta}: {}", gain.rms);
     }
 }
@@ -48,10 +48,10 @@ fn paper_rows() -> Vec<Row> {
     rows
 }
 
-fn paper_layout() -> super::super::model::ProbeLayout {
-    let mut layout = RadialLayout::equal_steps(&ANGLES, 10);
-    layout.index_angles_deg.insert(0, 0.0);
-    layout.probe_layout()
+fn paper_layout() -> ProbeLayout {
+    let mut layout = ProbeLayout::radial(&ANGLES, 10);
+    layout.index_angles_rad.insert(0, 0.0);
+    layout
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn paper_monte_carlo_of_the_combined_separation() {
         let data = HarmonicData::declared(rows.clone(), means, NOISE_MM, SAMPLES);
         let fit = SeparationFit::new(&layout, &data).unwrap();
         trials += 1.0;
-        for (k, harmonic) in fit.harmonics.iter().enumerate() {
+        for (k, harmonic) in fit.blocks.iter().enumerate() {
             assert!(harmonic.lost.is_empty(), "{:?}", harmonic.lost);
             let truth = [world.x[k].a, world.x[k].b, world.y[k].a, world.y[k].b];
             let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| x - truth);
@@ -111,7 +111,7 @@ fn paper_noise_free_separation_is_exact() {
     let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
     let fit = SeparationFit::new(&layout, &data).unwrap();
     let mut worst: f64 = 0.0;
-    for (k, harmonic) in fit.harmonics.iter().enumerate() {
+    for (k, harmonic) in fit.blocks.iter().enumerate() {
         // Harmonic of w(−q): the sine changes its sign.
         let form = world.sections[0][k];
         let [x, y] = [world.x[k], world.y[k]];

@@ -1,13 +1,13 @@
 //! A table and a cylinder as functions of the angle. No formula of the estimator: displacements of points in
 //! space and the form over the angle on the artefact.
 
+use estimation::revolutions::{Row, RowRevolutions};
 use std::f64::consts::TAU;
 
 use estimation::random::stream;
 use rand::RngExt;
 
-use super::super::harmonics::RowRevolutions;
-use super::super::model::{ProbeLayout, Row, Surface};
+use super::super::model::{ProbeLayout, Surface};
 
 /// a·cos kq + b·sin kq.
 #[derive(Debug, Clone, Copy)]

@@ -1,11 +1,11 @@
 //! Sensors that find the surface along their line in space: sign of the reading, frames, and the size
 //! of what the linear equation leaves out.
 
+use estimation::revolutions::{HarmonicData, Row, RowRevolutions};
 use std::f64::consts::TAU;
 
 use super::super::fit::SeparationFit;
-use super::super::harmonics::{HarmonicData, RowRevolutions};
-use super::super::model::{ProbeLayout, Row, Surface, TableSense};
+use super::super::model::{ProbeLayout, Surface, TableSense};
 use super::generator::{World, sum};
 use super::nullities::layout;
 
@@ -57,7 +57,7 @@ fn regress_readings_in_space() {
         let data = HarmonicData::from_revolutions(&measured, 6).unwrap();
         let fit = SeparationFit::new(&layout, &data).unwrap();
         let mut worst: f64 = 0.0;
-        for (k, harmonic) in fit.harmonics.iter().enumerate() {
+        for (k, harmonic) in fit.blocks.iter().enumerate() {
             let [x, y, a, b, z] =
                 [&world.x, &world.y, &world.a, &world.b, &world.z].map(|terms| terms[k]);
             let form = |term: super::generator::Term| [term.a, -sense.sign() * term.b];

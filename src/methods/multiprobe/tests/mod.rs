@@ -8,4 +8,3 @@ mod generator;
 mod geometry;
 mod nullities;
 mod refusals;
-mod resampling;

@@ -1,7 +1,8 @@
 //! Nullities of the architecture page: two sections with sensors at 0°, 90°, 230°, one axial sensor.
 
-use super::super::fit::survey;
-use super::super::model::{Channel, ProbeLayout, Row, Surface, TableSense};
+use super::super::model::{Channel, ProbeLayout, Surface, TableSense};
+use estimation::linear::{RANK_THRESHOLD, survey};
+use estimation::revolutions::Row;
 
 pub fn layout(indexes: usize, sense: TableSense) -> ProbeLayout {
     let channel = |name: &str, surface, deg: f64| Channel {
@@ -24,7 +25,7 @@ pub fn layout(indexes: usize, sense: TableSense) -> ProbeLayout {
 }
 
 fn nullity(layout: &ProbeLayout, rows: &[Row], order: usize) -> usize {
-    survey(layout, rows, order).unwrap().nullity
+    survey(layout.design(rows, order).as_ref(), None, RANK_THRESHOLD).unwrap().nullity
 }
 
 #[test]

@@ -1,10 +1,10 @@
 //! What is refused, and what is named instead.
 
 use super::super::checks::{check_orders, check_sensor_angles, check_surfaces};
-use super::super::harmonics::{HarmonicData, RowRevolutions};
-use super::super::layout::{AngleRange, RANKED_ORDERS, RadialLayout, Separation, third_angles};
-use super::super::model::{Component, Row, Surface, TableSense};
+use super::super::layout::{RANKED_ORDERS, Separation, noise_gain, third_angles};
+use super::super::model::{Component, ProbeLayout, Surface, TableSense};
 use super::nullities::layout;
+use estimation::revolutions::{AngleRange, HarmonicData, Row, RowRevolutions};
 
 #[test]
 fn regress_coinciding_and_opposed_sensors() {
@@ -13,7 +13,7 @@ fn regress_coinciding_and_opposed_sensors() {
         ([0.0, 90.0, 91.0], "move 91°: 50° has"),
         ([0.0, 180.0, 90.0], "move 180°: "),
     ] {
-        let layout = RadialLayout::equal_steps(&angles, 10).probe_layout();
+        let layout = ProbeLayout::radial(&angles, 10);
         let refused = check_sensor_angles(&layout).unwrap_err();
         println!("{} | {}", refused.why, refused.instead);
         assert!(refused.instead.starts_with(instead), "{}", refused.instead);
@@ -37,10 +37,10 @@ fn regress_a_step_that_suppresses_a_harmonic() {
     assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
     // Two sensors and ten steps lose 10 and 20 of X; multiprobe alone loses nothing but the
     // co-rotating first harmonic.
-    let pair = RadialLayout::equal_steps(&[0.0, 90.0], 10).probe_layout();
+    let pair = ProbeLayout::radial(&[0.0, 90.0], 10);
     let refused = check_orders(&pair, &[Component::X], 2..=20).unwrap_err();
     assert!(refused.why.contains("2 sensors with 10 indexes suppress 2 harmonics"));
-    let probes = RadialLayout::equal_steps(&[0.0, 90.0, 230.0], 1).probe_layout();
+    let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 1);
     assert!(check_orders(&probes, &[Component::X, Component::Y], 1..=20).is_ok());
 }
 
@@ -57,9 +57,9 @@ fn regress_best_third_angle_outside_exclusions() {
     let limited = third_angles([0.0, 90.0], 10.0, &exclusions);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
-    let combined = RadialLayout::equal_steps(&[0.0, 90.0, 230.0], 10);
-    let gain = combined.noise_gain(Separation::Combined, RANKED_ORDERS).unwrap().rms;
-    let multistep = combined.noise_gain(Separation::Multistep, RANKED_ORDERS).unwrap();
+    let combined = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
+    let gain = noise_gain(&combined, Separation::Combined, RANKED_ORDERS).unwrap().rms;
+    let multistep = noise_gain(&combined, Separation::Multistep, RANKED_ORDERS).unwrap();
     let lost = multistep.orders.iter().zip(&multistep.gains).filter(|(_, gain)| gain.is_infinite());
     assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), [10, 20]);
     println!("combined {gain}");
@@ -85,9 +85,7 @@ fn regress_too_few_revolutions_and_samples() {
 fn regress_surfaces_that_the_equation_does_not_hold() {
     let whole = layout(3, TableSense::Clockwise);
     assert!(check_surfaces(&whole, &whole.all_rows()).is_ok());
-    let why = |layout: &super::super::model::ProbeLayout| {
-        check_surfaces(layout, &whole.all_rows()).unwrap_err().why
-    };
+    let why = |layout: &ProbeLayout| check_surfaces(layout, &whole.all_rows()).unwrap_err().why;
     let mut one_section = whole.clone();
     one_section.section_z_mm.pop();
     assert!(why(&one_section).contains("sections without height"));

@@ -1,0 +1,202 @@
+//! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions, each solved in the
+//! directions that its rows determine.
+
+use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey};
+use estimation::null_names::name_null_space;
+use faer::{Mat, MatRef};
+
+use super::model::{FitFigures, ObservationModel, Response, Solution, multiply, rms};
+use crate::IdentifyError;
+
+/// An output that contains more than this part of a lost direction is not identifiable.
+const MAX_LOST_SHARE: f64 = 1e-7;
+
+/// The equations of one block.
+pub struct BlockEquations {
+    /// Observations × unknowns, with the names of the unknowns.
+    pub design: Mat<f64>,
+    pub names: Vec<String>,
+    pub observed_mm: Vec<f64>,
+    pub sigma_mm: Vec<f64>,
+    /// Of each observation, its group from 0 on.
+    pub groups: Vec<usize>,
+}
+
+/// One block, solved. The observations are reduced before: of each group, the parts that an unknown can take.
+/// What remains of the residuals is no effect of any unknown.
+pub struct BlockFit {
+    /// Reduced observations (of standard uncertainty 1) × observations, 1/mm.
+    pub reduction: Mat<f64>,
+    /// Reduced observations × unknowns.
+    pub design: Mat<f64>,
+    pub solution: LinearSolution,
+    /// Unknowns × nullity: the directions that the rows do not determine. The solution has no part in
+    /// them.
+    pub null_space: Mat<f64>,
+    /// The same in words.
+    pub lost: Vec<String>,
+    /// Of all observations, measured less model, mm.
+    residuals_mm: Vec<f64>,
+    /// Σ(residual/σ)² of all observations, and their degrees of freedom.
+    pub chi2: f64,
+    pub dof: usize,
+}
+
+impl BlockFit {
+    fn new(equations: &BlockEquations) -> Result<Self, IdentifyError> {
+        let BlockEquations { design: full, names, observed_mm, sigma_mm, .. } = equations;
+        let survey = linear::survey(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical)?;
+        let Survey { null_space, rank, .. } = survey;
+        let constraints = null_space.transpose().to_owned();
+        let reduction = reduction(equations)?;
+        let design = &reduction * full;
+        let problem = LinearProblem {
+            a: design.as_ref(),
+            y: &multiply(&reduction, observed_mm),
+            sigma: &vec![1.0; design.nrows()],
+            constraints: (constraints.nrows() > 0).then_some(constraints.as_ref()),
+            rank_threshold: RANK_THRESHOLD,
+        };
+        let solution = linear::solve(&problem).map_err(numerical)?;
+        let explained = multiply(full, &solution.x);
+        let residuals_mm: Vec<f64> =
+            observed_mm.iter().zip(explained).map(|(o, e)| o - e).collect();
+        Ok(Self {
+            lost: name_null_space(null_space.as_ref(), names),
+            chi2: residuals_mm.iter().zip(sigma_mm).map(|(r, sigma)| (r / sigma).powi(2)).sum(),
+            dof: observed_mm.len() - rank,
+            residuals_mm,
+            reduction,
+            design,
+            solution,
+            null_space,
+        })
+    }
+
+    /// Whether an output with the derivative `slope` by the unknowns of the block is determined.
+    pub fn determines(&self, slope: &[f64]) -> bool {
+        let largest = slope.iter().fold(0.0, |largest: f64, s| largest.max(s.abs()));
+        self.null_space.col_iter().all(|direction| {
+            let along: f64 = direction.iter().zip(slope).map(|(d, s)| d * s).sum();
+            along.abs() <= MAX_LOST_SHARE * largest
+        })
+    }
+}
+
+fn numerical(error: linear::LinearError) -> IdentifyError {
+    IdentifyError::Numerical(error.to_string())
+}
+
+/// Of each group, an orthonormal basis of its weighted rows of the design.
+fn reduction(equations: &BlockEquations) -> Result<Mat<f64>, IdentifyError> {
+    let BlockEquations { design, sigma_mm, groups, .. } = equations;
+    let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    for group in 0..count {
+        let own: Vec<usize> = (0..design.nrows()).filter(|i| groups[*i] == group).collect();
+        let entry = |i: usize, j: usize| design[(own[i], j)] / sigma_mm[own[i]];
+        let svd = Mat::from_fn(own.len(), design.ncols(), entry)
+            .thin_svd()
+            .map_err(|_| numerical(linear::LinearError::NoConvergence))?;
+        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let is_kept = |j: &usize| values[*j] > RANK_THRESHOLD * values[0];
+        for j in (0..values.len()).filter(is_kept) {
+            let mut row = vec![0.0; design.nrows()];
+            own.iter().enumerate().for_each(|(i, at)| row[*at] = svd.U()[(i, j)] / sigma_mm[*at]);
+            basis.push(row);
+        }
+    }
+    Ok(Mat::from_fn(basis.len(), design.nrows(), |i, j| basis[i][j]))
+}
+
+/// All blocks, of equally many unknowns. Unknowns and reduced observations: block after block.
+pub struct BlockwiseFit {
+    pub blocks: Vec<BlockFit>,
+    /// Of all blocks.
+    pub x: Vec<f64>,
+    /// Of the reduced observations.
+    weighted_residuals: Vec<f64>,
+    /// Unknowns of one block.
+    columns: usize,
+}
+
+impl BlockwiseFit {
+    /// # Errors
+    /// Values that are not finite.
+    pub fn new(equations: impl Iterator<Item = BlockEquations>) -> Result<Self, IdentifyError> {
+        let blocks = equations.map(|block| BlockFit::new(&block));
+        let blocks: Vec<BlockFit> = blocks.collect::<Result<_, _>>()?;
+        Ok(Self {
+            x: blocks.iter().flat_map(|fit| fit.solution.x.clone()).collect(),
+            weighted_residuals: blocks
+                .iter()
+                .flat_map(|fit| fit.solution.residuals.clone())
+                .collect(),
+            columns: blocks.first().map_or(0, |fit| fit.solution.x.len()),
+            blocks,
+        })
+    }
+
+    /// Degrees of freedom are those of the reduced observations.
+    pub fn solution(&self) -> Solution<'_> {
+        let solutions = || self.blocks.iter().map(|fit| &fit.solution);
+        let residuals = self.blocks.iter().flat_map(|fit| fit.residuals_mm.clone());
+        let figures = FitFigures {
+            rank: solutions().map(|solution| solution.rank).sum(),
+            unknowns: self.x.len(),
+            condition: solutions().map(|solution| solution.condition).fold(1.0, f64::max),
+            dof: solutions().map(|solution| solution.dof).sum(),
+            residual_rms_mm: rms(&residuals.collect::<Vec<f64>>()),
+        };
+        Solution { model: self, residuals: &self.weighted_residuals, is_declared: true, figures }
+    }
+
+    /// From the unknowns of one block to all.
+    pub fn widened(&self, block: usize, slope: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.x.len()];
+        all[block * self.columns..][..slope.len()].copy_from_slice(slope);
+        all
+    }
+
+    /// A change of all observations, mm, as change of the reduced observations.
+    pub fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
+        let parts = change_mm.chunks(change_mm.len() / self.blocks.len().max(1));
+        let of = |(fit, part): (&BlockFit, &[f64])| multiply(&fit.reduction, part);
+        self.blocks.iter().zip(parts).flat_map(of).collect()
+    }
+}
+
+impl ObservationModel for BlockwiseFit {
+    fn observations(&self) -> usize {
+        self.weighted_residuals.len()
+    }
+
+    fn unknowns(&self) -> usize {
+        self.x.len()
+    }
+
+    fn respond(&self, change: &[f64]) -> Response {
+        let (mut unknowns, mut residuals, mut rest) = (Vec::new(), Vec::new(), change);
+        for fit in &self.blocks {
+            let (change, after) = rest.split_at(fit.design.nrows());
+            let own = multiply(&fit.solution.gain, change);
+            let explained = multiply(&fit.design, &own);
+            residuals.extend(change.iter().zip(explained).map(|(c, e)| c - e));
+            unknowns.extend(own);
+            rest = after;
+        }
+        Response { unknowns, residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        let mut x = Mat::from_fn(changes.nrows(), self.x.len(), |_, j| self.x[j]);
+        let mut first = 0;
+        for (i, fit) in self.blocks.iter().enumerate() {
+            let change = changes.subcols(first, fit.design.nrows());
+            let mut part = x.subcols_mut(i * self.columns, self.columns);
+            part += change * fit.solution.gain.transpose();
+            first += fit.design.nrows();
+        }
+        x
+    }
+}

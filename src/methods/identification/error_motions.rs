@@ -1,0 +1,69 @@
+//! Values of error motions of a turning axis as ISO 230-7 names them: synchronous, fundamental, residual synchronous
+//! from the harmonics; total and asynchronous from single revolutions.
+
+use machine::record::estimate::{Parameter, Unit};
+
+use super::estimate::reported_parameter;
+use super::harmonics::HarmonicFunction;
+use super::range::{Range, range};
+
+/// Synchronous error motion value in the fixed sensitive direction of the motion; of an axial motion also the
+/// fundamental and the residual synchronous value (the first harmonic of the others is eccentricity or tilt).
+/// Only identifiable harmonics take part; a motion without one has no value.
+pub fn turning_axis_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<Range> {
+    let symbol = &motion.symbol;
+    let mut ranges = vec![motion.range(format!("{symbol}_synchronous"))];
+    let has_fundamental = motion.harmonics.iter().any(|harmonic| harmonic.order == 1.0);
+    if is_axial && has_fundamental {
+        let fundamental = motion.clone().only(|order| order == 1.0);
+        let residual = motion.clone().only(|order| order > 1.0);
+        ranges.push(fundamental.range(format!("{symbol}_fundamental")));
+        ranges.push(residual.range(format!("{symbol}_residual_synchronous")));
+    }
+    ranges.into_iter().flatten().collect()
+}
+
+/// Total and asynchronous value of a motion in one measurement. Both contain the noise of the sensors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RevolutionRanges {
+    /// Range over all angles and revolutions.
+    total: f64,
+    /// Largest range over the revolutions at one angle.
+    asynchronous: f64,
+}
+
+impl RevolutionRanges {
+    /// `synchronous`: the mean motion at equal angles. `motion`: revolutions × angles, up to a function of
+    /// the angle that is the same in each revolution.
+    pub fn new(synchronous: &[f64], motion: &[Vec<f64>]) -> Self {
+        let (mut asynchronous, mut all) = (0.0_f64, Vec::new());
+        for (i, synchronous) in synchronous.iter().enumerate() {
+            let at_angle = || motion.iter().map(|revolution| revolution[i]);
+            let mean = at_angle().sum::<f64>() / motion.len() as f64;
+            let deviations: Vec<f64> = at_angle().map(|value| value - mean).collect();
+            asynchronous = asynchronous.max(range(&deviations));
+            all.extend(deviations.iter().map(|deviation| synchronous + deviation));
+        }
+        Self { total: range(&all), asynchronous }
+    }
+}
+
+/// Total and asynchronous value of the motion `symbol`: mean over the measurements with the standard uncertainty of
+/// that mean (type A; no value from one measurement).
+pub fn revolution_parameters(
+    symbol: &str,
+    unit: Unit,
+    values: &[RevolutionRanges],
+) -> Vec<Parameter> {
+    let mean = |suffix: &str, value: fn(&RevolutionRanges) -> f64| {
+        let count = values.len() as f64;
+        let mean = values.iter().map(value).sum::<f64>() / count;
+        let squares: f64 = values.iter().map(|own| (value(own) - mean).powi(2)).sum();
+        let u = (squares / (count - 1.0) / count).sqrt();
+        reported_parameter(&format!("{symbol}_{suffix}"), unit, mean, u, Some(count - 1.0))
+    };
+    if values.len() < 2 {
+        return Vec::new();
+    }
+    vec![mean("total", |own| own.total), mean("asynchronous", |own| own.asynchronous)]
+}

@@ -1,0 +1,137 @@
+//! Periodic functions whose coefficients are linear in the unknowns: values, curves, ranges, amplitudes.
+
+use std::f64::consts::TAU;
+
+use faer::Mat;
+use machine::record::estimate::{FigureKind, Function, Unit};
+
+use super::estimate::Identification;
+use super::outputs::{Curve, Output};
+use super::range::Range;
+
+/// Cosine and sine part of one harmonic.
+#[derive(Debug, Clone)]
+pub struct Harmonic {
+    /// Periods in one revolution; below 1 for a sub-harmonic.
+    pub order: f64,
+    /// Derivatives of the cosine and of the sine part by each unknown, internal units.
+    pub parts: [Vec<f64>; 2],
+}
+
+/// A sum of harmonics. An order that is not identifiable is left out.
+#[derive(Debug, Clone)]
+pub struct HarmonicFunction {
+    pub symbol: String,
+    /// In which the estimate reports it.
+    pub unit: Unit,
+    pub harmonics: Vec<Harmonic>,
+}
+
+/// Angles at which the largest and the least value of a function are sought.
+const RANGE_ANGLES: usize = 360;
+
+impl HarmonicFunction {
+    /// With the orders that `is_kept` accepts.
+    pub fn only(mut self, is_kept: impl Fn(f64) -> bool) -> Self {
+        self.harmonics.retain(|harmonic| is_kept(harmonic.order));
+        self
+    }
+
+    /// Derivative of the value at the angle, rad, by each unknown; empty without harmonics.
+    fn slope_at(&self, angle: f64) -> Vec<f64> {
+        let unknowns = self.harmonics.first().map_or(0, |harmonic| harmonic.parts[0].len());
+        let mut sum = vec![0.0; unknowns];
+        for Harmonic { order, parts } in &self.harmonics {
+            let (sin, cos) = (order * angle).sin_cos();
+            for (part, factor) in parts.iter().zip([cos, sin]) {
+                sum.iter_mut().zip(part).for_each(|(sum, slope)| *sum += factor * slope);
+            }
+        }
+        sum
+    }
+
+    /// Values at `count` equal angles from 0 on.
+    pub fn values(&self, count: usize, x: &[f64]) -> Vec<f64> {
+        let slopes = (0..count).map(|i| self.slope_at(i as f64 * TAU / count as f64));
+        slopes.map(|slope| dot(&slope, x)).collect()
+    }
+
+    /// Over one revolution of the axis `argument`, closed.
+    pub fn curve(&self, argument: &'static str, points: usize, x: &[f64]) -> Curve {
+        let at: Vec<f64> = (0..=points).map(|i| i as f64 * 360.0 / points as f64).collect();
+        let slopes: Vec<Vec<f64>> = at.iter().map(|deg| self.slope_at(deg.to_radians())).collect();
+        Curve {
+            symbol: self.symbol.clone(),
+            argument,
+            argument_unit: "deg",
+            y: slopes.iter().map(|slope| dot(slope, x)).collect(),
+            x: at,
+            unit: self.unit,
+            figure: FigureKind::Polar,
+            slopes,
+        }
+    }
+
+    /// Cosine and sine part of each harmonic: `EXC_c2`, `EXC_s2`.
+    pub fn coefficients(&self, x: &[f64]) -> Vec<Output> {
+        let of = |harmonic: &Harmonic| {
+            ["c", "s"]
+                .into_iter()
+                .zip(&harmonic.parts)
+                .map(|(part, slope)| {
+                    let symbol = format!("{}_{part}{}", self.symbol, harmonic.order);
+                    Output::linear(&symbol, self.unit, slope.clone(), x)
+                })
+                .collect::<Vec<_>>()
+        };
+        self.harmonics.iter().flat_map(of).collect()
+    }
+
+    /// Largest less smallest value over one revolution. `None`: no harmonics.
+    pub fn range(&self, symbol: String) -> Option<Range> {
+        let angle = |i: usize| i as f64 / RANGE_ANGLES as f64 * TAU;
+        let slopes = (0..RANGE_ANGLES).map(|i| self.slope_at(angle(i))).collect();
+        (!self.harmonics.is_empty()).then_some(Range { symbol, unit: self.unit, slopes })
+    }
+}
+
+fn dot(slope: &[f64], x: &[f64]) -> f64 {
+    slope.iter().zip(x).map(|(slope, x)| slope * x).sum()
+}
+
+impl Identification {
+    /// The amplitudes at the solution `x` over the order. u of an amplitude is the largest u that the harmonic has at any phase: the
+    /// phase of an amplitude near zero is not known, and a derivative along it does not exist. An
+    /// amplitude below 2u does not differ from zero.
+    pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> Function {
+        let mut points: Vec<[f64; 3]> =
+            of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
+        points.sort_by(|one, other| one[0].total_cmp(&other[0]));
+        let reported = |value: f64| of.unit.from_internal(value);
+        Function {
+            symbol: format!("{}_spectrum", of.symbol),
+            argument: "order".to_owned(),
+            argument_unit: String::new(),
+            x: points.iter().map(|[order, ..]| *order).collect(),
+            unit: of.unit,
+            y: points.iter().map(|[_, amplitude, _]| reported(*amplitude)).collect(),
+            u: points.iter().map(|[.., u]| reported(*u)).collect(),
+            figure: FigureKind::Spectrum,
+        }
+    }
+
+    /// Order, amplitude and u, internal units.
+    fn amplitude(&self, harmonic: &Harmonic, x: &[f64]) -> [f64; 3] {
+        let [cos, sin] = harmonic.parts.each_ref().map(|slope| dot(slope, x));
+        let slopes = Mat::from_fn(2, x.len(), |part, j| harmonic.parts[part][j]);
+        let covariance = self.propagation.covariance(&slopes);
+        [harmonic.order, cos.hypot(sin), largest_variance(&covariance).sqrt()]
+    }
+}
+
+/// Largest eigenvalue of a symmetric 2 × 2 matrix.
+fn largest_variance(covariance: &Mat<f64>) -> f64 {
+    let mean = (covariance[(0, 0)] + covariance[(1, 1)]) / 2.0;
+    let half_difference = (covariance[(0, 0)] - covariance[(1, 1)]) / 2.0;
+    mean + half_difference.hypot(covariance[(0, 1)])
+}
