@@ -2,7 +2,6 @@
 //! the plan. The method within sees neither them nor that its own steps are numbered on from them.
 
 use super::{IdentifyError, Method, Next, Refused, Source};
-use machine::Position;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -31,16 +30,7 @@ impl Asking {
         (0..).zip(&self.texts).map(move |(id, text)| Step {
             id,
             stage,
-            kind: StepKind::Prompt,
-            label: format!("{LABEL}{}", id + 1),
-            from: Position::new(),
-            to: Position::new(),
-            feed_mm_min: 0.0,
-            sensors: Vec::new(),
-            normal: [0.0; 3],
-            scan: None,
-            text: Some(text.clone()),
-            mount: None,
+            ..Step::prompt(format!("{LABEL}{}", id + 1), text.clone())
         })
     }
 

@@ -51,6 +51,22 @@ pub struct Refused {
     pub instead: String,
 }
 
+impl Refused {
+    pub fn new(why: impl Into<String>, instead: impl Into<String>) -> Self {
+        Self { why: why.into(), instead: instead.into() }
+    }
+
+    /// # Errors
+    /// The refusal, unless `is_met`.
+    pub fn unless(
+        is_met: bool,
+        why: impl Into<String>,
+        instead: impl Into<String>,
+    ) -> Result<(), Self> {
+        if is_met { Ok(()) } else { Err(Self::new(why, instead)) }
+    }
+}
+
 impl From<PlanningError> for Refused {
     fn from(error: PlanningError) -> Self {
         Self { why: error.to_string(), instead: error.remedy() }
@@ -101,6 +117,19 @@ impl IdentifyError {
             },
             other => Self::Numerical(other.to_string()),
         }
+    }
+
+    /// # Errors
+    /// A reading of no step of the plan.
+    pub fn check_steps(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
+        let is_known = |reading: &&Reading| plan.steps.iter().any(|step| step.id == reading.step);
+        let stray = readings.iter().find(|reading| !is_known(reading));
+        stray.map_or(Ok(()), |stray| Err(Self::UnknownStep { step: stray.step }))
+    }
+
+    /// Of a step without a reading.
+    pub fn missing(step: &Step) -> Self {
+        Self::Missing { step: step.id, label: step.label.clone() }
     }
 
     /// What to do next.

@@ -80,3 +80,10 @@ pub fn append_revolutions(rows: &mut Vec<RowRevolutions>, more: Vec<RowRevolutio
         }
     }
 }
+
+/// Removes the rows of an index that have fewer revolutions than its others.
+pub fn split_incomplete(rows: &mut Vec<RowRevolutions>) -> Vec<Row> {
+    let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
+    let incomplete = rows.extract_if(.., |row| row.revolutions.len() < most);
+    incomplete.map(|row| row.row).collect()
+}

@@ -2,6 +2,7 @@
 //! Kaiser window.
 
 use std::f64::consts::PI;
+use std::fmt;
 
 /// Half width of the kernel, output steps. It is also the run-in before the first revolution and the
 /// run-out after the last.
@@ -18,6 +19,20 @@ const TABLE_DENSITY: usize = 2048;
 pub struct ResampleFilter {
     steps: usize,
     table: Vec<f64>,
+}
+
+impl fmt::Display for ResampleFilter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "samples are resampled to {} equal angles: orders up to {} pass, {} is halved, those from {} on are \
+             suppressed by 100 dB",
+            self.steps,
+            self.pass_order(),
+            self.cutoff_order(),
+            self.stop_order()
+        )
+    }
 }
 
 impl ResampleFilter {

@@ -16,6 +16,7 @@ mod tests;
 pub use clock::clock_error;
 pub use common::{
     RejectedRevolutions, Row, RowRevolutions, append_revolutions, common_revolutions,
+    split_incomplete,
 };
 pub use filter::{KERNEL_HALF_STEPS, ResampleFilter};
 pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};

@@ -17,6 +17,11 @@ pub struct AngleRange {
 }
 
 impl AngleRange {
+    /// The range from `deg` − `half_deg` to `deg` + `half_deg`.
+    pub fn about(deg: f64, half_deg: f64) -> Self {
+        Self { from_deg: deg - half_deg, to_deg: deg + half_deg }
+    }
+
     pub fn contains(self, deg: f64) -> bool {
         (deg - self.from_deg).rem_euclid(360.0) <= (self.to_deg - self.from_deg).rem_euclid(360.0)
     }

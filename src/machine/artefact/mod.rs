@@ -2,9 +2,11 @@
 //! `record`. Table frame, mm.
 
 mod check;
+mod observation;
 mod part;
 
 pub use check::{Entry, Flaw, check};
+pub use observation::{CylinderOnTable, ObservationError, ObservedSurface};
 pub use part::{Part, Shape, parts};
 
 use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};

@@ -101,6 +101,13 @@ pub struct AxisSpec {
     pub clamp: Option<Clamp>,
 }
 
+impl AxisSpec {
+    /// First and last multiple of `step` within the limits.
+    pub fn multiples_within(&self, step: f64) -> [i64; 2] {
+        [(self.min / step - 1e-9).ceil() as i64, (self.max / step + 1e-9).floor() as i64]
+    }
+}
+
 /// Words of a control's own, each one M word with its parameters, that switch the clamp of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

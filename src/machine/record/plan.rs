@@ -88,7 +88,41 @@ pub struct ArtefactMount {
     pub turn_deg: f64,
 }
 
+impl Plan {
+    /// Steps of a stage, numbered on from the last step of the plan.
+    pub fn numbered(&self, stage: u32, steps: Vec<Step>) -> Vec<Step> {
+        let first = self.steps.last().map_or(0, |step| step.id + 1);
+        (first..).zip(steps).map(|(id, step)| Step { id, stage, ..step }).collect()
+    }
+}
+
 impl Step {
+    /// A prompt, not yet numbered.
+    pub fn prompt(label: String, text: String) -> Self {
+        Self {
+            id: 0,
+            stage: 0,
+            kind: StepKind::Prompt,
+            label,
+            from: Position::new(),
+            to: Position::new(),
+            feed_mm_min: 0.0,
+            sensors: Vec::new(),
+            normal: [0.0; 3],
+            scan: None,
+            text: Some(text),
+            mount: None,
+        }
+    }
+
+    /// A scan from the first to the last point of its path, not yet numbered and without feed and sensors.
+    pub fn scan(label: String, scan: Scan) -> Self {
+        let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
+        let (from, to) = (end(scan.path.first()), end(scan.path.last()));
+        let (kind, scan) = (StepKind::Scan, Some(scan));
+        Self { kind, from, to, scan, text: None, ..Self::prompt(label, String::new()) }
+    }
+
     /// The first of its sensors; empty where it has none.
     pub fn sensor(&self) -> &str {
         self.sensors.first().map_or("", String::as_str)

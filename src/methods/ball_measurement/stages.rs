@@ -150,14 +150,11 @@ fn stage(
     known: &Known,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
-    let mut steps = match task.pass {
+    let steps = match task.pass {
         Pass::Reference if task.number > 0 => again(setup, task),
         _ => new_steps(setup, visits, task, known)?,
     };
-    let first = setup.plan.steps.len();
-    for (index, step) in steps.iter_mut().enumerate() {
-        (step.id, step.stage) = ((first + index) as u32, id);
-    }
+    let steps = setup.plan.numbered(id, steps);
     let stage = Stage {
         id,
         name: name(setup, visits, task),

@@ -137,14 +137,12 @@ fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i6
     let (positions, revolutions) = (settings.positions as i64, settings.revolutions as i64);
     let step_deg = 360.0 / positions as f64;
     let span = positions * revolutions;
-    let limits = plan.machine.axes.get(&plate.axis).map_or((0.0, 0.0), |spec| (spec.min, spec.max));
-    let reaches = |first: i64| {
-        let ends = [first as f64 * step_deg, (first + span) as f64 * step_deg];
-        ends[0] >= limits.0 - 1e-9 && ends[1] <= limits.1 + 1e-9
-    };
-    let lowest = (limits.0 / step_deg).ceil() as i64;
+    let spec = plan.machine.axes.get(&plate.axis);
+    let limits = spec.map_or((0.0, 0.0), |spec| (spec.min, spec.max));
+    let [low, high] = spec.map_or([0, 0], |spec| spec.multiples_within(step_deg));
+    let reaches = |first: i64| first >= low && first + span <= high;
     let first =
-        [0, -span, lowest].into_iter().find(|first| reaches(*first)).ok_or_else(|| Refused {
+        [0, -span, low].into_iter().find(|first| reaches(*first)).ok_or_else(|| Refused {
             why: format!(
                 "{} turns from {} to {} degrees: {revolutions} revolution(s) need {} degrees",
                 plate.axis,

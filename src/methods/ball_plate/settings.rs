@@ -69,10 +69,7 @@ const MAX_DRIFT_ORDER: usize = 5;
 impl Settings {
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
-        let must = |holds: bool, why: String, instead: String| {
-            if holds { Ok(()) } else { Err(Refused { why, instead }) }
-        };
-        must(
+        Refused::unless(
             self.harmonics > 0 && 2 * self.harmonics < self.positions,
             format!(
                 "{} positions do not show {} harmonics: more than twice as many are needed",
@@ -80,7 +77,7 @@ impl Settings {
             ),
             format!("choose positions = {} or more, or fewer harmonics", 4 * self.harmonics.max(1)),
         )?;
-        must(
+        Refused::unless(
             self.revolutions > 0 && self.sub_harmonics <= self.revolutions,
             format!(
                 "sub-harmonics up to θ/{} need as many revolutions in one direction, not {}",
@@ -88,30 +85,30 @@ impl Settings {
             ),
             format!("choose revolutions = {}", self.sub_harmonics.max(1)),
         )?;
-        must(
+        Refused::unless(
             self.drift_order <= MAX_DRIFT_ORDER,
             format!("drift_order = {} follows the scatter of the touches", self.drift_order),
             format!("choose drift_order = 3, at most {MAX_DRIFT_ORDER}"),
         )?;
-        must(
+        Refused::unless(
             self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
-            "standoff_mm and search_mm must be greater than 0".to_owned(),
-            "leave them out, or choose about 0.5 and 1.0".to_owned(),
+            "standoff_mm and search_mm must be greater than 0",
+            "leave them out, or choose about 0.5 and 1.0",
         )?;
-        must(
+        Refused::unless(
             (5..=100).contains(&self.touches),
             format!("{} touches do not tell a ball from its dents", self.touches),
-            "choose touches = 5, or 15 for a form check".to_owned(),
+            "choose touches = 5, or 15 for a form check",
         )?;
-        must(
+        Refused::unless(
             self.form_limit_um > 0.0 && self.diameter_limit_um > 0.0,
-            "form_limit_um and diameter_limit_um must be greater than 0".to_owned(),
-            "leave them out, or choose about 15 and 30".to_owned(),
+            "form_limit_um and diameter_limit_um must be greater than 0",
+            "leave them out, or choose about 15 and 30",
         )?;
-        must(
+        Refused::unless(
             self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide".to_owned(),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
     }
 

@@ -1,11 +1,12 @@
 //! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions, each solved in the
 //! directions that its rows determine.
 
-use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey};
+use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey, lower_root};
 use estimation::null_names::name_null_space;
 use faer::{Mat, MatRef};
 
 use super::model::{FitFigures, ObservationModel, Response, Solution, multiply, rms};
+use super::source::{Effect, InResiduals, ObservationRun, UncertaintySource};
 use crate::IdentifyError;
 
 /// An output that contains more than this part of a lost direction is not identifiable.
@@ -159,10 +160,34 @@ impl BlockwiseFit {
     }
 
     /// A change of all observations, mm, as change of the reduced observations.
-    pub fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
+    fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
         let parts = change_mm.chunks(change_mm.len() / self.blocks.len().max(1));
         let of = |(fit, part): (&BlockFit, &[f64])| multiply(&fit.reduction, part);
         self.blocks.iter().zip(parts).flat_map(of).collect()
+    }
+
+    /// Effect of observations with a covariance, mm², within each block.
+    pub fn independent_blocks(&self, covariance: impl Fn(usize) -> Mat<f64>) -> Effect {
+        let (mut runs, mut first) = (Vec::new(), 0);
+        for (block, fit) in self.blocks.iter().enumerate() {
+            let reduced = &fit.reduction * covariance(block) * fit.reduction.transpose();
+            let root = lower_root(&reduced);
+            let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
+            runs.extend(columns.map(|values| ObservationRun { first, values }));
+            first += root.nrows();
+        }
+        Effect::Runs(runs)
+    }
+
+    /// A source that moves many observations together, by its `columns` in mm: no part of the weights; its
+    /// size stays as declared.
+    pub fn declared_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+        let effect = Effect::Joint(columns.iter().map(|column| self.reduce(column)).collect());
+        UncertaintySource {
+            in_residuals: InResiduals::Expected,
+            is_in_weights: false,
+            ..UncertaintySource::new(name, effect)
+        }
     }
 }
 

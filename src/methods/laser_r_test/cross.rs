@@ -58,18 +58,11 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     let beam = bench.spindle(&wanted.rotary) * unit_vector(place.beam).unwrap_or_default();
     let (feed_mm_min, sampling) = settled(bench, wanted.walk);
     Ok(Step {
-        id: 0,
-        stage: 0,
         kind: if wanted.reference { StepKind::Reference } else { StepKind::Scan },
-        label: wanted.label.clone(),
-        from: path.first().cloned().unwrap_or_default(),
-        to: path.last().cloned().unwrap_or_default(),
         feed_mm_min,
         sensors: vec![bench.sensor.name.clone()],
         normal: (-beam).into(),
-        scan: Some(Scan { path, sampling }),
-        text: None,
-        mount: None,
+        ..Step::scan(wanted.label.clone(), Scan { path, sampling })
     })
 }
 

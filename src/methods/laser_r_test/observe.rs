@@ -71,13 +71,10 @@ impl Observed {
 /// # Errors
 /// A reading of no step of the plan.
 pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+    IdentifyError::check_steps(bench.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);
-    }
-    let known = |id: &u32| bench.plan.steps.iter().any(|step| step.id == *id);
-    if let Some(step) = of_step.keys().find(|id| !known(id)) {
-        return Err(IdentifyError::UnknownStep { step: *step });
     }
     let mut observed = Observed::default();
     let mut raws: Vec<Raw> = Vec::new();

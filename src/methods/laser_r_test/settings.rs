@@ -112,27 +112,24 @@ const MOST_ORDER: u32 = 36;
 impl Settings {
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
-        let must = |holds: bool, why: String, instead: &str| {
-            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
-        };
         let positive = |value: f64| value > 0.0 && value.is_finite();
-        must(
+        Refused::unless(
             (3..=1000).contains(&self.points),
             format!("{} points on a line do not show where a sphere is highest", self.points),
             "choose points = 13",
         )?;
-        must(
+        Refused::unless(
             positive(self.margin_mm) && positive(self.feed_mm_min) && self.samples > 0,
-            "margin_mm, feed_mm_min and samples must be greater than 0".to_owned(),
+            "margin_mm, feed_mm_min and samples must be greater than 0",
             "leave them out, or choose about 0.8, 600 and 20",
         )?;
         self.check_continuous()?;
-        must(
+        Refused::unless(
             self.samples <= MOST_SAMPLES,
             format!("{} samples at each dwell point are more than {MOST_SAMPLES}", self.samples),
             "choose about 20: the machine drifts while it stands there for longer",
         )?;
-        must(
+        Refused::unless(
             (0.0..=LONGEST_DWELL_S).contains(&self.dwell_s)
                 && self.radius_u_um >= 0.0
                 && self.form_u_um >= 0.0,
@@ -142,13 +139,13 @@ impl Settings {
             "leave them out, or choose about 0.1 and 0.5",
         )?;
         self.check_orders()?;
-        must(
+        Refused::unless(
             positive(self.form_limit_um),
-            "form_limit_um must be greater than 0".to_owned(),
+            "form_limit_um must be greater than 0",
             "leave it out, or choose about 10",
         )?;
         self.check_heights()?;
-        must(
+        Refused::unless(
             self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",

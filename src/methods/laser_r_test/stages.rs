@@ -166,7 +166,6 @@ pub fn stage(
     place: &Place,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
-    let first = bench.plan.steps.iter().map(|step| step.id + 1).max().unwrap_or(0);
     let doubt_mm = match task.pass {
         Pass::Find => bench.balls.uncertainty_mm,
         _ => bench.settings.margin_mm,
@@ -180,9 +179,7 @@ pub fn stage(
             _ => steps.push(step(bench, &place, wanted)?),
         }
     }
-    let numbered = (first..).zip(steps);
-    let steps: Vec<Step> =
-        numbered.map(|(number, step)| Step { id: number, stage: id, ..step }).collect();
+    let steps = bench.plan.numbered(id, steps);
     let found = (task.pass != Pass::Find).then(|| found(bench, &place));
     let ids = steps.iter().map(|step| step.id).collect();
     Ok((Stage { id, name: task.name.to_owned(), repeat: 0, steps: ids, found }, steps))

@@ -139,9 +139,7 @@ fn check_complete(plan: &Plan, steps: &[&Step], readings: &[Reading]) -> Result<
         }
     }
     let missing = steps.iter().find(|step| readings.iter().all(|read| read.step != step.id));
-    missing.map_or(Ok(()), |step| {
-        Err(IdentifyError::Missing { step: step.id, label: step.label.clone() })
-    })
+    missing.map_or(Ok(()), |step| Err(IdentifyError::missing(step)))
 }
 
 /// Slow and fast.

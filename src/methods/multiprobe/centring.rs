@@ -56,7 +56,7 @@ impl Centring {
             }
             _ => String::new(),
         };
-        let used = setup.sensors.iter().zip(&self.used_mm).map(|(sensor, used)| match used {
+        let used = setup.plan.sensors.iter().zip(&self.used_mm).map(|(sensor, used)| match used {
             Some([low, high]) => {
                 let [least, most] = sensor.range_mm;
                 format!("{} {low:.3} to {high:.3} mm of {least} to {most}", sensor.name)

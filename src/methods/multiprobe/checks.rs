@@ -18,9 +18,7 @@ const HOUSING_ANGLE_DEG: f64 = 30.0;
 /// A row without channel or index; a section without height; a face without two sections, or with
 /// sensors on different radii.
 pub fn check_surfaces(layout: &ProbeLayout, rows: &[Row]) -> Result<(), Refused> {
-    let refuse = |why: &str, instead: &str| {
-        Err(Refused { why: why.to_owned(), instead: instead.to_owned() })
-    };
+    let refuse = |why: &str, instead: &str| Err(Refused::new(why, instead));
     let (channels, indexes) = (layout.channels.len(), layout.index_angles_rad.len());
     if rows.is_empty() || rows.iter().any(|row| row.channel >= channels || row.index >= indexes) {
         return refuse(
@@ -78,11 +76,8 @@ fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refuse
     let others: Vec<f64> = others.map(|c| c.angle_rad.to_degrees().rem_euclid(360.0)).collect();
     let better = match others.as_slice() {
         [one, two, ..] => {
-            let around = |deg: &f64| AngleRange {
-                from_deg: deg - HOUSING_ANGLE_DEG,
-                to_deg: deg + HOUSING_ANGLE_DEG,
-            };
-            let exclusions: Vec<AngleRange> = others.iter().map(around).collect();
+            let exclusion = |deg: &f64| AngleRange::about(*deg, HOUSING_ANGLE_DEG);
+            let exclusions: Vec<AngleRange> = others.iter().map(exclusion).collect();
             third_angles([*one, *two], 10.0, &exclusions).first().map(|(deg, _)| *deg)
         }
         _ => Some((a + 90.0).rem_euclid(360.0)),

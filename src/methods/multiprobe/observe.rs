@@ -2,7 +2,7 @@
 
 use estimation::revolutions::{
     RejectedRevolutions, ResampleFilter, Resampler, RowRevolutions, Sample, Stops,
-    append_revolutions, common_revolutions, reject_saturated,
+    append_revolutions, common_revolutions, reject_saturated, split_incomplete,
 };
 use std::collections::BTreeSet;
 
@@ -31,10 +31,7 @@ pub struct Observed {
 /// # Errors
 /// A reading of no step of the plan; a mounting without a turn.
 pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
-    let known = |reading: &&Reading| setup.plan.steps.iter().any(|step| step.id == reading.step);
-    if let Some(stray) = readings.iter().find(|reading| !known(reading)) {
-        return Err(IdentifyError::UnknownStep { step: stray.step });
-    }
+    IdentifyError::check_steps(setup.plan, readings)?;
     let filter = ResampleFilter::new(setup.settings.positions);
     let mut observed = Observed::default();
     for index in 0..setup.settings.indexes {
@@ -64,8 +61,7 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
 fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
     let of_step = || readings.iter().filter(|reading| reading.step == step.id);
     let last = of_step().map(|reading| reading.repeat).max();
-    let last =
-        last.ok_or_else(|| IdentifyError::Missing { step: step.id, label: step.label.clone() })?;
+    let last = last.ok_or_else(|| IdentifyError::missing(step))?;
     Ok(of_step().filter(|reading| reading.repeat == last).collect())
 }
 
@@ -78,7 +74,7 @@ fn missing_stops(setup: &Setup<'_>, step: &Step, readings: &[&Reading]) -> usize
     let seen = readings.iter().filter(|reading| reading.value_mm.is_some());
     let seen: BTreeSet<(i64, &str)> = seen.map(|r| (stop(r), r.sensor.as_str())).collect();
     let stops = step.scan.as_ref().map_or(0, |scan| scan.path.len());
-    (stops * setup.sensors.len()).saturating_sub(seen.len())
+    (stops * setup.plan.sensors.len()).saturating_sub(seen.len())
 }
 
 fn stops(setup: &Setup<'_>, step: &Step) -> Stops {
@@ -140,17 +136,15 @@ impl Observed {
         }
     }
 
-    /// The channels of an index must have as many revolutions: those that lack some are left out.
+    /// Channels that lack revolutions of an index are left out.
     fn keep(&mut self, setup: &Setup<'_>, index: usize, mut rows: Vec<RowRevolutions>) {
-        let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
-        for row in rows.iter().filter(|row| row.revolutions.len() < most) {
-            let name = &setup.layout.channels[row.row.channel].name;
+        for row in split_incomplete(&mut rows) {
+            let name = &setup.layout.channels[row.channel].name;
             self.left_out.push(format!(
                 "mounting {}: {name} is left out: it lacks whole revolutions in one direction",
                 index + 1
             ));
         }
-        rows.retain(|row| row.revolutions.len() == most);
         self.rows.extend(rows);
     }
 }

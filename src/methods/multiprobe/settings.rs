@@ -92,11 +92,8 @@ impl Settings {
     /// # Errors
     /// Numbers that make no measurement.
     pub fn check(&self) -> Result<(), Refused> {
-        let must = |holds: bool, why: String, instead: String| {
-            if holds { Ok(()) } else { Err(Refused { why, instead }) }
-        };
         let (positions, harmonics) = (self.positions, self.harmonics);
-        must(
+        Refused::unless(
             harmonics > 0 && self.highest_order() >= harmonics,
             format!("{positions} positions a revolution do not show {harmonics} harmonics"),
             format!(
@@ -104,22 +101,21 @@ impl Settings {
                 (harmonics.max(1) * 9).div_ceil(2)
             ),
         )?;
-        must(
+        Refused::unless(
             self.indexes > 0 && self.revolutions > 0,
-            "indexes and revolutions must be 1 or more".to_owned(),
-            "correct them".to_owned(),
+            "indexes and revolutions must be 1 or more",
+            "correct them",
         )?;
-        must(
+        Refused::unless(
             self.revolutions > 1 || self.both_directions,
-            "one revolution shows no scatter, and its uncertainty is not known".to_owned(),
-            "choose revolutions = 2, or both_directions = true".to_owned(),
+            "one revolution shows no scatter, and its uncertainty is not known",
+            "choose revolutions = 2, or both_directions = true",
         )?;
         let lengths = [self.feed_deg_min, self.rate_hz, self.eccentricity_limit_um];
-        must(
+        Refused::unless(
             lengths.iter().all(|length| *length > 0.0) && self.dwell_s >= 0.0 && self.samples > 0,
-            "feed_deg_min, rate_hz, eccentricity_limit_um and samples must be greater than 0"
-                .to_owned(),
-            "correct them".to_owned(),
+            "feed_deg_min, rate_hz, eccentricity_limit_um and samples must be greater than 0",
+            "correct them",
         )?;
         self.check_rate()
     }

@@ -1,25 +1,16 @@
 //! Where the sensors are about the table's axis, from machine, artefact and sensors as the plan declares
 //! them.
 
-use nalgebra::Vector3;
-
 use super::checks;
 use super::model::{Channel, Component, ProbeLayout, Surface, TableSense, equal_steps_rad};
 use super::settings::Settings;
 use crate::Refused;
-use machine::frame::unit_vector;
+use machine::artefact::{CylinderOnTable, ObservedSurface};
 use machine::kinematics::{Chain, TableAxis};
 use machine::record::artefact::{Artefact, DatumCylinder};
 use machine::record::plan::Plan;
-use machine::record::sensor::{Mount, Sensor};
+use machine::record::sensor::Sensor;
 use machine::{Axis, Position};
-
-/// A radial sensor looks past the axis by this at most, mm: farther off its angle changes with the radius.
-const MAX_OFF_AXIS_MM: f64 = 0.5;
-/// A sensor measures a section from which it is this far at most, mm.
-const MAX_OFF_SECTION_MM: f64 = 2.0;
-/// Cosine of 1°: as exactly a sensor looks along or across the axis.
-const MIN_COSINE: f64 = 0.999_85;
 
 pub struct Setup<'a> {
     pub plan: &'a Plan,
@@ -28,7 +19,6 @@ pub struct Setup<'a> {
     pub axis: Axis,
     /// All axes at the start of a turn from zero, the measured one left out.
     pub at: Position,
-    pub sensors: Vec<&'a Sensor>,
     pub layout: ProbeLayout,
 }
 
@@ -41,17 +31,20 @@ impl<'a> Setup<'a> {
         let cylinder = datum_cylinder(plan)?;
         let at = stands(plan, settings, &table)?;
         let line = chain.axis_line(table.axis, &at).ok_or_else(no_table)?;
-        let foot = Vector3::from(cylinder.centre_mm);
-        let foot = chain.machine_from_table(&at, &[]).transform_point(&foot.into()).coords;
-        let view = View { chain: &chain, at: &at, cylinder, axis_point: line.point, foot };
-        let mut placed: Vec<(&Sensor, Seen)> = Vec::new();
-        for sensor in &plan.sensors {
-            placed.push((sensor, view.seen_by(sensor)?));
-        }
-        let mut sections: Vec<usize> = placed.iter().filter_map(|(_, seen)| seen.section).collect();
+        let on_table = CylinderOnTable { chain: &chain, at: &at, cylinder, axis: &line };
+        let foot = on_table.foot();
+        let observed = |sensor: &'a Sensor| match on_table.observed(sensor) {
+            Ok(surface) => Ok((sensor, surface)),
+            Err(error) => {
+                Err(Refused::new(format!("sensor {}: {error}", sensor.name), error.remedy()))
+            }
+        };
+        let placed = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, _>>()?;
+        let mut sections: Vec<usize> =
+            placed.iter().filter_map(|(_, surface)| surface.section).collect();
         sections.sort_unstable();
         sections.dedup();
-        let channels = placed.iter().map(|(sensor, seen)| seen.channel(sensor, &sections));
+        let channels = placed.iter().map(|(sensor, surface)| channel(sensor, surface, &sections));
         let layout = ProbeLayout {
             channels: channels.collect(),
             section_z_mm: sections.iter().map(|i| foot.z + cylinder.sections[*i].z_mm).collect(),
@@ -67,14 +60,7 @@ impl<'a> Setup<'a> {
             },
         };
         let at: Position = at.only(|axis| axis != table.axis);
-        Ok(Self {
-            plan,
-            settings,
-            axis: table.axis,
-            at,
-            sensors: plan.sensors.iter().collect(),
-            layout,
-        })
+        Ok(Self { plan, settings, axis: table.axis, at, layout })
     }
 
     /// What the sensors and indexes do not separate, before anything moves.
@@ -92,89 +78,15 @@ impl<'a> Setup<'a> {
     }
 }
 
-/// Machine frame, mm.
-struct View<'a> {
-    chain: &'a Chain,
-    at: &'a Position,
-    cylinder: &'a DatumCylinder,
-    /// A point of the table's axis, and the foot of the cylinder.
-    axis_point: Vector3<f64>,
-    foot: Vector3<f64>,
-}
-
-/// What one sensor looks at.
-struct Seen {
-    /// `None`: the face.
-    section: Option<usize>,
-    angle_rad: f64,
-    /// From the axis to where it looks at the face.
-    radius_mm: f64,
-}
-
-impl Seen {
-    fn channel(&self, sensor: &Sensor, sections: &[usize]) -> Channel {
-        let number = |section: usize| sections.iter().position(|own| *own == section);
-        let surface = match self.section {
+fn channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> Channel {
+    let number = |section: usize| sections.iter().position(|own| *own == section);
+    Channel {
+        name: sensor.name.clone(),
+        angle_rad: surface.angle_rad,
+        surface: match surface.section {
             Some(section) => Surface::Section(number(section).unwrap_or_default()),
-            None => Surface::Face { radius_mm: self.radius_mm },
-        };
-        Channel { name: sensor.name.clone(), surface, angle_rad: self.angle_rad }
-    }
-}
-
-impl View<'_> {
-    fn seen_by(&self, sensor: &Sensor) -> Result<Seen, Refused> {
-        let refuse = |why: String, instead: &str| {
-            Err(Refused {
-                why: format!("sensor {}: {why}", sensor.name),
-                instead: instead.to_owned(),
-            })
-        };
-        let pose = match sensor.mount {
-            Mount::Spindle => Some(self.chain.machine_from_spindle(self.at, &[])),
-            Mount::Bed => None,
-            Mount::Table => {
-                return refuse(
-                    "it turns with the table that it is to measure".to_owned(),
-                    "mount it on the bed or the spindle, and state mount = \"bed\" or \"spindle\"",
-                );
-            }
-        };
-        let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
-        let zero = pose.map_or(zero, |pose| pose.transform_point(&zero.into()).coords);
-        let along = pose.map_or(along, |pose| pose.transform_vector(&along));
-        let from_axis = zero - self.axis_point;
-        if along.z < -MIN_COSINE && self.cylinder.face.is_some() {
-            let angle_rad = from_axis.y.atan2(from_axis.x);
-            return Ok(Seen { section: None, angle_rad, radius_mm: from_axis.xy().norm() });
-        }
-        let Some(across) = unit_vector(along).filter(|along| along.z.abs() < 0.02) else {
-            return refuse(
-                "it looks neither across the axis nor down on the face".to_owned(),
-                "correct its direction, or state the face of the [artefact]",
-            );
-        };
-        let past_mm = (from_axis.x * across.y - from_axis.y * across.x).abs();
-        if past_mm > MAX_OFF_AXIS_MM || from_axis.dot(&across) > 0.0 {
-            return refuse(
-                format!("it looks past the table's axis by {past_mm:.2} mm, or away from it"),
-                "correct zero_mm and direction: a radial sensor looks at the axis",
-            );
-        }
-        let height = zero.z - self.foot.z;
-        let off = |section: usize| (self.cylinder.sections[section].z_mm - height).abs();
-        let sections = 0..self.cylinder.sections.len();
-        let nearest = sections.min_by(|a, b| off(*a).total_cmp(&off(*b)));
-        match nearest.filter(|section| off(*section) <= MAX_OFF_SECTION_MM) {
-            Some(section) => {
-                let angle_rad = (-across.y).atan2(-across.x);
-                Ok(Seen { section: Some(section), angle_rad, radius_mm: 0.0 })
-            }
-            None => refuse(
-                format!("it is {height:.1} mm above the foot of the cylinder, where no section is"),
-                "correct zero_mm, `at`, or the z_mm of [artefact] sections",
-            ),
-        }
+            None => Surface::Face { radius_mm: surface.radius_mm },
+        },
     }
 }
 
@@ -186,14 +98,14 @@ fn datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, Refused> {
         {
             Ok(cylinder)
         }
-        Artefact::DatumCylinder(_) => Err(Refused {
-            why: "the axis of the datum cylinder is not along Z".to_owned(),
-            instead: "state axis = [0.0, 0.0, 1.0] of the [artefact]".to_owned(),
-        }),
-        _ => Err(Refused {
-            why: "this method measures a datum cylinder; [artefact] states another kind".to_owned(),
-            instead: "describe it with kind = \"datum_cylinder\"".to_owned(),
-        }),
+        Artefact::DatumCylinder(_) => Err(Refused::new(
+            "the axis of the datum cylinder is not along Z",
+            "state axis = [0.0, 0.0, 1.0] of the [artefact]",
+        )),
+        _ => Err(Refused::new(
+            "this method measures a datum cylinder; [artefact] states another kind",
+            "describe it with kind = \"datum_cylinder\"",
+        )),
     }
 }
 
@@ -222,11 +134,9 @@ fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Positio
     }
 }
 
-fn no_table() -> Refused {
-    Refused {
-        why: "no rotary axis that carries the workpiece is along Z with all others at zero"
-            .to_owned(),
-        instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
-            .to_owned(),
-    }
+pub fn no_table() -> Refused {
+    Refused::new(
+        "no rotary axis that carries the workpiece is along Z with all others at zero",
+        "state it on the workpiece side of the topology (w-C-…) and as [axes.C]",
+    )
 }

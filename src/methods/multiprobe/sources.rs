@@ -4,13 +4,9 @@
 use estimation::revolutions::{HarmonicData, Row};
 use std::f64::consts::PI;
 
-use estimation::linear::lower_root;
-
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
-use crate::identification::{
-    Effect, EvaluationType, InResiduals, ObservationRun, UncertaintySource,
-};
+use crate::identification::{Effect, EvaluationType, UncertaintySource};
 
 /// Whether the co-rotating first harmonic of the motions is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,42 +94,23 @@ pub fn sources(
         ("face radius", sizes.face_radius_mm, vec![LayoutError::FaceRadius]),
     ];
     let gains = channels().map(|channel| gain_error(data, channel, sizes.gain)).collect();
-    let mut all = vec![noise(data, fit), declared("gain", gains, fit)];
+    let mut all = vec![noise(data, fit), fit.declared_source("gain", gains)];
     for (name, u, errors) in errors {
         let columns = errors.iter().map(|error| error.column(u, layout, &data.rows, fit));
-        all.push(declared(name, columns.collect(), fit));
+        all.push(fit.declared_source(name, columns.collect()));
     }
-    all.push(declared("drift", drift(layout, data, sizes.drift_mm_per_revolution), fit));
+    all.push(fit.declared_source("drift", drift(layout, data, sizes.drift_mm_per_revolution)));
     all.push(stage_eccentricity(layout, fit, sizes.stage));
     all.retain(|source| !source.is_zero());
     all
 }
 
-/// A source that moves many observations together, by its `columns` in mm: no part of the weights; its
-/// size stays as declared.
-fn declared(name: &str, columns: Vec<Vec<f64>>, fit: &SeparationFit) -> UncertaintySource {
-    let effect = Effect::Joint(columns.iter().map(|column| fit.reduce(column)).collect());
-    UncertaintySource {
-        in_residuals: InResiduals::Expected,
-        is_in_weights: false,
-        ..UncertaintySource::new(name, effect)
-    }
-}
-
 /// Scatter of the mean over the revolutions: independent harmonics.
 fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
-    let (mut runs, mut first) = (Vec::new(), 0);
-    for (order, harmonic) in (1..).zip(&fit.blocks) {
-        let reduction = &harmonic.reduction;
-        let covariance = reduction * data.covariance(order) * reduction.transpose();
-        let root = lower_root(&covariance);
-        let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
-        runs.extend(columns.map(|values| ObservationRun { first, values }));
-        first += root.nrows();
-    }
+    let effect = fit.independent_blocks(|block| data.covariance(block + 1));
     let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let evaluation = EvaluationType::A;
-    UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", Effect::Runs(runs)) }
+    UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", effect) }
 }
 
 fn gain_error(data: &HarmonicData, channel: usize, u: f64) -> Vec<f64> {
@@ -185,7 +162,11 @@ fn stage_eccentricity(
         }
     }
     let effect = Effect::Joint(vec![Vec::new(); direct_changes.len()]);
-    UncertaintySource { effect, direct_changes, ..declared("stage eccentricity", Vec::new(), fit) }
+    UncertaintySource {
+        effect,
+        direct_changes,
+        ..fit.declared_source("stage eccentricity", Vec::new())
+    }
 }
 
 /// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first

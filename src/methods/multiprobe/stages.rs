@@ -4,7 +4,7 @@
 use super::centring::{CENTRING_POINTS, Centring};
 use super::label::Label;
 use super::settings::TurnSampling;
-use super::setup::Setup;
+use super::setup::{Setup, no_table};
 use crate::{Next, Refused, Source};
 use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
@@ -35,10 +35,10 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
             ("centring, once more".to_owned(), centring(setup, &turn, rounds + 1, off.text(setup))?)
         }
         (_, 0, Some(off)) => {
-            return Err(Refused {
-                why: format!("the artefact is still not centred: {}", off.text(setup)),
-                instead: "use a finer centring stage, or raise eccentricity_limit_um".to_owned(),
-            });
+            return Err(Refused::new(
+                format!("the artefact is still not centred: {}", off.text(setup)),
+                "use a finer centring stage, or raise eccentricity_limit_um",
+            ));
         }
         (_, mounted, _) if mounted < setup.settings.indexes => {
             let count = setup.settings.indexes;
@@ -46,16 +46,13 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
         }
         _ => return Ok(Next::Done),
     };
-    let first = setup.plan.steps.len() as u32;
-    let numbered = (first..).zip(steps);
-    let new_steps: Vec<Step> =
-        numbered.map(|(number, step)| Step { id: number, stage: id, ..step }).collect();
+    let new_steps = setup.plan.numbered(id, steps);
     let ids = new_steps.iter().map(|step| step.id).collect();
     Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps: ids, found: None }, new_steps })
 }
 
 fn first_text(setup: &Setup<'_>) -> String {
-    let names: Vec<&str> = setup.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let names: Vec<&str> = setup.plan.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     format!(
         "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
          middle of their ranges. The table will turn once",
@@ -73,7 +70,7 @@ fn centring(
     let step_deg = 360.0 / CENTRING_POINTS as f64;
     let angles = (0..=CENTRING_POINTS).map(|k| turn.start_deg(setup) + k as f64 * step_deg);
     let scan = scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup));
-    let prompt = prompt(format!("centre/{round}"), text, None);
+    let prompt = Step::prompt(format!("centre/{round}"), text);
     Ok(vec![prompt, scan])
 }
 
@@ -93,7 +90,7 @@ fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, 
     };
     // The first mounting is what all others are counted from.
     let mount = (number > 1).then_some(ArtefactMount { turn_deg });
-    let prompt = prompt(Label::Mount(number).to_string(), text, mount);
+    let prompt = Step { mount, ..Step::prompt(Label::Mount(number).to_string(), text) };
     let forward = turn.angles_deg(setup);
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
     let start = turn.start_deg(setup);
@@ -117,23 +114,6 @@ fn rests(setup: &Setup<'_>) -> Sampling {
     Sampling::Dwell { dwell_s: setup.settings.dwell_s, samples: setup.settings.samples }
 }
 
-fn prompt(label: String, text: String, mount: Option<ArtefactMount>) -> Step {
-    Step {
-        id: 0,
-        stage: 0,
-        kind: StepKind::Prompt,
-        label,
-        from: Position::new(),
-        to: Position::new(),
-        feed_mm_min: 0.0,
-        sensors: Vec::new(),
-        normal: [0.0; 3],
-        scan: None,
-        text: Some(text),
-        mount,
-    }
-}
-
 fn scan(
     setup: &Setup<'_>,
     label: Label,
@@ -143,20 +123,16 @@ fn scan(
 ) -> Step {
     let at = |deg: &f64| setup.at.clone().with(setup.axis, setup.axis.from_edge(*deg));
     let path: Vec<Position> = angles_deg.iter().map(at).collect();
-    let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
     Step {
-        id: 0,
-        stage: 0,
         kind,
-        label: label.to_string(),
-        from: end(path.first()),
-        to: end(path.last()),
         feed_mm_min: setup.settings.feed_deg_min,
-        sensors: setup.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
-        normal: setup.sensors.first().map_or([0.0; 3], |sensor| sensor.direction.map(|part| -part)),
-        scan: Some(Scan { path, sampling }),
-        text: None,
-        mount: None,
+        sensors: setup.plan.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+        normal: setup
+            .plan
+            .sensors
+            .first()
+            .map_or([0.0; 3], |sensor| sensor.direction.map(|part| -part)),
+        ..Step::scan(label.to_string(), Scan { path, sampling })
     }
 }
 
@@ -181,11 +157,8 @@ impl Turn {
         };
         let whole = (settings.positions * settings.revolutions) as i64;
         let step_deg = 360.0 / settings.positions as f64;
-        let limits = setup.plan.machine.axes.get(&setup.axis).map_or([0.0; 2], |s| [s.min, s.max]);
-        let [low, high] = [
-            (limits[0] / step_deg - 1e-9).ceil() as i64,
-            (limits[1] / step_deg + 1e-9).floor() as i64,
-        ];
+        let spec = setup.plan.machine.axes.get(&setup.axis).ok_or_else(no_table)?;
+        let [low, high] = spec.multiples_within(step_deg);
         let first = if low <= -lead && whole + lead <= high { -lead } else { low };
         let last = first + whole + 2 * lead;
         if last <= high {
@@ -198,8 +171,8 @@ impl Turn {
                 settings.revolutions,
                 setup.axis,
                 lead as f64 * step_deg,
-                limits[0],
-                limits[1]
+                spec.min,
+                spec.max
             ),
             instead: match most {
                 0 => {

@@ -119,35 +119,32 @@ impl Settings {
 
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
-        let must = |holds: bool, why: String, instead: &str| {
-            if holds { Ok(()) } else { Err(Refused { why, instead: instead.to_owned() }) }
-        };
-        must(
+        Refused::unless(
             self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
-            "standoff_mm and search_mm must be greater than 0".to_owned(),
+            "standoff_mm and search_mm must be greater than 0",
             "leave them out, or choose about 0.5 and 1.0",
         )?;
-        must(
+        Refused::unless(
             (1..=MOST_BALLS).contains(&self.balls) && self.indexations > 0,
             format!("a budget of {} balls at {} indexations", self.balls, self.indexations),
             "leave balls and indexations out (109 and 32), or choose up to 2000 balls",
         )?;
-        must(
+        Refused::unless(
             self.minutes >= 0.0 && self.minutes.is_finite(),
             format!("a budget of {} minutes", self.minutes),
             "choose minutes = 0 for no limit, or the machine time you have",
         )?;
-        must(
+        Refused::unless(
             (5..=100).contains(&self.touches),
             format!("{} touches do not tell a ball from its dents", self.touches),
             "choose touches = 5, or 15 for a form check",
         )?;
-        must(
+        Refused::unless(
             self.form_limit_um > 0.0 && self.diameter_limit_um > 0.0,
-            "form_limit_um and diameter_limit_um must be greater than 0".to_owned(),
+            "form_limit_um and diameter_limit_um must be greater than 0",
             "leave them out, or choose about 15 and 30",
         )?;
-        must(
+        Refused::unless(
             self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
             format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",

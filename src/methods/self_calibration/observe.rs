@@ -43,7 +43,7 @@ pub fn observe(
     let cycle = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL));
     for (i, step) in cycle.enumerate() {
         let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
-            return Err(IdentifyError::Missing { step: step.id, label: step.label.clone() });
+            return Err(IdentifyError::missing(step));
         };
         if touches_top(step) {
             continue;

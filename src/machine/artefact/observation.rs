@@ -1,0 +1,116 @@
+//! Where a displacement sensor measures a datum cylinder on a rotary table. Machine frame, mm.
+
+use nalgebra::Vector3;
+
+use crate::Position;
+use crate::frame::unit_vector;
+use crate::kinematics::{AxisLine, Chain};
+use crate::record::artefact::DatumCylinder;
+use crate::record::sensor::{Mount, Sensor};
+
+/// A radial sensor may point past the axis by this at most, mm: farther off its angle changes with the radius.
+const MAX_OFF_AXIS_MM: f64 = 0.5;
+/// A sensor measures a section from which it is this far at most, mm.
+const MAX_OFF_SECTION_MM: f64 = 2.0;
+/// Cosine of 1°: as exactly an axial sensor points along the axis.
+const MIN_COSINE: f64 = 0.999_85;
+/// A radial sensor is across the axis where the cosine of the angle between them is less.
+const MAX_CROSS_COSINE: f64 = 0.02;
+
+/// The place that one sensor measures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObservedSurface {
+    /// Number of the section. `None`: the face.
+    pub section: Option<usize>,
+    /// Direction from the axis to the sensor, counter-clockwise from +X.
+    pub angle_rad: f64,
+    /// From the axis to the place on the face.
+    pub radius_mm: f64,
+}
+
+/// A sensor that measures no surface of the cylinder.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ObservationError {
+    #[error("it turns with the table that it is to measure")]
+    OnTable,
+    #[error("it looks neither across the axis nor down on the face")]
+    NoSurface,
+    #[error("it looks past the table's axis by {past_mm:.2} mm, or away from it")]
+    PastAxis { past_mm: f64 },
+    #[error("it is {height_mm:.1} mm above the foot of the cylinder, where no section is")]
+    NoSection { height_mm: f64 },
+}
+
+impl ObservationError {
+    /// What to correct.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::OnTable => {
+                "mount it on the bed or the spindle, and state mount = \"bed\" or \"spindle\""
+            }
+            Self::NoSurface => "correct its direction, or state the face of the [artefact]",
+            Self::PastAxis { .. } => {
+                "correct zero_mm and direction: a radial sensor looks at the axis"
+            }
+            Self::NoSection { .. } => "correct zero_mm, `at`, or the z_mm of [artefact] sections",
+        }
+    }
+}
+
+/// A datum cylinder on a table whose axis is along Z.
+pub struct CylinderOnTable<'a> {
+    pub chain: &'a Chain,
+    pub at: &'a Position,
+    pub cylinder: &'a DatumCylinder,
+    /// Of the table.
+    pub axis: &'a AxisLine,
+}
+
+impl CylinderOnTable<'_> {
+    /// Foot of the cylinder.
+    pub fn foot(&self) -> Vector3<f64> {
+        let foot = Vector3::from(self.cylinder.centre_mm);
+        self.chain.machine_from_table(self.at, &[]).transform_point(&foot.into()).coords
+    }
+
+    /// # Errors
+    /// The sensor measures neither the face nor a section, or turns with the table.
+    pub fn observed(&self, sensor: &Sensor) -> Result<ObservedSurface, ObservationError> {
+        let pose = match sensor.mount {
+            Mount::Spindle => Some(self.chain.machine_from_spindle(self.at, &[])),
+            Mount::Bed => None,
+            Mount::Table => return Err(ObservationError::OnTable),
+        };
+        let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
+        let zero = pose.map_or(zero, |pose| pose.transform_point(&zero.into()).coords);
+        let along = pose.map_or(along, |pose| pose.transform_vector(&along));
+        let from_axis = zero - self.axis.point;
+        if along.z < -MIN_COSINE && self.cylinder.face.is_some() {
+            let angle_rad = from_axis.y.atan2(from_axis.x);
+            return Ok(ObservedSurface {
+                section: None,
+                angle_rad,
+                radius_mm: from_axis.xy().norm(),
+            });
+        }
+        let across = unit_vector(along).filter(|along| along.z.abs() < MAX_CROSS_COSINE);
+        let across = across.ok_or(ObservationError::NoSurface)?;
+        let past_mm = (from_axis.x * across.y - from_axis.y * across.x).abs();
+        if past_mm > MAX_OFF_AXIS_MM || from_axis.dot(&across) > 0.0 {
+            return Err(ObservationError::PastAxis { past_mm });
+        }
+        let section = Some(self.section_at(zero.z - self.foot().z)?);
+        let angle_rad = (-across.y).atan2(-across.x);
+        Ok(ObservedSurface { section, angle_rad, radius_mm: 0.0 })
+    }
+
+    /// Number of the section at a height above the foot.
+    fn section_at(&self, height_mm: f64) -> Result<usize, ObservationError> {
+        let off = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
+        let sections = 0..self.cylinder.sections.len();
+        let nearest = sections.min_by(|a, b| off(*a).total_cmp(&off(*b)));
+        nearest
+            .filter(|section| off(*section) <= MAX_OFF_SECTION_MM)
+            .ok_or(ObservationError::NoSection { height_mm })
+    }
+}
