@@ -1,6 +1,6 @@
-//! Multiprobe with eight sensors at 10 kHz over 60 s of continuous turns: resampling to equal angles against the
-//! same filter in numpy in one run, and the identification from the resampled revolutions, Monte Carlo included
-//! (JCGM 101 sets the number of trials).
+//! Multiprobe with eight sensors at 10 kHz over 60 s of continuous turns: filtered to equal angles as a run does it,
+//! against the same filter in numpy in one run, and the identification from these readings, Monte Carlo included (JCGM 101 sets
+//! the number of trials).
 //!
 //! `cargo bench --bench multiprobe`. numpy comes into a venv of its own in the target folder.
 
@@ -10,12 +10,10 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::revolutions::{
-    ResampleFilter, Resampled, Resampler, RowRevolutions, Sample, common_revolutions,
-};
+use estimation::revolutions::{ResampleFilter, Resampled, Resampler, Sample, common_revolutions};
 use machine::Axis;
 use machine::record::estimate::Estimate;
-use machine::record::plan::{Plan, Sampling, Step};
+use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
 use methods::Method;
 use rand_distr::{Distribution, StandardNormal};
@@ -33,16 +31,17 @@ const REVOLUTIONS: i64 = 10;
 const RATE_HZ: f64 = 1e4;
 const FEED_DEG_MIN: f64 = 7200.0;
 const NOISE_MM: f64 = 5e-5;
-/// Of 83 samples a step, one in so many leaves two: the same revolutions from the fewest readings.
-const THINNING: usize = 40;
 const MAX_IDENTIFICATION_S: f64 = 1.0;
 /// Largest difference of resampled values from numpy's, which interpolates the same kernel, mm.
 const TOLERANCE_MM: f64 = 1e-10;
 const SCRIPT: &str = include_str!("multiprobe_numpy.py");
 
 /// One channel in one turn.
-struct Turn {
-    ends_rad: [f64; 2],
+struct Turn<'a> {
+    step: &'a Step,
+    /// Its number, and that of the mounting.
+    channel: usize,
+    index: usize,
     samples: Vec<Sample>,
 }
 
@@ -50,43 +49,29 @@ fn main() -> Result<(), Box<dyn Error>> {
     let file = machine_file()?;
     let (method, header) = setup::header(&file, "multiprobe", None)?;
     let (plan, _) = methods::nominal(method.as_ref(), header)?;
-    let readings = readings(&plan);
-    let turns = turns(&plan, &readings);
+    let turns = turns(&plan);
     let samples: usize = turns.iter().map(|turn| turn.samples.len()).sum();
     let channels = plan.sensors.len();
-    println!("{channels} channels, {} samples each, {} turns", samples / channels, turns.len());
+    println!("{channels} channels, {} samples each", samples / channels);
 
     let filter = ResampleFilter::new(POSITIONS);
     let start = Instant::now();
     let all: Vec<Resampled> = turns.iter().map(|turn| resampled(&filter, turn)).collect();
     let resampling_s = start.elapsed().as_secs_f64();
-    let blocks: Vec<_> = all.chunks(channels).map(|of| common_revolutions(0, of).0).collect();
-    let revolutions = blocks.iter().flatten().flat_map(|row| &row.revolutions);
-    let values: usize = revolutions.map(Vec::len).sum();
-    println!("trued: {resampling_s:.3} s to resample");
-    println!("resampled revolutions: {values} values, {:.2} MB", values as f64 * 8e-6);
-    println!(
-        "readings: {}, {:.0} MB without positions and names",
-        readings.len(),
-        (readings.len() * size_of::<Reading>()) as f64 * 1e-6
-    );
+    println!("trued: {resampling_s:.3} s to filter");
+    let kept = turns.iter().zip(&all).flat_map(|(turn, of)| readings(&plan, turn, of));
+    let kept: Vec<Reading> = kept.collect();
+    println!("{} readings of {samples} samples", kept.len());
 
-    let (all_s, _) = identified(method.as_ref(), &plan, &readings)?;
-    println!("trued: {all_s:.3} s to identify from all readings");
-    let thinned = thinned(&readings, channels);
-    let (few_s, estimate) = identified(method.as_ref(), &plan, &thinned)?;
-    println!(
-        "trued: {few_s:.3} s to identify from as many revolutions, made of {} readings ({} parameters)",
-        thinned.len(),
-        estimate.parameters.len()
-    );
-    if few_s > MAX_IDENTIFICATION_S {
+    let (seconds, estimate) = identified(method.as_ref(), &plan, &kept)?;
+    println!("trued: {seconds:.3} s to identify {} parameters", estimate.parameters.len());
+    if seconds > MAX_IDENTIFICATION_S {
         return Err(format!("the identification takes more than {MAX_IDENTIFICATION_S} s").into());
     }
     match scipy_python().and_then(|python| numpy(&python, &turns)) {
         Ok((numpy_s, theirs)) => {
-            println!("numpy: {numpy_s:.3} s to resample, ratio {:.1}", numpy_s / resampling_s);
-            compare(&blocks, &theirs)
+            println!("numpy: {numpy_s:.3} s to filter, ratio {:.1}", numpy_s / resampling_s);
+            compare(&all, &theirs)
         }
         Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
             println!("numpy: skipped, {why}");
@@ -97,10 +82,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn resampled(filter: &ResampleFilter, turn: &Turn) -> Resampled {
-    let [from, to] = turn.ends_rad;
-    let mut resampler = Resampler::new(filter, from, to);
-    turn.samples.iter().for_each(|sample| resampler.push(*sample));
-    resampler.finish()
+    let ends_rad = [&turn.step.from, &turn.step.to].map(|end| end.at(Axis::C));
+    Resampler::of_turn(filter, ends_rad, &turn.samples)
 }
 
 /// Best of three: seconds, and the estimate.
@@ -146,38 +129,44 @@ fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
     Ok(MachineFile::parse("multiprobe.toml", toml::to_string(&table)?)?)
 }
 
-/// All samples of the turns, as a run keeps them.
-fn readings(plan: &Plan) -> Vec<Reading> {
-    let turns: Vec<&Step> =
-        plan.steps.iter().filter(|step| step.label.starts_with("index/")).collect();
+/// Each turn of each channel.
+fn turns(plan: &Plan) -> Vec<Turn<'_>> {
     let mut normal = StandardNormal.sample_iter(random::stream(1, &[1]));
-    let mut readings = Vec::new();
-    for (index, step) in turns.into_iter().enumerate() {
-        let sampling = step.scan.as_ref().map(|scan| scan.sampling);
-        let Some(Sampling::Continuous { rate_hz }) = sampling else { continue };
+    let steps = plan.steps.iter().filter(|step| step.label.starts_with("index/"));
+    let mut turns = Vec::new();
+    for (index, step) in steps.enumerate() {
         let [from, to] = [&step.from, &step.to].map(|end| end.at(Axis::C));
-        let angle_per_s = (step.feed_mm_min / 60.0).to_radians();
-        let count = ((to - from) / angle_per_s * rate_hz) as usize;
-        for i in 0..=count {
-            let t_s = i as f64 / rate_hz;
-            let angle = from + t_s * angle_per_s;
-            for sensor in &plan.sensors {
+        let angle_per_sample = (step.feed_mm_min / 60.0).to_radians() / RATE_HZ;
+        let count = ((to - from) / angle_per_sample) as usize;
+        for (channel, sensor) in plan.sensors.iter().enumerate() {
+            let sample = |i: usize| {
+                let angle_rad = from + i as f64 * angle_per_sample;
+                let deviation = deviation(sensor.zero_mm, sensor.direction, angle_rad, index);
                 let noise: f64 = normal.next().unwrap_or_default();
-                let deviation = deviation(sensor.zero_mm, sensor.direction, angle, index);
-                readings.push(Reading {
-                    step: step.id,
-                    repeat: 0,
-                    position: step.from.clone().with(Axis::C, angle),
-                    value_mm: Some(-deviation + NOISE_MM * noise),
-                    sensor: sensor.name.clone(),
-                    t_s: t_s + 40.0 * index as f64,
-                    flag: Flag::None,
-                    temperatures_c: Default::default(),
-                });
-            }
+                Sample { angle_rad, value: NOISE_MM * noise - deviation, is_valid: true }
+            };
+            let samples = (0..=count).map(sample).collect();
+            turns.push(Turn { step, channel, index, samples });
         }
     }
-    readings
+    turns
+}
+
+/// What a run keeps of a turn.
+fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
+    let angle_per_s = (turn.step.feed_mm_min / 60.0).to_radians();
+    let from = turn.step.from.at(Axis::C);
+    let reading = |(angle, value_mm): (f64, Option<f64>)| Reading {
+        step: turn.step.id,
+        repeat: 0,
+        position: turn.step.from.clone().with(Axis::C, angle),
+        value_mm,
+        sensor: plan.sensors[turn.channel].name.clone(),
+        t_s: (angle - from) / angle_per_s + 40.0 * turn.index as f64,
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    };
+    of.points().map(reading).collect()
 }
 
 /// Displacement of the surface towards a sensor, mm: motions of the table, which turns clockwise, and form of the
@@ -192,38 +181,6 @@ fn deviation(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f6
     let y = 8e-4 * (3.0 * q).sin();
     let form = 1e-3 * (2.0 * on_artefact).cos() + 5e-4 * (7.0 * on_artefact).sin();
     x * gamma.cos() + y * gamma.sin() + form
-}
-
-/// Each turn of each channel, turn after turn.
-fn turns(plan: &Plan, readings: &[Reading]) -> Vec<Turn> {
-    let channels = plan.sensors.len();
-    let sample = |reading: &Reading| Sample {
-        angle_rad: reading.position.at(Axis::C),
-        value: -reading.value_mm.unwrap_or(f64::NAN),
-        is_valid: true,
-    };
-    let mut turns = Vec::new();
-    for of_step in readings.chunk_by(|one, other| one.step == other.step) {
-        let step = plan.steps.iter().find(|step| step.id == of_step[0].step);
-        let Some(step) = step else { continue };
-        turns.extend((0..channels).map(|channel| Turn {
-            ends_rad: [&step.from, &step.to].map(|end| end.at(Axis::C)),
-            samples: of_step.iter().skip(channel).step_by(channels).map(sample).collect(),
-        }));
-    }
-    turns
-}
-
-/// Of each channel one reading in [`THINNING`], and the last of each turn.
-fn thinned(readings: &[Reading], channels: usize) -> Vec<Reading> {
-    let mut kept = Vec::new();
-    for of_step in readings.chunk_by(|one, other| one.step == other.step) {
-        let last = of_step.len() / channels - 1;
-        let moments = of_step.chunks(channels).enumerate();
-        let moments = moments.filter(|(i, _)| i % THINNING == 0 || *i == last);
-        kept.extend(moments.flat_map(|(_, all)| all.iter().cloned()));
-    }
-    kept
 }
 
 /// Seconds of numpy, and the first revolution of each turn of each channel.
@@ -243,10 +200,10 @@ fn numpy(python: &Path, turns: &[Turn]) -> Result<(f64, Vec<f64>), Box<dyn Error
     Ok((seconds, numbers))
 }
 
-/// The first revolution of each turn of each channel.
-fn compare(blocks: &[Vec<RowRevolutions>], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
-    let ours = blocks.iter().flatten().flat_map(|row| &row.revolutions[0]);
-    let differences: Vec<f64> = ours.zip(theirs).map(|(a, b)| (a - b).abs()).collect();
+fn compare(all: &[Resampled], theirs: &[f64]) -> Result<(), Box<dyn Error>> {
+    let blocks = all.iter().flat_map(|of| common_revolutions(0, std::slice::from_ref(of)).0);
+    let ours: Vec<f64> = blocks.flat_map(|row| row.revolutions[0].clone()).collect();
+    let differences: Vec<f64> = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs()).collect();
     if differences.len() != theirs.len() {
         return Err(format!("{} values, {} of numpy", differences.len(), theirs.len()).into());
     }

@@ -56,6 +56,14 @@ impl Refused {
         Self { why: why.into(), instead: instead.into() }
     }
 
+    /// Of a machine whose table does not turn.
+    pub fn no_table() -> Self {
+        Self::new(
+            "no rotary axis that carries the workpiece is along Z with all others at zero",
+            "state it on the workpiece side of the topology (w-C-…) and as [axes.C]",
+        )
+    }
+
     /// # Errors
     /// The refusal, unless `is_met`.
     pub fn unless(
@@ -84,6 +92,17 @@ impl From<KinematicsError> for Refused {
         let instead = "correct [machine] and [axes] in the machine file".to_owned();
         Self { why: error.to_string(), instead }
     }
+}
+
+/// The readings of the last time that a step was measured.
+///
+/// # Errors
+/// It was never measured.
+pub fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
+    let of_step = || readings.iter().filter(|reading| reading.step == step.id);
+    let last = of_step().map(|reading| reading.repeat).max();
+    let last = last.ok_or_else(|| IdentifyError::missing(step))?;
+    Ok(of_step().filter(|reading| reading.repeat == last).collect())
 }
 
 /// Readings that cannot be turned into an estimate.

@@ -195,7 +195,14 @@ fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
         {
             wrong("samples are to be taken on its way, and it has no way")
         }
-        Sampling::Continuous { rate_hz } if rate_hz.is_finite() && rate_hz > 0.0 => Ok(()),
-        Sampling::Continuous { .. } => wrong("its rate takes no sample"),
+        Sampling::Continuous { rate_hz, .. } if !(rate_hz.is_finite() && rate_hz > 0.0) => {
+            wrong("its rate takes no sample")
+        }
+        Sampling::Continuous { per_revolution: Some(count), .. }
+            if count == 0 || scan.turned_axis().is_none() =>
+        {
+            wrong("`per_revolution` is for the turn of one rotary axis, and 1 or more")
+        }
+        Sampling::Continuous { .. } => Ok(()),
     }
 }

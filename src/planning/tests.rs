@@ -470,7 +470,7 @@ fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
         to: path[path.len() - 1].clone(),
         feed_mm_min: 60.0,
         sensors: vec!["laser".into()],
-        scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz } }),
+        scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz, per_revolution: None } }),
         ..touch(0, 0.0, 0.0, 0.0, 0.0)
     };
     let of = |path: &[f64], rate_hz| {
@@ -538,7 +538,7 @@ fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
         sensors: vec!["x1".into()],
         scan: Some(Scan {
             path: vec![point(0.0), point(1.0)],
-            sampling: Sampling::Continuous { rate_hz: 100.0 },
+            sampling: Sampling::Continuous { rate_hz: 100.0, per_revolution: None },
         }),
         ..touch(0, 0.0, 0.0, 0.0, 0.0)
     };

@@ -10,6 +10,7 @@ mod asking;
 mod asking_tests;
 mod behind;
 mod cycle;
+mod equal_angles;
 mod error;
 mod identify;
 mod live_check;

@@ -3,6 +3,7 @@
 
 use tokio::sync::mpsc;
 
+use super::equal_angles;
 use super::stands::unrounded;
 use super::sweep::{self, Placed};
 use super::watched_sensors::{Accepts, is_alive, is_distance, is_out_of_range};
@@ -61,7 +62,7 @@ impl Run<'_> {
             Sampling::Dwell { samples, .. } => {
                 self.dwells(step, repeat, samples, rest, in_nest).await
             }
-            Sampling::Continuous { rate_hz } => {
+            Sampling::Continuous { rate_hz, .. } => {
                 self.sweep((step, scan), repeat, rate_hz, rest, in_nest).await
             }
         }
@@ -160,7 +161,17 @@ impl Run<'_> {
                 return Err(unswept(&nothing_placed(sensor, samples.is_empty())));
             }
             self.tell_of((step, sensor), &placed, track.gaps()).await?;
-            readings.extend(self.along(step, sensor, repeat, placed));
+            let kept = match equal_angles::wanted(scan) {
+                Some((axis, count)) => {
+                    let turn = equal_angles::filtered(&placed.samples, axis, count);
+                    if let Some(text) = turn.lacking(&step.label, sensor) {
+                        self.note(Event::Announced { text }).await?;
+                    }
+                    turn.samples
+                }
+                None => placed.samples,
+            };
+            readings.extend(self.along(step, sensor, repeat, kept));
         }
         Ok(readings)
     }
@@ -190,10 +201,16 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn along(&mut self, step: &Step, sensor: &str, repeat: u32, placed: Placed) -> Vec<Reading> {
+    fn along(
+        &mut self,
+        step: &Step,
+        sensor: &str,
+        repeat: u32,
+        samples: Vec<(Sample, Position)>,
+    ) -> Vec<Reading> {
         let now_s = self.devices.clock.now_s();
         let shift_s = self.timeline.at(now_s) - now_s;
-        let placed = placed.samples.into_iter().map(|(sample, position)| Sampled {
+        let placed = samples.into_iter().map(|(sample, position)| Sampled {
             sensor,
             sample,
             t_s: sample.t_s + shift_s,

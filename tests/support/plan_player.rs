@@ -46,7 +46,7 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
     let mut readings = Vec::new();
     for (number, point) in scan.path.iter().enumerate() {
         match scan.sampling {
-            Sampling::Continuous { rate_hz } if number > 0 => {
+            Sampling::Continuous { rate_hz, .. } if number > 0 => {
                 let start = world.clone();
                 for name in &step.sensors {
                     // Each sensor sees the same motion.

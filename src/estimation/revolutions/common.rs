@@ -21,7 +21,7 @@ pub struct RowRevolutions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
     "channel {channel}, index {index}: {rejected} of {revolutions} revolutions lack samples ({}); measure \
-     this index again, or set the sensor back into its range", in_words(.gaps)
+     this index again, or set the sensor back into its range", AngleRange::in_words(.gaps)
 )]
 pub struct RejectedRevolutions {
     pub channel: usize,
@@ -29,11 +29,6 @@ pub struct RejectedRevolutions {
     pub rejected: usize,
     pub revolutions: usize,
     pub gaps: Vec<AngleRange>,
-}
-
-fn in_words(gaps: &[AngleRange]) -> String {
-    let one = |gap: &AngleRange| format!("{:.1}° to {:.1}°", gap.from_deg, gap.to_deg);
-    gaps.iter().map(one).collect::<Vec<String>>().join(", ")
 }
 
 /// The revolutions that all usable channels of one scan share. A channel without a usable revolution is left

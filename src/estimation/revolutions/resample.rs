@@ -22,6 +22,11 @@ impl AngleRange {
         Self { from_deg: deg - half_deg, to_deg: deg + half_deg }
     }
 
+    pub fn in_words(ranges: &[Self]) -> String {
+        let one = |range: &Self| format!("{:.1}° to {:.1}°", range.from_deg, range.to_deg);
+        ranges.iter().map(one).collect::<Vec<String>>().join(", ")
+    }
+
     pub fn contains(self, deg: f64) -> bool {
         (deg - self.from_deg).rem_euclid(360.0) <= (self.to_deg - self.from_deg).rem_euclid(360.0)
     }
@@ -81,6 +86,13 @@ impl<'a> Resampler<'a> {
             direction: if to_rad >= from_rad { 1.0 } else { -1.0 },
             gaps: Vec::new(),
         }
+    }
+
+    /// All samples of a scan between two unwrapped angles.
+    pub fn of_turn(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[Sample]) -> Resampled {
+        let mut resampler = Resampler::new(filter, ends_rad[0], ends_rad[1]);
+        samples.iter().for_each(|sample| resampler.push(*sample));
+        resampler.finish()
     }
 
     pub fn push(&mut self, sample: Sample) {
@@ -151,12 +163,26 @@ impl<'a> Resampler<'a> {
 }
 
 impl Resampled {
+    /// Unwrapped angles, rad, and values, from the first angle with a value to the last; `None`: too near a gap.
+    pub fn points(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
+        let (from, to) = self.ends();
+        let step = TAU / self.steps as f64;
+        let value = |number: i64| self.values[(number - self.first) as usize];
+        (from..=to).map(move |number| (number as f64 * step, value(number)))
+    }
+
     /// Of a turn with stops at `steps` equal angles a revolution; `values` from the angle of number `first` on.
     pub(super) fn at_stops(steps: usize, first: i64, values: Vec<Option<f64>>) -> Self {
         let deg = |number: i64| number as f64 * 360.0 / steps as f64;
         let missing = (first..).zip(&values).filter(|(_, value)| value.is_none());
-        let gaps = missing.map(|(n, _)| AngleRange { from_deg: deg(n - 1), to_deg: deg(n + 1) });
-        let gaps = gaps.collect();
+        let mut gaps: Vec<AngleRange> = Vec::new();
+        for (number, _) in missing {
+            let (from_deg, to_deg) = (deg(number - 1), deg(number + 1));
+            match gaps.last_mut() {
+                Some(gap) if gap.to_deg >= deg(number) => gap.to_deg = to_deg,
+                _ => gaps.push(AngleRange { from_deg, to_deg }),
+            }
+        }
         Self { steps, first, values, gaps }
     }
 

@@ -9,6 +9,8 @@ use crate::linear::{self, LinearProblem, RANK_THRESHOLD};
 
 /// Share of the stops of a revolution that may be missing at most.
 const MAX_FILLED: f64 = 0.15;
+/// A sample is at a stop so near, in distances of two stops.
+const AT_STOP: f64 = 1e-6;
 
 /// A scan with stops at equal angles.
 #[derive(Debug, Clone, Copy)]
@@ -17,14 +19,21 @@ pub struct Stops {
     pub steps: usize,
     /// Unwrapped angles of the ends, in either order.
     pub ends_rad: [f64; 2],
-    /// Harmonics that single missing stops are filled with.
-    pub harmonics: usize,
+    /// Harmonics that single missing stops are filled with. `None`: they stay missing.
+    pub filled_with: Option<usize>,
 }
 
 impl Stops {
     /// Number of the stop at an unwrapped angle.
     pub fn number(self, angle_rad: f64) -> i64 {
         (angle_rad.to_degrees() / 360.0 * self.steps as f64).round() as i64
+    }
+
+    /// Whether all samples are at stops, none on the way between two.
+    pub fn hold_all(self, samples: &[Sample]) -> bool {
+        let step = TAU / self.steps as f64;
+        let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < AT_STOP;
+        samples.iter().all(|sample| is_at_stop(sample.angle_rad))
     }
 
     /// The mean of the valid samples at each stop; the few that lack, from the harmonics of all others about
@@ -41,8 +50,10 @@ impl Stops {
         }
         let mean = |(sum, count): (f64, f64)| (count > 0.0).then_some(sum / count);
         let mut values: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
-        let revolutions = values.chunks_mut(self.steps);
-        revolutions.for_each(|revolution| fill(revolution, self.harmonics, self.steps));
+        if let Some(harmonics) = self.filled_with {
+            let revolutions = values.chunks_mut(self.steps);
+            revolutions.for_each(|revolution| fill(revolution, harmonics, self.steps));
+        }
         Resampled::at_stops(self.steps, first, values)
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::artefact::Artefact;
 use super::machine::{Keepout, Machine, Probe, Solid};
 use super::sensor::Sensor;
-use crate::Position;
+use crate::{Axis, Position};
 
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
@@ -142,12 +142,19 @@ pub struct Scan {
 impl Scan {
     /// Whether its linear axes stand still and others turn: its feed is in degrees a minute then.
     pub fn turns_only(&self) -> bool {
-        let Some(first) = self.path.first() else { return false };
-        let moves = |is_linear: bool| {
-            let axes = || first.iter().filter(move |(axis, _)| axis.is_linear() == is_linear);
-            self.path.iter().any(|point| axes().any(|(axis, at)| point.at(axis) != at))
-        };
-        moves(false) && !moves(true)
+        self.moved_axes().next().is_some() && self.moved_axes().all(|axis| !axis.is_linear())
+    }
+
+    /// The rotary axis that it turns, where it moves no other axis.
+    pub fn turned_axis(&self) -> Option<Axis> {
+        let mut moved = self.moved_axes();
+        moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())
+    }
+
+    fn moved_axes(&self) -> impl Iterator<Item = Axis> {
+        let at = |axis: Axis| self.path.iter().map(move |point| point.get(axis));
+        let axes = self.path.first().into_iter().flat_map(Position::iter).map(|(axis, _)| axis);
+        axes.filter(move |axis| at(*axis).any(|value| Some(value) != at(*axis).next()))
     }
 }
 
@@ -158,7 +165,13 @@ pub enum Sampling {
     /// At each point: it rests so long, then so many samples are taken while it stands.
     Dwell { dwell_s: f64, samples: u32 },
     /// All the way, so many a second, with positions from a control that stamps them.
-    Continuous { rate_hz: f64 },
+    Continuous {
+        rate_hz: f64,
+        /// Of a turn of one rotary axis: the samples are filtered to so many equal angles a revolution, from
+        /// 0° on, and these are the readings. Without it, every sample is one.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        per_revolution: Option<usize>,
+    },
 }
 
 /// A part of the plan that is proven and run as a whole; the method sees its readings before it

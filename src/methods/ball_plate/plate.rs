@@ -41,9 +41,9 @@ impl<'a> Plate<'a> {
     pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, Refused> {
         let set = balls(super::NAME, &plan.artefact)?;
         let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(no_table)?;
+        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
         let TableAxis { axis, zero: still, turn } = table;
-        let line = chain.axis_line(axis, &still).ok_or_else(no_table)?;
+        let line = chain.axis_line(axis, &still).ok_or_else(Refused::no_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
         let seen = set.balls.iter().map(|ball| Vector3::from(ball.centre_mm) - point);
@@ -127,13 +127,4 @@ fn steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
         (turns * positions as f64).round() as usize % positions.max(1)
     };
     radial.iter().map(step).collect()
-}
-
-fn no_table() -> Refused {
-    Refused {
-        why: "no rotary axis that carries the workpiece is along Z with all others at zero"
-            .to_owned(),
-        instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
-            .to_owned(),
-    }
 }

@@ -69,7 +69,7 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
 fn settled(bench: &Bench<'_>, walk: Walk) -> (f64, Sampling) {
     let settings = bench.settings;
     let (dwell_s, samples) = (settings.dwell_s, settings.samples);
-    let continuous = Sampling::Continuous { rate_hz: settings.rate_hz };
+    let continuous = Sampling::Continuous { rate_hz: settings.rate_hz, per_revolution: None };
     match walk {
         Walk::Rests => (settings.feed_mm_min, Sampling::Dwell { dwell_s, samples }),
         Walk::Slow => (settings.feed_mm_min, continuous),

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use super::label::Label;
 use super::settings::TurnSampling;
 use super::setup::Setup;
-use crate::IdentifyError;
+use crate::{IdentifyError, latest};
 use machine::record::plan::Step;
 use machine::record::reading::{Flag, Reading};
 
@@ -57,17 +57,9 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
     Ok(observed)
 }
 
-/// The readings of the last time that the step was measured.
-fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
-    let of_step = || readings.iter().filter(|reading| reading.step == step.id);
-    let last = of_step().map(|reading| reading.repeat).max();
-    let last = last.ok_or_else(|| IdentifyError::missing(step))?;
-    Ok(of_step().filter(|reading| reading.repeat == last).collect())
-}
-
 /// Pairs of stop and channel without any distance.
 fn missing_stops(setup: &Setup<'_>, step: &Step, readings: &[&Reading]) -> usize {
-    if setup.settings.sampling == TurnSampling::Continuous {
+    if !is_dwell(setup) {
         return 0;
     }
     let stop = |reading: &Reading| stops(setup, step).number(reading.position.at(setup.axis));
@@ -77,11 +69,15 @@ fn missing_stops(setup: &Setup<'_>, step: &Step, readings: &[&Reading]) -> usize
     (stops * setup.plan.sensors.len()).saturating_sub(seen.len())
 }
 
+fn is_dwell(setup: &Setup<'_>) -> bool {
+    setup.settings.sampling == TurnSampling::Dwell
+}
+
 fn stops(setup: &Setup<'_>, step: &Step) -> Stops {
     Stops {
         steps: setup.settings.positions,
         ends_rad: [&step.from, &step.to].map(|end| end.at(setup.axis)),
-        harmonics: setup.settings.harmonics,
+        filled_with: is_dwell(setup).then_some(setup.settings.harmonics),
     }
 }
 
@@ -102,14 +98,11 @@ fn revolutions(
 ) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
     let channel = |name: &String| {
         let samples = samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
-        match setup.settings.sampling {
-            TurnSampling::Dwell => stops(setup, step).means(&samples),
-            TurnSampling::Continuous => {
-                let [from, to] = [&step.from, &step.to].map(|end| end.at(setup.axis));
-                let mut resampler = Resampler::new(filter, from, to);
-                samples.iter().for_each(|sample| resampler.push(*sample));
-                resampler.finish()
-            }
+        let stops = stops(setup, step);
+        // A run filters a continuous turn to equal angles before it keeps the readings.
+        match is_dwell(setup) || stops.hold_all(&samples) {
+            true => stops.means(&samples),
+            false => Resampler::of_turn(filter, stops.ends_rad, &samples),
         }
     };
     let names = setup.layout.channels.iter().map(|channel| &channel.name);

@@ -27,10 +27,10 @@ impl<'a> Setup<'a> {
     /// No table axis along Z; an artefact of another kind; a sensor that does not look at it.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(no_table)?;
+        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
         let cylinder = datum_cylinder(plan)?;
         let at = stands(plan, settings, &table)?;
-        let line = chain.axis_line(table.axis, &at).ok_or_else(no_table)?;
+        let line = chain.axis_line(table.axis, &at).ok_or_else(Refused::no_table)?;
         let on_table = CylinderOnTable { chain: &chain, at: &at, cylinder, axis: &line };
         let foot = on_table.foot();
         let observed = |sensor: &'a Sensor| match on_table.observed(sensor) {
@@ -132,11 +132,4 @@ fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Positio
             Ok(zero.updated_by(&settings.at))
         }
     }
-}
-
-pub fn no_table() -> Refused {
-    Refused::new(
-        "no rotary axis that carries the workpiece is along Z with all others at zero",
-        "state it on the workpiece side of the topology (w-C-…) and as [axes.C]",
-    )
 }

@@ -4,7 +4,7 @@
 use super::centring::{CENTRING_POINTS, Centring};
 use super::label::Label;
 use super::settings::TurnSampling;
-use super::setup::{Setup, no_table};
+use super::setup::Setup;
 use crate::{Next, Refused, Source};
 use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
@@ -96,7 +96,10 @@ fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, 
     let start = turn.start_deg(setup);
     let sampling = match setup.settings.sampling {
         TurnSampling::Dwell => rests(setup),
-        TurnSampling::Continuous => Sampling::Continuous { rate_hz: setup.settings.rate_hz },
+        TurnSampling::Continuous => Sampling::Continuous {
+            rate_hz: setup.settings.rate_hz,
+            per_revolution: Some(setup.settings.positions),
+        },
     };
     let turns = |label, angles| scan(setup, label, StepKind::Scan, angles, sampling);
     // A stop is followed by the reference of the same mounting: two stops, so that the scan is a turn.
@@ -157,7 +160,7 @@ impl Turn {
         };
         let whole = (settings.positions * settings.revolutions) as i64;
         let step_deg = 360.0 / settings.positions as f64;
-        let spec = setup.plan.machine.axes.get(&setup.axis).ok_or_else(no_table)?;
+        let spec = setup.plan.machine.axes.get(&setup.axis).ok_or_else(Refused::no_table)?;
         let [low, high] = spec.multiples_within(step_deg);
         let first = if low <= -lead && whole + lead <= high { -lead } else { low };
         let last = first + whole + 2 * lead;

@@ -36,27 +36,24 @@ impl<'a> Nest<'a> {
     /// No table axis along Z; fewer than three sensors on the table, or such as do not look at one point on the axis.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(no_table)?;
+        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
         let centre = centre(&sensors, plan.probe.ball_radius_mm)?;
         let tip = Point::<Spindle>::from_vec(Vector3::from(plan.machine.tool_mm));
         let xyz = chain.linear_axes_for(Point::<Table>::from_vec(centre), tip, &table.zero, &[])?;
         let origin = table.zero.only(|axis| axis != Axis::S).updated_by(&xyz);
-        let line = chain.axis_line(table.axis, &origin).ok_or_else(no_table)?;
+        let line = chain.axis_line(table.axis, &origin).ok_or_else(Refused::no_table)?;
         let sphere = chain.machine_from_spindle(&origin, &[]).transform_point(&tip.mm.into());
         let from_axis = sphere.coords - line.point;
-        if from_axis.xy().norm() > MAX_OFF_AXIS_MM {
-            return Err(Refused {
-                why: format!(
-                    "the centre of the sensor nest is {:.2} mm off the axis of {}",
-                    from_axis.xy().norm(),
-                    table.axis
-                ),
-                instead:
-                    "mount the nest in the centre of the table, and correct zero_mm of its sensors"
-                        .to_owned(),
-            });
-        }
+        Refused::unless(
+            from_axis.xy().norm() <= MAX_OFF_AXIS_MM,
+            format!(
+                "the centre of the sensor nest is {:.2} mm off the axis of {}",
+                from_axis.xy().norm(),
+                table.axis
+            ),
+            "mount the nest in the centre of the table, and correct zero_mm of its sensors",
+        )?;
         Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, from_axis })
     }
 
@@ -100,17 +97,16 @@ impl<'a> Nest<'a> {
 
 /// The point that all sensors look at, where the sphere is at the zero of each: table frame, mm.
 fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> {
-    if sensors.len() < 3 {
-        return Err(Refused {
-            why: format!("{} sensors do not show three displacements of the sphere", sensors.len()),
-            instead: "describe three [[sensor]] with mount = \"table\"".to_owned(),
-        });
-    }
+    Refused::unless(
+        sensors.len() >= 3,
+        format!("{} sensors do not show three displacements of the sphere", sensors.len()),
+        "describe three [[sensor]] with mount = \"table\"",
+    )?;
     if let Some(sensor) = sensors.iter().find(|sensor| sensor.mount != Mount::Table) {
-        return Err(Refused {
-            why: format!("sensor {} does not turn with the table", sensor.name),
-            instead: "state mount = \"table\", or name the sensors of the nest in [method.r-test] sensors".to_owned(),
-        });
+        return Err(Refused::new(
+            format!("sensor {} does not turn with the table", sensor.name),
+            "state mount = \"table\", or name the sensors of the nest in [method.r-test] sensors",
+        ));
     }
     let directions = || sensors.iter().map(|sensor| Vector3::from(sensor.direction));
     let normal: Matrix3<f64> = directions().map(|along| along * along.transpose()).sum();
@@ -119,11 +115,10 @@ fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> 
         .try_inverse()
         .filter(|_| normal.determinant().sqrt() > MIN_DETERMINANT * scale.powf(1.5));
     let Some(inverse) = inverse else {
-        return Err(Refused {
-            why: "the directions of the sensors are coplanar".to_owned(),
-            instead: "correct their directions: they must span space, best at right angles"
-                .to_owned(),
-        });
+        return Err(Refused::new(
+            "the directions of the sensors are coplanar",
+            "correct their directions: they must span space, best at right angles",
+        ));
     };
     let reach = |sensor: &&Sensor| {
         Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm
@@ -139,19 +134,9 @@ fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> 
     };
     match sensors.iter().find(missed) {
         None => Ok(centre),
-        Some(sensor) => Err(Refused {
-            why: format!("the line of sensor {} misses the centre of the sphere", sensor.name),
-            instead: "correct its zero_mm and direction: all lines must meet in one point"
-                .to_owned(),
-        }),
-    }
-}
-
-fn no_table() -> Refused {
-    Refused {
-        why: "no rotary axis that carries the workpiece is along Z with all others at zero"
-            .to_owned(),
-        instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
-            .to_owned(),
+        Some(sensor) => Err(Refused::new(
+            format!("the line of sensor {} misses the centre of the sphere", sensor.name),
+            "correct its zero_mm and direction: all lines must meet in one point",
+        )),
     }
 }

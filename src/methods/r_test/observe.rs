@@ -6,7 +6,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::label::{BACKWARD, CALIBRATION, FORWARD};
 use super::nest::Nest;
-use crate::IdentifyError;
+use crate::{IdentifyError, latest};
 use machine::Position;
 use machine::record::plan::Step;
 use machine::record::reading::{Flag, Reading};
@@ -45,10 +45,7 @@ pub struct Observed {
 /// # Errors
 /// A reading of no step of the plan; a scan without a reading.
 pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
-    let known = |reading: &&Reading| nest.plan.steps.iter().any(|step| step.id == reading.step);
-    if let Some(stray) = readings.iter().find(|reading| !known(reading)) {
-        return Err(IdentifyError::UnknownStep { step: stray.step });
-    }
+    IdentifyError::check_steps(nest.plan, readings)?;
     let mut observed = Observed::default();
     for step in &nest.plan.steps {
         let is_used = [CALIBRATION, FORWARD, BACKWARD].contains(&step.label.as_str());
@@ -62,15 +59,6 @@ pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, Ident
     }
     observed.number_interruptions();
     Ok(observed)
-}
-
-/// The readings of the last time that the step was measured.
-fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
-    let of_step = || readings.iter().filter(|reading| reading.step == step.id);
-    let last = of_step().map(|reading| reading.repeat).max();
-    let last =
-        last.ok_or_else(|| IdentifyError::Missing { step: step.id, label: step.label.clone() })?;
-    Ok(of_step().filter(|reading| reading.repeat == last).collect())
 }
 
 /// Those whose nearest point of the path is this one; all visits of a point count for the first.

@@ -52,28 +52,21 @@ impl Settings {
     /// Numbers that make no measurement.
     pub fn check(&self) -> Result<(), Refused> {
         let lengths = [self.calibration_mm, self.feed_mm_min, self.feed_deg_min];
-        if !lengths.iter().all(|length| *length > 0.0) || self.dwell_s < 0.0 || self.samples == 0 {
-            return Err(Refused {
-                why: "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0"
-                    .to_owned(),
-                instead: "correct them".to_owned(),
-            });
-        }
-        if self.feed_deg_min > MAX_FEED_DEG_MIN {
-            return Err(Refused {
-                why: format!(
-                    "feed_deg_min = {} is too fast for sensors about a sphere",
-                    self.feed_deg_min
-                ),
-                instead: format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
-            });
-        }
-        if self.positions < MIN_POSITIONS {
-            return Err(Refused {
-                why: format!("{} positions do not show the axis position", self.positions),
-                instead: "choose positions = 24, or at least 4".to_owned(),
-            });
-        }
-        Ok(())
+        let is_positive = lengths.iter().all(|length| *length > 0.0) && self.samples > 0;
+        Refused::unless(
+            is_positive && self.dwell_s >= 0.0,
+            "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0",
+            "correct them",
+        )?;
+        Refused::unless(
+            self.feed_deg_min <= MAX_FEED_DEG_MIN,
+            format!("feed_deg_min = {} is too fast for sensors about a sphere", self.feed_deg_min),
+            format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
+        )?;
+        Refused::unless(
+            self.positions >= MIN_POSITIONS,
+            format!("{} positions do not show the axis position", self.positions),
+            "choose positions = 24, or at least 4",
+        )
     }
 }

@@ -4,6 +4,7 @@ use super::fit;
 use super::label::{BACKWARD, CALIBRATION, FORWARD, PROMPT, REFERENCE};
 use super::nest::Nest;
 use super::observe::observed;
+use super::settings::Settings;
 use crate::{Next, Refused, Source};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -28,9 +29,7 @@ pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next,
         _ => return Ok(Next::Done),
     };
     let id = done.last().map_or(0, |stage| stage.id + 1);
-    let numbered = (nest.plan.steps.len() as u32..).zip(steps);
-    let new_steps: Vec<Step> =
-        numbered.map(|(number, step)| Step { id: number, stage: id, ..step }).collect();
+    let new_steps = nest.plan.numbered(id, steps);
     let steps = new_steps.iter().map(|step| step.id).collect();
     Ok(Next::Stage {
         stage: Stage { id, name: name.to_owned(), repeat: 0, steps, found: None },
@@ -40,9 +39,8 @@ pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next,
 
 /// Before the table turns.
 fn check_sensors(nest: &Nest<'_>, readings: &[Reading]) -> Result<(), Refused> {
-    let failed = |why: String| Refused {
-        why,
-        instead: "check that each sensor measures the sphere, then start a new run".to_owned(),
+    let failed = |why: String| {
+        Refused::new(why, "check that each sensor measures the sphere, then start a new run")
     };
     let observed = observed(nest, readings).map_err(|error| failed(error.to_string()))?;
     let equation = fit::weighted(nest, &observed);
@@ -58,7 +56,7 @@ fn prompt(nest: &Nest<'_>) -> Step {
          nest from above",
         names.join(", ")
     );
-    Step { kind: StepKind::Prompt, label: PROMPT.to_owned(), text: Some(text), ..empty() }
+    Step::prompt(PROMPT.to_owned(), text)
 }
 
 /// About the origin, along each axis both ways.
@@ -98,20 +96,15 @@ fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
 fn turn_deg(nest: &Nest<'_>) -> Result<Vec<f64>, Refused> {
     let positions = nest.settings.positions as i64;
     let step_deg = 360.0 / positions as f64;
-    let spec = nest.plan.machine.axes.get(&nest.axis);
-    let [low, high] = spec.map_or([0.0; 2], |spec| [spec.min, spec.max]);
-    let lowest = (low / step_deg - 1e-9).ceil() as i64;
-    let highest = (high / step_deg + 1e-9).floor() as i64;
+    let axis = nest.axis;
+    let spec = nest.plan.machine.axes.get(&axis).ok_or_else(Refused::no_table)?;
+    let [lowest, highest] = spec.multiples_within(step_deg);
     let first = if lowest <= 0 && positions <= highest { 0 } else { lowest };
-    if first + positions > highest {
-        return Err(Refused {
-            why: format!(
-                "a revolution of {} does not fit its limits, {low}° to {high}°",
-                nest.axis
-            ),
-            instead: format!("widen the limits in [axes.{}], if the axis turns farther", nest.axis),
-        });
-    }
+    Refused::unless(
+        first + positions <= highest,
+        format!("a revolution of {axis} does not fit its limits, {}° to {}°", spec.min, spec.max),
+        format!("widen the limits in [axes.{axis}], if the axis turns farther"),
+    )?;
     Ok((first..=first + positions).map(|number| number as f64 * step_deg).collect())
 }
 
@@ -122,37 +115,13 @@ fn scan(
     path: Vec<Position>,
     feed_mm_min: f64,
 ) -> Step {
-    let settings = nest.settings;
-    let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
+    let Settings { dwell_s, samples, .. } = *nest.settings;
+    let scan = Scan { path, sampling: Sampling::Dwell { dwell_s, samples } };
     Step {
         kind,
-        label: label.to_owned(),
-        from: end(path.first()),
-        to: end(path.last()),
         feed_mm_min,
         sensors: nest.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
         normal: [0.0, 0.0, 1.0],
-        scan: Some(Scan {
-            path,
-            sampling: Sampling::Dwell { dwell_s: settings.dwell_s, samples: settings.samples },
-        }),
-        ..empty()
-    }
-}
-
-fn empty() -> Step {
-    Step {
-        id: 0,
-        stage: 0,
-        kind: StepKind::Scan,
-        label: String::new(),
-        from: Position::new(),
-        to: Position::new(),
-        feed_mm_min: 0.0,
-        sensors: Vec::new(),
-        normal: [0.0; 3],
-        scan: None,
-        text: None,
-        mount: None,
+        ..Step::scan(label.to_owned(), scan)
     }
 }

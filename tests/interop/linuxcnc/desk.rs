@@ -5,6 +5,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
 use tempfile::TempDir;
 
 use super::machine::rig_ini;
@@ -174,9 +175,23 @@ impl Desk {
 
     /// How many readings of the first run are exported.
     pub fn kept(&self) -> Result<usize, Failed> {
-        self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
-        let readings = std::fs::read_to_string(self.0.path().join("run-1-readings.csv"))?;
+        let readings = self.exported("readings.csv")?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
+    }
+
+    /// How many readings of the first run belong to steps whose label begins so.
+    pub fn readings_of(&self, label: &str) -> Result<usize, Failed> {
+        let plan: Plan = serde_json::from_str(&self.exported("plan.json")?)?;
+        let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
+        let steps: Vec<String> = steps.map(|step| step.id.to_string()).collect();
+        let readings = self.exported("readings.csv")?;
+        let rows = readings.lines().filter_map(|line| line.split(',').next());
+        Ok(rows.filter(|step| steps.iter().any(|of| of == step)).count())
+    }
+
+    fn exported(&self, name: &str) -> Result<String, Failed> {
+        self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
+        Ok(std::fs::read_to_string(self.0.path().join(format!("run-1-{name}")))?)
     }
 
     /// Somebody has looked at the machine and lets the first run go on.

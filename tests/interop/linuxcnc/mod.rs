@@ -67,6 +67,7 @@ pub fn trials() -> Trials {
             samba::chases_the_ball,
             sweep::latency_follows_the_sensors_delay,
             turns::turns_find_the_true_error_motions,
+            turns::a_table_that_stops_in_mid_turn_loses_that_turn_alone,
             trigger::a_hal_bit_starts_a_cycle,
             halt::it_is_on_the_wire_at_once,
             halt::a_lost_one_is_sent_again,

@@ -24,7 +24,7 @@ fn stopped(rig: &Rig, positions: u32, touches: u64) -> Result<Desk, Failed> {
 }
 
 /// What a person does who has looked: nothing is moved by hand.
-fn release(rig: &Rig) -> Result<(), Failed> {
+pub fn release(rig: &Rig) -> Result<(), Failed> {
     rig.release()?;
     let mut person = rig.person()?;
     person.say("set estop off")?;

@@ -83,7 +83,10 @@ impl Passes {
                     feed_mm_min,
                     sensors: vec!["laser".to_owned()],
                     normal: [0.0, 0.0, 1.0],
-                    scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0 } }),
+                    scan: Some(Scan {
+                        path,
+                        sampling: Sampling::Continuous { rate_hz: 1000.0, per_revolution: None },
+                    }),
                     text: None,
                     mount: None,
                 });

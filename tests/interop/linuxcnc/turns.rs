@@ -1,10 +1,14 @@
 //! `trued run multiprobe` on LinuxCNC: C turns at constant speed, the sampler reports where it is, three sensors
 //! report on serial ports of their own.
 
+use std::process::Output;
+
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
 use super::desk::{Desk, complaint, result};
+use super::faults::wait_until;
+use super::resume::release;
 use super::rig::{halcmd, rig};
 use super::streams::Streams;
 
@@ -43,15 +47,11 @@ fn put_cylinder() -> Result<(), Failed> {
     Ok(())
 }
 
-pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_cylinder()?;
-    let streams = Streams::of(&rig)?;
-    let desk = Desk::with_sensors(&rig, &streams)?;
-    let output = desk.run("multiprobe")?.wait_with_output()?;
-    eprintln!("{}", complaint(&output));
+/// Whether each coefficient is near its truth.
+fn check_motions(output: &Output) -> Result<(), Failed> {
+    eprintln!("{}", complaint(output));
     if output.status.code() != Some(0) {
-        return Err(complaint(&output).into());
+        return Err(complaint(output).into());
     }
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
     let mut off = Vec::new();
@@ -67,4 +67,44 @@ pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
         }
     }
     if off.is_empty() { Ok(()) } else { Err(off.join("; ").into()) }
+}
+
+pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_cylinder()?;
+    let streams = Streams::of(&rig)?;
+    let desk = Desk::with_sensors(&rig, &streams)?;
+    check_motions(&desk.run("multiprobe")?.wait_with_output()?)
+}
+
+/// An emergency stop in the turn forward: nothing of that turn is kept, all before it is, and the resumed run has
+/// the same result.
+pub fn a_table_that_stops_in_mid_turn_loses_that_turn_alone() -> Result<(), Failed> {
+    let rig = rig()?;
+    put_cylinder()?;
+    let streams = Streams::of(&rig)?;
+    let desk = Desk::with_sensors(&rig, &streams)?;
+    let mut run = desk.run("multiprobe")?;
+    // The turn of the centring aid, the reference from its beginning to 90° further, the turn forward.
+    wait_until(|rig| Ok(rig.joint(4)? > 300.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint(4)? < 10.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint(4)? > 180.0), &rig, &mut run)?;
+    rig.emergency_stop()?;
+    let output = run.wait_with_output()?;
+    let said = complaint(&output);
+    eprintln!("{said}");
+    if output.status.code() != Some(5) || !said.contains("index/1/forward") {
+        return Err(said.into());
+    }
+    let stands = rig.joint(4)?;
+    if !(180.0..300.0).contains(&stands) {
+        return Err(format!("C stands at {stands}").into());
+    }
+    let (turns, before) = (desk.readings_of("index/1")?, desk.readings_of("reference/1")?);
+    if turns != 0 || before == 0 {
+        return Err(format!("{turns} readings of the turn and {before} before it are kept").into());
+    }
+    release(&rig)?;
+    check_motions(&desk.resume()?.wait_with_output()?)?;
+    desk.is("finished")
 }

@@ -44,7 +44,7 @@ fn step(id: u32) -> Step {
         }
         id => {
             let path = vec![-REACH_MM, REACH_MM, -REACH_MM];
-            let sampling = Sampling::Continuous { rate_hz: 1.0 / PERIOD_S };
+            let sampling = Sampling::Continuous { rate_hz: 1.0 / PERIOD_S, per_revolution: None };
             (StepKind::Scan, format!("pass/{id}"), path, sampling)
         }
     };

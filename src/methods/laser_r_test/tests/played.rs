@@ -145,7 +145,9 @@ impl World {
         let Some(scan) = &step.scan else { return self.touched(step, stylus, t_s) };
         let samples = match scan.sampling {
             Sampling::Dwell { samples, .. } => samples,
-            Sampling::Continuous { rate_hz } => return self.flown(step, &scan.path, rate_hz, t_s),
+            Sampling::Continuous { rate_hz, .. } => {
+                return self.flown(step, &scan.path, rate_hz, t_s);
+            }
         };
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
         let (mut readings, mut stands) = (Vec::new(), scan.path[0].clone());

@@ -1,0 +1,137 @@
+//! The samples of a turn in motion, filtered to equal angles: so many readings a revolution, however fast the
+//! sensor is.
+
+use std::collections::BTreeMap;
+
+use devices::sensors::Sample;
+use estimation::revolutions::{self, AngleRange, ResampleFilter, Resampler, reject_saturated};
+use machine::record::plan::{Sampling, Scan};
+use machine::record::reading::Flag;
+use machine::{Axis, Position};
+
+/// The axis that turns, and the angles a revolution, where the plan wants them.
+pub(super) fn wanted(scan: &Scan) -> Option<(Axis, usize)> {
+    let Sampling::Continuous { per_revolution: Some(count), .. } = scan.sampling else {
+        return None;
+    };
+    Some((scan.turned_axis()?, count))
+}
+
+/// A turn at equal angles.
+#[derive(Debug)]
+pub(super) struct Turn {
+    /// From the first angle with a value to the last; one without is flagged [`Flag::Gap`].
+    pub samples: Vec<(Sample, Position)>,
+    gaps: Vec<AngleRange>,
+}
+
+/// `placed`: samples in the order of time, and where the axes stood.
+pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution: usize) -> Turn {
+    let (Some((_, first)), Some((_, last))) = (placed.first(), placed.last()) else {
+        return Turn { samples: Vec::new(), gaps: Vec::new() };
+    };
+    let filter = ResampleFilter::new(per_revolution);
+    let ends_rad = [first, last].map(|position| position.at(axis));
+    let of_turn = |value: &dyn Fn(&Sample) -> Option<f64>| {
+        let sample = |(sample, position): &(Sample, Position)| revolutions::Sample {
+            angle_rad: position.at(axis),
+            value: value(sample).unwrap_or(f64::NAN),
+            is_valid: value(sample).is_some(),
+        };
+        placed.iter().map(sample).collect::<Vec<_>>()
+    };
+    let mut values = of_turn(&|sample| sample.value_mm);
+    reject_saturated(&mut values);
+    let values = Resampler::of_turn(&filter, ends_rad, &values);
+    // The time passes the same filter: it is that of the angle, also where the speed changes.
+    let times = Resampler::of_turn(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
+    let number =
+        |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
+    let times: BTreeMap<i64, f64> =
+        times.points().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
+    let sample = |(angle, value_mm): (f64, Option<f64>)| {
+        let flag = if value_mm.is_some() { Flag::None } else { Flag::Gap };
+        let t_s = *times.get(&number(angle))?;
+        Some((Sample { t_s, value_mm, flag, missing: 0 }, first.clone().with(axis, angle)))
+    };
+    Turn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
+}
+
+impl Turn {
+    /// What a person reads of the angles without a value.
+    pub fn lacking(&self, label: &str, sensor: &str) -> Option<String> {
+        (!self.gaps.is_empty()).then(|| {
+            format!(
+                "{label}: {sensor} has no sample, or stands at an end of its range, at {}; the equal angles near \
+                 there have no value",
+                AngleRange::in_words(&self.gaps)
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TURN_S: f64 = 3.0;
+    const COUNT: usize = 72;
+
+    /// Two revolutions from -40° on with an acceleration; 2 kHz.
+    fn angle_deg(t_s: f64) -> f64 {
+        -40.0 + 400.0 * t_s / TURN_S + 420.0 * (t_s / TURN_S).powi(2)
+    }
+
+    fn placed(value: impl Fn(f64, f64) -> Option<f64>) -> Vec<(Sample, Position)> {
+        let sample = |number: i32| {
+            let t_s = f64::from(number) / 2000.0;
+            let angle = angle_deg(t_s);
+            let value_mm = value(angle, t_s);
+            let sample = Sample { t_s, value_mm, flag: Flag::None, missing: 0 };
+            let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
+            (sample, at)
+        };
+        (0..=6000).map(sample).collect()
+    }
+
+    /// Value and time are those of the angle; a disturbance above the filter's cut-off is gone.
+    #[test]
+    fn each_value_is_that_of_its_angle() {
+        let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();
+        let disturbed =
+            |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
+        let turn = filtered(&placed(disturbed), Axis::C, COUNT);
+        assert!(turn.samples.len() > 2 * COUNT, "{}", turn.samples.len());
+        assert_eq!(turn.lacking("turn", "s1"), None);
+        for (sample, position) in &turn.samples {
+            let deg = position.at(Axis::C).to_degrees();
+            assert!((deg / 5.0 - (deg / 5.0).round()).abs() < 1e-9, "{deg}");
+            assert_eq!(position.at(Axis::X), 3.0);
+            let off = sample.value_mm.unwrap() - smooth(deg);
+            assert!(off.abs() < 1e-6, "{deg}: {off}");
+            let off_deg = angle_deg(sample.t_s) - deg;
+            assert!(off_deg.abs() < 0.01, "{deg}: {off_deg}");
+        }
+    }
+
+    #[test]
+    fn a_gap_and_an_end_of_the_range_have_no_value_and_are_named() {
+        let lost = |deg: f64, _: f64| {
+            let value = 0.01 * deg.to_radians().cos();
+            let is_lost = (90.0..97.0).contains(&deg);
+            (!is_lost).then_some(value.min(0.0099))
+        };
+        let turn = filtered(&placed(lost), Axis::C, COUNT);
+        let at = |wanted: f64| {
+            let near =
+                |position: &Position| (position.at(Axis::C).to_degrees() - wanted).abs() < 1e-6;
+            turn.samples.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)
+        };
+        let gap = at(95.0).unwrap();
+        assert_eq!((gap.value_mm, gap.flag), (None, Flag::Gap));
+        assert_eq!(at(360.0).unwrap().value_mm, None, "{turn:?}");
+        assert!(at(200.0).unwrap().value_mm.is_some());
+        let text = turn.lacking("index/1", "s1").unwrap();
+        assert!(text.contains("index/1: s1") && text.contains("89.9° to 97.1°"), "{text}");
+    }
+}
