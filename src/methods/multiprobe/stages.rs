@@ -79,8 +79,11 @@ fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, 
     let turn_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
-            "The artefact is centred. Keep clear: at each mounting the table turns {} revolutions{}",
-            setup.settings.revolutions,
+            "The artefact is centred. Keep clear: at each mounting the table turns {}{}",
+            match setup.settings.revolutions {
+                1 => "one revolution".to_owned(),
+                more => format!("{more} revolutions"),
+            },
             if setup.settings.both_directions { " and back" } else { "" }
         ),
         _ => format!(
